@@ -1,6 +1,6 @@
-"""The whole product on one database connection: load, detect, read, export.
+"""Use conflictdb on one database connection: load, detect, read, export.
 
-`connect` is the way in. The command line is written against this module; so can be any other program.
+`connect` is the entry point. The command line uses this module only; other programs can do the same.
 """
 
 import logging
@@ -30,7 +30,7 @@ from conflictdb.errors import (
 from conflictdb.io import scene_text, write_lines
 from conflictdb.io.reading import is_parquet
 from conflictdb.io.whole_files import whole_file
-from conflictdb.lending import Lent, lend
+from conflictdb.lending import BorrowedConnection, borrow
 from conflictdb.loading import Loaded
 from conflictdb.methods import Method
 from conflictdb.model import Area, Scene, Track
@@ -55,10 +55,10 @@ DEMO_SCENE: Final = "strait"
 class Status:
     """State of a database.
 
-    database : its name and where it is
+    database : its name and host
     server : versions of PostgreSQL and PostGIS
     revision : of the schema
-    worker_count : workers that are connected to it
+    worker_count : connected workers
     scenes : all scenes, by name
     """
 
@@ -80,14 +80,13 @@ def connect(
     Parameters
     ----------
     target : str, psycopg connection, SQLAlchemy engine, connection or session (driver psycopg), or None
-        Connection string or URI of PostgreSQL with PostGIS; a connection, engine or session of the caller's, which
-        stays open when the database is closed; None is the embedded database, which is started when needed. What is
-        done within a transaction of the caller's is a part of it, and of a session's always; a detection needs a
-        connection without one.
+        Connection string or URI of PostgreSQL with PostGIS; or a connection, engine or session, which `Database.close`
+        does not close; None is the embedded database, started if needed. Calls within the caller's transaction become
+        part of it, with a session always; a detection needs a connection without a transaction.
     create : bool, optional
-        Create or upgrade the schema if need be. By default that is done in the embedded database only.
+        Create or upgrade the schema if needed. Default: only in the embedded database.
     say : callable
-        Told in a line what takes a while: starting a server, creating the schema.
+        Called with a line before slow steps: starting a server, creating the schema.
 
     Raises
     ------
@@ -115,13 +114,13 @@ def connect(
 def _opened(
     dsn: str, release: Callable[[], None], create: bool, say: Callable[[str], None], admin_dsn: str | None = None
 ) -> "Database":
-    """Open a database; with `admin_dsn`, the embedded one, whose everyday user has no right to make the schema."""
+    """Open a database; with `admin_dsn`, the embedded one, whose everyday user may not create the schema."""
     try:
         connection = store.connect(dsn)
     except StoreError as error:
         if admin_dsn is None or not create:
             raise ServerError(f"cannot connect: {error}") from error.__cause__
-        schema.admit(admin_dsn, dsn)  # a cluster from before there was such a user
+        schema.admit(admin_dsn, dsn)  # a cluster created before that user existed
         connection = store.connect(dsn)
     try:
         try:
@@ -144,8 +143,8 @@ def _borrowed(target: "psycopg.Connection[Any] | Engine | Connection | Session")
     if isinstance(target, psycopg.Connection):
         _check(target)
         return Database(target)
-    lent, release = lend(target)
-    database = Database(lent, release)
+    borrowed, release = borrow(target)
+    database = Database(borrowed, release)
     try:
         _check(database.connection)
     except BaseException:
@@ -160,28 +159,31 @@ def _check(connection: "psycopg.Connection[Any]") -> None:
 
 
 def _nothing() -> None:
-    """Release nothing: it belongs to the caller."""
+    """Release nothing: the connection belongs to the caller."""
 
 
 class Database:
-    """A database of scenes; made by `connect`, closed by `close` or at the end of a ``with``.
+    """A database of scenes; created by `connect`, closed by `close` or at the end of a ``with``.
 
-    Not for several threads at once: open one each.
+    Not thread-safe: open one per thread.
     """
 
     def __init__(
-        self, connection: "psycopg.Connection[Any] | Lent", release: Sequence[Callable[[], None]] = ()
+        self, connection: "psycopg.Connection[Any] | BorrowedConnection", release: Sequence[Callable[[], None]] = ()
     ) -> None:
         self._connection = connection
         self._release = list(release)
 
     @property
     def connection(self) -> "psycopg.Connection[Any]":
-        """The psycopg connection that all is done on."""
-        return self._connection.connection() if isinstance(self._connection, Lent) else self._connection
+        """The psycopg connection in use."""
+        return self._connection.connection() if isinstance(self._connection, BorrowedConnection) else self._connection
 
     def close(self) -> None:
-        """Close the connection, and stop the embedded database if nobody else uses it. May be called again."""
+        """Close a connection that `connect` opened, and stop the embedded database after its last user.
+
+        A connection, engine or session passed to `connect` stays open. May be called again.
+        """
         while self._release:
             self._release.pop(0)()
 
@@ -210,27 +212,27 @@ class Database:
         path : path
             Any file that `conflictdb.io.read` reads.
         scene : str, optional
-            Scene to load into; default is the one that the file names, else the name of the file.
+            Scene to load into; default is the scene that the file names, else the name of the file.
         replace : bool
             Remove the objects of the scene that the file does not contain; by default objects are only added and
-            updated. A file of settings without objects empties its scene then.
+            updated. With this, a file of settings without objects empties its scene.
         max_speed_kn : float, optional
             Tracks that are faster on a leg are refused, see `conflictdb.io.read`.
         layers : sequence of str
-            Of files that OGR opens, the layers to read; by default all.
+            The layers to read of a file that OGR opens; by default all.
         skip_invalid : bool
-            Load the rest where objects are refused, see `conflictdb.io.read`.
+            Skip refused objects and load the others, see `conflictdb.io.read`.
 
         Raises
         ------
         InvalidInput
             Names the file and, for each mistake, the object, the field and the rule; nothing has been changed. A file
-            without objects is refused, too.
+            without objects is refused too.
 
         Warns
         -----
         UserWarning
-            For each remark: what breaks no rule, but may not be meant; and for each object that was left out.
+            For each remark (valid input that is probably unintended), and for each object that was left out.
         """
         loaded = self.load_files(
             [path], scene, replace=replace, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid
@@ -250,11 +252,11 @@ class Database:
         skip_invalid: bool = False,
         max_file_mb: float | None = None,
     ) -> list[Loaded]:
-        """Load some files as `load` does, files of one scene as if they were one; return what it did to each scene.
+        """Load files as `load` does, files of one scene as if they were one; return the result for each scene.
 
-        All files are read and checked before the first scene is changed; each scene is changed in one transaction.
-        One file of GeoParquet is read and sent some objects at a time, in that transaction, unless some may be left
-        out: memory does not grow with it.
+        All files are read and checked before the first scene is changed; each scene is changed in one transaction. A
+        single GeoParquet file is read and sent in batches within that transaction, unless objects may be skipped:
+        memory does not grow with its size.
         """
         return loading.load_files(
             self.connection,
@@ -268,13 +270,13 @@ class Database:
         )
 
     def _settings(self, scene: str) -> Scene:
-        """Return the settings of a scene; raises InvalidInput, naming the known ones, if there is none."""
+        """Return the settings of a scene; raises InvalidInput, naming the known scenes, if it does not exist."""
         with self._transaction():
             return store.read_settings(self.connection, store.scene_id(self.connection, scene))
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        """Read or write in one transaction; within one of the caller's, as a part of it."""
+        """Run the block in one transaction, or as part of the caller's."""
         with store.transaction(self.connection):
             yield
 
@@ -293,27 +295,26 @@ class Database:
         lock_timeout_s: float | None = None,
         say: Callable[[str], object] = _log.warning,
     ) -> "Run":
-        """Bring the conflicts of a scene up to date and return what was done.
+        """Update the conflicts of a scene and return the run.
 
         Parameters
         ----------
         method, tolerance_m, separation_m, nearest_m : optional
-            New settings of the scene; they stay, and other settings mean that everything is computed again.
+            New settings of the scene; they are stored, and changed settings recompute everything.
         full : bool
-            Compute everything again, also what did not change.
+            Recompute everything, also unchanged objects.
         jobs : int, optional
-            Threads to solve in; None is one per processor. The answer does not depend on it. Method ``nlp`` solves in
-            one.
+            Threads to solve in; None is one per processor. Does not change the answer. Method ``nlp`` uses one.
         memory_mb : int
-            Megabytes that the process keeps below, 256 at least; with less, work is done in smaller parts. The answer
-            does not depend on it.
+            Memory limit of the process, megabytes, at least 256; a smaller limit means smaller chunks. Does not change
+            the answer.
         progress : callable, optional
-            Called now and then with what is done and how much there is.
+            Called now and then with the amounts done and to do.
         lock_timeout_s : float, optional
-            Wait no longer than this, in seconds, for another detection of the scene or for any other lock; then
-            `LockTimeout` is raised. By default it waits for as long as it takes.
+            Longest wait, seconds, for another detection of the scene or for any other lock; then `LockTimeout` is
+            raised. By default there is no limit for another detection.
         say : callable
-            Told after 5 s of waiting for another detection who that is.
+            Called with the holder of the lock after 5 s of waiting for another detection.
         """
         given: dict[str, Any] = {
             "method": method,
@@ -329,7 +330,7 @@ class Database:
         changes = {name: value for name, value in given.items() if value is not None}
         if changes:
             store.set_scene(self.connection, replace(self._settings(scene), **changes))
-        # Not above: the solvers bring scipy, which takes longer to import than everything else.
+        # Imported here: the solvers import scipy, which is slow.
         from conflictdb.db import detect
 
         return detect.detect(
@@ -351,27 +352,27 @@ class Database:
         lock_timeout_s: float | None = None,
         say: Callable[[str], object] = _log.warning,
     ) -> "WrittenBack":
-        """Write conflicts that Spark computed into a scene, by the routine of `detect` and in one transaction.
+        """Write conflicts that Spark computed into a scene, with the routine of `detect`, in one transaction.
 
-        Written again, they change nothing. Objects that have changed since they were exported, that are new or gone,
-        keep their conflicts and wait for a detection.
+        Writing them again changes nothing. Objects that changed since the export, or are new or removed, keep their
+        conflicts and wait for a detection.
 
         Parameters
         ----------
         path : path
-            The directory that ``conflictdb spark detect --output`` wrote, of objects that `export` did.
+            The directory that ``conflictdb spark detect --output`` wrote, computed from objects that `export` wrote.
         lock_timeout_s, say
             See `detect`.
 
         Raises
         ------
         InvalidInput
-            What was computed was of other settings, of another scene, or does not say, or a file of it is missing;
-            nothing was written.
+            The conflicts have other or unknown settings, belong to another scene, or a file is missing; nothing was
+            written.
         LockTimeout
-            Somebody else kept a lock for `lock_timeout_s`; nothing was written.
+            A lock was not free within `lock_timeout_s`; nothing was written.
         """
-        from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
+        from conflictdb.arrays import arrow  # noqa: F401  without pyarrow, names the extra to install
         from conflictdb.db.write_back import write_back
         from conflictdb.io.computed import read_computed, read_conflicts  # needs pyarrow
 
@@ -383,11 +384,10 @@ class Database:
     def conflicts(
         self, scene: str, at: inputs.Instant | None = None, *, with_region: bool = False
     ) -> Listing[Conflict]:
-        """Return the conflicts of a scene that are known, with `at` only those at that instant.
+        """Return the known conflicts of a scene, with `at` only those at that instant.
 
-        Where each conflict is (`region`) is read only `with_region`. The list says whether
-        it is complete (`is_current`, `state`); while changes of the scene wait for detection it comes with an
-        IncompleteWarning.
+        Regions (`region`) are read only `with_region`. The list says whether it is complete (`is_current`, `state`);
+        while changes of the scene wait for detection an IncompleteWarning is issued.
         """
         instant = None if at is None else inputs.moment("conflicts", "at", at)
         with self._transaction():
@@ -398,7 +398,7 @@ class Database:
         return found
 
     def approaches(self, scene: str) -> Listing[Approach]:
-        """Return how close objects of a scene come: conflicts, and pairs that come within its `nearest_m`.
+        """Return the closest approaches of a scene: of its conflicts, and of pairs within its `nearest_m`.
 
         The list says whether it is complete, as that of `conflicts` does.
         """
@@ -410,37 +410,37 @@ class Database:
     def stream_conflicts(
         self, scene: str, at: inputs.Instant | None = None, *, with_region: bool = False
     ) -> Stream[Conflict]:
-        """Return what `conflicts` returns, read as it is asked for: in little memory, however many there are.
+        """Return the conflicts of `conflicts` as a stream: little memory, however many there are.
 
-        Until its last row is read, or it is closed, a transaction is open on the connection.
+        A transaction stays open on the connection until the stream is exhausted or closed.
         """
         instant = None if at is None else inputs.moment("stream_conflicts", "at", at)
         state = self._state(scene)
         return Stream(state, store.each_conflict(self.connection, scene, instant, with_region=with_region), Conflict)
 
     def stream_approaches(self, scene: str, *, only_near: bool = False) -> Stream[Approach]:
-        """Return what `approaches` returns, read as it is asked for; `only_near` leaves out those of conflicts.
+        """Return the closest approaches of `approaches` as a stream; `only_near` leaves out pairs in conflict.
 
-        Until its last row is read, or it is closed, a transaction is open on the connection.
+        A transaction stays open on the connection until the stream is exhausted or closed.
         """
         return Stream(self._state(scene), store.each_approach(self.connection, scene, only_near=only_near), Approach)
 
     def state(self, scene: str) -> SceneState:
-        """Return whether what is known of a scene is complete; raises InvalidInput if the scene is not known."""
+        """Return whether the answers for a scene are complete; raises InvalidInput if the scene does not exist."""
         with self._transaction():
             return store.scene_state(self.connection, scene)
 
     def _state(self, scene: str) -> SceneState:
-        """Return whether what is known of a scene is complete; warns the caller's caller if it is not."""
+        """Return the state of a scene; warns the caller's caller if answers are incomplete."""
         state = self.state(scene)
         _warn_if_incomplete(state, 4)
         return state
 
     def conflicts_known_at(self, scene: str, at: inputs.Instant) -> list[Conflict]:
-        """Return the conflicts of a scene as they were known at an instant: what had been detected by then.
+        """Return the conflicts of a scene that had been detected by an instant.
 
-        Where they are, and their nearest points, is not kept. Raises InvalidInput also for an instant before the first
-        detection of the scene, and if its history does not reach back so far.
+        Regions and closest points are not kept. Raises InvalidInput also for an instant before the first detection of
+        the scene, or before its history begins.
         """
         instant = inputs.moment("conflicts_known_at", "at", at)
         with self._transaction():
@@ -455,32 +455,32 @@ class Database:
         after: int = 0,
         most: int | None = None,
     ) -> list[ConflictEvent]:
-        """Return what became of the conflicts of a scene, of an object or of two objects, oldest first.
+        """Return the history of the conflicts of a scene, of an object or of two objects, oldest first.
 
         Parameters
         ----------
         after : int
-            Only events with a greater number: of the last one that was seen, nothing is missed.
+            Only events with a greater number; pass the last number seen to miss nothing.
         most : int, optional
-            How many at most.
+            Maximal number of events.
         """
         with self._transaction():
             return store.conflict_events(self.connection, scene, key, other_key, after, most)
 
     def acknowledge(self, scene: str, a_key: str, b_key: str, reason: str, until: inputs.Instant | None = None) -> int:
-        """Take note of the conflict of two objects, as it is known, and return its number.
+        """Acknowledge the conflict of two objects, as it is known, and return its number.
 
-        It holds while the conflict is no more than that: at no other times, with no worse verdict, no closer; and until
-        an instant, if one is given.
+        The acknowledgement lasts while the conflict gets no worse (no other times, no worse verdict, no closer), and at
+        most until `until`.
 
-        Raises InvalidInput if no such conflict is known, a reason is not given, or `until` is past.
+        Raises InvalidInput if no such conflict is known, the reason is missing, or `until` is past.
         """
         instant = None if until is None else inputs.moment("acknowledge", "until", until)
         with self._transaction():
             return store.acknowledge(self.connection, scene, a_key, b_key, reason, instant)
 
     def unacknowledge(self, scene: str, a_key: str, b_key: str) -> bool:
-        """Take back that the conflict of two objects was acknowledged, and return whether it was.
+        """Withdraw the acknowledgement of the conflict of two objects; return whether it was acknowledged.
 
         Raises InvalidInput if no such conflict is known.
         """
@@ -488,12 +488,12 @@ class Database:
             return store.unacknowledge(self.connection, scene, a_key, b_key)
 
     def explain(self, scene: str, a_key: str, b_key: str) -> Explanation:
-        """Return why two objects of a scene are in conflict, or are not, as of the last detection.
+        """Return why two objects of a scene are in conflict or not, as of the last detection.
 
-        With how close they come, also where the scene does not keep that. Raises InvalidInput if the scene or one of
-        the objects is not known.
+        Includes their closest approach, also where the scene does not store it. Raises InvalidInput if the scene or one
+        of the objects does not exist.
         """
-        # Not above: the stages take longer to import than everything else.
+        # Imported here: the stages are slow to import.
         from conflictdb.db import explanations
 
         with self._transaction():
@@ -507,36 +507,36 @@ class Database:
         jobs: int = 1,
         worker_timeout_s: float | None = None,
     ) -> Listing[Conflict]:
-        """Return what a plan would be in conflict with, and when, without writing anything.
+        """Return the conflicts that a plan would have, and when, without writing.
 
-        By the stages that a detection runs, with the scene's settings, on the objects that the last detection saw. With
-        the scene's `nearest_m` also what it would come near. An object that has the key of the plan is left out: the
-        plan would replace it. Several plans replace their namesakes together, and are checked against each other, too.
+        Runs the stages of a detection, with the scene's settings, on the objects that the last detection saw. If the
+        scene has `nearest_m`, near pairs are returned too. An object with the key of the plan is left out, since the
+        plan would replace it. Several plans replace their namesakes together, and are checked against each other too.
 
         Parameters
         ----------
         plan : Area or Track, or a sequence of them
-            What is planned.
+            The planned objects.
         jobs : int
-            Threads to solve in. The answer does not depend on it.
+            Threads to solve in. Does not change the answer.
         worker_timeout_s : float, optional
-            Ask the workers, and wait so long at most; by default this program does what they would do. Their answer
-            lacks the nearest points.
+            Ask the workers, and wait at most this long, seconds; by default this process computes the answer. Answers
+            of workers lack the closest points.
 
         Raises
         ------
         InvalidInput
-            There is no such scene, or its plane cannot hold the plan; or workers cannot be asked about one like it: a
-            track whose haven changes its shape, or with heights of its legs.
+            The scene does not exist, or its plane cannot contain the plan; or the plan cannot be sent to workers: a
+            track whose haven changes its shape, or with heights per leg.
         NotCurrent
-            No worker has answered in time.
+            No worker answered in time.
         StoreError
-            A transaction is open: the answer must come from one state of the database, and workers see a question when
-            it is committed.
+            A transaction is open: the answer must come from one state of the database, and workers see a question only
+            once it is committed.
         """
         plans = _plans(plan)
         inputs.count("probe", "jobs", jobs, 1)
-        # Not above: the stages take longer to import than everything else.
+        # Imported here: the stages are slow to import.
         from conflictdb.db import probes
 
         if worker_timeout_s is None:
@@ -548,12 +548,12 @@ class Database:
         return found
 
     def wait_until_current(self, scene: str, timeout_s: float = 60.0) -> None:
-        """Wait until nothing of a scene waits for detection, which a worker has to do, or another program.
+        """Wait until no change of a scene waits for detection; a worker or another program has to detect.
 
         Raises
         ------
         InvalidInput
-            There is no such scene.
+            The scene does not exist.
         NotCurrent
             It takes longer than `timeout_s`; the message says what waits.
         StoreError
@@ -575,25 +575,25 @@ class Database:
         """Attach a table of this database to a scene, and return the number of the attachment.
 
         Its rows become objects of the scene with the next `follow`, or detection by the same role, and follow the table
-        from then on. Only sessions of the role that attaches ever run the map; it must own the table.
+        from then on. Only sessions of the attaching role run the map; that role must own the table.
 
         Parameters
         ----------
         kind : str
-            What the rows become: ``area`` or ``track``.
+            The kind of the objects: ``area`` or ``track``.
         table : str
             Name of a table, view or foreign table, as in SQL: ``mission.ops``.
         mapped : mapping of str to str
-            For each field, a column or an SQL expression of the columns of a row; as ``where`` one that is true of the
-            rows that count, all if it is not given.
+            For each field, a column or an SQL expression of the columns of a row; ``where`` is a condition that selects
+            rows, by default all.
         every_s : float, optional
             How often to compare all rows, seconds. By default triggers note changes; views and foreign tables, which
-            have none, are compared every minute.
+            have no triggers, are compared every minute.
 
         Raises
         ------
         InvalidInput
-            The scene is not known, or the table or the map cannot be used; nothing has been changed.
+            The scene does not exist, or the table or the map cannot be used; nothing has been changed.
 
         Warns
         -----
@@ -612,7 +612,7 @@ class Database:
         *,
         every_s: float | None = None,
     ) -> store.AttachmentPreview:
-        """Return what `attach` would do, and the first objects; changes nothing, and raises what `attach` raises."""
+        """Return what `attach` would do, and the first objects; changes nothing, and raises the errors of `attach`."""
         every = _interval("preview_attachment", every_s)
         with self._transaction(), _notices_as_warnings(self.connection):
             return store.preview_attachment(self.connection, scene, str(kind), table, mapped, every)
@@ -620,59 +620,59 @@ class Database:
     def detach(self, scene: str, table: str, *, keep: bool = False) -> int:
         """Detach a table from a scene, and return how many objects were removed with it.
 
-        keep : leave the objects in the scene, as if they had been put in one by one
+        keep : leave the objects in the scene, as if they had been added one by one
         """
         with self._transaction():
             return store.detach(self.connection, scene, table, keep=keep)
 
     def attachments(self, scene: str | None = None) -> list[store.Attachment]:
-        """Return the tables that are attached to a scene, or to any, and how that goes."""
+        """Return the tables attached to a scene, or to any, and their state."""
         with self._transaction():
             return store.attachments(self.connection, scene)
 
     def unmapped(self, scene: str) -> list[store.Unmapped]:
-        """Return the rows of attached tables that are no objects of a scene, or not as they are now, and why."""
+        """Return the rows of attached tables without an up-to-date object in a scene, and why."""
         with self._transaction():
             return store.unmapped(self.connection, scene)
 
     def follow(self, scene: str) -> None:
-        """Bring a scene in step with the tables that this connection's role attached, as its detections do first."""
+        """Update a scene from the tables that this connection's role attached, as its detections do first."""
         attached.follow(self.connection, scene, again=True)
 
     def share_scene(self, scene: str, role: str, access: str = "read") -> None:
-        """Let a role of the database see a scene, once scenes are protected; for who owns it.
+        """Let a role of the database see a scene, once scenes are protected; only for the scene's owner.
 
         Parameters
         ----------
         role : str
-            Name of the role, which stands for its members too; ``public`` is every role.
+            Name of the role, which includes its members; ``public`` is every role.
         access : str
-            ``read``, ``write``, or ``own``: it owns the scene then, in place of who does.
+            ``read``, ``write``, or ``own``, which makes it the owner in place of the present one.
 
         Raises
         ------
         InvalidInput
-            There is no such scene or role, or the access is another one.
+            The scene or role does not exist, or the access is another word.
         StoreError
-            The scene is not that of the connection's role.
+            The connection's role does not own the scene.
         """
         with self._transaction():
             store.share_scene(self.connection, scene, role, access)
 
     def unshare_scene(self, scene: str, role: str) -> bool:
-        """Take back what `share_scene` gave a role, and return whether it had anything."""
+        """Revoke what `share_scene` granted a role, and return whether it had anything."""
         with self._transaction():
             return store.unshare_scene(self.connection, scene, role)
 
     def shares(self, scene: str) -> list[store.Share]:
-        """Return whose a scene is, and the roles that it is shared with, as far as the connection's role may know."""
+        """Return a scene's owner and the roles it is shared with, as far as the connection's role sees them."""
         with self._transaction():
             return store.shares(self.connection, scene)
 
     def protect_scenes(self, *, on: bool = True) -> None:
-        """Have each scene seen by its owner, by those it is shared with and by workers alone, or by all again.
+        """Show each scene only to its owner, the roles it is shared with and workers, or show all scenes to all again.
 
-        For who owns the schema conflictdb. Raises StoreError for others.
+        Only for the owner of schema conflictdb; raises StoreError for others.
         """
         with self._transaction():
             store.protect_scenes(self.connection, on=on)
@@ -680,19 +680,19 @@ class Database:
     def advise(
         self, scene: str, *, sample: int | None = None, seed: int = 0, progress: "Progress | None" = None
     ) -> "Advice":
-        """Return what each setting would cost for a scene and how wrong it would be, from a sample; changes nothing.
+        """Return the cost and the error of each setting for a scene, estimated from a sample; changes nothing.
 
         Parameters
         ----------
         sample : int, optional
             Pairs of objects to try the settings on; by default as many as take seconds.
         seed : int
-            Of the draw: the same seed draws the same sample.
+            Seed of the sample: the same seed draws the same sample.
         progress : callable, optional
-            Called with how many settings are measured, and of how many.
+            Called with the number of settings measured, and of all settings.
         """
         settings, areas, tracks = self._read(scene)
-        # Not above: the solvers bring scipy, as they do for `detect`.
+        # Imported here: the solvers import scipy, which is slow.
         from conflictdb.advice import advise
 
         return advise.advise(
@@ -700,14 +700,14 @@ class Database:
         )
 
     def plot(self, scene: str, a_key: str | None = None, b_key: str | None = None) -> "Figure":
-        """Return a figure of matplotlib: of a scene where and when its plans are in conflict, or of two of its objects.
+        """Return a matplotlib figure of a scene's conflicts in place and time, or of two of its objects.
 
-        Of two objects it shows what they sweep, where the stages let them meet, and their separation over time, also
-        where they are in no conflict. While changes of the scene wait for detection it comes with an
-        IncompleteWarning.
+        For two objects it shows their swept areas, the times at which the stages let them meet, and their separation
+        over time, also without a conflict. While changes of the scene wait for detection an IncompleteWarning is
+        issued.
 
-        Raises InvalidInput for what the scene does not hold, and ConflictDBError, naming the extra to install, where
-        there is no matplotlib.
+        Raises InvalidInput for unknown scenes and objects, and ConflictDBError, naming the extra to install, without
+        matplotlib.
         """
         from conflictdb.drawing import figures
 
@@ -728,7 +728,7 @@ class Database:
         return figures.plot_pair(settings, a, b, next(iter(known), None), remark=_incomplete(found.state))
 
     def plot_conflict(self, conflict: Conflict) -> "Figure":
-        """Return the figure of a conflict that this database holds: `conflict.plot()` asks for it."""
+        """Return the figure of a conflict of this database; `conflict.plot()` calls this."""
         from conflictdb.drawing import figures
 
         with self._transaction():
@@ -738,12 +738,12 @@ class Database:
         return figures.plot_pair(settings, a, b, conflict, remark=_incomplete(state))
 
     def report(self, scene: str, file: str | Path) -> None:
-        """Write a report of a scene, .html or .pdf: what was checked and how, what was found, with figures.
+        """Write a report of a scene, .html or .pdf: the objects and settings checked, the conflicts, and figures.
 
-        While changes of the scene wait for detection it says so at its top, and comes with an IncompleteWarning.
+        While changes of the scene wait for detection the report says so at its top, and an IncompleteWarning is issued.
 
-        Raises InvalidInput for a scene that is not known, or without objects, and for other file names;
-        ConflictDBError, naming the extra to install, where what it needs is not there.
+        Raises InvalidInput for a scene that does not exist or is empty, and for other file names; ConflictDBError,
+        naming the extra to install, if a package is missing.
         """
         from conflictdb.drawing import report
 
@@ -761,8 +761,8 @@ class Database:
     def export(self, scene: str, path: str | Path) -> None:
         """Write a scene file that loads as exactly the same objects: GeoParquet if its name ends in .parquet.
 
-        Else it is GeoJSON, compressed if its name ends in .gz. The file appears when it is complete; if it cannot be
-        written, an older one stays.
+        Otherwise GeoJSON, compressed if its name ends in .gz. The file appears when it is complete; if writing fails,
+        an older file stays.
         """
         if is_parquet(path):
             with whole_file(path) as stream:
@@ -771,9 +771,9 @@ class Database:
             write_lines(path, scene_text(*self._read(scene)))
 
     def write_geoparquet(self, scene: str, stream: IO[bytes]) -> None:
-        """Write a scene as GeoParquet that loads as exactly the same objects, some at a time, however many there are.
+        """Write a scene as GeoParquet that loads as exactly the same objects, in batches, however many there are.
 
-        Raises ConflictDBError, naming the extra to install, where there is no pyarrow.
+        Raises ConflictDBError, naming the extra to install, without pyarrow.
         """
         from conflictdb.arrays.arrow.objects import of_objects  # needs pyarrow
         from conflictdb.io.parquet_writing import write_objects
@@ -838,11 +838,11 @@ def _plans(given: Any) -> list[Area | Track]:
 
 @contextmanager
 def _notices_as_warnings(connection: "psycopg.Connection[Any]") -> Iterator[None]:
-    """Warn the caller of the method that uses this of what the database remarks meanwhile."""
+    """Warn the caller of the method that uses this of notices from the database."""
     remarks: list[str] = []
 
-    def keep(told: psycopg.errors.Diagnostic) -> None:
-        remarks.append(told.message_primary or "")
+    def keep(notice: psycopg.errors.Diagnostic) -> None:
+        remarks.append(notice.message_primary or "")
 
     connection.add_notice_handler(keep)
     try:
@@ -858,12 +858,12 @@ def _interval(who: str, every_s: float | None) -> timedelta | None:
 
 
 def _incomplete(state: SceneState) -> str | None:
-    """Return what must be said of figures of a scene that is not complete."""
+    """Return the remark for figures of a scene whose answers are incomplete."""
     return None if state.is_current else f"NOT COMPLETE: {state.remark or 'changes wait for detection'}"
 
 
 def _pair_of(scene: str, objects: Sequence[Area | Track], *keys: str) -> list[Area | Track]:
-    """Return the objects of some keys; raises InvalidInput where the scene has none of a key, or they are one."""
+    """Return the objects of two keys; raises InvalidInput if a key does not exist or both are the same."""
     by_key = {one.key: one for one in objects}
     for key in keys:
         if key not in by_key:
@@ -874,6 +874,6 @@ def _pair_of(scene: str, objects: Sequence[Area | Track], *keys: str) -> list[Ar
 
 
 def _warn_if_incomplete(state: SceneState, stacklevel: int = 3) -> None:
-    """Warn the caller of the method that calls this, or who that many calls above."""
+    """Warn the caller of the method that calls this, or a caller further up (`stacklevel`)."""
     if not state.is_current:
         warnings.warn(f"scene {state.scene!r}: {state.remark}", IncompleteWarning, stacklevel=stacklevel)

@@ -1,4 +1,4 @@
-"""Connections of SQLAlchemy that the caller lends: asked for whenever they are needed, in the caller's transaction."""
+"""Use connections of SQLAlchemy that belong to the caller: fetched for each use, within the caller's transaction."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Lent:
-    """A connection that is asked for whenever it is needed: what lends it may have another, or begin a transaction."""
+class BorrowedConnection:
+    """A caller's connection, fetched for each use: its owner may replace it, or begin a transaction, in between."""
 
     connection: "Callable[[], psycopg.Connection[Any]]"
 
 
-def lend(target: "Engine | Connection | Session") -> tuple[Lent, list[Callable[[], None]]]:
-    """Return what lends a connection, and what gives it back; raises InvalidInput for anything else."""
+def borrow(target: "Engine | Connection | Session") -> tuple[BorrowedConnection, list[Callable[[], None]]]:
+    """Return a borrowed connection and the functions that release it; raises InvalidInput for other targets."""
     from sqlalchemy import Connection, Engine
     from sqlalchemy.orm import Session
 
@@ -34,19 +34,19 @@ def lend(target: "Engine | Connection | Session") -> tuple[Lent, list[Callable[[
     release: list[Callable[[], None]] = []
     if isinstance(target, Engine):
         pooled = target.raw_connection()
-        lent = Lent(lambda: cast("psycopg.Connection[Any]", pooled.driver_connection))
+        borrowed = BorrowedConnection(lambda: cast("psycopg.Connection[Any]", pooled.driver_connection))
         release = [pooled.close]
     elif isinstance(target, Session):
-        lent = Lent(lambda: _of_session(target))
+        borrowed = BorrowedConnection(lambda: _of_session(target))
     else:
-        lent = Lent(lambda: _of_connection(target))
-    return lent, release
+        borrowed = BorrowedConnection(lambda: _of_connection(target))
+    return borrowed, release
 
 
 def _of_connection(lender: "Connection") -> "psycopg.Connection[Any]":
-    """Return the connection behind one of SQLAlchemy, in a transaction if that says that it is in one.
+    """Return the psycopg connection of an SQLAlchemy connection, in a transaction if SQLAlchemy considers it in one.
 
-    SQLAlchemy leaves it to the first statement to begin it; then this one would be a transaction of its own.
+    SQLAlchemy begins a transaction only with its first statement; ours would otherwise be a transaction of its own.
     """
     connection = cast("psycopg.Connection[Any]", lender.connection.driver_connection)
     if lender.in_transaction():
@@ -55,7 +55,7 @@ def _of_connection(lender: "Connection") -> "psycopg.Connection[Any]":
 
 
 def _of_session(lender: "Session") -> "psycopg.Connection[Any]":
-    """Return the connection of a session in its transaction, what is pending written, as before any query of it."""
+    """Return the connection of a session in its transaction, after writing pending changes, as before any query."""
     if lender.autoflush:
         lender.flush()
     return _of_connection(lender.connection())

@@ -8,36 +8,36 @@ from typing import Any, Final, TypeVar
 from weakref import WeakKeyDictionary
 
 _T = TypeVar("_T")
-# The last work that another thread began with a connection.
-_ASIDE: Final[WeakKeyDictionary[Any, Future[Any]]] = WeakKeyDictionary()
+# The latest work of another thread on each connection.
+_THREADS: Final[WeakKeyDictionary[Any, Future[Any]]] = WeakKeyDictionary()
 
 
-def begun_aside(connection: object, work: Callable[[], _T]) -> Future[_T]:
-    """Begin work with a connection in a thread of its own, which ends with it; a program that ends waits for it."""
+def run_in_thread(connection: object, work: Callable[[], _T]) -> Future[_T]:
+    """Run work with a connection in a thread of its own; the program waits for it before it exits."""
     thread = ThreadPoolExecutor(1)
-    begun = _ASIDE[connection] = thread.submit(work)
+    begun = _THREADS[connection] = thread.submit(work)
     thread.shutdown(wait=False)
     return begun
 
 
-def end_aside(connection: object, cancel: Callable[[], object]) -> None:
+def cancel_thread(connection: object, cancel: Callable[[], object]) -> None:
     """Cancel the work that another thread does with a connection, and wait until the connection is free.
 
-    The work's result and its errors are dropped.
+    Result and errors of the work are discarded.
     """
-    begun = _ASIDE.pop(connection, None)
+    begun = _THREADS.pop(connection, None)
     if begun is not None and not begun.done():
         try:
             cancel()
         finally:
             with suppress(Exception):
-                answer_of(begun)
+                wait_for(begun)
 
 
-def answer_of(future: Future[_T]) -> _T:
-    """Return the result of a future, or raise what it raised, once it is there.
+def wait_for(future: Future[_T]) -> _T:
+    """Wait for a future; return its result or raise its error.
 
-    `Future.result` waits in Python: what a signal handler raises between two of its steps may become
+    `Future.result` waits in several steps of Python: an error raised by a signal handler in between may become
     ``RuntimeError: cannot release un-acquired lock``. A SimpleQueue waits in one step.
     """
     is_there = SimpleQueue[Future[_T]]()

@@ -1,1 +1,1 @@
-"""All that knows the database: the schema, reading and writing, detection, the worker."""
+"""Work on the database: schema, reading and writing, detection, worker."""

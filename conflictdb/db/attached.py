@@ -1,6 +1,6 @@
-"""Follows attached tables: rows that changed become objects of their scene.
+"""Follow attached tables: their changed rows become objects of the scene.
 
-Only tables that the connected role attached: their maps are code of that role, which no other role runs.
+Only tables that the connected role attached: a table's map is code of that role, and no other role runs it.
 """
 
 import logging
@@ -13,14 +13,14 @@ from conflictdb.errors import ConflictDBError
 
 _log = logging.getLogger(__name__)
 
-# Keys that the first round frees, the second gives to rows that waited for them.
+# Keys that the first round frees go to the rows that waited for them in the second.
 _ROUNDS: Final = 2
 
 
 def follow(conn: psycopg.Connection[Any], scene: str, *, again: bool) -> None:
-    """Bring the objects of a scene in step with the tables that the connected role attached to it.
+    """Update the objects of a scene from the tables that the connected role attached to it.
 
-    A table that cannot be read keeps its objects as they are; the view `attachments` says why. It does not stop others.
+    A table that cannot be read keeps its objects; the view `attachments` gives the reason. It does not stop the others.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def follow(conn: psycopg.Connection[Any], scene: str, *, again: bool) -> None:
     Raises
     ------
     InvalidInput
-        There is no such scene.
+        The scene does not exist.
     StoreError
         The connection is lost.
     """
@@ -41,7 +41,7 @@ def follow(conn: psycopg.Connection[Any], scene: str, *, again: bool) -> None:
         for attachment_id in attachment_ids:
             try:
                 error = store.follow_attachment(conn, attachment_id)
-            except ConflictDBError as failure:  # a limit of time ends the transaction
+            except ConflictDBError as failure:  # a time limit ends the transaction
                 if conn.closed:
                     raise
                 error = str(failure).partition("\n")[0]

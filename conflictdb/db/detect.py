@@ -1,14 +1,14 @@
-"""Detection: a scene of the database taken through the four stages.
+"""Detect the conflicts of a scene of the database, through all four stages.
 
-The only module that knows both halves: the database, where stage 1 runs, and the arrays of the stages after it.
+This module alone combines the database, where stage 1 runs, with the array code of the later stages.
 
-Where few objects changed, one transaction does all of it; else there are two. The first refreshes the pieces of the
-objects that changed. The second sees one state of the database: it recomputes the pairs with a changed member, replaces
-their conflicts, records the run and clears the marks that the pieces cover. So after a crash at any point either
-nothing or all of it happened to the conflicts, and marks made meanwhile stay.
+If few objects changed, one transaction does everything. Otherwise there are two. The first refreshes the pieces of the
+changed objects. The second sees one state of the database: it recomputes the pairs with a changed member, replaces
+their conflicts, records the run and clears the marks that the pieces cover. A crash therefore leaves the conflicts
+either all old or all new; marks made meanwhile stay.
 
-Each transaction holds the scene's lock, which ends with it. Another detection may come in between, whole or in part.
-The lock counts how often it was taken: a second transaction that does not follow its first one makes the pieces anew.
+Each transaction holds the scene's lock until it ends. Another detection may run between the two. The lock counts how
+often it was taken: if the second transaction does not directly follow the first, it rebuilds the pieces.
 """
 
 import logging
@@ -36,21 +36,21 @@ from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.memory import MEMORY_MB, Memory
 from conflictdb.pipeline.run import Funnel, Progress, run_scene
 from conflictdb.results import Kind
-from conflictdb.waiting import answer_of, begun_aside, end_aside
+from conflictdb.waiting import cancel_thread, run_in_thread, wait_for
 
 __all__ = ["Progress", "Run", "detect", "detect_pending", "refresh_pieces"]
 
 _log = logging.getLogger(__name__)
 
-# So many changed objects at most are detected by one transaction: making their pieces again, if it fails, costs little.
+# Up to this many changed objects are detected in one transaction: rebuilding their pieces after a failure is cheap.
 _FEW_OBJECTS: Final = 100
-# Changed objects that are read first; then as many as their pieces leave room for.
+# Changed objects in the first batch; the size of later batches follows from the pieces.
 _FIRST_OBJECTS: Final = 2_000
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What a detection did.
+    """The result of a detection.
 
     run_id : its row in the table `run`
     candidate_pairs, intersecting_pairs, projected_pairs, window_pairs, solved_pairs, met_pairs : pairs of pieces after
@@ -97,55 +97,57 @@ def detect(
     say: store.Say = _log.warning,
     memory_mb: int = MEMORY_MB,
 ) -> Run:
-    """Bring the conflicts of a scene up to date, with the scene's own settings, and return what was done.
+    """Update the conflicts of a scene, with the scene's own settings, and return the run.
 
-    Objects are brought in step with the tables that are attached to the scene first.
+    First updates objects from the tables attached to the scene.
 
     Parameters
     ----------
     conn : psycopg connection without an open transaction
-    full : compute everything again, also what did not change
+    full : recompute everything, also unchanged objects
     jobs : threads that stage 4 may use; None is one per processor
-    progress : told now and then how many pairs stage 4 has decided, and of how many
-    lock_timeout_s : wait no longer than this, seconds, for another detection of the scene, or for any other lock; None
-        waits for another detection as long as it takes, and 300 s for any other lock; 0 waits for no other detection,
-        and 10 s for any other lock
-    say : told after 5 s of waiting for another detection who that is
-    memory_mb : of this process, megabytes, that the detection keeps below; with less it works in smaller parts
+    progress : called now and then with the number of pairs that stage 4 has decided, and of all pairs
+    lock_timeout_s : longest wait, seconds, for another detection of the scene, or for any other lock; None: no limit
+        for another detection, 300 s for any other lock; 0: no wait for another detection, 10 s for any other lock
+    say : called with the holder of the lock after 5 s of waiting for another detection
+    memory_mb : memory limit of this process, megabytes; a smaller limit means smaller chunks
 
     Raises
     ------
     InvalidInput
-        There is no such scene.
+        The scene does not exist.
     LockTimeout
-        Somebody else kept a lock for `lock_timeout_s`; nothing was done.
+        A lock was not free within `lock_timeout_s`; nothing was done.
     StoreError
-        The database failed; conflicts and marks are as they were, and the failure is recorded as a run.
+        The database failed; conflicts and marks are unchanged, and the failure is recorded as a run.
     """
-    way = _Way(jobs or os.cpu_count() or 1, progress, lock_timeout_s, say, Memory.of(memory_mb))
+    options = _Options(jobs or os.cpu_count() or 1, progress, lock_timeout_s, say, Memory.of(memory_mb))
     with store.translated(), store.waiting_at_most(conn, store.longest_wait_s(lock_timeout_s)):
-        return _run(conn, scene, full, way)
+        return _run(conn, scene, full, options)
 
 
 def detect_pending(
     conn: psycopg.Connection[Any], scene: str, *, jobs: int | None = None, memory_mb: int = MEMORY_MB
 ) -> Run | None:
-    """Do as `detect`, but never wait for another detection of the scene, and do nothing where nothing changed.
+    """Detect as `detect` does if something changed, without waiting for another detection of the scene.
 
-    Returns None if nothing was to do. Raises LockTimeout if another detection is at work, or if somebody keeps another
-    lock for 10 s; it says who that is.
+    Returns None if nothing was pending. Raises LockTimeout, naming the holder, if another detection is running, or if
+    another lock is not free within 10 s.
     """
-    way = _Way(jobs or os.cpu_count() or 1, None, 0.0, _log.debug, Memory.of(memory_mb), only_pending=True)
+    options = _Options(jobs or os.cpu_count() or 1, None, 0.0, _log.debug, Memory.of(memory_mb), only_pending=True)
     try:
-        with store.translated(), store.waiting_at_most(conn, store.longest_wait_s(way.lock_timeout_s)):
-            return _run(conn, scene, False, way)
+        with store.translated(), store.waiting_at_most(conn, store.longest_wait_s(options.lock_timeout_s)):
+            return _run(conn, scene, False, options)
     except _NothingPending:
         return None
 
 
 @dataclass(frozen=True, slots=True)
-class _Way:
-    """How to go about a detection: the parameters of `detect`, and whether one that finds nothing to do is a run."""
+class _Options:
+    """The parameters of `detect`.
+
+    only_pending : an empty detection records no run
+    """
 
     jobs: int
     progress: Progress | None
@@ -155,38 +157,40 @@ class _Way:
     only_pending: bool = False
 
 
-def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Run:
+def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Options) -> Run:
     started = time.perf_counter()
     store.require_idle(conn, "a detection")
     store.require_writable(conn)
     record = store.RunRecord(method="", settings={}, started_at=datetime.now(UTC))
     begun: store.Begun | None = None
     try:
-        begun = _begin(conn, scene, full, way)
+        begun = _begin(conn, scene, full, options)
         scene_id = begun.scene_id
         if begun.few is not None:
-            return _detect_few(conn, begun, begun.few, record, way, started)
+            return _detect_few(conn, begun, begun.few, record, options, started)
         if full:
             store.cover_all(conn, scene_id)
-        pending = _pending(conn, scene_id, way)
+        pending = _pending(conn, scene_id, options)
         is_first = pending.objects > _FEW_OBJECTS
-        settings, record = refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=is_first, is_full=full)
+        settings, record = refresh_pieces(
+            conn, scene_id, pending, record, options.memory, is_first=is_first, is_full=full
+        )
         if is_first:
             with store.translated():
                 conn.commit()
-            followed = store.begin_locked(conn, scene_id, scene, way.lock_timeout_s, way.say)
+            followed = store.begin_locked(conn, scene_id, scene, options.lock_timeout_s, options.say)
             if followed != begun.taken + 1 or store.read_settings(conn, scene_id) != settings:
-                # Another detection came in between, or other settings: whatever is still marked becomes ours now.
-                pending = _pending(conn, scene_id, way)
-                settings, record = refresh_pieces(conn, scene_id, pending, record, way.memory, is_first=False)
-        writing = _Aside(conn, partial(store.begin_write, conn, scene_id, record))
-        source = SceneSource(conn, scene_id, way.memory, writing.start)
-        return _refresh_conflicts(conn, writing.result, source, settings, record, way, started)
+                # Another detection ran in between, or settings changed: process all remaining marks.
+                pending = _pending(conn, scene_id, options)
+                settings, record = refresh_pieces(conn, scene_id, pending, record, options.memory, is_first=False)
+        writing = _Background(conn, partial(store.begin_write, conn, scene_id, record))
+        source = SceneSource(conn, scene_id, options.memory, writing.start)
+        return _refresh_conflicts(conn, writing.result, source, settings, record, options, started)
     except BaseException as error:
-        # The lock goes with the transaction. A lost connection cannot record anything; the marks are still there.
+        # The lock ends with the transaction. A lost connection cannot record a failure; the marks remain.
         is_removed = False
         with suppress(psycopg.Error):
-            end_aside(conn, conn.cancel_safe)
+            cancel_thread(conn, conn.cancel_safe)
         with suppress(ConflictDBError, psycopg.Error):
             conn.rollback()
             if isinstance(error, Exception) and not isinstance(error, LockTimeout | _NothingPending):
@@ -200,12 +204,12 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> Ru
             raise
 
 
-def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, way: _Way) -> store.Begun:
-    """Begin the first transaction; before that, objects are brought in step with tables that are attached."""
+def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Options) -> store.Begun:
+    """Follow attached tables, then begin the first transaction."""
     few = -1 if full else _FEW_OBJECTS
-    again: bool | None = not way.only_pending
+    again: bool | None = not options.only_pending
     while True:
-        begun = store.begin_detection(conn, scene, few, way.lock_timeout_s, way.say, again)
+        begun = store.begin_detection(conn, scene, few, options.lock_timeout_s, options.say, again)
         if not begun.is_behind:
             return begun
         with store.translated():
@@ -219,35 +223,35 @@ def _detect_few(
     begun: store.Begun,
     few: store.Few,
     record: store.RunRecord,
-    way: _Way,
+    options: _Options,
     started: float,
 ) -> Run:
-    """Do all of a detection of few changed objects in the open transaction, and commit."""
-    if way.only_pending and not few.numbers:
+    """Run a detection of few changed objects in the open transaction, and commit."""
+    if options.only_pending and not few.numbers:
         raise _NothingPending
     clock = time.perf_counter()
     settings, scene_id = begun.settings, begun.scene_id
     areas = store.some_areas(conn, scene_id, few.area_ids) if few.area_ids else AreaBatch.of([])
     tracks = store.some_tracks(conn, scene_id, few.track_ids) if few.track_ids else TrackBatch.of([])
     pieces = pieces_of(settings, plane_of(settings), areas, tracks)
-    record = replace(record, method=settings.method, settings=_told(settings))
+    record = replace(record, method=settings.method, settings=_recorded(settings))
     if few.known_objects is not None:
         record = replace(record, more_objects=len(areas) + len(tracks) - few.known_objects)
     record = replace(record, counted={"pieces_s": time.perf_counter() - clock})
-    source = FewSource(conn, scene_id, way.memory, few.srid, pieces)
+    source = FewSource(conn, scene_id, options.memory, few.srid, pieces)
     staged = store.begin_write(conn, scene_id, record, few.numbers)
-    return _refresh_conflicts(conn, lambda: staged, source, settings, record, way, started)
+    return _refresh_conflicts(conn, lambda: staged, source, settings, record, options, started)
 
 
-def _told(settings: Scene) -> dict[str, Any]:
+def _recorded(settings: Scene) -> dict[str, Any]:
     """Return settings as a run records them."""
     return {name: value for name, value in asdict(settings).items() if name != "name"}
 
 
-def _pending(conn: psycopg.Connection[Any], scene_id: int, way: _Way) -> store.Pending:
-    """Return what waits for a detection; raises _NothingPending where nothing does, and that is no run."""
+def _pending(conn: psycopg.Connection[Any], scene_id: int, options: _Options) -> store.Pending:
+    """Count pending objects; raises _NothingPending if there are none and an empty detection is no run."""
     pending = store.pending(conn, scene_id)
-    if way.only_pending and not pending.objects:
+    if options.only_pending and not pending.objects:
         raise _NothingPending
     return pending
 
@@ -262,19 +266,19 @@ def refresh_pieces(
     is_first: bool,
     is_full: bool = False,
 ) -> tuple[Scene, store.RunRecord]:
-    """Make the pieces of the changed objects anew."""
+    """Rebuild the pieces of the changed objects; return the scene's settings and the updated record."""
     clock = time.perf_counter()
     settings = store.read_settings(conn, scene_id)
-    made = _made_pieces(conn, scene_id, pending, settings, memory)
-    store.replace_pieces(conn, scene_id, made, is_first=is_first, is_full=is_full)
+    pieces = _changed_pieces(conn, scene_id, pending, settings, memory)
+    store.replace_pieces(conn, scene_id, pieces, is_first=is_first, is_full=is_full)
     took_s = record.counted.get("pieces_s", 0.0) + time.perf_counter() - clock
-    return settings, replace(record, method=settings.method, settings=_told(settings), counted={"pieces_s": took_s})
+    return settings, replace(record, method=settings.method, settings=_recorded(settings), counted={"pieces_s": took_s})
 
 
-def _made_pieces(
+def _changed_pieces(
     conn: psycopg.Connection[Any], scene_id: int, pending: store.Pending, scene: Scene, memory: Memory
 ) -> Iterator[Pieces]:
-    """Yield the pieces of the changed objects of a scene, those of some objects at a time."""
+    """Yield the pieces of the changed objects of a scene, in batches."""
     plane = plane_of(scene)
     no_areas, no_tracks = AreaBatch.of([]), TrackBatch.of([])
     for kind in (kind for kind, count in ((Kind.AREA, pending.areas), (Kind.TRACK, pending.tracks)) if count):
@@ -292,27 +296,27 @@ def _made_pieces(
             if len(numbers) < most:
                 break
             last = int(numbers[-1])
-            # As many as will have so many pieces, if they are like these.
+            # Next batch size, extrapolated from this one.
             most = max(1, min(4 * most, most * memory.pieces // max(len(pieces), 1)))
 
 
-class _Aside:
-    """The beginning of a write-back, done by another thread while pairs are solved here."""
+class _Background:
+    """The start of a write-back, run by another thread while this one solves pairs."""
 
     def __init__(self, conn: psycopg.Connection[Any], work: Callable[[], store.Staged]) -> None:
         self._conn, self._work = conn, work
         self._begun: Future[store.Staged] | None = None
 
     def start(self) -> None:
-        """Begin, unless that was done."""
+        """Start the work unless it was started."""
         if self._begun is None:
-            self._begun = begun_aside(self._conn, self._work)
+            self._begun = run_in_thread(self._conn, self._work)
 
     def result(self) -> store.Staged:
-        """Return it; raises what the work did."""
+        """Return the work's result or raise its error; does the work now if it was not started."""
         if self._begun is None:
             return self._work()
-        return answer_of(self._begun)
+        return wait_for(self._begun)
 
 
 def _refresh_conflicts(
@@ -321,18 +325,18 @@ def _refresh_conflicts(
     source: SceneSource,
     settings: Scene,
     record: store.RunRecord,
-    way: _Way,
+    options: _Options,
     started: float,
 ) -> Run:
     """Recompute the pairs with a changed member, on the snapshot of the open transaction, and commit."""
     funnel = Funnel(pieces_s=record.counted["pieces_s"])
-    chunks = run_scene(settings, plane_of(settings), source, jobs=way.jobs, progress=way.progress)
+    chunks = run_scene(settings, plane_of(settings), source, jobs=options.jobs, progress=options.progress)
     for found, of_chunk in chunks:
         staged = begun()
         for part in store.differing(staged, found):
             store.stage(conn, staged, part, found.where(part.rows))
         funnel.add(of_chunk)
-        # Not kept while the next one is made.
+        # Free before the next chunk is allocated.
         del found, of_chunk
     counted = funnel.counted()
     kept = {**record.settings, "projected_pairs": funnel.projected_pairs, **funnel.effort.counts()}

@@ -1,4 +1,4 @@
-"""Why two objects are in conflict, or are not: what the database keeps, and how close they come where it does not."""
+"""Explain why two objects are in conflict or not, and compute their closest approach if the database has none."""
 
 from dataclasses import replace
 from typing import Any, Final
@@ -11,15 +11,15 @@ from conflictdb.io.instants import format_moment
 from conflictdb.methods import Method
 from conflictdb.results import Conflict, Explanation, Position
 
-# Half the way around the earth: nothing is further apart.
+# Half the circumference of the earth: an upper bound on distances.
 _FURTHEST_M: Final = 20_000_000.0
 
 
 def explain(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> Explanation:
-    """Return why two objects are in conflict, or are not; InvalidInput if the scene or one of them is not known.
+    """Return why two objects are in conflict or not; InvalidInput if the scene or one of them does not exist.
 
-    Where no closest approach is kept it is found out, of the pair alone. In the caller's transaction, if one is open:
-    with others at work, it should see one state of the database.
+    A closest approach that is not stored is computed from the pair alone. Runs in the caller's transaction if one is
+    open; beside concurrent writers it should be a snapshot.
     """
     facts = store.explain_conflict(conn, scene, a_key, b_key)
     if facts["closest"] is None and facts["verdict"] != "unknown" and not facts["are_never_together"]:
@@ -38,7 +38,7 @@ def explain(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -
 
 
 def _closest(conn: psycopg.Connection[Any], scene: str, *keys: str) -> Conflict | None:
-    """Return two objects of a scene as a pair that is in conflict or near; None if they are never there together."""
+    """Return two objects of a scene as a pair in conflict or near; None if they never exist at the same time."""
     settings, areas, tracks = store.read_scene(conn, scene, keys)
     return next(iter(solve(tracks, areas, replace(settings, method=Method.EXACT, nearest_m=_FURTHEST_M))), None)
 

@@ -1,7 +1,7 @@
-"""The files of the extension `conflictdb`: the same structure and routines as `schema.upgrade` makes, for a server.
+"""Build the files of the extension `conflictdb`: the same structure and routines as `schema.upgrade` creates.
 
-A version of the extension is a revision of the structure. The script of a version makes everything; an update script
-leads from each earlier version that there was straight to it, because routines are only ever those of the newest.
+A version of the extension is a revision of the structure. The script of a version creates everything. One update script
+leads from each earlier extension version directly to the newest: only the newest routines exist as files.
 """
 
 import subprocess
@@ -24,7 +24,7 @@ superuser = false
 
 _ONLY_AS_EXTENSION: Final = '\\echo Use "{command}" to load this file. \\quit\n'
 
-# A database that `conflictdb init` has made stays what it is.
+# A database made by `conflictdb init` does not become an extension.
 _REFUSE_BESIDE_INIT: Final = """
 DO $$
 BEGIN
@@ -37,7 +37,7 @@ END
 $$;
 """
 
-# What `schema.prepare` sees to elsewhere.
+# The part of `schema.prepare` that a script can do.
 _PREPARE: Final = """
 DO $$
 DECLARE
@@ -57,7 +57,7 @@ END
 $$;
 """
 
-# Files that need no name of PostGIS find none in its schema, where users may have put some.
+# Run files that need no PostGIS names without its schema on the path: users may have created names there.
 _WITHOUT_POSTGIS: Final = """
 SELECT pg_catalog.set_config('conflictdb.path'::text, pg_catalog.current_setting('search_path'::text), true);
 SET LOCAL search_path = conflictdb, pg_temp;
@@ -66,8 +66,8 @@ _WITH_POSTGIS: Final = """
 SELECT pg_catalog.set_config('search_path'::text, pg_catalog.current_setting('conflictdb.path'::text), true);
 """
 
-# Functions of attached tables are made anew with the routines, which a script may only do with what belongs to it;
-# they belong to the database, which dumps them.
+# The routines recreate the functions of attached tables, and a script may replace only members of the extension. The
+# functions belong to the database, which dumps them, so they are members only during the script.
 _NOTES: Final = """
 DO $$
 DECLARE
@@ -81,7 +81,7 @@ END
 $$;
 """
 
-# Dumps hold what is in the tables, and how far sequences have come; the revision comes with the extension.
+# Dumps include the contents of tables and the state of sequences; the extension sets the revision.
 _DUMP_CONTENTS: Final = """
 DO $$
 DECLARE
@@ -98,7 +98,7 @@ $$;
 
 
 def version() -> str:
-    """Return the version that the extension of this program has."""
+    """Return the version of this program's extension."""
     return schema.head()
 
 
@@ -113,7 +113,7 @@ def files() -> Iterator[tuple[str, str]]:
 
 
 def build(directory: Path) -> list[Path]:
-    """Write the files into a directory, which is made if need be; returns their paths."""
+    """Write the files into a directory, created if missing; return their paths."""
     directory.mkdir(parents=True, exist_ok=True)
     written = []
     for name, text in files():
@@ -125,22 +125,22 @@ def build(directory: Path) -> list[Path]:
 
 
 def install_directory(pg_config: str) -> Path:
-    """Return where the server that a program `pg_config` belongs to looks for extensions.
+    """Return the extension directory of the server that a `pg_config` program belongs to.
 
     Raises
     ------
     ServerError
-        The program is not there, or tells no directory that is there.
+        The program does not exist, or reports no existing directory.
     """
     try:
-        told = subprocess.run([pg_config, "--sharedir"], check=True, capture_output=True, text=True).stdout.strip()
+        shared = subprocess.run([pg_config, "--sharedir"], check=True, capture_output=True, text=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError) as error:
         raise ServerError(
             f"{pg_config} does not say where its server looks for extensions ({error}): name the pg_config of the "
             "server, --pg-config /usr/lib/postgresql/17/bin/pg_config, or write the files anywhere by "
             "`conflictdb extension build` and copy them"
         ) from error
-    directory = Path(told, "extension")
+    directory = Path(shared, "extension")
     if not directory.is_dir():
         raise ServerError(f"there is no server beside {pg_config}: it has no directory {directory}")
     return directory

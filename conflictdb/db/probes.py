@@ -1,7 +1,7 @@
-"""Probes: what planned areas and tracks would meet, and when, by the stages of a detection; nothing is written.
+"""Probe planned areas and tracks: find their conflicts by the stages of a detection, without writing.
 
-The plan is cut into pieces as objects of the scene are, and joined with the pieces that the last detection made. Who
-asks in SQL leaves a request, which a worker answers (`answer`), a scene at a time.
+A plan is cut into pieces as the scene's objects are, and joined with the pieces of the last detection. SQL users leave
+a request, which a worker answers (`answer`), scene by scene.
 """
 
 import logging
@@ -33,9 +33,9 @@ from conflictdb.results import Conflict, Kind, Listing
 
 _log = logging.getLogger(__name__)
 
-# Number of the plan among the objects of the scene, which the database counts from 1.
+# Object number of the plan; the database counts from 1.
 _PLAN: Final = 0
-# A worker answers for so long before it looks after detections again, seconds: what editors wait for is not held up.
+# Seconds that a worker answers before it checks for detections again, so that probes do not delay editors.
 _ANSWERING_S: Final = 1.0
 
 
@@ -49,9 +49,9 @@ def probe(
 ) -> Listing[Conflict]:
     """Return the conflicts of plans with the scene and with each other, on one state of the database.
 
-    Objects of the scene that have the key of a plan are left out: the plans would replace them together.
+    Objects of the scene with the key of a plan are left out: the plans replace them together.
 
-    Raises InvalidInput if the scene is not known, or its plane cannot hold the plan, and StoreError if a transaction is
+    Raises InvalidInput if the scene does not exist or its plane cannot contain a plan, StoreError if a transaction is
     open.
     """
     store.begin_snapshot(conn)
@@ -69,12 +69,12 @@ def probe(
 def ask(
     conn: psycopg.Connection[Any], scene: str, plans: Sequence[Area | Track], timeout: timedelta
 ) -> Listing[Conflict]:
-    """Return what `probe` does, by a worker; conflicts of plans with each other are found here.
+    """Return the result of `probe`, computed by a worker; conflicts between the plans are computed here.
 
     timeout : for all plans together
 
-    Raises what `probe` raises, InvalidInput for a plan that a question cannot hold, and NotCurrent if no worker answers
-    in time.
+    Raises the errors of `probe`, InvalidInput for a plan that a question cannot express, and NotCurrent if no worker
+    answers in time.
     """
     store.require_idle(conn, "a question to a worker")
     until_s = time.monotonic() + timeout.total_seconds()
@@ -111,7 +111,7 @@ def _together(
 
 
 def answer(conn: psycopg.Connection[Any], *, jobs: int = 1, memory_mb: int = MEMORY_MB) -> bool:
-    """Answer requests, of each scene in turn; return whether some are left after a second.
+    """Answer requests, taking turns between scenes; return whether some are left after a second.
 
     conn : without an open transaction
     """
@@ -123,7 +123,7 @@ def answer(conn: psycopg.Connection[Any], *, jobs: int = 1, memory_mb: int = MEM
 
 
 def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory) -> bool:
-    """Answer the request that is next; return whether there was one."""
+    """Answer the next request; return whether there was one."""
     number = None
     try:
         store.begin_snapshot(conn)
@@ -135,12 +135,12 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory) -> boo
             store.answer_probe(conn, request, plan, found)
         with store.translated():
             conn.commit()
-    except Exception as error:  # whatever is wrong with one plan, the others want to be answered
+    except Exception as error:  # a faulty plan must not stop the others
         if conn.closed:
             raise
         conn.rollback()
         if isinstance(error.__cause__, psycopg.errors.SerializationFailure):
-            return True  # another worker was quicker
+            return True  # another worker answered it
         if number is None:
             raise
         with store.transaction(conn):
@@ -153,7 +153,7 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory) -> boo
 
 
 class _PlanSource:
-    """A plan and the pieces of a scene that it may meet, as a source of pairs."""
+    """A source of pairs: the pieces of a plan with the pieces of a scene that they may meet."""
 
     def __init__(
         self,
@@ -173,7 +173,7 @@ class _PlanSource:
             yield from pairs_of_rows(near, self._with_plan, self._memory)
 
     def _with_plan(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
-        """Return rows of pieces of the scene, and the plan's, numbered -1, -2, ..., before others of its kind."""
+        """Return rows of the scene, and the plan's pieces, numbered -1, -2, ..., ranked first of their kind."""
         others, place = store.bundles(self._conn, self._scene_id, ids[ids >= 0])
         n = len(self._pieces)
         plan = replace(self._pieces, piece_id=-1 - np.arange(n))
@@ -193,7 +193,7 @@ class _PlanSource:
 def _probed(
     conn: psycopg.Connection[Any], scene_id: int, plan: Area | Track, replaced: str | None, jobs: int, memory: Memory
 ) -> list[Conflict]:
-    """Return what a plan is in conflict with, on the snapshot of the open transaction.
+    """Return the conflicts of a plan, on the snapshot of the open transaction.
 
     replaced : key of the object that is left out
     """

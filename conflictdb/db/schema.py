@@ -1,7 +1,7 @@
-"""Creates, upgrades and checks the schema `conflictdb` in a database.
+"""Create, upgrade and check the schema `conflictdb` of a database.
 
-`migrations/` holds the past of the structure (alembic), `sql/` the present of the routines. An upgrade does everything
-in one transaction, under a lock: it runs the missing revisions and, once at head, all of `sql/`.
+`migrations/` has the history of the structure (alembic), `sql/` the current routines. An upgrade is one transaction
+under a lock: it runs the missing revisions and then, at head, all of `sql/`.
 """
 
 import hashlib
@@ -29,14 +29,14 @@ SCHEMA: Final = "conflictdb"
 MIN_SERVER_VERSION: Final = 140000  # BEGIN ATOMIC bodies, multiranges
 MIN_POSTGIS_VERSION: Final = (3, 3)
 
-# Key of the advisory lock that makes upgrades of one database wait for each other: "conflict" in ASCII.
+# Key of the advisory lock that serialises upgrades of one database: "conflict" in ASCII.
 _UPGRADE_LOCK: Final = int.from_bytes(b"conflict")
-# Anybody who can connect can hold that lock, and readers hold tables: an upgrade waits no longer than this, and says
-# after a while for whom.
+# Any session can hold that lock, and readers lock tables. An upgrade reports the holders after _SAY_AFTER_S and gives
+# up after _UPGRADE_WAIT_S.
 _UPGRADE_WAIT_S: Final = 300.0
 _SAY_AFTER_S: Final = 5.0
 _LOOK_EVERY_S: Final = 0.1
-# Alembic keeps what it does in global variables: one thread at a time. Other programs wait at the database's lock.
+# Alembic keeps its state in global variables, so one thread at a time. Other processes wait for the database's lock.
 _ALEMBIC: Final = threading.Lock()
 # Revisions made before the first release were squashed into 0001 and 0002: databases at one of them are not upgraded.
 _FROM_BEFORE_RELEASE: Final = (
@@ -54,7 +54,7 @@ WHERE a.pid <> pg_backend_pid()
                      OR l.locktype = 'advisory' AND l.classid = {high} AND l.objid = {low} AND l.objsubid = 1))
 ORDER BY a.xact_start, a.pid
 """
-# What routines made anew in a database with the extension belongs to it, but for what serves single attached tables.
+# Adds recreated routines to the extension, except the functions of single attached tables.
 _ADOPT: Final = """
 DO $$
 DECLARE
@@ -75,8 +75,8 @@ BEGIN
 END
 $$
 """
-# Whoever owns a schema can put functions into it, and so can whoever may create there; routines that run as another
-# role would call them. Both sides of each operator have the same type: no operator that a user made fits better.
+# The owner of a schema, and roles with CREATE, can add functions, which our SECURITY DEFINER routines would call. Both
+# sides of each operator have the same type, so that no operator of a user fits better.
 REFUSE_FOREIGN_SCHEMA: Final = """
 DO $refuse$
 DECLARE
@@ -138,8 +138,8 @@ BEGIN
 END
 $refuse$;
 """
-# A view or function in SQL is bound to what its names meant when it was created. What it is bound to must be ours,
-# PostgreSQL's or an extension's: in PostGIS's schema users may have put names that fit better.
+# Views and SQL functions stay bound to what their names meant when they were created. Each must be bound to objects of
+# this schema, PostgreSQL or an extension: users may have created better fitting names in PostGIS's schema.
 REFUSE_FOREIGN_NAMES: Final = """
 DO $refuse$
 DECLARE
@@ -213,7 +213,7 @@ def routines_sha256() -> str:
 
 
 def revisions() -> list[str]:
-    """Return the revisions of this program, oldest first: what names of files in migrations/versions start with."""
+    """Return the revisions of this program, oldest first: the prefixes of the file names in migrations/versions."""
     return sorted(file.name.partition("_")[0] for file in (_folder("migrations") / "versions").glob("[0-9]*_*.py"))
 
 
@@ -225,7 +225,7 @@ def head() -> str:
 def structure_sql(after: str | None = None) -> str:
     """Return the structure as SQL: all revisions, or those after one, without the routines; run as one transaction."""
     script = io.StringIO()
-    import alembic.command  # takes long, and who does not upgrade does not need it
+    import alembic.command  # slow to import, and needed only by upgrades
 
     config = _alembic_config(script)
     with _ALEMBIC:
@@ -234,10 +234,9 @@ def structure_sql(after: str | None = None) -> str:
 
 
 def marking_sql(after: str | None) -> str:
-    """Return the statement by which an upgrade from a revision marks every object of every scene.
+    """Return the statement with which an upgrade from a revision marks every object of every scene.
 
-    Empty where each revision since then says that answers stay what they were (`changes_answers`), and without an
-    earlier revision (None), where there is nothing to mark.
+    Empty if no later revision changes answers (`changes_answers`), and without an earlier revision (None).
     """
     if after is None or not any(name > after and _changes_answers(name) for name in revisions()):
         return ""
@@ -245,14 +244,14 @@ def marking_sql(after: str | None) -> str:
 
 
 def _changes_answers(name: str) -> bool:
-    """Return what a revision says; those of before the rule say nothing, and count as changing answers."""
+    """Return whether a revision changes answers; revisions that do not say count as changing them."""
     (file,) = (_folder("migrations") / "versions").glob(f"{name}_*.py")
     said = re.search(r"^changes_answers = (True|False)$", file.read_text(encoding="utf-8"), re.MULTILINE)
     return said is None or said[1] == "True"
 
 
 def comment_sql() -> str:
-    """Return the statement that notes in the database which routines it has: those of this program."""
+    """Return the statement that records in the database the hash of this program's routines."""
     return (
         "COMMENT ON TABLE conflictdb.alembic_version IS "
         f"'Revision of the structure. Routines: SHA-256 {routines_sha256()}';\n"
@@ -280,7 +279,7 @@ def check(conn: psycopg.Connection[Any]) -> None:
             f"the conflictdb schema of database {conn.info.dbname!r} is at revision {found}, this program needs "
             f"{head()}: run `conflictdb upgrade`"
         )
-    # Between releases a routine may change before its revision has a name.
+    # Between releases a routine may change before it has a revision.
     with store.translated(), conn.transaction():
         applied = _applied_sha256(conn)
         armed = _triggers_armed(conn)
@@ -297,13 +296,13 @@ def check(conn: psycopg.Connection[Any]) -> None:
 
 
 def upgrade(dsn: str) -> str:
-    """Create the schema, or bring it to this program's revision; returns the revision.
+    """Create the schema, or upgrade it to this program's revision; return the revision.
 
-    Safe to call at the same time from several programs, and quick when there is nothing to do. A schema that was made
-    by a newer program is left alone (SchemaTooNew).
+    Safe to run concurrently, and quick when there is nothing to do. A schema of a newer program is left unchanged
+    (SchemaTooNew).
 
-    Raises LockTimeout, naming who holds what, if another upgrade does not end, or somebody else's transaction keeps a
-    table, for five minutes.
+    Raises LockTimeout, naming the holders, if another upgrade or a transaction that locks a table lasts more than five
+    minutes.
     """
     with store.translated(), store.connect(dsn) as conn:
         found = revision(conn)
@@ -318,7 +317,7 @@ def upgrade(dsn: str) -> str:
         if _is_extension(conn):
             _update_extension(conn, str(found))
             return head()
-    # These two take longer to import than everything else; a schema that is up to date does not need them.
+    # Both are slow to import, and not needed for a schema that is up to date.
     import alembic.command
     import sqlalchemy
 
@@ -334,7 +333,7 @@ def upgrade(dsn: str) -> str:
             except sqlalchemy.exc.DBAPIError as error:
                 raise (error.orig or error) from error
         with store.translated(), store.connect(dsn) as conn:
-            # The structure was at head already but the routines or triggers were not this program's.
+            # The structure was already at head, but routines or triggers differed.
             if _applied_sha256(conn) != routines_sha256() or not _triggers_armed(conn):
                 prepare(conn)
                 apply_routines(conn)
@@ -350,7 +349,7 @@ def upgrade(dsn: str) -> str:
 def admit(admin_dsn: str, dsn: str) -> None:
     """Let the user of a connection string work in a database, with a schema of the same name for its own tables.
 
-    It becomes a worker of conflictdb, once the schema has made that role. Runs as an administrator (`admin_dsn`).
+    Grants conflictdb_worker if that role exists. Runs as an administrator (`admin_dsn`).
     """
     role = str(conninfo.conninfo_to_dict(dsn)["user"])
     with store.translated(), store.connect(admin_dsn) as conn:
@@ -368,14 +367,14 @@ def _is_extension(conn: psycopg.Connection[Any]) -> bool:
 
 
 def _update_extension(conn: psycopg.Connection[Any], found: str) -> None:
-    """Bring the extension to this program's revision, from the files that its server has.
+    """Update the extension to this program's revision, from the files of its server.
 
     Raises SchemaOutdated if the server lacks them.
     """
     with conn.transaction():
         prepare(conn)
         if found == head():
-            # Between releases routines change before they have a revision; and a restore can have reset triggers.
+            # Between releases routines change without a revision, and a restore can reset triggers.
             apply_routines(conn)
             conn.execute(_ADOPT)
             return
@@ -390,9 +389,9 @@ def _update_extension(conn: psycopg.Connection[Any], found: str) -> None:
 
 
 def missing_grants(conn: psycopg.Connection[Any]) -> str | None:
-    """Return what an administrator must run so that the roles can work, None if nothing is missing.
+    """Return the grant that an administrator must run for the roles to work, None if nothing is missing.
 
-    The roles use the types of PostGIS; only who owns the schema it lives in may let them.
+    The roles use PostGIS's types; only the owner of its schema may grant that.
     """
     with store.translated(), conn.transaction():
         where = _one(
@@ -405,7 +404,7 @@ def missing_grants(conn: psycopg.Connection[Any]) -> str | None:
 
 
 def prepare(conn: psycopg.Connection[Any]) -> None:
-    """Lock out other upgrades until the transaction ends; make sure of the extensions, the schema and the search path.
+    """Lock out other upgrades until the transaction ends; ensure extensions, schema and search path.
 
     Raises ServerError if the server is too old, lacks PostGIS or refuses to create it.
     """
@@ -427,26 +426,26 @@ def prepare(conn: psycopg.Connection[Any]) -> None:
     if tuple(int(part) for part in re.findall(r"\d+", version)[:2]) < MIN_POSTGIS_VERSION:
         raise ServerError(f"PostGIS 3.3 or newer is needed; database {conn.info.dbname!r} has {version}")
     try:
-        # Not IF NOT EXISTS, which asks for the right to create schemas in any case.
+        # Not IF NOT EXISTS, which requires the right to create schemas even if it exists.
         if _one(conn, "SELECT to_regnamespace('conflictdb') IS NULL") is True:
             conn.execute("CREATE SCHEMA conflictdb")
     except psycopg.errors.InsufficientPrivilege as error:
         grant = sql.SQL("GRANT CREATE ON DATABASE {} TO {}")
-        wanted = grant.format(sql.Identifier(conn.info.dbname), sql.Identifier(conn.info.user)).as_string(conn)
+        statement = grant.format(sql.Identifier(conn.info.dbname), sql.Identifier(conn.info.user)).as_string(conn)
         raise ServerError(
             f"{conn.info.user!r} may not create schemas in database {conn.info.dbname!r}; let an administrator run: "
-            f"{wanted}"
+            f"{statement}"
         ) from error
     _set_search_path(conn)
 
 
 def _refuse_foreign_schema(conn: psycopg.Connection[Any]) -> None:
-    """Raise ServerError if the schema conflictdb is there, and anybody but the current role may put objects into it."""
+    """Raise ServerError if schema conflictdb exists and a role other than the current one may create objects in it."""
     _refuse(conn, REFUSE_FOREIGN_SCHEMA, psycopg.errors.DuplicateSchema)
 
 
 def _refuse(conn: psycopg.Connection[Any], refusal: str, kind: type[psycopg.Error]) -> None:
-    """Raise ServerError where a statement refuses the database."""
+    """Raise ServerError if a checking statement refuses the database."""
     try:
         conn.execute(refusal.encode())
     except kind as error:
@@ -463,13 +462,13 @@ def _lock_out_others(conn: psycopg.Connection[Any]) -> None:
             is_said = True
             _log.warning("waiting for another upgrade of the schema: %s", _holders(conn))
         time.sleep(_LOOK_EVERY_S)
-    # A limit of the role's or database's would end what takes long: indexes of full tables.
+    # Lift the role's or database's limit: building indexes of full tables takes long.
     conn.execute("SET LOCAL statement_timeout = 0")
     conn.execute(f"SET LOCAL lock_timeout = '{_UPGRADE_WAIT_S * 1000:.0f}ms'".encode())
 
 
 def _holders(conn: psycopg.Connection[Any]) -> str:
-    """Return who holds the lock of upgrades, or a table of the schema, for people; empty if nobody does."""
+    """Return the holders of the upgrade lock or of a table of the schema, as text for people; may be empty."""
     with conn.cursor(row_factory=tuple_row) as cursor:
         cursor.execute(_HOLDERS.format(high=_UPGRADE_LOCK >> 32, low=_UPGRADE_LOCK & 0xFFFFFFFF).encode(), binary=True)
         return " and ".join(str(store.Holder(*row)) for row in cursor)
@@ -482,7 +481,7 @@ def apply_routines(conn: psycopg.Connection[Any]) -> None:
             conn.execute("SET LOCAL search_path = conflictdb, pg_temp")
         else:
             _set_search_path(conn)
-        # As bytes and without parameters, so that neither % nor : means anything.
+        # As bytes and without parameters, so that % and : have no special meaning.
         conn.execute(file.read_bytes())
     _set_search_path(conn)
     _refuse(conn, REFUSE_FOREIGN_NAMES, psycopg.errors.DuplicateObject)
@@ -490,9 +489,9 @@ def apply_routines(conn: psycopg.Connection[Any]) -> None:
 
 
 def _triggers_armed(conn: psycopg.Connection[Any]) -> bool:
-    """Return whether all triggers are there and fire when they must: always, for users alone, or for replicas alone.
+    """Return whether all triggers exist and fire as their names say: always, for users only, or for replicas only.
 
-    Their names say which. `ALTER TABLE … ENABLE TRIGGER ALL`, which restores use, makes all alike.
+    `ALTER TABLE … ENABLE TRIGGER ALL`, which restores use, resets them.
     """
     code = "".join(file.read_text() for file in routine_files())
     made = re.findall(r"^CREATE (?:OR REPLACE|CONSTRAINT) TRIGGER (\w+)", code, re.MULTILINE)
@@ -514,7 +513,7 @@ def _applied_sha256(conn: psycopg.Connection[Any]) -> str:
 
 
 def _set_search_path(conn: psycopg.Connection[Any]) -> None:
-    """Let names mean ours, then PostGIS's wherever it lives; temporary objects never come first."""
+    """Set the search path: this schema, then PostGIS's, then temporary objects last."""
     where = _one(
         conn,
         "SELECT n.nspname FROM pg_extension e JOIN pg_namespace n ON n.oid = e.extnamespace WHERE extname = 'postgis'",

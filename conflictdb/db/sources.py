@@ -1,6 +1,7 @@
-"""Where the pairs of a scene of the database come from: stage 1, rows of pieces in the database, their pieces here.
+"""Provide the candidate pairs of a scene of the database: stage 1 and the pieces of its rows.
 
-Of a whole scene rows are joined here, too, by their boxes, as long as these fit the memory.
+If all objects changed and the boxes of all rows fit the memory, rows are joined here. Otherwise the database joins them
+through its index.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,20 +18,20 @@ from conflictdb.kernel.bundles import bundled_pairs
 from conflictdb.pipeline.memory import DEFAULT_MEMORY, Memory
 from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers
 
-# Rows of pieces by their ids, in any order, and of each piece its place.
+# Read bundles by id; also return the rank of each piece in object order.
 Read = Callable[[NDArray[np.int64]], tuple[Bundles, NDArray[np.int64]]]
 Chunk = tuple[Pieces, PieceRows, PieceRows]
 
-# Pairs of pieces that are looked at in one go, for each that is wanted at once: about one in forty meets.
+# Pairs of pieces compared per pair requested: about one in forty overlaps.
 _LOOKED_AT: Final = 16
-# A few objects are read with the pieces of so many pairs of rows, of what could be read: rows may be of many pieces.
+# FewSource reads at most this fraction of the pairs that would fit: rows may contain many pieces.
 _SHARE_OF_FEW: Final = 8
 
 
 class SceneSource:
     """The changed pieces of a scene of the database and all they may meet, as a source of pairs.
 
-    meanwhile : begins something whenever pieces were read, and the database has nothing to do until they are solved
+    meanwhile : called after each read of pieces, when the database is idle until they are solved
     """
 
     def __init__(
@@ -43,7 +44,7 @@ class SceneSource:
         self._conn, self._scene_id, self._memory, self._meanwhile = conn, scene_id, memory, meanwhile
 
     def candidates(self) -> Iterator[Chunk]:
-        """As `PairSource` has it: where all changed, of boxes that are joined here, if they fit the memory."""
+        """Implement `PairSource`; joins boxes here if all objects changed and the boxes fit the memory."""
         ids, pieces, boxes = store.boxes(self._conn, self._scene_id, self._memory.boxes)
         if not len(ids):
             for found in store.candidates(self._conn, self._scene_id, self._memory.pairs):
@@ -64,7 +65,7 @@ class SceneSource:
         return found
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
-        """As `PairSource` has it."""
+        """Implement `PairSource`."""
         return store.footprints(self._conn, area_ids)
 
 
@@ -82,7 +83,7 @@ class FewSource(SceneSource):
         """Store the pieces, and yield their pairs."""
         if not len(self._pieces):
             return
-        # One more tells that there are too many to hold at once.
+        # One more than fits shows that there are too many.
         most = self._memory.pairs // _SHARE_OF_FEW + 1
         bundles, place, a, b = store.put_pieces(self._conn, self._scene_id, self._srid, self._pieces, most)
         if len(a) < most:
@@ -95,10 +96,10 @@ class FewSource(SceneSource):
 def joined(
     ids: NDArray[np.int64], pieces: NDArray[np.int64], boxes: RowBoxes, at_once: int
 ) -> Iterator[store.Candidates]:
-    """Yield what `store.candidates` does, of rows of pieces that are joined here."""
+    """Yield the result of `store.candidates` for rows of pieces, joined here."""
     order = near_order(boxes)
     ids, pieces, boxes = ids[order], pieces[order], boxes.take(order)
-    # By where the first of two objects is: pairs of a chunk share pieces.
+    # Order by the place of the first object, so that pairs of a chunk share pieces.
     _, first, number = np.unique(boxes.object, return_index=True, return_inverse=True)
     place = np.empty(len(first), np.int64)
     place[np.argsort(first)] = np.arange(len(first))
@@ -110,13 +111,13 @@ def joined(
 
 
 def pairs_of_rows(found: store.Candidates, read: Read, memory: Memory) -> Iterator[Chunk]:
-    """Yield the pairs of pieces of pairs of rows, so many at once that they fit the memory."""
+    """Yield the pairs of pieces of pairs of rows, in chunks that fit the memory."""
     for some in _readable(found, memory.pieces):
         yield from _pairs_of(*read(np.unique(np.concatenate([some.a, some.b]))), some.a, some.b, memory.pairs)
 
 
 def _readable(found: store.Candidates, most: int) -> Iterator[store.Candidates]:
-    """Yield pairs of rows that have so many pieces at most, or are of the same two objects."""
+    """Yield pairs of rows that have at most `most` pieces, or belong to the same two objects."""
     _, first = np.unique(np.concatenate([found.a, found.b]), return_index=True)
     between = np.flatnonzero(found.objects[1:] != found.objects[:-1]) + 1
     if not between.size or np.concatenate([found.a_pieces, found.b_pieces])[first].sum() <= most:
@@ -130,13 +131,13 @@ def _readable(found: store.Candidates, most: int) -> Iterator[store.Candidates]:
 def _pairs_of(
     bundles: Bundles, place: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64], at_once: int
 ) -> Iterator[Chunk]:
-    """Yield the pairs of pieces that meet of pairs of bundles, by their ids; all of the same two objects together."""
+    """Yield the overlapping pairs of pieces of bundles, by id; all pairs of the same two objects in one chunk."""
     pieces, size = bundles.pieces, np.diff(bundles.offset)
     first = bundles.offset[:-1]
     ids, number = pieces.piece_id[first], object_numbers(pieces)[first]
     by_id = np.argsort(ids)
     a, b = (by_id[np.searchsorted(ids, some, sorter=by_id)] for some in (a, b))
-    # One number is sorted in a third of the time of two.
+    # One number sorts in a third of the time of two.
     _, object_rank = np.unique(number, return_inverse=True)
     order = np.argsort(object_rank[a] * len(ids) + object_rank[b], kind="stable")
     a, b = a[order], b[order]
@@ -158,7 +159,7 @@ def _pairs_of(
 
 
 def _in_order(pieces: Pieces, place: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64]) -> Chunk:
-    """Return those pieces that are in pairs, by their places, and the pairs in an order that follows from these."""
+    """Return the pieces in pairs, ordered by rank, and the pairs in an order that follows from the ranks."""
     is_used = np.zeros(len(pieces), np.bool_)
     is_used[a] = is_used[b] = True
     used = np.flatnonzero(is_used)

@@ -1,9 +1,8 @@
-"""Keeps all scenes current: detects again whatever changed, as soon as it changes.
+"""Keep all scenes current: detect changes as they happen.
 
-Changes leave marks in the database, and these marks are the queue. A worker has no state of its own: it may be killed
-at any moment, and any number may run, on any number of machines. It passes over a scene that somebody else detects at
-the moment and takes the next. It listens for changes (NOTIFY), and looks for marks twice a second: of several writers
-that commit at once only one notifies.
+Changes leave marks in the database; these marks are the queue. A worker has no state of its own: it may be killed at
+any moment, and any number may run, on any number of machines. It skips a scene that another session is detecting. It
+listens for changes (NOTIFY), and also checks the marks twice a second: of several concurrent writers only one notifies.
 """
 
 import logging
@@ -24,18 +23,18 @@ from conflictdb.pipeline.memory import MEMORY_MB
 _log = logging.getLogger(__name__)
 
 EVERY_S: Final = 0.5
-# After a lost connection, or a detection that failed: the first pause, doubled up to the longest.
+# Pause after a lost connection or a failed detection, doubled up to the longest.
 _PAUSE_S: Final = 1.0
 _LONGEST_PAUSE_S: Final = 60.0
-# While somebody else detects a scene that has changes: how often to look whether it is free, and after what time to say
-# who that is. Another worker at work is nothing to speak of, unless somebody waits for `once`.
+# While another session detects a changed scene: how often to try again, and when to report its holder. With `once`,
+# somebody waits and is told earlier (store.SAY_AFTER_S).
 _BUSY_PAUSE_S: Final = 1.0
 _SAY_BUSY_AFTER_S: Final = 60.0
-# However often attached tables are to be compared.
+# Lower bound of the pause, however often attached tables are compared.
 _LEAST_PAUSE_S: Final = 0.1
-# Somebody who keeps a table locked holds up the look for changes no longer.
+# Longest wait for a locked table in a look for changes.
 _LOCK_WAIT_S: Final = 10.0
-# How often to look for changes where nobody can notify.
+# How often to look for changes without notifications.
 _UNTOLD_PAUSE_S: Final = 0.25
 
 Connect = Callable[[], "psycopg.Connection[Any]"]
@@ -43,7 +42,7 @@ Report = Callable[[str, "detect.Run | Exception", float], None]
 
 
 def _pauses(longest_s: float) -> Iterator[float]:
-    """Yield how long to wait before each further attempt, seconds: random, so that workers do not come all at once."""
+    """Yield the pauses before further attempts, seconds: random, so that workers do not retry at the same time."""
     pause_s = min(_PAUSE_S, longest_s)
     while True:
         yield SystemRandom().uniform(0.5 * pause_s, pause_s)
@@ -52,7 +51,7 @@ def _pauses(longest_s: float) -> Iterator[float]:
 
 @dataclass(slots=True)
 class _Failing:
-    """A scene whose detection failed: when to try again (as of `time.monotonic`), and the pauses after that."""
+    """A scene whose detection failed: the next attempt (on the clock of `time.monotonic`), and later pauses."""
 
     again_at_s: float
     pauses: Iterator[float]
@@ -60,10 +59,10 @@ class _Failing:
 
 @dataclass(slots=True)
 class _Busy:
-    """A scene with changes that somebody else has: since when, when to look again, and whether that was said.
+    """A changed scene that another session is detecting: since when, the next attempt, and whether it was reported.
 
-    Instants are as of `time.monotonic`. Each further change wakes all workers: if those that can do nothing tried again
-    at once, they would take the processor from the one at work.
+    Instants are on the clock of `time.monotonic`. Each further change wakes all workers; retrying at once would only
+    take processor time from the one at work.
     """
 
     since_s: float
@@ -73,14 +72,14 @@ class _Busy:
 
 @dataclass(slots=True)
 class State:
-    """What a worker does at the moment, for whoever watches it from another thread.
+    """The present activity of a worker, for an observer in another thread.
 
-    is_connected : whether it has a connection that it knows no harm of
+    is_connected : whether its connection works, as far as it knows
     connections : how many it has made
-    looked_at_s : when it last saw what waits, or was made, as of `time.monotonic`
-    waiting : scenes that waited then
-    longest_s : for how long the first of them had waited then, seconds
-    scene : what it detects, None between detections
+    looked_at_s : when it last read the pending scenes, or was created, on the clock of `time.monotonic`
+    waiting : number of pending scenes then
+    longest_s : longest waiting time then, seconds
+    scene : the scene being detected, None between detections
     """
 
     is_connected: bool = False
@@ -96,15 +95,15 @@ class Worker:
     """A worker; `run` works until it is interrupted.
 
     connect : opens a connection of its own
-    report : told the outcome of each detection: the scene, the run or the error, and for how long the oldest of the
-        changes had waited at its end, seconds
-    every_s : looks for changes at least this often, seconds; a scene that failed is tried again after a second, and
+    report : called after each detection with the scene, the run or the error, and how long the oldest change had waited
+        at its end, seconds
+    every_s : looks for changes at least this often, seconds; a scene that failed is tried again after a second, then
         after twice as long each time, up to this or a minute
     jobs : threads to solve in, None for one per processor
-    lock_timeout_s : a scene with changes that somebody else detects for longer has failed, seconds; None: never
-    say : told who keeps a scene from being detected, if nobody tells of changes, and of a database lost and found
+    lock_timeout_s : a changed scene that another session detects for longer has failed, seconds; None: never
+    say : called with remarks: who blocks a scene, no notifications, a database lost and found
     memory_mb : see `detect`
-    state : what it does at the moment
+    state : its present activity
     """
 
     connect: Connect
@@ -121,7 +120,7 @@ class Worker:
     _deafness_is_said: bool = False
 
     def once(self) -> bool:
-        """Detect every scene that has pending changes, or see that others do; return whether all went well."""
+        """Detect every pending scene, or wait until other sessions did; return whether all succeeded."""
         well = True
         with self.connect() as connection:
             _check(connection)
@@ -166,7 +165,7 @@ class Worker:
             self.say("connected again")
 
     def _turn(self, connection: "psycopg.Connection[Any]", every_s: float) -> None:
-        """Detect what changed, and wait for more; raises if the connection is lost, and after no other error."""
+        """Detect changes, and wait for more; raises only if the connection is lost or cannot write this schema."""
         try:
             with store.waiting_at_most(connection, _LOCK_WAIT_S):
                 self._round(connection, _SAY_BUSY_AFTER_S)
@@ -180,7 +179,7 @@ class Worker:
         store.wait_for_change(connection, pause_s)
 
     def _pause_s(self, connection: "psycopg.Connection[Any]", every_s: float) -> float:
-        """Return when to look again at the latest, seconds: a scene is busy or failed, or a table is to be compared."""
+        """Return the longest pause until the next look, seconds, from busy and failed scenes and tables to compare."""
         dues_s = [failing.again_at_s - time.monotonic() for failing in self._failing.values()]
         if (comparison_s := store.seconds_to_comparison(connection)) is not None:
             dues_s.append(comparison_s)
@@ -191,7 +190,7 @@ class Worker:
         return min([every_s, *(max(due_s, _LEAST_PAUSE_S) for due_s in dues_s)])
 
     def _listen(self, connection: "psycopg.Connection[Any]") -> float:
-        """Listen for changes; return how often to look for them without being told, seconds."""
+        """Listen for changes; return how often to look for changes that are not notified, seconds."""
         if store.listen(connection, self.connect):
             return self.every_s if store.writers_notify(connection) else min(self.every_s, _UNTOLD_PAUSE_S)
         if not self._deafness_is_said:
@@ -212,10 +211,10 @@ class Worker:
         raise AssertionError("pauses do not end")
 
     def _round(self, connection: "psycopg.Connection[Any]", say_after_s: float) -> bool:
-        """Detect every scene with pending changes once, the longest waiting first; return whether all went well.
+        """Detect every pending scene once, the longest waiting first; return whether all succeeded.
 
-        A scene that failed a moment ago is left alone. Scenes that somebody else detects are left in `_busy`. Raises
-        StoreError if the connection is lost.
+        Skips scenes that failed a moment ago. Scenes that other sessions detect remain in `_busy`. Raises StoreError if
+        the connection is lost.
         """
         well = True
         self._answer(connection)
@@ -236,7 +235,7 @@ class Worker:
                 run = detect.detect_pending(connection, scene, jobs=self.jobs, memory_mb=self.memory_mb)
             except LockTimeout as error:
                 well &= self._passed_over(scene, error, say_after_s, changed_at_s)
-            except Exception as error:  # whatever is wrong with one scene, the others want to be current
+            except Exception as error:  # a faulty scene must not stop the others
                 _recover(connection, error)
                 well = False
                 self._failed(scene, error, changed_at_s)
@@ -251,11 +250,11 @@ class Worker:
         return well
 
     def _answer(self, connection: "psycopg.Connection[Any]") -> None:
-        """Answer probes for a while; `_is_asked` says whether some are left."""
+        """Answer probes for a while; `_is_asked` records whether some are left."""
         self._is_asked = probes.answer(connection, jobs=self.jobs or os.cpu_count() or 1, memory_mb=self.memory_mb)
 
     def _passed_over(self, scene: str, error: LockTimeout, say_after_s: float, changed_at_s: float) -> bool:
-        """Take note that somebody else has a scene; return whether that may still be."""
+        """Record that another session detects a scene; return whether that is still within the limit."""
         busy = self._busy.setdefault(scene, _Busy(time.monotonic()))
         busy.again_at_s = time.monotonic() + _BUSY_PAUSE_S
         waited_s = time.monotonic() - busy.since_s
@@ -283,7 +282,7 @@ def _check(connection: "psycopg.Connection[Any]") -> None:
 
 
 def _recover(connection: "psycopg.Connection[Any]", error: Exception) -> None:
-    """Have the connection without a transaction after an error; raises StoreError if it cannot be used any more."""
+    """Roll back after an error; raises StoreError if the connection is unusable."""
     try:
         connection.rollback()
     except psycopg.Error as lost:

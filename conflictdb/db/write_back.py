@@ -1,10 +1,12 @@
-"""Write-back of conflicts that were computed elsewhere, by the routine that a detection writes with.
+"""Write conflicts computed outside the database into a scene, with the routine that detection uses.
 
-All in one transaction that holds the scene's lock. What is written is true of the objects in the states that it was
-computed from: of these alone pairs are replaced and marks cleared. Which they are is told by a digest of what was read:
-not by a version alone, which stays in a file whose row is edited, and comes again in a copy of the database. An object
-that has changed since, or is new, or gone, keeps its mark and its rows; the next detection finds out about it. So does
-one that was not among them, if one of them had a mark: that was not compared with it.
+All in one transaction that holds the scene's lock. The conflicts hold for the object states that they were computed
+from. A digest of each object's contents decides whether its state is the same; a version alone would not, since it
+survives in edited files and recurs in copies of the database.
+
+The write-back replaces pairs and clears marks only for objects in the same state. Objects that changed since, are new
+or were removed keep their marks and rows for the next detection. An object outside the computed set is marked if an
+object inside had a mark, because that pair was never compared.
 """
 
 import time
@@ -33,12 +35,12 @@ _NOT_THESE: Final = (
 
 @dataclass(frozen=True, slots=True)
 class WrittenBack:
-    """What a write-back did.
+    """The result of a write-back.
 
     run_id : its row in the table `run`
-    objects : of the scene that are as they were when the conflicts were computed
-    behind : objects that have changed since, there or in a file, are new, gone or were left out: what is not known of
-        them waits for a detection
+    objects : objects of the scene in the state that the conflicts were computed from
+    behind : objects that changed since (in the scene or in a file), are new, were removed or left out; their pairs stay
+        pending
     conflicts, unresolved : of the scene now
     opened, changed, closed : conflicts that are new, have other periods or another verdict, or are gone
     """
@@ -65,23 +67,23 @@ def write_back(
     say: store.Say = print,
     memory_mb: int = MEMORY_MB,
 ) -> WrittenBack:
-    """Write conflicts that were computed elsewhere into a scene; written again, they change nothing.
+    """Write conflicts computed outside into a scene; idempotent.
 
     Parameters
     ----------
     conn : psycopg connection without an open transaction
-    settings, computed : what the conflicts were computed with and from; they are all that these have
-    conflicts : some at a time, of objects by their numbers, and where they are
+    settings, computed : settings and object states that the conflicts were computed from, complete
+    conflicts : batches of conflicts, by object numbers, with their regions
     lock_timeout_s, say, memory_mb : see `detect`
 
     Raises
     ------
     InvalidInput
-        The scene has other settings, or none of these objects as they were; nothing was written.
+        The scene has other settings, or no object in the computed state; nothing was written.
     LockTimeout
-        Somebody else kept a lock for `lock_timeout_s`; nothing was written.
+        A lock was not free within `lock_timeout_s`; nothing was written.
     StoreError
-        The database failed; all is as it was.
+        The database failed; nothing was changed.
     """
     started = time.perf_counter()
     store.require_idle(conn, "a write-back")
@@ -124,7 +126,7 @@ def write_back(
 
 
 def _check_settings(scene: str, known: Scene, given: Scene) -> None:
-    """Refuse conflicts that were computed with other settings than those of the scene."""
+    """Raise InvalidInput for conflicts computed with settings other than the scene's."""
     for name in known.differing(given):
         now, then = getattr(known, name), getattr(given, name)
         rule = f"is {now!s}, but the conflicts were computed with {then!s}: they would say something untrue"
@@ -132,7 +134,7 @@ def _check_settings(scene: str, known: Scene, given: Scene) -> None:
 
 
 def _same(scene: str, current: store.ObjectStates, computed: store.ObjectStates) -> NDArray[np.int64]:
-    """Return the numbers of the objects of a scene that are as they were, increasing; raises InvalidInput for none."""
+    """Return the numbers of the objects in the computed state, increasing; raises InvalidInput if there are none."""
     who = f"scene {scene!r}"
     if not len(computed):
         raise InvalidInput(who, "objects", _NOT_THESE)
@@ -154,7 +156,7 @@ def _same(scene: str, current: store.ObjectStates, computed: store.ObjectStates)
 def _each(
     conflicts: Iterator[tuple[Conflicts, Polygons]], computed: store.ObjectStates, same: NDArray[np.int64]
 ) -> Iterator[tuple[Conflicts, Polygons]]:
-    """Yield the conflicts of objects that are as they were; raises InvalidInput for those of others than computed."""
+    """Yield the conflicts between objects in the computed state; raises InvalidInput for objects not in the set."""
     seen: set[tuple[int, int]] = set()
     for found, region in conflicts:
         members = []

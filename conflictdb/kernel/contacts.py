@@ -14,7 +14,7 @@ from conflictdb.arrays.answers import Contacts
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.library import check, library, shared
 from conflictdb.kernel.scene import HeldPairs, HeldWork, Scene, Work
-from conflictdb.waiting import answer_of
+from conflictdb.waiting import wait_for
 
 # Returns where the last (or first) contact of a pair may be: (pair, low_s, high_s, is_last), seconds; NaN: unknown.
 Guess = Callable[[int, float, float, bool], float]
@@ -119,7 +119,7 @@ def contacts(
         # exception raised there would precede every `try`, and be lost.
         with ThreadPoolExecutor(1) as pool:
             try:
-                parts = answer_of(pool.submit(every, 1))
+                parts = wait_for(pool.submit(every, 1))
             finally:
                 is_over.set()
     for _, done in parts:

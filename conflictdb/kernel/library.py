@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
-from conflictdb.waiting import answer_of
+from conflictdb.waiting import wait_for
 
 # KERNEL_ABI of kernel.h.
 ABI: Final = 19
@@ -144,7 +144,7 @@ def shared(
     # The calling thread only waits: if it worked too, a busy machine might keep the others on its processor.
     with ThreadPoolExecutor(threads) as pool:
         for worker in [pool.submit(work) for _ in range(min(threads, len(slices)))]:
-            answer_of(worker)
+            wait_for(worker)
     return [done[number] for number in range(len(slices))]
 
 

@@ -7,14 +7,14 @@ from threading import Event
 
 import pytest
 
-from conflictdb.waiting import answer_of, begun_aside, end_aside
+from conflictdb.waiting import cancel_thread, run_in_thread, wait_for
 
 # Of thousands of interrupts, some microseconds after a wait began, those that are told as something else: of
 # Future.result itself five in a thousand are. In a process of its own, for they come again until one is noticed.
 INTERRUPTED = """
 import signal
 from concurrent.futures import Future
-from conflictdb.waiting import answer_of
+from conflictdb.waiting import wait_for
 
 def interrupt(*_):
     raise KeyboardInterrupt
@@ -27,8 +27,8 @@ for k in range(5_000):
         while True:
             future = Future()
             future.set_result(1)
-            answer_of(future)
-            answer_of(Future())
+            wait_for(future)
+            wait_for(Future())
     except KeyboardInterrupt:
         pass
     except BaseException as error:
@@ -40,9 +40,9 @@ print(others)
 
 def test_what_another_thread_returns_or_raises_is_told() -> None:
     with ThreadPoolExecutor(1) as pool:
-        assert answer_of(pool.submit(lambda: 3)) == 3
+        assert wait_for(pool.submit(lambda: 3)) == 3
         with pytest.raises(ZeroDivisionError):
-            answer_of(pool.submit(lambda: 1 // 0))
+            wait_for(pool.submit(lambda: 1 // 0))
 
 
 def test_work_of_another_thread_is_cancelled_and_waited_for() -> None:
@@ -58,11 +58,11 @@ def test_work_of_another_thread_is_cancelled_and_waited_for() -> None:
         ended.append(True)
         raise ZeroDivisionError
 
-    begun_aside(connection, work)
-    end_aside(connection, is_cancelled.set)
+    run_in_thread(connection, work)
+    cancel_thread(connection, is_cancelled.set)
     assert ended == [True]
     is_cancelled.clear()
-    end_aside(connection, is_cancelled.set)
+    cancel_thread(connection, is_cancelled.set)
     assert not is_cancelled.is_set()
 
 

@@ -1,4 +1,4 @@
-"""The only module that runs SQL: every statement is one call of a routine of sql/, or a COPY to or from one."""
+"""Run SQL. No other module does: each statement calls one routine of sql/, or is a COPY to or from one."""
 
 from conflictdb.db.store.acknowledging import acknowledge, unacknowledge
 from conflictdb.db.store.attached import (

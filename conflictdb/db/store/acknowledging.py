@@ -1,4 +1,4 @@
-"""Taking note of a conflict, and taking that back."""
+"""Acknowledge conflicts, and withdraw acknowledgements."""
 
 from datetime import datetime
 from typing import Any
@@ -11,12 +11,12 @@ from conflictdb.db.store.connection import call, transaction
 def acknowledge(
     conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str, reason: str, until: datetime | None
 ) -> int:
-    """Acknowledge the conflict of two objects as it is known, and return its number; InvalidInput if there is none."""
+    """Acknowledge the conflict of two objects and return its number; InvalidInput if they have no conflict."""
     with transaction(conn):
         return int(call(conn, "acknowledge", scene, a_key, b_key, reason, until)[0])
 
 
 def unacknowledge(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> bool:
-    """Take back that the conflict of two objects was acknowledged, and return whether it was."""
+    """Withdraw the acknowledgement of the conflict of two objects; return whether it was acknowledged."""
     with transaction(conn):
         return bool(call(conn, "unacknowledge", scene, a_key, b_key)[0])

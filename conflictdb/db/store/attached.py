@@ -1,4 +1,4 @@
-"""Tables of others that are attached to scenes: attach, detach, follow."""
+"""Attach tables of other schemas to scenes, detach them, follow their changes."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ from conflictdb.db.store.connection import (
 )
 from conflictdb.errors import ConflictDBError, InvalidInput
 
-# A map must come to an end, also if somebody has locked the table.
+# Limits for running a map: it must end even if another session has locked the table.
 _READ_WITHIN: Final = "10min"
 _LOCK_WITHIN: Final = "10s"
 _WRONG_NAMES: Final = (
@@ -32,7 +32,7 @@ _WRONG_NAMES: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """A table that is attached to a scene: a row of the view `attachments`, which says what the fields are."""
+    """A table that is attached to a scene: a row of the view `attachments`, whose comments describe the fields."""
 
     scene: str
     attachment_id: int
@@ -53,7 +53,7 @@ class Attachment:
 
 @dataclass(frozen=True, slots=True)
 class Unmapped:
-    """A row of an attached table that is no object, or not as it is now: a row of the view `unmapped`."""
+    """A row of an attached table without an object, or whose object is out of date: a row of the view `unmapped`."""
 
     scene: str
     attachment_id: int
@@ -68,11 +68,11 @@ class Unmapped:
 
 @dataclass(frozen=True, slots=True)
 class AttachmentPreview:
-    """What attaching a table would do.
+    """The effect that attaching a table would have.
 
-    steps : in words
+    steps : the steps, as sentences
     objects : the first objects, each a feature of a scene file (JSON)
-    unmapped : why others of the first cannot be made
+    unmapped : for rows among the first that cannot become objects, the reasons
     """
 
     steps: list[str]
@@ -83,9 +83,9 @@ class AttachmentPreview:
 def attach(
     conn: psycopg.Connection[Any], scene: str, kind: str, table: str, mapped: Mapping[str, str], every: timedelta | None
 ) -> int:
-    """Attach a table to a scene, in one transaction, and return the number of the attachment.
+    """Attach a table to a scene, in one transaction; return the number of the attachment.
 
-    Raises InvalidInput if the table or the map cannot be used; then nothing is changed.
+    Raises InvalidInput, and changes nothing, if the table or the map cannot be used.
     """
     require_writable(conn)
     with transaction(conn), _named(table):
@@ -105,26 +105,26 @@ def preview_attachment(
 
 
 def detach(conn: psycopg.Connection[Any], scene: str, table: str, *, keep: bool) -> int:
-    """Detach a table from a scene, in one transaction, and return how many objects were removed."""
+    """Detach a table from a scene, in one transaction; return the number of objects removed."""
     require_writable(conn)
     with transaction(conn), _named(table):
         return int(call(conn, "detach", scene, table, keep)[0])
 
 
 def attachments(conn: psycopg.Connection[Any], scene: str | None) -> list[Attachment]:
-    """Return what is attached to a scene, or to all."""
+    """Return the tables attached to a scene; None: to any scene."""
     with transaction(conn):
         return [Attachment(**row) for row in call_by_name(conn, "_attachments", scene)]
 
 
 def unmapped(conn: psycopg.Connection[Any], scene: str) -> list[Unmapped]:
-    """Return the rows of attached tables that are no objects of a scene, or not as they are now."""
+    """Return the rows of a scene's attached tables that have no object, or whose object is out of date."""
     with transaction(conn):
         return [Unmapped(**row) for row in call_by_name(conn, "_unmapped", scene)]
 
 
 def attachments_to_follow(conn: psycopg.Connection[Any], scene: str, *, again: bool) -> list[int]:
-    """Return the attachments of a scene, made by the connected role, whose rows changed or are to be compared.
+    """Return the attachments of a scene, made by the connected role, that have changed rows or are due for comparison.
 
     again : also those that failed within the last minute
     """
@@ -133,10 +133,10 @@ def attachments_to_follow(conn: psycopg.Connection[Any], scene: str, *, again: b
 
 
 def follow_attachment(conn: psycopg.Connection[Any], attachment_id: int) -> str | None:
-    """Make objects of the rows of an attached table that changed, in one transaction.
+    """Update the objects of an attached table's changed rows, in one transaction.
 
-    Runs the table's map, so it does nothing for a table that another role attached. Returns why the table cannot be
-    read, None if it can. Raises StoreError if that takes longer than allowed, and nothing is changed.
+    Runs the table's map, so it does nothing for a table that another role attached. Returns the reason if the table
+    cannot be read, else None. Raises StoreError, and changes nothing, if that exceeds the time limits.
     """
     require_idle(conn, "following an attached table")
     with transaction(conn):
@@ -153,7 +153,7 @@ def attachment_failed(conn: psycopg.Connection[Any], attachment_id: int, error: 
 
 
 def seconds_to_comparison(conn: psycopg.Connection[Any]) -> float | None:
-    """Return after how many seconds the next table of the connected role is to be compared; None: none is attached."""
+    """Return the seconds until the next comparison of a table of the connected role; None: none attached."""
     with transaction(conn):
         found = call(conn, "_seconds_to_comparison")[0]
     return None if found is None else float(found)
@@ -161,7 +161,7 @@ def seconds_to_comparison(conn: psycopg.Connection[Any]) -> float | None:
 
 @contextmanager
 def _named(table: str) -> Iterator[None]:
-    """Turn the server's error about the name of a table into InvalidInput."""
+    """Convert the server's errors about the name of a table to InvalidInput."""
     try:
         yield
     except ConflictDBError as error:

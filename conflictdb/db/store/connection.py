@@ -1,4 +1,4 @@
-"""Connections, transactions and the one border where psycopg's errors become this package's."""
+"""Open connections, run transactions, and convert psycopg's errors to this package's: the only place that does."""
 
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -24,25 +24,25 @@ from conflictdb.errors import (
     StoreError,
 )
 
-# SQLSTATE class of the refusals of sql/10_refusals.sql; some of them are not about input.
+# SQLSTATE class of the errors of sql/10_refusals.sql. Some of them do not concern input.
 REFUSAL_CLASS: Final = "ZC"
 WRONG_SEQUENCE: Final = "ZC013"
 NOT_CURRENT: Final = "ZC014"
 NOT_ANSWERED: Final = "ZC015"
 
-# COPY sends and receives texts as UTF-8, and the connection must say so.
+# COPY sends and receives texts as UTF-8, so the connection must use it.
 _ENCODING: Final = "UTF8"
 
-# Rows of a long answer that are asked for at a time: bounds the memory of reading it.
+# Rows of a long answer fetched at a time: bounds the memory of reading it.
 _ROWS_AT_ONCE: Final = 2_000
-_CURSORS: Final = count()  # names of cursors that no two have
+_CURSORS: Final = count()  # unique names of cursors
 
-# Who may delete rows of a table may lock it: connections of this program wait no longer than this for any lock, unless
-# the role or database has a limit of its own.
+# Any role that may delete rows of a table may lock it. Connections of this program wait at most this long for a lock,
+# unless the role or database sets a limit.
 LOCK_WAIT_S: Final = 300.0
-# How long transactions that begin on a connection wait for a lock, seconds.
+# Seconds that transactions begun on a connection wait for a lock.
 _WAITS: Final[WeakKeyDictionary[psycopg.Connection[Any], float]] = WeakKeyDictionary()
-# Sessions whose lock of a table of ours keeps others from writing to it. Types on both sides of operators are the same.
+# Sessions whose lock on a table of this schema blocks writers. Both sides of each operator have the same type.
 _LOCK_HOLDERS: Final = """
 SELECT a.pid, a.application_name, coalesce(a.usename, ''::name)::text, a.xact_start
 FROM pg_catalog.pg_stat_activity a
@@ -54,20 +54,20 @@ WHERE a.pid <> pg_backend_pid()
 ORDER BY a.xact_start, a.pid
 """
 
-# What the encoding and PostgreSQL's type text have room for.
+# Characters that the encoding and PostgreSQL's type text cannot store.
 _TEXT_RULE: Final = "must have no NUL character and no unpaired surrogate"
-# SQLSTATE of what ends a session: admin_shutdown, crash_shutdown, idle_in_transaction_session_timeout,
+# SQLSTATEs that end a session: admin_shutdown, crash_shutdown, idle_in_transaction_session_timeout,
 # idle_session_timeout; and the class of connection exceptions.
 _SESSION_ENDS: Final = ("57P01", "57P02", "25P03", "57P05")
 _CONNECTION_CLASS: Final = "08"
 _BREAK: Final = "\n"
 _LOST: Final = "the connection to the database is lost"
-_LOST_BEFORE: Final = ("the connection is lost", "the connection is closed")  # as psycopg says, without the reason
+_LOST_BEFORE: Final = ("the connection is lost", "the connection is closed")  # psycopg's messages without a reason
 
 _Row = TypeVar("_Row")
 
-# Whether a user may use the schema, a routine of it, and temporary tables, and which role may call that routine: each
-# role can do what those before it can (sql/05_roles.sql). Nobody who has no role could ask a routine.
+# Whether a user may use the schema, one of its routines and temporary tables, and the least role that may call that
+# routine: each role includes the rights of the roles before it (sql/05_roles.sql).
 _RIGHTS: Final = """
 SELECT pg_catalog.quote_ident(current_user), pg_catalog.quote_ident(current_database()),
        has_schema_privilege('conflictdb', 'USAGE'),
@@ -84,7 +84,7 @@ SELECT pg_catalog.quote_ident(current_user), pg_catalog.quote_ident(current_data
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """Whoever holds a lock, as far as the server shows it to us; as a text, for people."""
+    """The session that holds a lock, as far as the server shows it; `str` gives text for people."""
 
     pid: int
     application: str
@@ -98,15 +98,17 @@ class Holder:
 
 
 def connect(dsn: str) -> psycopg.Connection[Any]:
-    """Return a connection whose sessions show instants in UTC and ISO 8601; raises StoreError if it cannot be made.
+    """Return a connection that shows instants in UTC and ISO 8601; raises StoreError if it cannot connect.
 
-    A pooler may give each of its transactions another session: statements are not prepared, and nothing is set but what
-    poolers keep for each client (PgBouncer: TimeZone, DateStyle, client_encoding), and what does others no harm:
+    It works behind poolers that give each transaction another session. Statements are not prepared. The only settings
+    are those that poolers keep per client (PgBouncer: TimeZone, DateStyle, client_encoding), and
+    client_connection_check_interval, which does not harm other clients.
 
-    Its transactions (`transaction`, `begin_snapshot`) wait LOCK_WAIT_S for a lock, or as the role or database says.
+    Its transactions (`transaction`, `begin_snapshot`) wait LOCK_WAIT_S for a lock, or as long as the role or database
+    sets.
 
-    If this process is killed, the server notices within a second and gives up what it was doing; on systems where it
-    cannot (before version 15 all but Linux), it notices when it has an answer.
+    If this process is killed, the server notices within a second and stops its work. Servers that cannot check the
+    connection (before version 15 all but on Linux) notice when the answer is ready.
     """
     with translated():
         conn = psycopg.connect(dsn, client_encoding=_ENCODING, prepare_threshold=None)
@@ -128,23 +130,23 @@ def connect(dsn: str) -> psycopg.Connection[Any]:
 
 @contextmanager
 def translated(routine: str = "") -> Iterator[None]:
-    """Turn psycopg's errors into InvalidInput (it refuses a row or a text) or StoreError (anything else).
+    """Convert psycopg's errors to InvalidInput (a row or text is refused) or StoreError (all others).
 
-    routine : of the schema conflictdb that is called, for `naming_grants`
+    routine : the routine of schema conflictdb that is called, for `naming_grants`
     """
     try:
         yield
     except psycopg.Error as error:
         raise _translation(error, routine) from error
-    except UnicodeEncodeError as error:  # of a parameter: half of a surrogate pair
+    except UnicodeEncodeError as error:  # a parameter with an unpaired surrogate
         raise InvalidInput("", "text", _TEXT_RULE) from error
 
 
 @contextmanager
 def naming_grants(conn: psycopg.Connection[Any]) -> Iterator[None]:
-    """Have NotPermitted name the missing grant, and LockTimeout the holders of locks, where these are known.
+    """Make NotPermitted name the missing grant and LockTimeout the sessions that hold the lock, where they are known.
 
-    What fails within must be rolled back.
+    The caller must roll back statements that fail inside.
     """
     try:
         yield
@@ -164,14 +166,15 @@ def naming_grants(conn: psycopg.Connection[Any]) -> Iterator[None]:
                 missing = _missing_grant(conn, cause, refused.routine)
         if missing is None:
             raise
-        (user, grant), told = missing, str(cause).partition("\n")[0]
+        (user, grant), message = missing, str(cause).partition("\n")[0]
         raise NotPermitted(
-            f"user {user} may not do this in database {conn.info.dbname!r} ({told}); let an administrator run: {grant}"
+            f"user {user} may not do this in database {conn.info.dbname!r} ({message}); "
+            f"let an administrator run: {grant}"
         ) from cause
 
 
 def _missing_grant(conn: psycopg.Connection[Any], refusal: psycopg.Error, routine: str) -> tuple[str, str] | None:
-    """Return a user, and the grant that he lacks for a routine that was refused; None if that is not known."""
+    """Return the user, and the grant that the user lacks for a refused routine; None if it is unknown."""
     if conn.info.transaction_status not in (TransactionStatus.IDLE, TransactionStatus.INTRANS):
         return None
     with conn.transaction(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
@@ -184,7 +187,7 @@ def _missing_grant(conn: psycopg.Connection[Any], refusal: psycopg.Error, routin
             return user, f"GRANT {role} TO {user}"
         more = "conflictdb_editor for who changes plans, conflictdb_worker for who detects them, too"
         return None if may_use else (user, f"GRANT conflictdb_reader TO {user} ({more})")
-    # The statement within the routine, which servers do not translate as they do messages.
+    # The statement inside the routine: servers translate messages, but not statements.
     statements = (refusal.diag.internal_query, refusal.diag.context)
     is_of_table = any("CREATE TEMPORARY TABLE" in statement for statement in statements if statement)
     if may_have_tables or not is_of_table:
@@ -193,7 +196,7 @@ def _missing_grant(conn: psycopg.Connection[Any], refusal: psycopg.Error, routin
 
 
 def _lock_holders(conn: psycopg.Connection[Any]) -> list[Holder]:
-    """Return who holds a lock of a table of ours, as far as the server shows it; reads no table of ours."""
+    """Return the sessions with a lock on a table of this schema, as far as the server shows them."""
     if conn.info.transaction_status not in (TransactionStatus.IDLE, TransactionStatus.INTRANS):
         return []
     with conn.transaction(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
@@ -201,20 +204,20 @@ def _lock_holders(conn: psycopg.Connection[Any]) -> list[Holder]:
 
 
 def call(conn: psycopg.Connection[Any], routine: str, *arguments: object) -> tuple[Any, ...]:
-    """Return the single row of a routine of the schema conflictdb."""
+    """Return the single row of a routine of schema conflictdb."""
     rows = call_many(conn, routine, *arguments)
     return rows[0]
 
 
 def call_many(conn: psycopg.Connection[Any], routine: str, *arguments: object) -> list[tuple[Any, ...]]:
-    """Return the rows of a routine of the schema conflictdb."""
+    """Return the rows of a routine of schema conflictdb."""
     return _rows(conn, tuple_row, routine, arguments)
 
 
 def call_each(
     conn: psycopg.Connection[Any], routine: str, *arguments: object, rows_at_once: int = _ROWS_AT_ONCE
 ) -> Generator[tuple[Any, ...], None, None]:
-    """Yield the rows of a routine of the schema conflictdb, read as they are asked for; a transaction must be open."""
+    """Yield the rows of a routine of schema conflictdb, fetched as they are consumed; needs an open transaction."""
     name = f"conflictdb_{next(_CURSORS)}"
     with translated(routine), psycopg.ServerCursor(conn, name, row_factory=tuple_row) as cursor:
         cursor.itersize = rows_at_once
@@ -223,7 +226,7 @@ def call_each(
 
 
 def call_by_name(conn: psycopg.Connection[Any], routine: str, *arguments: object) -> list[dict[str, Any]]:
-    """Return the rows of a routine of the schema conflictdb by the names of their columns."""
+    """Return the rows of a routine of schema conflictdb as dictionaries by column name."""
     return _rows(conn, dict_row, routine, arguments)
 
 
@@ -232,10 +235,10 @@ def _rows(
 ) -> list[_Row]:
     """Return the rows of a routine.
 
-    In binary, which no DateStyle, IntervalStyle, bytea_output or extra_float_digits of a caller's connection changes,
-    and not as a prepared statement, which a pooler may not find again.
+    The binary format does not depend on DateStyle, IntervalStyle, bytea_output or extra_float_digits of the caller's
+    connection. Statements are not prepared: a pooler may run the next one in another session.
     """
-    # Not the cursors of a caller's connection: those that bind at the client know no binary results.
+    # Do not use the cursor class of the caller's connection: client-side cursors have no binary results.
     with translated(routine), psycopg.Cursor(conn, row_factory=row_factory) as cursor:
         if any(isinstance(argument, Array) for argument in arguments):
             cursor.adapters.register_dumper(Array, ArrayDumper)
@@ -244,14 +247,14 @@ def _rows(
 
 
 def query_of(routine: str, arguments: Sequence[object]) -> bytes:
-    """Return the statement that calls a routine of the schema conflictdb, with a parameter for each argument."""
-    # Names of routines come from this package only, values are always parameters.
+    """Return the statement that calls a routine of schema conflictdb, with a parameter for each argument."""
+    # Names of routines come from this package only; values are always parameters.
     return f"SELECT * FROM conflictdb.{routine}({', '.join(['%s'] * len(arguments))})".encode()  # noqa: S608
 
 
 @contextmanager
 def transaction(conn: psycopg.Connection[Any]) -> Iterator[None]:
-    """Do everything inside or nothing; an open transaction of the caller's goes on, otherwise none stays open."""
+    """Run the block atomically: in the caller's open transaction, or in one of its own, which it ends."""
     is_own = conn.info.transaction_status == TransactionStatus.IDLE
     with naming_grants(conn), translated(), conn.transaction():
         if is_own and conn in _WAITS:
@@ -264,7 +267,7 @@ def transaction(conn: psycopg.Connection[Any]) -> Iterator[None]:
 
 @contextmanager
 def waiting_at_most(conn: psycopg.Connection[Any], lock_timeout_s: float | None) -> Iterator[None]:
-    """Have transactions that begin inside wait no longer for any lock, seconds; None leaves the limit as it is."""
+    """Limit how long transactions begun inside wait for a lock, seconds; None keeps the present limit."""
     former = _WAITS.get(conn)
     if lock_timeout_s is not None:
         _WAITS[conn] = lock_timeout_s
@@ -278,13 +281,13 @@ def waiting_at_most(conn: psycopg.Connection[Any], lock_timeout_s: float | None)
 
 
 def _limit(lock_timeout_s: float) -> bytes:
-    """Return the statement that limits how long the open transaction waits for a lock; 0 s is not for ever."""
+    """Return the statement that limits the open transaction's lock wait; 0 s becomes 1 ms (0: no limit)."""
     return f"SET LOCAL lock_timeout = {min(max(1, ceil(1000 * lock_timeout_s)), 2**31 - 1)}; ".encode()
 
 
 @contextmanager
 def snapshot(conn: psycopg.Connection[Any]) -> Iterator[None]:
-    """Read inside from one state of the database; in an open transaction of the caller's, as that sees it."""
+    """Read one state of the database inside; in an open transaction of the caller, the state that it sees."""
     is_own = conn.info.transaction_status == TransactionStatus.IDLE
     with transaction(conn):
         if is_own:
@@ -293,7 +296,7 @@ def snapshot(conn: psycopg.Connection[Any]) -> Iterator[None]:
 
 
 def _use_utf8(conn: psycopg.Connection[Any]) -> str | None:
-    """Let the open transaction exchange texts as UTF-8; returns the encoding before, None if it was that."""
+    """Set the open transaction's encoding to UTF-8; return the former encoding, None if it was UTF-8."""
     former = conn.info.parameter_status("client_encoding")
     if former == _ENCODING:
         return None
@@ -302,12 +305,12 @@ def _use_utf8(conn: psycopg.Connection[Any]) -> str | None:
 
 
 def _set_encoding(conn: psycopg.Connection[Any], name: str) -> None:
-    # The name of an encoding is the server's own.
+    # The name of the encoding comes from the server.
     conn.execute(f"SET LOCAL client_encoding = '{name}'".encode(), prepare=False)
 
 
 def require_writable(conn: psycopg.Connection[Any]) -> None:
-    """Raise ReadOnlyDatabase if the server says that it takes no changes from this connection."""
+    """Raise ReadOnlyDatabase if the server reports that this connection cannot write."""
     where = f"database {conn.info.dbname!r} on {conn.info.host}"
     if conn.info.parameter_status("in_hot_standby") == "on":
         raise ReadOnlyDatabase(f"{where} is a hot standby, which takes no changes: connect to the primary server")
@@ -319,7 +322,7 @@ def require_writable(conn: psycopg.Connection[Any]) -> None:
 
 
 def require_detecting(conn: psycopg.Connection[Any]) -> None:
-    """Raise ReadOnlyDatabase if this connection's user may not write what a detection finds."""
+    """Raise ReadOnlyDatabase if the user of this connection may not write conflicts."""
     asked = "SELECT has_table_privilege('conflictdb.conflict', 'INSERT'), pg_catalog.quote_ident(current_user)"
     with translated(), conn.transaction(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
         row = cursor.execute(asked, prepare=False).fetchone()
@@ -339,17 +342,17 @@ def require_idle(conn: psycopg.Connection[Any], what: str) -> None:
 
 
 def join(conn: psycopg.Connection[Any]) -> None:
-    """Begin the transaction that the caller takes for begun; in autocommit there is none."""
+    """Begin the transaction that the caller expects to be open; with autocommit do nothing."""
     if not conn.autocommit and conn.info.transaction_status == TransactionStatus.IDLE:
         with translated():
             conn.execute("SELECT", prepare=False)  # any statement begins it
 
 
 def begin_snapshot(conn: psycopg.Connection[Any], first: str = "", routine: str = "") -> None:
-    """Begin a transaction that sees one state of the database throughout; commit or roll back ends it.
+    """Begin a transaction that sees one state of the database; commit or roll back ends it.
 
-    first : a statement that goes along, whose answer is not asked for
-    routine : that it calls
+    first : a statement sent along, whose result is discarded
+    routine : the routine that `first` calls
     """
     require_idle(conn, "a snapshot")
     begin = b"BEGIN" if conn.autocommit else b"SET TRANSACTION"
@@ -375,18 +378,18 @@ def _translation(error: psycopg.Error, routine: str) -> ConflictDBError:
     where = f" (SQLSTATE {error.sqlstate})" if error.sqlstate else ""
     if isinstance(error, psycopg.errors.ReadOnlySqlTransaction):
         return ReadOnlyDatabase(f"the database takes no changes in this transaction: {str(error).strip()}{where}")
-    told = f"database: {str(error).strip()}{where}"
+    message = f"database: {str(error).strip()}{where}"
     if isinstance(error, psycopg.errors.InsufficientPrivilege):
-        # Refusals of sql/10_refusals.sql name what they are about, and say themselves what to do.
-        return NotPermitted(told, None if error.diag.table_name else routine)
+        # Errors of sql/10_refusals.sql name their subject and the remedy themselves.
+        return NotPermitted(message, None if error.diag.table_name else routine)
     kind = LockTimeout if isinstance(error, psycopg.errors.LockNotAvailable) else StoreError
-    return kind(told)
+    return kind(message)
 
 
 def _is_loss(error: psycopg.Error) -> bool:
-    """Return whether a connection that was there is lost."""
+    """Return whether an established connection was lost."""
     if not isinstance(error, psycopg.OperationalError | psycopg.InternalError) or error.pgconn is not None:
-        return False  # pgconn: it could not be made
+        return False  # pgconn: the connection was never established
     if error.sqlstate is None:
         return isinstance(error, psycopg.OperationalError)
     return error.sqlstate in _SESSION_ENDS or error.sqlstate.startswith(_CONNECTION_CLASS)

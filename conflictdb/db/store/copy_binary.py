@@ -1,7 +1,7 @@
-"""PostgreSQL's COPY BINARY format as arrays: whole columns are encoded and decoded at once, not row by row.
+"""Encode and decode PostgreSQL's COPY BINARY format, a whole column at a time.
 
 Ragged columns (texts, geometries, spans) are concatenated bytes with offsets. Reference: PostgreSQL documentation,
-COPY, "Binary Format"; all numbers are big-endian there. Geometries travel as WKB, little-endian on every machine.
+COPY, "Binary Format"; all numbers are big-endian. Geometries are WKB, little-endian on every machine.
 """
 
 import struct
@@ -24,19 +24,19 @@ from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
 Bytes = NDArray[np.uint8]
 Offsets = NDArray[np.int64]
 
-# Instants in PostgreSQL count microseconds from 2000-01-01.
+# PostgreSQL counts microseconds from 2000-01-01.
 _EPOCH_US: Final = 946_684_800_000_000
 _SIGNATURE: Final = b"PGCOPY\n\xff\r\n\0"
 _HEADER: Final = _SIGNATURE + bytes(8)
 _TRAILER: Final = b"\xff\xff"
-_NULL: Final = struct.pack(">i", -1)  # in place of the length of a value
-_FEW: Final = 32  # rows that take less time one by one than the kernel takes to be told of
-_ROWS_PER_BLOCK: Final = 20_000  # bounds the memory of what is sent
-_CHUNK_BYTES: Final = 2**20  # decoded at a time: enough for numpy, little beside an answer that is large
+_NULL: Final = struct.pack(">i", -1)  # replaces the length of a value
+_FEW: Final = 32  # up to this many rows, encoding one by one is faster than calling the kernel
+_ROWS_PER_BLOCK: Final = 20_000  # bounds the memory of sending
+_CHUNK_BYTES: Final = 2**20  # decoded at a time: enough for numpy, small beside a large answer
 
-_ARRAY_HEADER: Final = 20  # of one dimension; of none there are 12 bytes and no values
+_ARRAY_HEADER: Final = 20  # bytes for one dimension; an array without elements has 12 bytes
 
-# Numbers of the types of elements of arrays (pg_type.dat), the same on every server.
+# OIDs of the element types of arrays (pg_type.dat), the same on every server.
 _OID: Final = {
     "bytea": 17,
     "bigint": 20,
@@ -67,13 +67,13 @@ class Ragged:
 
     @classmethod
     def of(cls, strings: Sequence[bytes | None]) -> "Ragged":
-        """Return byte strings, None for null."""
+        """Encode byte strings; None becomes null."""
         data = np.frombuffer(b"".join(s for s in strings if s is not None), dtype=np.uint8)
         is_null = np.array([s is None for s in strings], dtype=np.bool_)
         return cls(data, offsets([0 if s is None else len(s) for s in strings]), is_null)
 
     def take(self, rows: NDArray[np.int64]) -> "Ragged":
-        """Return some of the strings, which may come more than once."""
+        """Return the strings of the given rows, in that order, repeats allowed."""
         length = np.diff(self.offset)[rows]
         is_null = None if self.is_null is None else self.is_null[rows]
         return Ragged(self.data[_rows_of(self.offset[:-1][rows], length)], offsets(length), is_null)
@@ -121,15 +121,15 @@ def spans(start_us: NDArray[np.int64], end_us: NDArray[np.int64], end_inclusive:
 
 
 def multispans(bounds_us: NDArray[np.int64], offset: Offsets) -> Ragged:
-    """Return a column of tstzmultirange: row i holds the spans (m, 2) from offset[i] on, with both of their ends."""
+    """Return a column of tstzmultirange: row i contains the spans (m, 2) from offset[i] on, both ends included."""
     one = spans(bounds_us[:, 0], bounds_us[:, 1], np.ones(len(bounds_us), dtype=np.bool_))
-    # Each span with its length before it; before the first one of a row, how many there are.
+    # Each span follows its length; the count of spans precedes the first span of a row.
     size = np.diff(one.offset)
     count = np.diff(offset)
     out = offsets(4 + np.bincount(np.repeat(np.arange(len(count)), count), 4 + size, len(count)).astype(np.int64))
     result = np.empty(out[-1], dtype=np.uint8)
     result[out[:-1, None] + np.arange(4)] = fixed(count, "i4")
-    # Where a span starts: after all spans before it, and as many counts as rows began.
+    # Offset of each span: after all spans before it and the counts of all rows up to its own.
     start = one.offset[:-1] + 4 * np.arange(len(size)) + 4 * np.repeat(np.arange(len(count)) + 1, count)
     result[start[:, None] + np.arange(4)] = fixed(size, "i4")
     result[_rows_of(start + 4, size)] = one.data
@@ -137,7 +137,7 @@ def multispans(bounds_us: NDArray[np.int64], offset: Offsets) -> Ragged:
 
 
 def points(lonlat: NDArray[np.float64], srid: int) -> Ragged:
-    """Return a column of points (EWKB), longitudes brought within +-180 degrees; null where a longitude is NaN."""
+    """Return a column of points (EWKB), longitudes normalised to +-180 degrees; null where a longitude is NaN."""
     lon = lonlat[:, 0]
     beyond = np.abs(lon) > 180.0
     lon = np.where(beyond, lon - 360.0 * np.round(lon / 360.0), lon)
@@ -154,14 +154,14 @@ def nullable(values: Bytes, is_null: NDArray[np.bool_]) -> Ragged:
 
 
 def polygons(xy: NDArray[np.float64], offset: Offsets, srid: int) -> Ragged:
-    """Return a column of polygons of one closed ring each (EWKB), from concatenated vertices."""
+    """Return a column of polygons (EWKB), one closed ring each, from concatenated vertices."""
     return _wkb(WKB_POLYGON, [1], xy, offset, srid)
 
 
 def multipolygons(xy: NDArray[np.float64], offset: Offsets, of_row: Offsets, srid: int) -> Ragged:
     """Return a column of multipolygons (EWKB) of closed rings, from concatenated vertices.
 
-    of_row : (m + 1,) which rings each has, one at least: [of_row[i], of_row[i + 1])
+    of_row : (m + 1,) row i has the rings [of_row[i], of_row[i + 1]), at least one
     """
     rings = polygons(xy, offset, 0)
     words = [WKB_MULTIPOLYGON | (EWKB_SRID if srid else 0), *([srid] if srid else [])]
@@ -174,7 +174,7 @@ def multipolygons(xy: NDArray[np.float64], offset: Offsets, of_row: Offsets, sri
 
 
 def arrays(values: Bytes, offset: Offsets, of: str) -> Ragged:
-    """Return a column of arrays of a type of fixed width: row i has values [offset[i], offset[i + 1]), one at least."""
+    """Return a column of arrays of a fixed-width type: row i has values [offset[i], offset[i + 1]), at least one."""
     m = len(offset) - 1
     head = np.empty((m, _ARRAY_HEADER), dtype=np.uint8)
     head[:] = np.frombuffer(struct.pack(">iiiii", 1, 0, _OID[of], 0, 1), np.uint8)
@@ -187,14 +187,14 @@ def arrays(values: Bytes, offset: Offsets, of: str) -> Ragged:
 
 
 def where(column: Ragged, is_there: NDArray[np.bool_]) -> Ragged:
-    """Return a column with the values of another one where they are there, null elsewhere."""
+    """Return a column that has the values of `column` in rows where `is_there`, in order, and null elsewhere."""
     length = np.zeros(len(is_there), dtype=np.int64)
     length[is_there] = np.diff(column.offset)
     return Ragged(column.data, offsets(length), ~is_there)
 
 
 def array_values(sent: Iterable[bytes], kind: str) -> NDArray[Any]:
-    """Return the values of arrays as array_send gives them, one after the other; none is null.
+    """Return the concatenated values of arrays in the format of array_send, without nulls.
 
     kind : numpy type without byte order
     """
@@ -203,14 +203,14 @@ def array_values(sent: Iterable[bytes], kind: str) -> NDArray[Any]:
 
 
 def int8_array(sent: bytes) -> NDArray[np.int64]:
-    """Return the numbers of an array of one dimension as array_send gives it; none is null."""
-    # After a head each number with its length before it.
+    """Return the numbers of a one-dimensional array in the format of array_send, without nulls."""
+    # The header, then each number after its length.
     numbers = np.frombuffer(sent, [("length", ">i4"), ("number", ">i8")], offset=20 if sent[3] else len(sent))
     return _native(numbers["number"])
 
 
 def float8_array(sent: bytes) -> NDArray[np.float64]:
-    """Return the numbers of an array of one dimension as array_send gives it; NaN for null."""
+    """Return the numbers of a one-dimensional array in the format of array_send; NaN for null."""
     count = int.from_bytes(sent[12:16], "big") if sent[3] else 0
     numbers, at = np.full(count, np.nan), 20
     for i in range(count):
@@ -241,7 +241,7 @@ def _wkb(code: int, before: list[int], vertices: NDArray[np.float64], offset: Of
 
 
 def closed_rings(xy: NDArray[np.float64], offset: Offsets) -> tuple[NDArray[np.float64], Offsets]:
-    """Return open rings closed; a single point becomes [a, a, a, a], a line [a, b, b, a]: a ring has four at least."""
+    """Close open rings; a single point becomes [a, a, a, a], a line [a, b, b, a]: a ring has at least four points."""
     count = np.diff(offset)
     closed = offsets(np.maximum(count, 3) + 1)
     nth = np.arange(closed[-1]) - np.repeat(closed[:-1], np.diff(closed))
@@ -252,7 +252,7 @@ def closed_rings(xy: NDArray[np.float64], offset: Offsets) -> tuple[NDArray[np.f
 
 
 def open_rings(xy: NDArray[np.float64], offset: Offsets) -> tuple[NDArray[np.float64], Offsets]:
-    """Return closed rings opened: the reverse of `closed_rings`."""
+    """Open closed rings: the reverse of `closed_rings`."""
     count = np.diff(offset) - 1
     small = np.flatnonzero(count == 3)
     a, b, c = (xy[offset[small] + k] for k in range(3))
@@ -268,12 +268,12 @@ def send(conn: psycopg.Connection[Any], table: str, columns: Mapping[str, Column
 
 
 def rows(columns: Mapping[str, Column]) -> list[bytes]:
-    """Return columns as rows, for `send_rows`."""
+    """Encode columns as rows, for `send_rows`."""
     return list(_blocks(list(columns.values())))
 
 
 def send_rows(conn: psycopg.Connection[Any], table: str, columns: Iterable[str], blocks: Iterable[bytes]) -> None:
-    """COPY rows of some columns into a table, as `send`."""
+    """COPY encoded rows of the named columns into a table; see `send`."""
     statement = f"COPY {table} ({', '.join(columns)}) FROM STDIN (FORMAT BINARY)"
     with translated(), conn.cursor() as cursor, cursor.copy(statement.encode()) as copy:
         copy.write(_HEADER)
@@ -289,7 +289,7 @@ def _blocks(columns: list[Column], rows: int = _ROWS_PER_BLOCK) -> Iterator[byte
 
 
 def _block(columns: list[Column], first: int, end: int) -> Bytes:
-    """Return rows [first, end) as bytes: per row the number of fields, per field its length (-1 null) and data."""
+    """Encode rows [first, end): per row the number of fields, per field its length (-1 null) and data."""
     n = end - first
     parts: list[Part] = [fixed(np.full(n, len(columns)), "i2")]
     for column in columns:
@@ -298,7 +298,7 @@ def _block(columns: list[Column], first: int, end: int) -> Bytes:
 
 
 def array(columns: Sequence[Column], of: str) -> Array:
-    """Return an array of the values of some columns of a type, one after the other: a parameter of a statement."""
+    """Return the concatenated values of columns of one type as an array: a parameter of a statement."""
     count = sum(map(length, columns))
     if not count:
         return Array(struct.pack(">iii", 0, 0, _OID[of]))
@@ -307,7 +307,7 @@ def array(columns: Sequence[Column], of: str) -> Array:
 
 
 def _with_lengths(column: Column) -> bytes:
-    """Return the values of a column one after the other, the length of each (-1 null) before it."""
+    """Return the concatenated values of a column, each after its length (-1 null)."""
     if not isinstance(column, np.ndarray):
         return _few_with_lengths(column) if length(column) <= _FEW else interleaved(fields(column)).tobytes()
     n, width = column.shape
@@ -318,7 +318,7 @@ def _with_lengths(column: Column) -> bytes:
 
 
 def _few_with_lengths(column: Ragged) -> bytes:
-    """Return as `_with_lengths` the values of a few rows, one by one."""
+    """Return the same as `_with_lengths`, value by value: faster for few rows."""
     data, offset = column.data.tobytes(), column.offset.tolist()
     values = [struct.pack(">i", end - start) + data[start:end] for start, end in pairwise(offset)]
     if column.is_null is not None:
@@ -327,7 +327,7 @@ def _few_with_lengths(column: Ragged) -> bytes:
 
 
 def length(column: Column) -> int:
-    """Return how many values a column has."""
+    """Return the number of values in a column."""
     return len(column) if isinstance(column, np.ndarray) else len(column.offset) - 1
 
 
@@ -343,7 +343,7 @@ def fields(column: Column, first: int = 0, end: int | None = None) -> list[Part]
 
 
 def taken(column: Column, rows: NDArray[np.int64]) -> Column:
-    """Return some of the values of a column."""
+    """Return the values of a column at the given rows."""
     return column[rows] if isinstance(column, np.ndarray) else column.take(rows)
 
 
@@ -354,10 +354,10 @@ def receive(
     dtype: Sequence[tuple[str, str]],
     ragged: Sequence[str] = (),
 ) -> tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]:
-    """Return the rows of a set-returning routine: fixed-width columns as arrays, the ragged ones after them as bytes.
+    """Return the rows of a set-returning routine: fixed-width columns as arrays, ragged columns as lists of bytes.
 
     The routine's columns are those of `dtype` (numpy types without byte order), then those of `ragged`; none is null.
-    Rows are decoded as they come: besides the answer, no more is held than one of its columns and a chunk of rows.
+    Rows are decoded as they arrive. Memory besides the answer: one of its columns and a chunk of rows.
     """
     with _copied(conn, routine, arguments) as messages:
         return decoded(messages, dtype, ragged)
@@ -370,7 +370,7 @@ def receive_each(
     dtype: Sequence[tuple[str, str]],
     ragged: Sequence[str] = (),
 ) -> Iterator[tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]]:
-    """Yield what `receive` returns, a chunk of rows at a time, which may be none; until the last nothing else runs."""
+    """Yield the result of `receive` in chunks of rows, possibly empty; the connection is busy until the last chunk."""
     row_type = _row_type(dtype)
     with _copied(conn, routine, arguments) as messages:
         for rows in _chunks(messages):
@@ -383,7 +383,7 @@ def receive_each(
 def _copied(
     conn: psycopg.Connection[Any], routine: str, arguments: Sequence[object]
 ) -> Iterator[Iterable[bytes | bytearray | memoryview]]:
-    """Give the messages of the COPY of a routine's rows."""
+    """Yield the messages of a COPY of a routine's rows."""
     places = ", ".join(["%s"] * len(arguments))
     statement = f"COPY (SELECT * FROM conflictdb.{routine}({places})) TO STDOUT (FORMAT BINARY)"  # noqa: S608
     with translated(routine), conn.cursor() as cursor, cursor.copy(statement.encode(), arguments) as copy:
@@ -393,9 +393,9 @@ def _copied(
 def receive_arrays(
     conn: psycopg.Connection[Any], routine: str, arguments: Sequence[object], dtype: Sequence[tuple[str, str]]
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of a routine that gives each as one array (array_send), none of whose values is null.
+    """Return the columns of a routine that returns each column as one array (array_send), without nulls.
 
-    A fifth of the time of `receive`, which takes rows one by one.
+    Takes a fifth of the time of `receive`, which decodes row by row.
     """
     columns = {}
     for (name, kind), sent in zip(dtype, call(conn, routine, *arguments), strict=True):
@@ -411,7 +411,7 @@ def few(
     dtype: Sequence[tuple[str, str]],
     ragged: Sequence[str] = (),
 ) -> tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]:
-    """Return the rows of a set-returning routine as `receive` does: sooner, if they are few.
+    """Return the rows of a set-returning routine as `receive` does; faster if there are few.
 
     Arguments may be arrays (`array`).
     """
@@ -431,7 +431,7 @@ def few(
 def decoded(
     messages: Iterable[bytes | bytearray | memoryview], dtype: Sequence[tuple[str, str]], ragged: Sequence[str] = ()
 ) -> tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]:
-    """Return the columns of the messages of a COPY TO, as `receive` does."""
+    """Decode the messages of a COPY TO; returns columns as `receive` does."""
     row_type = _row_type(dtype)
     chunks: dict[str, list[NDArray[Any]]] = {name: [] for name, _ in dtype}
     strings: dict[str, list[bytes]] = {name: [] for name in ragged}
@@ -439,12 +439,12 @@ def decoded(
         table = np.frombuffer(_cut(rows, row_type.itemsize, strings) if ragged else rows, dtype=row_type)
         for name, _ in dtype:
             chunks[name].append(_native(table[name]))
-    # One column after the other: what it was made of goes before the next.
+    # Free the chunks of each column before the next column is joined.
     return {name: np.concatenate(chunks.pop(name)) for name, _ in dtype}, strings
 
 
 def _row_type(dtype: Sequence[tuple[str, str]]) -> np.dtype[Any]:
-    """Return how the fixed-width columns of a row lie in what is sent."""
+    """Return the numpy layout of the fixed-width columns of an encoded row."""
     layout = [("fields", ">i2")]
     for name, kind in dtype:
         layout += [(f"{name} length", ">i4"), (name, f">{kind}")]
@@ -452,14 +452,14 @@ def _row_type(dtype: Sequence[tuple[str, str]]) -> np.dtype[Any]:
 
 
 def _chunks(messages: Iterable[bytes | bytearray | memoryview]) -> Iterator[bytes]:
-    """Yield the rows of a COPY TO, many at a time, without its header and trailer; one chunk at least.
+    """Yield the rows of a COPY TO in chunks, without its header and trailer; at least one chunk.
 
-    No row is in two chunks: a message holds whole rows (PostgreSQL documentation, "COPY Operations": one per row).
+    No row spans two chunks: a message contains whole rows (PostgreSQL documentation, "COPY Operations": one per row).
     """
     held: list[bytes | bytearray | memoryview] = []
     size, start = 0, len(_HEADER)
     for message in messages:
-        # The last message holds the trailer: it waits until there is another one.
+        # The last message is the trailer. Keep each chunk until another message arrives.
         if size >= _CHUNK_BYTES:
             yield b"".join(held)[start:]
             held, size, start = [], 0, 0
@@ -469,7 +469,7 @@ def _chunks(messages: Iterable[bytes | bytearray | memoryview]) -> Iterator[byte
 
 
 def _cut(rows: bytes, width: int, strings: dict[str, list[bytes]]) -> bytes:
-    """Return the fixed-width parts of rows, one after the other, and append the ragged ones to their columns."""
+    """Return the concatenated fixed-width parts of rows, and append the ragged values to their columns."""
     fixed_parts = []
     appends = [column.append for column in strings.values()]
     start, end = 0, len(rows)
@@ -497,6 +497,6 @@ def _native(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _rows_of(start: Offsets, length: Offsets) -> NDArray[np.int64]:
-    """Return the indices [start, start + length) of every row, one after the other."""
+    """Return the indices [start, start + length) of all rows, concatenated."""
     ends = np.cumsum(length)
     return np.arange(ends[-1] if len(ends) else 0) + np.repeat(start - (ends - length), length)

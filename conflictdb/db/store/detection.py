@@ -1,10 +1,10 @@
-"""What a detection works on: marks and pieces (transaction 1); whole areas (transaction 2).
+"""Read and write the input of a detection: marks and pieces (transaction 1), whole areas (transaction 2).
 
 Both transactions hold the scene's lock and see one snapshot each (`locking.begin_locked`); the caller commits. Order of
 calls:
 
     begin_locked; read_settings, changed_areas, changed_tracks, replace_pieces; commit
-    begin_locked; what `pairs` and `writing` do; commit
+    begin_locked; the calls of `pairs` and `writing`; commit
 """
 
 from collections.abc import Iterable, Sequence
@@ -33,27 +33,27 @@ TRACK_COLUMNS = [
 ]  # fmt: skip
 TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings"]
 
-# Pieces that are encoded at once: megabytes, and many to a COPY.
+# Pieces encoded at once: some megabytes, and many per COPY.
 _PIECES_SENT: Final = 20_000
-# Before the numbers of all objects.
+# Smaller than every object id.
 _FIRST: Final = -(2**63)
 
 
 def cover_all(conn: psycopg.Connection[Any], scene_id: int) -> None:
-    """Mark every object of a scene as changed, and as one whose pieces follow in this transaction."""
+    """Mark every object of a scene as changed, with pieces that follow in this transaction."""
     call(conn, "_cover_all", scene_id)
 
 
 @dataclass(frozen=True, slots=True)
 class Pending:
-    """How many marks areas and tracks of a scene have that wait for a detection; beyond a thousand a thousand."""
+    """The numbers of marks of areas and of tracks that wait for a detection; each counts up to a thousand."""
 
     areas: int
     tracks: int
 
     @property
     def objects(self) -> int:
-        """As many objects at most wait."""
+        """Upper bound on the number of waiting objects."""
         return self.areas + self.tracks
 
 
@@ -65,13 +65,13 @@ def pending(conn: psycopg.Connection[Any], scene_id: int) -> Pending:
 def changed_areas(
     conn: psycopg.Connection[Any], scene_id: int, after: int = _FIRST, most: int | None = None
 ) -> AreaBatch:
-    """Return the areas of a scene that changed since the last detection: so many at most after a number."""
+    """Return the areas of a scene that changed since the last detection: at most `most`, with ids above `after`."""
     sent = copy_binary.receive(conn, "_changed_areas", [scene_id, after, most], AREA_COLUMNS, AREA_STRINGS)
     return area_batch(*sent)
 
 
 def area_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> AreaBatch:
-    """Return areas of the columns of their rows (_area_row)."""
+    """Decode areas from the columns of their rows (_area_row)."""
     footprint = np.empty(len(columns["area_id"]), dtype=object)
     footprint[:] = shapely.from_wkb(strings["footprint"])
     return AreaBatch(
@@ -86,7 +86,7 @@ def area_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
 
 
 def footprints(conn: psycopg.Connection[Any], area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
-    """Return the footprints of some areas (degrees), in their order; empty where one was removed meanwhile."""
+    """Return the footprints of areas (degrees), in the order of the ids; empty for areas removed meanwhile."""
     known = dict(call_many(conn, "_footprints", area_ids.tolist()))
     found = np.empty(len(area_ids), dtype=object)
     found[:] = [shapely.from_wkb(known[i]) if i in known else shapely.MultiPolygon() for i in area_ids.tolist()]
@@ -96,13 +96,13 @@ def footprints(conn: psycopg.Connection[Any], area_ids: NDArray[np.int64]) -> ND
 def changed_tracks(
     conn: psycopg.Connection[Any], scene_id: int, after: int = _FIRST, most: int | None = None
 ) -> TrackBatch:
-    """Return the tracks of a scene that changed since the last detection: so many at most after a number."""
+    """Return the tracks of a scene that changed since the last detection: at most `most`, with ids above `after`."""
     sent = copy_binary.receive(conn, "_changed_tracks", [scene_id, after, most], TRACK_COLUMNS, TRACK_STRINGS)
     return track_batch(*sent)
 
 
 def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> TrackBatch:
-    """Return tracks of the columns of their rows (_track_row)."""
+    """Decode tracks from the columns of their rows (_track_row)."""
     positions_deg, times_us, waypoint_offset = decode_paths(strings["path"])
     outline_m, outline_offset = decode_rings(strings["outline"])
     outlines_m, outlines_offset = decode_outlines(strings["outlines"], waypoint_offset)
@@ -125,7 +125,7 @@ def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]
 def _leg_heights(
     whole_m: NDArray[np.float64], sent: Sequence[bytes], waypoint_offset: NDArray[np.int64], unbounded: float
 ) -> NDArray[np.float64]:
-    """Return the heights of all legs of tracks: that of the whole track, or those of its legs where it has some."""
+    """Return the height of each leg of all tracks: its own where the track has heights per leg, else the track's."""
     legs = np.diff(waypoint_offset) - 1
     heights = np.repeat(whole_m, legs)
     start = np.cumsum(legs) - legs
@@ -142,11 +142,11 @@ def replace_pieces(
     is_first: bool = True,
     is_full: bool = False,
 ) -> None:
-    """Replace the pieces of all changed and removed objects of a scene, and take note that their marks are covered.
+    """Replace the pieces of all changed and removed objects of a scene, and record that their marks are covered.
 
-    chunks : the pieces, read one after the other
-    is_first : whether the transaction is the first of a detection, and not its second too
-    is_full : whether these are all objects of the scene, changed or not: pieces that are what they were stay
+    chunks : the pieces, consumed one chunk at a time
+    is_first : false in the second transaction of a detection
+    is_full : the pieces are those of all objects of the scene, changed or not; equal pieces stay unchanged
     """
     srid, is_compared = call(conn, "_begin_pieces", scene_id, is_first, is_full)
     table = "pg_temp.made_piece" if is_compared else "conflictdb.piece"

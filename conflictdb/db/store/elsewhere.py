@@ -1,4 +1,4 @@
-"""Write-back of what was computed elsewhere: which state of its objects a scene has, and whose marks are covered."""
+"""Read the states of a scene's objects, and cover their marks, for the write-back of answers computed outside."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,11 +18,11 @@ from conflictdb.results import Kind
 
 @dataclass(frozen=True, slots=True)
 class ObjectStates:
-    """n objects as of a state each.
+    """The states of n objects.
 
-    number : (n,) int64, one for each object of any kind (`arrays.object_numbers`), increasing
+    number : (n,) int64, unique across kinds (`arrays.object_numbers`), increasing
     version : (n,) int64
-    digest : (n,) int64, of what conflicts depend on (`pieces.contents`)
+    digest : (n,) int64, of all data that conflicts depend on (`pieces.contents`)
     key : (n,) object, texts
     """
 
@@ -43,13 +43,13 @@ class ObjectStates:
         digest: NDArray[np.int64],
         key: NDArray[np.object_],
     ) -> "ObjectStates":
-        """Return objects by kind and id, in order."""
+        """Return the states of objects given by kind and id, ordered by number."""
         number = numbers_of(kind, ids)
         order = np.argsort(number, kind="stable")
         return cls(number[order], version[order], digest[order], key[order])
 
     def rows(self, number: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the rows (k,) of objects by their numbers, -1 for those that are not among these."""
+        """Return the rows (k,) of objects by their numbers; -1 for objects that are missing."""
         if not len(self):
             return np.full(len(number), -1)
         row = np.minimum(np.searchsorted(self.number, number), len(self) - 1)
@@ -57,7 +57,7 @@ class ObjectStates:
 
 
 def object_states(conn: psycopg.Connection[Any], scene_id: int) -> ObjectStates:
-    """Return the states of the objects of a scene, as the transaction sees them, read some at a time."""
+    """Return the states of a scene's objects, as the transaction sees them; reads in chunks."""
     parts: list[tuple[NDArray[Any], ...]] = []
     for columns, strings in each_area_row(conn, scene_id):
         areas = area_batch(columns, strings)
@@ -76,7 +76,7 @@ def _states(kind: Kind, *columns: Any) -> tuple[NDArray[Any], ...]:
 
 
 def cover(conn: psycopg.Connection[Any], scene_id: int, number: NDArray[np.int64]) -> None:
-    """Cover the marks of exactly these objects, and mark those that have none, before `begin_write`."""
+    """Cover the marks of exactly these objects, marking objects without one; before `begin_write`."""
     kind, ids = kinds_and_ids(number)
     arrays = [
         copy_binary.array([copy_binary.fixed(kind, "i2")], "smallint"),

@@ -1,6 +1,6 @@
-"""What a detection of few changed objects works on: one transaction, and a call for each step (sql/22).
+"""Detect few changed objects in one transaction, with one call per step (sql/22).
 
-begin_detection; some_areas, some_tracks; put_pieces; what `writing` does; commit
+begin_detection; some_areas, some_tracks; put_pieces; the calls of `writing`; commit
 """
 
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ from conflictdb.model import Scene
 from conflictdb.pieces.bundles import bundles_of
 from conflictdb.results import Kind
 
-# What _put_pieces takes of a piece, in its order.
+# The parameters of _put_pieces for each piece, in order.
 _TYPES: Final = {
     "object_kind": "smallint",
     "object_id": "bigint",
@@ -65,11 +65,11 @@ _TYPES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Few:
-    """Few objects that changed; their pieces are gone, and their marks covered.
+    """Few changed objects. Their old pieces are removed and their marks covered.
 
     srid : of the scene's plane
-    area_ids, track_ids : their numbers; some may be removed
-    known_objects : how many of them the last detection knew, None where that cannot be told
+    area_ids, track_ids : some may be removed objects
+    known_objects : how many of them the last detection knew; None: unknown
     """
 
     srid: int
@@ -79,18 +79,18 @@ class Few:
 
     @property
     def numbers(self) -> list[int]:
-        """One number for each object of any kind (_object_number)."""
+        """Object numbers, unique across kinds (_object_number)."""
         kind = np.repeat([Kind.AREA.code, Kind.TRACK.code], [len(self.area_ids), len(self.track_ids)])
         return numbers_of(kind, np.array([*self.area_ids, *self.track_ids], np.int64)).tolist()
 
 
 @dataclass(frozen=True, slots=True)
 class Begun:
-    """A detection that has the lock of its scene.
+    """A detection that holds the lock of its scene.
 
     taken : how often the lock was taken (`locking.begin_locked`)
-    is_behind : whether tables are attached to the scene that it has to follow first
-    few : what changed, if it is little
+    is_behind : whether it must first follow tables attached to the scene
+    few : the changed objects, if there are few
     """
 
     scene_id: int
@@ -108,12 +108,12 @@ def begin_detection(
     say: Say,
     again: bool | None,
 ) -> Begun:
-    """Begin the transaction of a detection as `begin_locked` does, and return what there is to do.
+    """Begin the transaction of a detection as `begin_locked` does; return what the detection has to do.
 
-    few : so many marks at most are few; -1: none are
-    again : whether it has to follow also tables that could not be read within the last minute; None: no table at all
+    few : the largest number of marks that counts as few; -1: none does
+    again : whether to follow also tables that could not be read within the last minute; None: follow no tables
 
-    Raises InvalidInput if there is no scene of that name, and LockTimeout.
+    Raises InvalidInput if the scene does not exist, and LockTimeout.
     """
 
     def take(wait_s: float) -> Begun | None:
@@ -133,12 +133,12 @@ def begin_detection(
 
 
 def some_areas(conn: psycopg.Connection[Any], scene_id: int, area_ids: list[int]) -> AreaBatch:
-    """Return those of some areas that are in a scene, by number."""
+    """Return the areas of a scene with the given ids; missing ones are left out."""
     return area_batch(*copy_binary.few(conn, "_some_areas", [scene_id, area_ids], AREA_COLUMNS, AREA_STRINGS))
 
 
 def some_tracks(conn: psycopg.Connection[Any], scene_id: int, track_ids: list[int]) -> TrackBatch:
-    """Return those of some tracks that are in a scene, by number."""
+    """Return the tracks of a scene with the given ids; missing ones are left out."""
     return track_batch(*copy_binary.few(conn, "_some_tracks", [scene_id, track_ids], TRACK_COLUMNS, TRACK_STRINGS))
 
 
@@ -147,8 +147,8 @@ def put_pieces(
 ) -> tuple[Bundles, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Store the pieces of the changed objects, and return their candidates.
 
-    All rows of pieces of these, of each piece its place (`pairs.bundles`), and the pairs, so many at most: ids of rows
-    a, b (n,).
+    Returns all rows of pieces among these, the rank of each piece (`pairs.bundles`), and at most `most` pairs: ids of
+    rows a, b (n,).
     """
     stored = bundles_of(pieces)
     of_rows, size = scalars(stored, srid), np.diff(stored.offset)

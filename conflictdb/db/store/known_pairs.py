@@ -1,7 +1,7 @@
-"""Which pairs of objects have a row already, and whether that tells what is found of them now.
+"""Find which pairs of objects already have a row, and whether that row is still the answer.
 
-A row carries a digest of what was written and under which settings. So what did not change is known without being sent
-or read: 64 bits, by which two different answers for one pair are taken for the same once in 2^64 times.
+A row stores a 64-bit digest of its contents and of the settings. Unchanged answers are recognised without sending or
+reading them; collision probability 2^-64 per pair.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
 from conflictdb.db.store import copy_binary
 from conflictdb.kernel import rows
 
-# What _known_conflicts gives arrays of.
+# The columns of _known_conflicts, which returns each as an array.
 _COLUMNS: Final = [
     ("a_kind", "i2"),
     ("a_id", "i8"),
@@ -29,14 +29,15 @@ DIGEST_KEY_BYTES: Final = 16
 
 
 class KnownPairs:
-    """The pairs of objects with a changed member that have a row, and which of them were found again so far."""
+    """The pairs of objects with a changed member that have a row, and which of them were found again."""
 
     def __init__(
         self, a: NDArray[np.int64], b: NDArray[np.int64], digest: NDArray[np.int64], place: copy_binary.Bytes
     ) -> None:
-        """Take the members (n,) of rows by number, their digests, and where they are (n, 6); a pair may come twice.
+        """Index rows by the numbers of their members (n,), with digests and row addresses (n, 6).
 
-        They stay there: the snapshot sees them, and nobody else detects the scene.
+        A pair may come twice. The addresses stay valid: the snapshot sees the rows, and no other detection of
+        the scene can run.
         """
         self._objects = np.unique(np.concatenate([a, b]))
         first, second = np.minimum(a, b), np.maximum(a, b)
@@ -46,9 +47,9 @@ class KnownPairs:
 
     @classmethod
     def read(cls, conn: psycopg.Connection[Any], scene_id: int, changed: list[int] | None = None) -> Self:
-        """Return those that a detection of a scene replaces; raises StoreError outside of a snapshot.
+        """Read the rows that a detection of a scene replaces; raises StoreError outside of a snapshot.
 
-        changed : numbers of the objects that did, if these are few (_object_number)
+        changed : numbers of the changed objects, if these are few (_object_number)
         """
         known = copy_binary.receive_arrays(conn, "_known_conflicts", [scene_id, changed], _COLUMNS)
         return cls(
@@ -66,9 +67,9 @@ class KnownPairs:
         b_id: NDArray[np.int64],
         digest: NDArray[np.int64],
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Take note that pairs (n,) were found, the smaller kind and number first, and return their rows.
+        """Record that pairs (n,) were found, smaller kind and number first, and return their rows.
 
-        Returns which (n,), -1 where there is none, and whether they have the same digest (n,).
+        Returns the rows (n,), -1 for a pair without one, and whether they have the same digest (n,).
         """
         found, is_same = np.full(len(digest), -1), np.zeros(len(digest), np.bool_)
         if not len(self._pair):
@@ -82,14 +83,14 @@ class KnownPairs:
         return found, is_same
 
     def places(self, of: NDArray[np.int64]) -> copy_binary.Ragged:
-        """Return a column of tid: where rows (n,) are, null for -1."""
+        """Return a column of tid: the addresses of rows (n,), null for -1."""
         place = np.zeros((len(of), 6), np.uint8)
         known = np.flatnonzero(of >= 0)
         place[known] = self._place[of[known]]
         return copy_binary.nullable(place, of < 0)
 
     def leave(self, among: NDArray[np.int64]) -> None:
-        """Let the pairs stay that have a member which is not among some objects (increasing numbers)."""
+        """Keep the pairs with a member outside `among` (increasing object numbers)."""
         self._is_found |= ~(np.isin(self._first, among) & np.isin(self._second, among))
 
     def gone(self) -> NDArray[np.int64]:
@@ -97,15 +98,15 @@ class KnownPairs:
         return np.flatnonzero(~self._is_found)
 
     def members(self, of: NDArray[np.int64]) -> tuple[_Objects, _Objects]:
-        """Return kinds and numbers of the first and of the second members of rows (n,), as in `find`."""
+        """Return kinds and ids of the first and of the second members of rows (n,), as in `find`."""
         return kinds_and_ids(self._first[of]), kinds_and_ids(self._second[of])
 
     def _pairs(self, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return a number (n,) for each pair of members: another one for another pair, if all of them are known."""
+        """Return a number (n,) for each pair of members, unique if both members are known."""
         return np.searchsorted(self._objects, first) * (len(self._objects) + 1) + np.searchsorted(self._objects, second)
 
 
 def digests(columns: Sequence[copy_binary.Column], key: bytes) -> NDArray[np.int64]:
-    """Return digests (n,) of rows, of the bytes of their columns; none is 0, which stands for none."""
+    """Return digests (n,) of rows, from the bytes of their columns; never 0, which means no digest."""
     parts = [column if isinstance(column, np.ndarray) else (column.data, column.offset) for column in columns]
     return np.maximum(rows.digests(parts, key), 1).astype(np.int64)

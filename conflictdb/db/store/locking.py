@@ -1,8 +1,8 @@
-"""The lock that lets one detection of a scene work at a time: a row of `scene_lock`, kept to the end of a transaction.
+"""Lock a scene for one detection at a time: a row of `scene_lock`, locked until the transaction ends.
 
-Only workers may lock rows of that table. A pooler that gives every transaction another session cannot lose the lock: it
-ends with the transaction. Each holder counts the row up. So a snapshot taken before the last detection ended is refused
-by the server (SQLSTATE 40001), and that transaction begins again.
+Only workers may lock rows of that table. The lock ends with the transaction, so a pooler that changes sessions between
+transactions cannot lose it. Each holder increments the row. The server therefore refuses a snapshot taken before the
+last detection ended (SQLSTATE 40001), and that transaction begins again.
 """
 
 import time
@@ -26,14 +26,14 @@ from conflictdb.errors import LockTimeout, StoreError
 _T = TypeVar("_T")
 Say = Callable[[str], object]
 
-# A detection that waits for another one says so after this time, and looks whether it is still the same one.
+# A waiting detection reports the lock's holder after this time, and checks for a new holder as often.
 SAY_AFTER_S: Final = 5.0
-# How long a detection that waits for no other one waits for all other locks: another scene may be free.
+# With `lock_timeout_s` 0, how long to wait for locks other than the scene's: another scene may be free.
 _IN_PASSING_S: Final = 10.0
 
 
 def longest_wait_s(lock_timeout_s: float | None) -> float:
-    """Return how long a detection waits for any lock but that of its scene, seconds: never for ever."""
+    """Return how long a detection waits for any lock but that of its scene, seconds; always finite."""
     if lock_timeout_s is None:
         return LOCK_WAIT_S
     return lock_timeout_s if lock_timeout_s > 0.0 else _IN_PASSING_S
@@ -44,12 +44,12 @@ def begin_locked(
 ) -> int:
     """Begin a transaction that sees one state of the database and holds a scene's lock; commit or roll back ends both.
 
-    Returns how often the lock was taken: two transactions between which nobody took it have numbers in sequence. Limits
-    of time that the role or the database sets do not hold for the transaction. `say` is told after 5 s who holds the
-    lock, and again when that is somebody else.
+    Returns how often the lock was taken: two transactions have consecutive numbers if no detection ran in between. Time
+    limits of the role or the database do not apply in the transaction. `say` is called after 5 s with the holder of the
+    lock, and again when the holder changes.
 
-    Raises LockTimeout, without an open transaction, if somebody else keeps it for `lock_timeout_s` (None: no limit), or
-    any other lock for `longest_wait_s(lock_timeout_s)`.
+    Raises LockTimeout, without an open transaction, if the lock is not free within `lock_timeout_s` (None: no limit),
+    or another lock within `longest_wait_s(lock_timeout_s)`.
     """
 
     def take(wait_s: float) -> int | None:
@@ -67,10 +67,10 @@ def begin_taking(
     lock_timeout_s: float | None,
     say: Say,
 ) -> _T:
-    """Begin a transaction as `begin_locked` does, with a routine that takes the lock of a scene; return what it does.
+    """Begin a transaction as `begin_locked` does, with a routine that takes the scene's lock; return its result.
 
-    take : told how long to wait, seconds; None if the lock cannot be had
-    scene_id : the number of the scene, asked for where it has to be waited for
+    take : called with the time to wait, seconds; returns None if the lock is not free by then
+    scene_id : called for the id of the scene if it has to wait
     """
     start = time.monotonic()
     said = ""
@@ -100,24 +100,24 @@ def begin_taking(
 def _begin(
     conn: psycopg.Connection[Any], take: Callable[[float], _T | None], wait_s: float, longest_s: float
 ) -> _T | None:
-    """Begin the transaction; return None, without a transaction, if another session keeps the lock for `wait_s`.
+    """Begin the transaction; return None, without a transaction, if another session holds the lock for `wait_s`.
 
-    longest_s : to wait for any other lock, from the first statement to the end of the transaction
+    longest_s : limit for every other lock, in all statements of the transaction
     """
     while True:
-        # First, and by itself: a limit that is changed holds from the next statement on.
+        # A statement of its own: a changed limit applies from the next statement on.
         limits = f"SELECT conflictdb._lift_limits('{longest_s!r}')"
         try:
             with waiting_at_most(conn, longest_s):
                 begin_snapshot(conn, limits, "_lift_limits")
             taken = take(wait_s)
         except StoreError as error:
-            with suppress(psycopg.Error):  # a lost connection: the first reason is the one to report
+            with suppress(psycopg.Error):  # a lost connection: the first error is the one to report
                 conn.rollback()
             if isinstance(error, LockTimeout) and _is_of_scene(error):
                 return None
             if isinstance(error.__cause__, psycopg.errors.SerializationFailure):
-                continue  # somebody had the lock, and gave it back, since the snapshot
+                continue  # another session took and released the lock since the snapshot
             raise
         if taken is None:
             conn.rollback()
@@ -125,12 +125,12 @@ def _begin(
 
 
 def _is_of_scene(timeout: LockTimeout) -> bool:
-    """Return whether the lock of a scene was waited for, and no other one: servers translate all but the routine."""
+    """Return whether the scene's lock timed out, and not another one: servers do not translate the routine's name."""
     cause = timeout.__cause__
     return isinstance(cause, psycopg.Error) and "_take_scene(" in (cause.diag.context or "")
 
 
 def _holder(conn: psycopg.Connection[Any], scene_id: int) -> str:
-    """Return who holds the lock of a scene, for people; empty if nobody does."""
+    """Return the holder of a scene's lock, as text for people; empty if it is free."""
     with transaction(conn):
         return " and ".join(str(Holder(*row)) for row in call_many(conn, "_scene_holders", scene_id))

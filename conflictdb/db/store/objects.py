@@ -1,4 +1,4 @@
-"""Scenes, areas and tracks in and out of the database, set by set and exact to the last bit."""
+"""Load scenes, areas and tracks into the database and read them, in sets, exact to the last bit."""
 
 import json
 import math
@@ -54,11 +54,11 @@ class LoadCounts:
 
 @dataclass(frozen=True, slots=True)
 class SceneStatus:
-    """A scene as the database knows it.
+    """A scene and its state.
 
-    areas, tracks, conflicts : how many it has
+    areas, tracks, conflicts : their numbers
     pending : objects that changed since the last detection
-    run_id, finished_at, error : the last detection; None if there was none (error: if it did not fail)
+    run_id, finished_at, error : the last detection; None if there was none (error: None unless it failed)
     is_current : whether nothing changed since the last detection that succeeded
     """
 
@@ -77,10 +77,10 @@ class SceneStatus:
 def replace_scene(
     conn: psycopg.Connection[Any], scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], *, merge: bool
 ) -> LoadCounts:
-    """Bring a scene in step with its settings and objects, in one transaction.
+    """Update a scene to the given settings and objects, in one transaction.
 
-    Objects that do not change are not touched. Without `merge`, objects that are not given are removed. Raises
-    InvalidInput, and changes nothing, if an object cannot be stored.
+    Equal objects stay unchanged. Without `merge`, objects that are not given are removed. Raises InvalidInput, and
+    changes nothing, if an object cannot be stored.
     """
     return replace_scene_by_parts(conn, scene, [(areas, tracks)], merge=merge)
 
@@ -92,7 +92,7 @@ def replace_scene_by_parts(
     *,
     merge: bool,
 ) -> LoadCounts:
-    """Do what `replace_scene` does, with areas and tracks that come some at a time; what `parts` raises ends it."""
+    """Update a scene as `replace_scene` does, from batches of areas and tracks; errors of `parts` roll back."""
     require_writable(conn)
     with transaction(conn):
         call(conn, "_begin_load")
@@ -104,14 +104,14 @@ def replace_scene_by_parts(
 
 
 def set_scene(conn: psycopg.Connection[Any], scene: Scene) -> int:
-    """Create a scene or change its settings, in one transaction; returns its id."""
+    """Create a scene or change its settings, in one transaction; return its id."""
     require_writable(conn)
     with transaction(conn):
         return int(call(conn, "create_scene", *_settings(scene))[0])
 
 
 def scene_id(conn: psycopg.Connection[Any], name: str) -> int:
-    """Return the id of a scene; raises InvalidInput, naming the known scenes, if there is none of that name."""
+    """Return the id of a scene; raises InvalidInput, naming the known scenes, if it does not exist."""
     with transaction(conn):
         return int(call(conn, "_scene_id", name)[0])
 
@@ -123,7 +123,7 @@ def list_scenes(conn: psycopg.Connection[Any]) -> list[SceneStatus]:
 
 
 def waiting_scenes(conn: psycopg.Connection[Any]) -> dict[str, float]:
-    """Return the scenes that changed since their last detection, longest waiting first, and for how long, seconds."""
+    """Return the scenes that changed since their last detection and their waiting times, seconds; longest first."""
     with transaction(conn):
         return dict(call_many(conn, "_waiting_scenes"))
 
@@ -131,9 +131,9 @@ def waiting_scenes(conn: psycopg.Connection[Any]) -> dict[str, float]:
 def read_scene(
     conn: psycopg.Connection[Any], name: str, keys: Sequence[str] | None = None
 ) -> tuple[Scene, list[Area], list[Track]]:
-    """Return a scene and its objects, in the order they came, as they were loaded; InvalidInput if it is not known.
+    """Return a scene and its objects as they were loaded, in load order; InvalidInput if the scene does not exist.
 
-    keys : of the objects that are wanted; None: all
+    keys : keys of the objects to read; None: all
     """
     wanted = None if keys is None else list(keys)
     with transaction(conn):
@@ -146,7 +146,7 @@ def read_scene(
 
 @dataclass(frozen=True, slots=True)
 class Numbered:
-    """Some objects of a scene, areas or tracks; their numbers and versions (n,)."""
+    """A batch of a scene's objects, areas or tracks, with ids and versions (n,)."""
 
     areas: list[Area]
     tracks: list[Track]
@@ -155,7 +155,7 @@ class Numbered:
 
 
 def each_object(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[Numbered]:
-    """Yield the objects of a scene, some at a time, areas first; until the last nothing else runs on the connection."""
+    """Yield the objects of a scene in batches, areas first; the connection is busy until the last batch."""
     for columns, strings in each_area_row(conn, scene_id):
         yield Numbered(areas_of(columns, strings), [], columns["area_id"], columns["version"])
     for columns, strings in each_track_row(conn, scene_id):
@@ -163,23 +163,23 @@ def each_object(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[Number
 
 
 def each_area_row(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[_Rows]:
-    """Yield the rows of `_read_areas` of a scene, as they are sent."""
+    """Yield the rows of `_read_areas` of a scene, undecoded."""
     return copy_binary.receive_each(conn, "_read_areas", [scene_id, None], _AREA_COLUMNS, _AREA_STRINGS)
 
 
 def each_track_row(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[_Rows]:
-    """Yield the rows of `_read_tracks` of a scene, as they are sent."""
+    """Yield the rows of `_read_tracks` of a scene, undecoded."""
     return copy_binary.receive_each(conn, "_read_tracks", [scene_id, None], _TRACK_COLUMNS, _TRACK_STRINGS)
 
 
 def scene_settings(conn: psycopg.Connection[Any], name: str) -> Scene | None:
-    """Return the settings of a scene, None if there is none of that name."""
+    """Return the settings of a scene; None if it does not exist."""
     with transaction(conn):
         return next((scene_of(*row) for row in call_many(conn, "_scene_named", name)), None)
 
 
 def is_scene(conn: psycopg.Connection[Any], scene_id: int) -> bool:
-    """Return whether the scene with that id is still there."""
+    """Return whether a scene with that id exists."""
     with transaction(conn):
         return bool(call_many(conn, "_scene", scene_id))
 
@@ -190,7 +190,7 @@ def read_settings(conn: psycopg.Connection[Any], scene_id: int) -> Scene:
 
 
 def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]) -> list[Area]:
-    """Return the areas of rows of `_read_areas`, as they are sent."""
+    """Decode areas from rows of `_read_areas`."""
     start, end = (copy_binary.microseconds(columns[name]).tolist() for name in ("start", "end"))
     footprints = shapely.from_wkb(strings["footprint"])
     return [
@@ -211,7 +211,7 @@ def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence
 
 
 def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]) -> list[Track]:
-    """Return the tracks of rows of `_read_tracks`, as they are sent."""
+    """Decode tracks from rows of `_read_tracks`."""
     positions, times, way = decode_paths(strings["path"])
     outline, ring = decode_rings(strings["outline"])
     changing, change = decode_outlines(strings["outlines"], way)
@@ -254,7 +254,7 @@ def decode_paths(
 
 
 def decode_rings(wkb: Sequence[bytes]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the open rings of polygons, concatenated, and their offsets; points and lines as they were put in."""
+    """Return the open rings of polygons, concatenated, and their offsets; points and lines as they were stored."""
     return copy_binary.open_rings(*copy_binary.vertices(wkb, copy_binary.WKB_POLYGON))
 
 
@@ -277,7 +277,7 @@ def decode_outlines(wkb: Sequence[bytes], way: NDArray[np.int64]) -> tuple[NDArr
 
 
 def decode_heights(sent: bytes, unbounded: float) -> NDArray[np.float64] | None:
-    """Return the heights of legs (metres) as array_send gives them, null for unbounded; None for no bytes."""
+    """Return the heights of legs (metres) from array_send format, null for unbounded; None for no bytes."""
     if not sent:
         return None
     heights = copy_binary.float8_array(sent)
@@ -285,14 +285,14 @@ def decode_heights(sent: bytes, unbounded: float) -> NDArray[np.float64] | None:
 
 
 def _encoded_heights(heights: NDArray[np.float64] | None) -> bytes | None:
-    """Return the heights of legs as the text of an array, which loses no digit."""
+    """Encode the heights of legs as the text of an array, with all digits."""
     if heights is None:
         return None
     return ("{" + ",".join(repr(x) if math.isfinite(x) else "NULL" for x in heights.tolist()) + "}").encode()
 
 
 def _encoded_outlines(outlines: NDArray[np.float64] | None) -> bytes | None:
-    """Return outlines (w, m, 2) as a MultiPolygon of closed rings: a ring has four points at least."""
+    """Encode outlines (w, m, 2) as a MultiPolygon of closed rings: a ring has at least four points."""
     if outlines is None:
         return None
     index = [*range(outlines.shape[1]), 0] if outlines.shape[1] > 2 else [0, -1, -1, 0]
@@ -370,7 +370,7 @@ def _documents(kind: str, keys: Sequence[str], documents: Sequence[Mapping[str, 
 
 
 def _is_storable(text: str) -> bool:
-    """Return whether PostgreSQL can hold a text: no U+0000, no half of a surrogate pair."""
+    """Return whether PostgreSQL can store a text: no U+0000, no unpaired surrogate."""
     return "\0" not in text and (text.isascii() or not any("\ud800" <= c <= "\udfff" for c in text))
 
 
@@ -406,6 +406,6 @@ def scene_of(
     centre_lon: float | None,
     centre_lat: float | None,
 ) -> Scene:
-    """Return a scene with its settings as routines give them (_scene)."""
+    """Build a scene from the columns of its row (_scene)."""
     centre = None if centre_lon is None or centre_lat is None else (centre_lon, centre_lat)
     return Scene(name, Motion(motion), EarthModel(earth), Method(method), tolerance_m, separation_m, nearest_m, centre)

@@ -1,6 +1,7 @@
-"""What stage 1 leaves of a scene: the pairs of rows of pieces whose boxes meet, some at a time, and the pieces.
+"""Read the candidates of stage 1: pairs of rows of pieces whose boxes overlap, in chunks, and the pieces.
 
-In the second transaction of a detection: `boxes`, or where it gives none `candidates`; and `bundles` of some of them.
+In the second transaction of a detection: `boxes`, or `candidates` where it returns no rows; then `bundles` of their
+rows.
 """
 
 from collections.abc import Iterator
@@ -17,11 +18,11 @@ from conflictdb.db.store.bundles import PIECE_COLUMNS, PIECE_STRINGS, decoded
 from conflictdb.db.store.connection import call_each
 from conflictdb.kernel.boxes import RowBoxes
 
-# Rows whose boxes fit into one answer, which holds a gigabyte at most: each takes 134 bytes of it. And pairs of rows,
-# of 52 bytes, with room for all of the last two objects.
+# Rows and pairs per answer, limited by the 1 GB of a value: 134 bytes for a row's box, 52 for a pair, with room for all
+# pairs of the last two objects.
 _MOST_ROWS: Final = 7_000_000
 _MOST_PAIRS: Final = 10_000_000
-# What _row_boxes gives arrays of.
+# The columns of _row_boxes, which returns each as an array.
 _BOX_COLUMNS: Final = [
     ("piece_id", "i8"), ("pieces", "i4"), ("object", "i8"), ("turn", "i2"), ("low_x", "f8"), ("low_y", "f8"),
     ("high_x", "f8"), ("high_y", "f8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("start", "i8"), ("end", "i8"),
@@ -30,10 +31,10 @@ _BOX_COLUMNS: Final = [
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """n pairs of rows of pieces, bundles or not, whose boxes meet; those of the same two objects follow each other.
+    """n pairs of rows of pieces (bundles or not) whose boxes overlap; pairs of the same two objects are adjacent.
 
     a, b : (n,) ids of the rows
-    a_pieces, b_pieces : (n,) how many pieces each holds
+    a_pieces, b_pieces : (n,) numbers of pieces in each row
     objects : (n,) a number for the two objects
     """
 
@@ -47,15 +48,16 @@ class Candidates:
         return len(self.a)
 
     def take(self, rows: slice) -> Self:
-        """Return some of the pairs."""
+        """Return a slice of the pairs."""
         return type(self)(self.a[rows], self.b[rows], self.a_pieces[rows], self.b_pieces[rows], self.objects[rows])
 
 
 def candidates(conn: psycopg.Connection[Any], scene_id: int, at_once: int) -> Iterator[Candidates]:
-    """Yield the candidates of changed objects, each pair with the first of these: so many at once, or a few more.
+    """Yield the candidates of changed objects in chunks of about `at_once` pairs.
 
-    All pairs of the same two objects come together; there are no more than one answer holds. Raises StoreError outside
-    of a snapshot.
+    Each pair comes with its first changed object. All pairs of the same two objects are in one chunk, and no chunk
+    exceeds one answer. Raises StoreError outside of a
+    snapshot.
     """
     for sent in call_each(conn, "_candidates", scene_id, min(at_once, _MOST_PAIRS), rows_at_once=2):
         kinds = ("i8", "i8", "i4", "i4", "i8")
@@ -67,10 +69,10 @@ def candidates(conn: psycopg.Connection[Any], scene_id: int, at_once: int) -> It
 def boxes(
     conn: psycopg.Connection[Any], scene_id: int, most: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], RowBoxes]:
-    """Return the rows of pieces of a scene all of whose objects changed: ids, how many pieces each holds, and boxes.
+    """Return ids, numbers of pieces and boxes of all rows of pieces, if all objects of the scene changed.
 
-    None where only some changed, or there are more rows than `most`, or than one answer holds. Raises StoreError
-    outside of a snapshot.
+    Returns no rows if only some objects changed, or there are more rows than `most` or than fit one answer. Raises
+    StoreError outside of a snapshot.
     """
     rows = copy_binary.receive_arrays(conn, "_row_boxes", [scene_id, min(most, _MOST_ROWS)], _BOX_COLUMNS)
     found = RowBoxes(
@@ -88,8 +90,8 @@ def boxes(
 def bundles(
     conn: psycopg.Connection[Any], scene_id: int, piece_ids: NDArray[np.int64]
 ) -> tuple[Bundles, NDArray[np.int64]]:
-    """Return some rows of pieces of a scene as bundles, and of each piece its place.
+    """Read rows of pieces of a scene as bundles; also return the rank of each piece.
 
-    Places are in the order of kind, key, part and turn, which does not depend on the database's numbering.
+    Ranks follow kind, key, part and turn, so they do not depend on the database's ids.
     """
     return decoded(*copy_binary.receive(conn, "_pieces", [scene_id, piece_ids.tolist()], PIECE_COLUMNS, PIECE_STRINGS))

@@ -1,4 +1,4 @@
-"""Arrays that a statement takes in PostgreSQL's binary form, as `copy_binary.array` makes them."""
+"""Pass arrays to statements in PostgreSQL's binary form, as `copy_binary.array` encodes them."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ class Array:
 
 
 class ArrayDumper(Dumper):
-    """Hands arrays over as they are; their type follows from the parameter of the routine."""
+    """Pass encoded arrays through; their type follows from the routine's parameter."""
 
     format = Format.BINARY
 

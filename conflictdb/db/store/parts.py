@@ -1,7 +1,7 @@
-"""A scene's objects for many readers at once, each with a connection of its own, all in one state of the database.
+"""Read a scene's objects on many connections at once, all in the same state of the database.
 
-A reader begins with the statements of `Shared.begin`, and asks one `query` for the objects of some numbers. Every row
-says which state it was read in: `numbered` refuses what another state would be mixed with.
+A reader begins with the statements of `Shared.begin` and runs `query` for a range of ids. Every row names the state it
+was read in; `require_state` refuses rows of another state.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,8 +19,8 @@ from conflictdb.db.store.objects import Numbered, areas_of, tracks_of
 from conflictdb.errors import StoreError
 from conflictdb.results import Kind
 
-# What a reader asks for; texts and instants as bytes, which no setting of a connection changes. Names and properties
-# stay where they are.
+# The query of readers. Texts and instants are bytes, so they do not depend on connection settings. Names and properties
+# are not read.
 _ROWS: Final = {
     Kind.AREA: (
         "SELECT area_id AS object_id, version, timestamptz_send(span_start) AS start,"
@@ -33,7 +33,7 @@ _ROWS: Final = {
         " FROM conflictdb._read_tracks({scene_id}, NULL)"
     ),
 }
-# The first of every so many numbers.
+# The first of every n ids.
 _FIRSTS: Final = {
     kind: (
         f"SELECT {kind.value}_id FROM (SELECT {kind.value}_id, row_number() OVER (ORDER BY {kind.value}_id) AS place"  # noqa: S608
@@ -41,7 +41,7 @@ _FIRSTS: Final = {
     )
     for kind in Kind
 }
-# It waits for readers as long as they take. Servers know these, or do not.
+# Lift these limits, where the server knows them: the transaction lasts as long as its readers.
 _WAITS: Final = (
     "SELECT set_config(name, '0', true) FROM pg_catalog.pg_settings"
     " WHERE name IN ('idle_in_transaction_session_timeout', 'transaction_timeout')"
@@ -51,10 +51,10 @@ _STATE: Final = "SELECT pg_export_snapshot(), pg_current_snapshot()::text"
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """A state of the database that other connections can read in, while the transaction that shares it is open.
+    """A state of the database that other connections can read while the transaction that shares it is open.
 
     begin : SQL with which each of them begins its transaction
-    state : what rows read in it say
+    state : the text that rows read in it carry
     """
 
     begin: str
@@ -63,32 +63,32 @@ class Shared:
 
 @contextmanager
 def shared_snapshot(conn: psycopg.Connection[Any]) -> Iterator[Shared]:
-    """Read inside from one state of the database, and let other connections read in it, until the block ends."""
+    """Read one state of the database inside, and share it with other connections until the block ends."""
     require_idle(conn, "a snapshot for others")
     with snapshot(conn), translated(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
         cursor.execute(_WAITS.encode(), prepare=False)
         name, state = cursor.execute(_STATE.encode(), prepare=False).fetchone() or ("", "")
-        # The name is the server's own, of digits and signs.
+        # The name comes from the server: digits and signs only.
         begin = f"SET TRANSACTION ISOLATION LEVEL REPEATABLE READ, READ ONLY; SET TRANSACTION SNAPSHOT '{name}'"
         yield Shared(begin, state)
 
 
 def firsts(conn: psycopg.Connection[Any], scene_id: int, kind: Kind, every: int) -> list[int]:
-    """Return the number of the first of every so many objects of a kind, in the order of numbers."""
+    """Return every n-th object id of a kind, starting with the first, in increasing order."""
     with translated(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
         return [row[0] for row in cursor.execute(_FIRSTS[kind].encode(), [scene_id, every], prepare=False)]
 
 
 def query(scene_id: int, kind: Kind) -> str:
-    """Return the query of the objects of a kind; its column `object_id` tells readers whose are whose."""
+    """Return the query of all objects of a kind; readers select ranges by its column `object_id`."""
     return _ROWS[kind].format(scene_id=int(scene_id))
 
 
 def numbered(kind: Kind, columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]) -> Numbered:
-    """Return the objects of rows of `query`, without names and properties.
+    """Decode the objects of rows of `query`, without names and properties.
 
-    columns : numbers (n,)
-    strings : bytes, of all other columns but `state`
+    columns : the numeric columns (n,)
+    strings : all other columns but `state`, as bytes
     """
     n = len(columns["object_id"])
     none = {"name": [b""] * n, "properties": [b"{}"] * n}
@@ -101,6 +101,6 @@ def numbered(kind: Kind, columns: Mapping[str, NDArray[Any]], strings: Mapping[s
 
 
 def require_state(states: Sequence[str], shared: Shared) -> None:
-    """Raise StoreError unless rows were read in the state that is shared."""
+    """Raise StoreError unless all rows were read in the shared state."""
     if any(state != shared.state for state in states):
         raise StoreError("readers did not read the state of the database that they were to read: nothing can be said")

@@ -1,4 +1,4 @@
-"""Plans that somebody asks about: pieces of a scene that they may meet, requests, and answers to these."""
+"""Probe plans: find the pieces of a scene that a plan may meet; read, send and answer requests."""
 
 import json
 import math
@@ -24,13 +24,13 @@ from conflictdb.model import Area, Scene, Track
 from conflictdb.results import Conflict, Kind, Verdict
 from conflictdb.stage1_broad_phase import hulls_of
 
-# Of a plan without a key, which nobody sees.
+# Key of a plan without one; never shown.
 _NO_KEY = "plan"
 
 
 @dataclass(frozen=True, slots=True)
 class ProbeRequest:
-    """A question of somebody: the row of `probe_request`; geometries as WKB."""
+    """A question about a plan: a row of `probe_request`; geometries as WKB."""
 
     probe_id: int
     scene_id: int
@@ -47,9 +47,9 @@ class ProbeRequest:
 
 
 def pieces_meeting(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces, key: str | None) -> Candidates:
-    """Return which rows of pieces of a scene some pieces of one object meet in space, time and height.
+    """Return the rows of pieces of a scene whose boxes overlap those of one object's pieces in space, time and height.
 
-    Not those of the object `key`. The pieces are numbered -1, -2, ...: they are in no row.
+    Leaves out the object `key`. The given pieces, which are in no row, are numbered -1, -2, ....
     """
     columns = (pieces.start_us, pieces.end_us, pieces.end_inclusive, pieces.floor_m, pieces.ceiling_m, pieces.turn)
     hulls = list(shapely.to_wkb(hulls_of(pieces)))
@@ -60,7 +60,7 @@ def pieces_meeting(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces,
 
 
 def keys_of(conn: psycopg.Connection[Any], scene_id: int, found: Conflicts) -> dict[tuple[int, int], str]:
-    """Return the keys of the objects of some conflicts, by the code of their kind and their number."""
+    """Return the keys of the objects of conflicts, by the code of their kind and their id."""
     kinds, ids = np.concatenate([found.a_kind, found.b_kind]), np.concatenate([found.a_id, found.b_id])
     members = sorted(set(zip(kinds.tolist(), ids.tolist(), strict=True)))
     kind, number = [kind for kind, _ in members], [number for _, number in members]
@@ -68,19 +68,19 @@ def keys_of(conn: psycopg.Connection[Any], scene_id: int, found: Conflicts) -> d
 
 
 def next_probe(conn: psycopg.Connection[Any]) -> tuple[int, int] | None:
-    """Return the number and scene of the request to answer next, None if there is none; locks it in the transaction."""
+    """Return number and scene of the next request to answer, None if there is none; locks it in the transaction."""
     rows = call_many(conn, "_next_probe")
     return (rows[0][0], rows[0][1]) if rows else None
 
 
 def read_probe(conn: psycopg.Connection[Any], probe_id: int, scene_id: int) -> ProbeRequest:
-    """Return what a request asks."""
+    """Return a request."""
     kind, *rest = call(conn, "_probe_request", probe_id)
     return ProbeRequest(probe_id, scene_id, Kind.of_code(kind), *rest)
 
 
 def plan_of(request: ProbeRequest) -> Area | Track:
-    """Return the plan of a request; raises InvalidInput where there can be no such object."""
+    """Return the plan of a request; raises InvalidInput if it is not valid."""
     key = request.key or _NO_KEY
     floor_m, ceiling_m = request.floor_m, request.ceiling_m
     if request.kind is Kind.AREA:
@@ -102,16 +102,16 @@ def plan_of(request: ProbeRequest) -> Area | Track:
 
 
 def request_probe(conn: psycopg.Connection[Any], scene: str, plan: Area | Track) -> int:
-    """Ask the workers about a plan, and return the number of the question, which they see once it is committed.
+    """Send a question about a plan to the workers and return its number; they see it once it is committed.
 
-    Raises InvalidInput for a plan that is refused, or is more than a question can hold.
+    Raises InvalidInput for a plan that is invalid, or that a question cannot express.
     """
     area, track = (plan, None) if isinstance(plan, Area) else (None, plan)
     path = outline = None
     if track is not None:
         seconds = track.times_us / 1e6
-        held = np.rint(seconds * 1e6) == track.times_us
-        if track.outlines_m is not None or track.floors_m is not None or not held.all():
+        fits = np.rint(seconds * 1e6) == track.times_us
+        if track.outlines_m is not None or track.floors_m is not None or not fits.all():
             rule = (
                 "has a haven that changes its shape, heights of its legs or times beyond the year 2242, which a worker "
                 "cannot be asked about: probe without one"
@@ -143,9 +143,9 @@ def request_probe(conn: psycopg.Connection[Any], scene: str, plan: Area | Track)
 def wait_for_probe(
     conn: psycopg.Connection[Any], scene: Scene, plan: Area | Track, probe_id: int, timeout: timedelta
 ) -> list[Conflict]:
-    """Return the answer to a question, in the order of the keys.
+    """Wait for the answer to a question; return conflicts ordered by key.
 
-    Raises NotCurrent where there is none in time, InvalidInput where the plan cannot be.
+    Raises NotCurrent on timeout, InvalidInput if the plan is invalid.
     """
     mine = (Kind.AREA if isinstance(plan, Area) else Kind.TRACK), plan.key
     answer = []
@@ -177,7 +177,7 @@ def wait_for_probe(
 def answer_probe(
     conn: psycopg.Connection[Any], request: ProbeRequest, plan: Area | Track, found: Sequence[Conflict]
 ) -> None:
-    """Write what was found for a request."""
+    """Write the conflicts found for a request."""
     rows = []
     for one in found:
         is_a = (one.a_key, one.a_kind) != (plan.key, request.kind)
@@ -205,7 +205,7 @@ def refuse_probe(conn: psycopg.Connection[Any], probe_id: int, reason: str) -> N
 
 
 def probe_failed(conn: psycopg.Connection[Any], probe_id: int, reason: str) -> None:
-    """Count a failure to answer a request; the third refuses it."""
+    """Count a failed attempt at a request; the third refuses it."""
     call(conn, "_probe_failed", probe_id, reason)
 
 

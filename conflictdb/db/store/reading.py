@@ -1,4 +1,4 @@
-"""Conflicts, closest approaches and runs, as the database knows them, and whether that is all."""
+"""Read conflicts, closest approaches and runs, and whether they are complete."""
 
 from collections.abc import Generator, Sequence
 from contextlib import closing
@@ -23,14 +23,14 @@ from conflictdb.results import (
     Verdict,
 )
 
-# By name: an enum called with one takes ten times as long, which tells in long lists.
+# Lookup by name: calling an enum takes ten times as long, which matters in long lists.
 _KINDS: Final = {kind.value: kind for kind in Kind}
 _VERDICTS: Final = {verdict.value: verdict for verdict in Verdict}
 _METHODS: Final = {method.value: method for method in Method}
 _NUMBERS: Final = ("a_id", "a_version", "b_id", "b_version")
 
-# A multirange is sent as a count and so many ranges, each with its length before it: a byte of flags and the bounds
-# that there are, each with its length; all big-endian (PostgreSQL's multirange_send and range_send).
+# A multirange is a count, then for each range its length, a byte of flags and the bounds that exist, each after its
+# length; all big-endian (PostgreSQL's multirange_send and range_send).
 _SERVER_EPOCH: Final = datetime(2000, 1, 1, tzinfo=UTC)  # instants count microseconds from it
 _COUNT: Final = Struct(">i")
 _BOUND: Final = Struct(">iq")
@@ -41,7 +41,7 @@ _NO_END: Final = 0x10
 
 @dataclass(frozen=True, slots=True)
 class RunStatus:
-    """A detection that was done: a row of the table `run`. Instants in UTC; error is None unless it failed."""
+    """A finished detection: a row of table `run`. Instants in UTC; error is None unless it failed."""
 
     run_id: int
     scene_id: int
@@ -69,14 +69,14 @@ class RunStatus:
 
 
 def scene_state(conn: psycopg.Connection[Any], scene: str) -> SceneState:
-    """Return whether what is known of a scene is complete; InvalidInput if the scene is not known."""
+    """Return whether the answers for a scene are complete; InvalidInput if the scene does not exist."""
     with transaction(conn):
         objects, pending, last_run_at, last_error, is_current, remark, detected_at = call(conn, "_scene_state", scene)
     return SceneState(scene, objects, pending, _utc(last_run_at), last_error, is_current, remark, _utc(detected_at))
 
 
 def wait_until_current(conn: psycopg.Connection[Any], scene: str, timeout: timedelta) -> None:
-    """Wait until nothing of a scene waits for detection; raises NotCurrent when that takes longer."""
+    """Wait until no change of a scene waits for detection; raises NotCurrent on timeout."""
     with transaction(conn):
         call(conn, "wait_until_current", scene, timeout)
 
@@ -89,18 +89,18 @@ def conflicts(
     with_region: bool = False,
     keys: Sequence[str] | None = None,
 ) -> Listing[Conflict]:
-    """Return the conflicts of a scene, or those on at an instant, earliest first; InvalidInput if it is not known.
+    """Return the conflicts of a scene, or those at an instant, earliest first; InvalidInput if it does not exist.
 
-    keys : of the objects among which they are wanted; None: all
+    keys : only conflicts among these objects; None: all
     """
     with transaction(conn):
-        # First: what is detected between the two makes the list better than is said of it, not worse.
+        # State before list: a detection that ends in between makes the list better than its state says, never worse.
         state = scene_state(conn, scene)
         return Listing(state, each_conflict(conn, scene, at, with_region=with_region, keys=keys), Conflict)
 
 
 def approaches(conn: psycopg.Connection[Any], scene: str) -> Listing[Approach]:
-    """Return how close the pairs of a scene come that are known, earliest first; InvalidInput if it is not known."""
+    """Return the known closest approaches of a scene's pairs, earliest first; InvalidInput if it does not exist."""
     with transaction(conn):
         state = scene_state(conn, scene)
         return Listing(state, each_approach(conn, scene), Approach)
@@ -114,9 +114,9 @@ def each_conflict(
     with_region: bool = False,
     keys: Sequence[str] | None = None,
 ) -> Generator[Conflict, None, None]:
-    """Yield what `conflicts` returns, read as it is asked for.
+    """Yield the result of `conflicts`, fetched as it is consumed.
 
-    One transaction is open, and one cursor in it, until all are read.
+    One transaction, with one cursor, is open until all are read.
     """
     among = None if keys is None else list(keys)
     with transaction(conn), closing(call_each(conn, "_conflicts", scene, at, with_region, among)) as rows:
@@ -159,10 +159,10 @@ def each_conflict(
 def each_approach(
     conn: psycopg.Connection[Any], scene: str, *, only_near: bool = False, keys: Sequence[str] | None = None
 ) -> Generator[Approach, None, None]:
-    """Yield what `approaches` returns, read as it is asked for.
+    """Yield the result of `approaches`, fetched as it is consumed.
 
-    `only_near` leaves out those of conflicts, `keys` those of other objects. One transaction is open, and one cursor in
-    it, until all are read.
+    `only_near` leaves out pairs in conflict, `keys` pairs of other objects. One transaction, with one cursor, is open
+    until all are read.
     """
     among = None if keys is None else list(keys)
     with transaction(conn), closing(call_each(conn, "_approaches", scene, only_near, among)) as rows:
@@ -192,8 +192,7 @@ def each_approach(
 def conflicts_known_at(conn: psycopg.Connection[Any], scene: str, at: datetime) -> list[Conflict]:
     """Return the conflicts of a scene as they were known at an instant, earliest first.
 
-    Raises InvalidInput if the scene is not known, or had not been detected by then, or its history does not reach back
-    so far.
+    Raises InvalidInput if the scene does not exist, had no detection by then, or its history begins later.
     """
     with transaction(conn):
         rows = call_by_name(conn, "_conflicts_known_at", scene, at)
@@ -209,27 +208,27 @@ def conflicts_known_at(conn: psycopg.Connection[Any], scene: str, at: datetime) 
 def conflict_events(
     conn: psycopg.Connection[Any], scene: str, key: str | None, other_key: str | None, after: int, most: int | None
 ) -> list[ConflictEvent]:
-    """Return so many events of a scene at most after a number, of an object or of two; InvalidInput if not known."""
+    """Return at most `most` events after number `after`, of a scene, object or pair; InvalidInput if unknown."""
     with transaction(conn):
         rows = call_by_name(conn, "_conflict_events", scene, key, other_key, after, most)
     return [ConflictEvent(scene=scene, **_typed(row, "at", "opened_at", "closed_at")) for row in rows]
 
 
 def explain_conflict(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> dict[str, Any]:
-    """Return why two objects are in conflict, or are not; InvalidInput if the scene or one of them is not known."""
+    """Return why two objects are in conflict or not; InvalidInput if the scene or one of them does not exist."""
     with transaction(conn):
         (facts,) = call(conn, "explain_conflict", scene, a_key, b_key)
     return dict(facts)
 
 
 def explained_text(conn: psycopg.Connection[Any], facts: dict[str, Any]) -> str:
-    """Return what `explain_conflict` says in words."""
+    """Return the facts of `explain_conflict` as text."""
     with transaction(conn):
         return str(call(conn, "_explained_text", Jsonb(facts))[0])
 
 
 def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunStatus]:
-    """Return the last runs of a scene, newest first; InvalidInput if the scene is not known."""
+    """Return the last runs of a scene, newest first; InvalidInput if the scene does not exist."""
     with transaction(conn):
         rows = call_by_name(conn, "_runs", scene, limit)
     instants = ("started_at", "finished_at")
@@ -237,7 +236,7 @@ def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunS
 
 
 def _typed(row: dict[str, Any], *instants: str) -> dict[str, Any]:
-    """Return a row by the names of its columns, with kinds, verdict, periods and instants as they are here."""
+    """Return a row by column names, with kinds, verdict, periods and instants converted."""
     return {
         **row,
         **{name: _utc(row[name]) for name in (*instants, "closest_at")},
@@ -253,8 +252,8 @@ def _utc(instant: datetime | None) -> datetime | None:
 
 
 def decode_periods(sent: bytes) -> tuple[Period, ...]:
-    """Return the periods of a tstzmultirange as the server sends it in binary (multirange_send)."""
-    if len(sent) == _ONE_BOUNDED.size:  # nearly all
+    """Decode the periods of a tstzmultirange in binary form (multirange_send)."""
+    if len(sent) == _ONE_BOUNDED.size:  # the usual case
         *_, start, _, end = _ONE_BOUNDED.unpack(sent)
         return ((_instant(start), _instant(end)),)
     found = []

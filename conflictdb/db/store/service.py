@@ -1,4 +1,4 @@
-"""What a worker and `status` need of the server: its versions, its workers, and word of changes."""
+"""Read the state of the server, its versions and workers, and listen for changes."""
 
 import uuid
 from collections.abc import Callable
@@ -10,10 +10,10 @@ from psycopg.conninfo import conninfo_to_dict, make_conninfo
 
 from conflictdb.db.store.connection import call, translated
 
-# By this name workers are counted; routine _service knows it too.
+# Workers are counted by this name; routine _service uses it too.
 WORKER_NAME: Final = "conflictdb worker"
 
-# A network that is gone without a word is noticed within about a minute, and not after hours, as systems are set up.
+# Detect a dead network within about a minute; system defaults take hours.
 _LIVELY: Final = {
     "connect_timeout": 10,
     "keepalives_idle": 30,
@@ -22,7 +22,7 @@ _LIVELY: Final = {
     "tcp_user_timeout": 60_000,
 }
 
-# Notifications arrive in milliseconds; where none does, a worker begins this much later.
+# Notifications arrive in milliseconds. Where none can, a worker starts this much later.
 _HEARD_WITHIN_S: Final = 2.0
 
 
@@ -30,7 +30,7 @@ _HEARD_WITHIN_S: Final = 2.0
 class Service:
     """State of a server.
 
-    server_version, postgis_version : as they call themselves
+    server_version, postgis_version : as the server reports them
     worker_count : workers connected to this database
     """
 
@@ -47,15 +47,15 @@ def service(conn: psycopg.Connection[Any]) -> Service:
 
 
 def worker_dsn(dsn: str) -> str:
-    """Return a connection string by whose connections a worker is known, and notices soon that a network is gone.
+    """Return the connection string for workers: named so that they can be counted, and quick to notice a dead network.
 
-    What the string itself says of that stays.
+    Keywords that the string sets itself are kept.
     """
     return _named_dsn(dsn, WORKER_NAME)
 
 
 def map_dsn(dsn: str) -> str:
-    """Return a connection string by whose connections the page of `conflictdb map` is known; else as `worker_dsn`."""
+    """Return the connection string for `conflictdb map`, named for it; otherwise as `worker_dsn`."""
     return _named_dsn(dsn, "conflictdb map")
 
 
@@ -65,28 +65,28 @@ def _named_dsn(dsn: str, name: str) -> str:
 
 
 def listen(conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Connection[Any]]) -> bool:
-    """Let this session be told of changes and requests; returns whether it will be. Commits.
+    """Listen for changes and requests on this session; return whether notifications arrive. Commits.
 
-    A pooler that gives every transaction another session hands on no notifications. So where the session is not the
-    connection's own, one is sent on another connection, which `connect` opens, and must arrive.
+    A pooler that changes sessions between transactions forwards no notifications. If the session is not the
+    connection's own, a test notification from another connection, opened by `connect`, must arrive.
     """
     with translated():
         conn.execute("LISTEN conflictdb_request", prepare=False)
         row = conn.execute("SELECT pg_backend_pid()", prepare=False).fetchone()
         conn.commit()
         if row != (conn.info.backend_pid,) and not _is_heard(conn, connect):
-            # Maybe it is still the same session: it should not tell whoever has it next.
+            # It may still be the same session: do not notify its next user.
             conn.execute("UNLISTEN conflictdb_request", prepare=False)
             conn.commit()
             return False
-        # It waits between changes, for as long as there are none.
+        # The session idles until something changes.
         conn.execute("SELECT set_config('idle_session_timeout', '0', false)", prepare=False)
         conn.commit()
         return True
 
 
 def writers_notify(conn: psycopg.Connection[Any]) -> bool:
-    """Return whether who changes something notifies the workers: not where transactions can be prepared. Commits."""
+    """Return whether writers notify the workers: they do not where transactions can be prepared. Commits."""
     with translated():
         row = conn.execute("SELECT current_setting('max_prepared_transactions') = '0'", prepare=False).fetchone()
         conn.commit()
@@ -94,7 +94,7 @@ def writers_notify(conn: psycopg.Connection[Any]) -> bool:
 
 
 def _is_heard(conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Connection[Any]]) -> bool:
-    """Return whether a notification that another connection sends arrives at an idle connection."""
+    """Return whether a notification sent by another connection arrives at an idle connection."""
     token = f"heard {uuid.uuid4()}"
     with connect() as other:
         other.execute("SELECT pg_notify('conflictdb_request', %s)", [token], prepare=False)
@@ -103,10 +103,10 @@ def _is_heard(conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Conne
 
 
 def wait_for_change(conn: psycopg.Connection[Any], timeout_s: float) -> bool:
-    """Wait until something changed, or a detection was requested; return whether it did before the time was over.
+    """Wait for a change or a request; return whether one came in time.
 
-    Whatever came while nobody waited counts too, all of it at once. Raises StoreError if the connection is lost.
+    Earlier notifications count too, all of them as one. Raises StoreError if the connection is lost.
     """
     with translated():
-        # To the end: what is left of it would be answered one by one, each by a look at what waits.
+        # Consume all: each one left over would cause another look for waiting scenes.
         return bool(list(conn.notifies(timeout=timeout_s, stop_after=1)))

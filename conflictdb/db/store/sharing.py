@@ -1,4 +1,4 @@
-"""Whose scenes are, and with whom they are shared."""
+"""Own scenes, and share them with roles."""
 
 from dataclasses import dataclass
 from datetime import datetime
@@ -11,7 +11,7 @@ from conflictdb.db.store.connection import call, call_by_name, transaction
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """Whose a scene is, or a role that it is shared with: a row of the view `shares`."""
+    """The owner of a scene, or a role that it is shared with: a row of the view `shares`."""
 
     scene: str
     role: str
@@ -21,7 +21,7 @@ class Share:
 
 
 def share_scene(conn: psycopg.Connection[Any], scene: str, role: str, access: str) -> None:
-    """Let a role read or write a scene, or own it in place of who does."""
+    """Let a role read or write a scene, or make it the owner."""
     with transaction(conn):
         if access == "own":
             call(conn, "give_scene", scene, role)
@@ -30,18 +30,18 @@ def share_scene(conn: psycopg.Connection[Any], scene: str, role: str, access: st
 
 
 def unshare_scene(conn: psycopg.Connection[Any], scene: str, role: str) -> bool:
-    """Take back that a scene is shared with a role, and return whether it was."""
+    """Stop sharing a scene with a role; return whether it was shared."""
     with transaction(conn):
         return bool(call(conn, "unshare_scene", scene, role)[0])
 
 
 def shares(conn: psycopg.Connection[Any], scene: str) -> list[Share]:
-    """Return whose a scene is, and with whom it is shared, as far as the connection's role sees it."""
+    """Return the owner of a scene and the roles that it is shared with, as far as the connection's role sees them."""
     with transaction(conn):
         return [Share(**row) for row in call_by_name(conn, "_shares", scene)]
 
 
 def protect_scenes(conn: psycopg.Connection[Any], *, on: bool) -> None:
-    """Have scenes seen by those alone whose they are and who they are shared with, or by all again."""
+    """Restrict scenes to their owners and the roles they are shared with, or show all scenes to all again."""
     with transaction(conn):
         call(conn, "protect_scenes", on)

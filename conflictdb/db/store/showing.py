@@ -1,4 +1,4 @@
-"""What the page of `conflictdb map` shows: whole lists of a scene, tiles, and word of changes."""
+"""Read the data of `conflictdb map`: lists of a scene, tiles, and notifications of changes."""
 
 from collections.abc import Iterator
 from typing import Any, Final
@@ -8,7 +8,7 @@ from psycopg.types.json import Json
 
 from conflictdb.db.store.connection import call, call_many, transaction, translated
 
-# One of these is notified by whatever changes what a page shows (sql/14_marks.sql, 60_write_back.sql,
+# Every change of the data that a page shows notifies one of these channels (sql/14_marks.sql, 60_write_back.sql,
 # 69_acknowledge.sql).
 _CHANNELS: Final = ("conflictdb", "conflictdb_event", "conflictdb_acknowledgement", "conflictdb_request")
 
@@ -16,26 +16,26 @@ TILES: Final = ("areas", "tracks", "conflicts")
 
 
 def map_conflicts(conn: psycopg.Connection[Any], scene: str) -> tuple[bytes, bytes]:
-    """Return the conflicts of a scene as _map_conflicts has them, head and numbers; InvalidInput as map_areas."""
+    """Return the conflicts of a scene as routine _map_conflicts packs them, head and numbers; errors as `map_areas`."""
     with transaction(conn):
         head, numbers = call(conn, "_map_conflicts", scene)
     return head.encode(), bytes(numbers)
 
 
 def map_areas(conn: psycopg.Connection[Any], scene: str) -> list[tuple[Any, ...]]:
-    """Return the areas of a scene as routine _map_areas has them; InvalidInput if it is not known."""
+    """Return the areas of a scene as routine _map_areas returns them; InvalidInput if the scene does not exist."""
     with transaction(conn):
         return call_many(conn, "_map_areas", scene)
 
 
 def map_overview(conn: psycopg.Connection[Any], scene: str) -> bytes:
-    """Return the outlines of the areas of a scene as routine _map_overview packs them; InvalidInput as map_areas."""
+    """Return the outlines of the areas of a scene as routine _map_overview packs them; errors as `map_areas`."""
     with transaction(conn):
         return bytes(call(conn, "_map_overview", scene)[0] or b"")
 
 
 def map_tracks(conn: psycopg.Connection[Any], scene: str) -> list[tuple[Any, ...]]:
-    """Return the tracks of a scene as routine _map_tracks has them; InvalidInput if it is not known."""
+    """Return the tracks of a scene as routine _map_tracks returns them; InvalidInput if the scene does not exist."""
     with transaction(conn):
         return call_many(conn, "_map_tracks", scene)
 
@@ -43,7 +43,7 @@ def map_tracks(conn: psycopg.Connection[Any], scene: str) -> list[tuple[Any, ...
 def map_shapes(
     conn: psycopg.Connection[Any], scene: str, keys: list[str] | None = None
 ) -> list[tuple[str, int, str | None, str]]:
-    """Return layer, number, key and GeoJSON of what a map shows of a scene, or of its objects of some keys."""
+    """Return layer, number, key and GeoJSON of the shapes of a scene, or of its objects with the given keys."""
     with transaction(conn):
         return [(row[0], row[1], row[2], row[3]) for row in call_many(conn, "_map_shapes", scene, keys)]
 
@@ -55,7 +55,7 @@ def may_acknowledge(conn: psycopg.Connection[Any]) -> bool:
 
 
 def tile(conn: psycopg.Connection[Any], kind: str, z: int, x: int, y: int, scene: str) -> bytes:
-    """Return a vector tile of one of TILES, empty where nothing is; InvalidInput if there is no such tile or scene."""
+    """Return a vector tile of one of TILES, possibly empty; InvalidInput if there is no such tile or scene."""
     if kind not in TILES:
         raise ValueError(kind)
     with transaction(conn):
@@ -63,14 +63,14 @@ def tile(conn: psycopg.Connection[Any], kind: str, z: int, x: int, y: int, scene
 
 
 def never_write(conn: psycopg.Connection[Any]) -> None:
-    """Have the server refuse whatever would change something on this connection."""
+    """Make the connection read-only."""
     with translated():
         conn.execute("SELECT set_config('default_transaction_read_only', 'on', false)", prepare=False)
         conn.commit()
 
 
 def hear_changes(conn: psycopg.Connection[Any]) -> None:
-    """Let this connection be told of changes; commits."""
+    """Listen for changes on this connection; commits."""
     with translated():
         for channel in _CHANNELS:
             conn.execute(f"LISTEN {channel}".encode(), prepare=False)
@@ -79,7 +79,7 @@ def hear_changes(conn: psycopg.Connection[Any]) -> None:
 
 
 def changes(conn: psycopg.Connection[Any], timeout_s: float) -> Iterator[str]:
-    """Yield what was notified, a payload each, as it comes, until nothing has for so long."""
+    """Yield the payloads of notifications as they arrive, until none came for `timeout_s`."""
     with translated():
         for notify in conn.notifies(timeout=timeout_s, stop_after=1):
             yield notify.payload

@@ -1,10 +1,10 @@
-"""Write-back: what a detection found, in parts, then the run, all in its second transaction; and runs that failed.
+"""Write back the result of a detection in parts, then the run, in its second transaction; record failed runs.
 
-    begin_write; as often as there are parts: differing, and stage for each that it yields; end_write; commit
+    begin_write; for each part: differing, and stage for each Part that it yields; end_write; commit
 
-What is known of a pair has a digest: found again with the same one, it is neither sent nor written, nor is it found out
-where it is. What differs is sent some thousand rows at a time, by another thread while the next ones are made: rows
-that are new by COPY, where they are many, all others by a statement, the last of them with the run itself.
+The row of a pair stores a digest. An answer with the same digest is neither sent nor written, and its region is not
+computed. Rows that differ are sent some thousand at a time, by another thread while the next are computed: many new
+rows by COPY, all others by a statement, the last of them together with the run.
 """
 
 import hashlib
@@ -32,11 +32,11 @@ from conflictdb.db.store.parameters import Array
 from conflictdb.pipeline.regions import EDITION
 from conflictdb.record import MEASURED, STATES, Type
 from conflictdb.results import Verdict
-from conflictdb.waiting import answer_of, begun_aside
+from conflictdb.waiting import run_in_thread, wait_for
 
-# Rows that are sent by one statement: enough to be worth it, little in memory.
+# Rows per statement: enough to amortise it, little memory.
 _ROWS_AT_ONCE: Final = 5_000
-# From so many new rows on COPY, which takes four statements, is worth it.
+# From this many new rows on, COPY pays for its four statements.
 _MANY_NEW: Final = 300
 _SENT_AS: Final = {Type.POINT: "bytea", Type.NUMBER: "double precision", Type.INSTANT: "timestamptz"}
 # What _write_run takes of a row, in its order.
@@ -57,11 +57,11 @@ _TYPES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class RunRecord:
-    """What is recorded of a detection.
+    """The record of a detection.
 
-    counted : pairs that remained after each stage and seconds each stage took, by the names of the columns of the table
-        `run`, as far as it came; other names are left aside
-    more_objects : by how many the scene has more than after the last one; None: they are counted
+    counted : pairs that remained after each stage, and seconds of each stage, by column of table `run`, as far as it
+        got; other names are ignored
+    more_objects : growth of the number of objects since the last detection; None: count them
     """
 
     method: str
@@ -71,22 +71,22 @@ class RunRecord:
     more_objects: int | None = None
 
     def digest_key(self) -> bytes:
-        """Return a key for digests of what is found: what is not known of that follows from method and settings."""
-        told = json.dumps([self.method, self.settings, EDITION], sort_keys=True)
-        return hashlib.blake2b(told.encode(), digest_size=DIGEST_KEY_BYTES).digest()
+        """Return the key for digests: method, settings and edition, on which answers depend besides their columns."""
+        settings = json.dumps([self.method, self.settings, EDITION], sort_keys=True)
+        return hashlib.blake2b(settings.encode(), digest_size=DIGEST_KEY_BYTES).digest()
 
     def as_json(self, **more: float) -> str:
-        """Return it as the database takes it."""
+        """Encode the record for the database."""
         started_at = self.started_at.isoformat()
-        told: dict[str, Any] = {"method": self.method, "settings": self.settings, "started_at": started_at}
+        record: dict[str, Any] = {"method": self.method, "settings": self.settings, "started_at": started_at}
         if self.more_objects is not None:
-            told["more_objects"] = self.more_objects
-        return json.dumps({**told, **self.counted, **more})
+            record["more_objects"] = self.more_objects
+        return json.dumps({**record, **self.counted, **more})
 
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """What a detection changed: conflicts opened, changed (other periods or verdict) and closed; how many there are."""
+    """The changes made by a detection: conflicts opened, changed (other periods or verdict), closed; and the totals."""
 
     run_id: int
     opened: int
@@ -98,12 +98,12 @@ class RunOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Some conflicts that differ from what is known.
+    """Conflicts that differ from the stored ones.
 
-    rows : (k,) which they are of those that were found
-    conflicts : they, the object of the smaller kind and number first
-    row : (k,) the rows of the pairs that have one, else -1 (KnownPairs)
-    digest : (k,) of each
+    rows : (k,) their indices among all conflicts found
+    conflicts : the object of the smaller kind and number first
+    row : (k,) the stored rows of the pairs, -1 for none (KnownPairs)
+    digest : (k,)
     """
 
     rows: NDArray[np.int64]
@@ -112,22 +112,22 @@ class Part:
     digest: NDArray[np.int64]
 
     def take(self, some: NDArray[np.int64]) -> "Part":
-        """Return some of them."""
+        """Return a selection."""
         return Part(self.rows[some], self.conflicts.take(some), self.row[some], self.digest[some])
 
 
 @dataclass(slots=True)
 class Staged:
-    """A write-back under way.
+    """A write-back in progress.
 
-    run : as far as it is known when it begins
+    run : as known at the beginning
     known : the pairs that have a row, and which of them were found
-    held : rows that differ and are not sent yet, some thousand at most
-    expected : numbers of both objects of rows that are new and not begun yet, where they are many
-    new : what new rows are finished with
-    sending : what is sent by another thread, while the next rows are made here; nobody else may use the connection
-    run_id : once a part of them was sent
-    took_s : how long it took so far, seconds
+    held : rows that differ and are not sent yet, at most some thousand
+    expected : numbers of both objects of new rows that are not begun yet, if there are many
+    new : the values that complete new rows
+    sending : a part being sent by another thread; until it ends no other thread may use the connection
+    run_id : set once a part was sent
+    took_s : time spent so far, seconds
     """
 
     scene_id: int
@@ -144,9 +144,9 @@ class Staged:
 def begin_write(
     conn: psycopg.Connection[Any], scene_id: int, run: RunRecord, numbers: list[int] | None = None
 ) -> Staged:
-    """Begin to write back what is found of a scene, in the second transaction of a detection.
+    """Begin to write back the conflicts of a scene, in the second transaction of a detection.
 
-    numbers : of the objects that changed, if these are few
+    numbers : of the changed objects, if these are few
     """
     began = time.perf_counter()
     known = KnownPairs.read(conn, scene_id, numbers)
@@ -154,9 +154,9 @@ def begin_write(
 
 
 def differing(staged: Staged, conflicts: Conflicts) -> Iterator[Part]:
-    """Yield, for `stage`, what differs from what is known of a part of what was found, some thousand rows at a time.
+    """Yield, for `stage`, the conflicts of a part that differ from the stored ones, some thousand rows at a time.
 
-    No pair of objects may be in two parts. Until all is taken nothing else may use the connection.
+    No pair of objects may be in two parts. The connection is busy until the last is consumed.
     """
     began = time.perf_counter()
     found = _ordered(conflicts)
@@ -180,19 +180,19 @@ def differing(staged: Staged, conflicts: Conflicts) -> Iterator[Part]:
 
 
 def stage(conn: psycopg.Connection[Any], staged: Staged, part: Part, region: Polygons) -> None:
-    """Hand over what differs, and where it is (k,)."""
+    """Queue conflicts that differ, with their regions (k,), for sending."""
     began = time.perf_counter()
     if staged.expected is not None:
         (a, b), staged.expected = staged.expected, None
-        told = staged.scene_id, staged.run_id, staged.run.as_json(), staged.run.method
-        staged.new = begin_new(conn, *told, np.unique(np.concatenate([a, b])), len(a))
+        run = staged.scene_id, staged.run_id, staged.run.as_json(), staged.run.method
+        staged.new = begin_new(conn, *run, np.unique(np.concatenate([a, b])), len(a))
     if staged.new is not None:
-        # Where others are that nobody knows the place of is found out by the statement.
+        # Pairs without a region have no COPY: the statement finds their place.
         is_new = (part.row < 0) & ((np.diff(region.offset) > 0) | (part.conflicts.verdict == Verdict.NEAR.code))
         rows, rest = np.flatnonzero(is_new), np.flatnonzero(~is_new)
         new = part if not len(rest) else part.take(rows)
         finished = finish_new(staged.new, new.conflicts, new.digest, region if not len(rest) else region.take(rows))
-        _send_aside(conn, staged, lambda: copy_new(conn, finished))
+        _send_in_thread(conn, staged, lambda: copy_new(conn, finished))
         part, region = part.take(rest), region.take(rest)
     if len(part.rows):
         columns = columns_of(part.conflicts, region)
@@ -202,9 +202,9 @@ def stage(conn: psycopg.Connection[Any], staged: Staged, part: Part, region: Pol
 
 
 def end_write(conn: psycopg.Connection[Any], staged: Staged, run: RunRecord) -> RunOutcome:
-    """Replace the conflicts of every pair with a changed member by those handed over, record the run, clear the marks.
+    """Replace the conflicts of every pair with a changed member by those staged, record the run, clear the marks.
 
-    Rows that are what they were are not touched. The caller commits; then listeners on channel conflictdb are told.
+    Equal rows stay unchanged. The caller commits; then listeners on channel conflictdb are notified.
     """
     began = time.perf_counter()
     gone = staged.known.gone()
@@ -217,27 +217,27 @@ def end_write(conn: psycopg.Connection[Any], staged: Staged, run: RunRecord) -> 
 
 
 def _hold(conn: psycopg.Connection[Any], staged: Staged, columns: Columns) -> None:
-    """Hold columns of some thousand rows until they are sent, and send what is held before where that becomes many."""
+    """Queue columns of some thousand rows, and send the queue before it exceeds its limit."""
     count = sum(copy_binary.length(one["place"]) for one in (*staged.held, columns))
     if staged.held and count > _ROWS_AT_ONCE:
         _await_sent(staged)
         arrays = _taken(staged.held)
         staged.held.clear()
-        _send_aside(conn, staged, lambda: _send(conn, staged, arrays, staged.run.as_json(), is_last=False)[0])
+        _send_in_thread(conn, staged, lambda: _send(conn, staged, arrays, staged.run.as_json(), is_last=False)[0])
     staged.held.append(columns)
 
 
-def _send_aside(conn: psycopg.Connection[Any], staged: Staged, work: Callable[[], int]) -> None:
-    """Have another thread send something, which returns the run, once what it sends now is sent."""
+def _send_in_thread(conn: psycopg.Connection[Any], staged: Staged, work: Callable[[], int]) -> None:
+    """Start `work`, which returns the run, in another thread, after the previous one ended."""
     _await_sent(staged)
-    staged.sending = begun_aside(conn, work)
+    staged.sending = run_in_thread(conn, work)
 
 
 def _await_sent(staged: Staged) -> None:
-    """Wait for what is sent by another thread; raises what it did."""
+    """Wait for the other thread; re-raises its error."""
     if staged.sending is not None:
         sending, staged.sending = staged.sending, None
-        staged.run_id = answer_of(sending)
+        staged.run_id = wait_for(sending)
 
 
 def _taken(held: list[Columns]) -> list[Array]:
@@ -252,7 +252,7 @@ def _send(
 
 
 def record_failure(conn: psycopg.Connection[Any], scene_id: int, run: RunRecord, error: str) -> int:
-    """Record a detection that failed, in a transaction of its own; conflicts and marks stay. Returns the run."""
+    """Record a failed detection, in a transaction of its own; conflicts and marks stay. Return the run."""
     with transaction(conn):
         return int(call(conn, "_record_failure", scene_id, run.as_json(), error)[0])
 
@@ -264,10 +264,9 @@ def _ordered(found: Conflicts) -> Conflicts:
 
 
 def _digests(found: Conflicts, key: bytes) -> NDArray[np.int64]:
-    """Return digests (n,) of conflicts; none is 0, which stands for none.
+    """Return digests (n,) of conflicts; never 0, which means no digest.
 
-    Where they are follows from the rest: from both objects as of their versions, settings, times and how it is made,
-    which is what the key is of.
+    The region is left out: it follows from the rest, namely both objects at their versions, the times, and the key.
     """
     columns: list[copy_binary.Column] = [
         copy_binary.fixed(kind, "i2") for kind in (found.a_kind, found.b_kind, found.verdict)
@@ -286,13 +285,13 @@ def _digests(found: Conflicts, key: bytes) -> NDArray[np.int64]:
 
 
 def _digested(measures: NDArray[np.float64]) -> copy_binary.Bytes:
-    """Return numbers (n, k) as bytes: of what is none there is but one kind."""
+    """Encode numbers (n, k) as bytes, with a single encoding for NaN."""
     whole = np.where(np.isnan(measures), np.nan, measures)
     return copy_binary.fixed(whole.ravel(), "f8").reshape(len(measures), 8 * measures.shape[1])
 
 
 def _gone(known: KnownPairs, rows: NDArray[np.int64]) -> Columns:
-    """Return the columns of rows that go."""
+    """Return the columns of rows to delete."""
     (a_kind, a_id), (b_kind, b_id) = known.members(rows)
     nothing = copy_binary.Ragged.of([None] * len(rows))
     members: Columns = {
