@@ -1,6 +1,6 @@
-"""Reading of scene files and of what other programs write, and writing of scenes and conflicts.
+"""Read scene files and files of other programs; write scenes and conflicts.
 
-`read` is the way in (`reading` finds the format, and is where a further one goes), `write` the way out (`writing`).
+`read` is the entry point for reading (`reading` chooses the format), `write` for writing (`writing`).
 """
 
 from conflictdb.io.contents import Contents, Remark, Skipped

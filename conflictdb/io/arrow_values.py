@@ -1,4 +1,4 @@
-"""Columns of Arrow as values of JSON: what properties and members of objects are made of."""
+"""Convert Arrow columns to JSON values, for properties and members of objects."""
 
 from collections.abc import Iterator
 from datetime import UTC, date, datetime
@@ -19,7 +19,7 @@ from conflictdb.io.instants import format_instant
 
 
 def plain(name: str, column: Array) -> list[Any]:
-    """Return the values of a column as JSON has them, None for what is missing, and for NaN and infinities.
+    """Return the values of a column as JSON values; None for missing values, NaN and infinities.
 
     Instants are ISO 8601, to the nearest microsecond, with Z if they have a zone; bytes are hexadecimal. Raises
     InvalidInput for instants outside of the years 1 to 9999.
@@ -57,7 +57,7 @@ def plain(name: str, column: Array) -> list[Any]:
 
 
 def leaves(name: str, of: "pa.Schema | pa.DataType") -> Iterator[str]:
-    """Yield a name for each column of simple values: a struct has as many as it has members."""
+    """Yield a name for each column of simple values; a struct yields one per member."""
     if isinstance(of, pa.Schema | pa.StructType):
         for member in of:
             yield from leaves(member.name, member.type)
@@ -68,7 +68,7 @@ def leaves(name: str, of: "pa.Schema | pa.DataType") -> Iterator[str]:
 
 
 def check_wkb(name: str, column: Array, first_row: int) -> None:
-    """Raise InvalidInput for a column of bytes that GEOS must not decode."""
+    """Raise InvalidInput for WKB that GEOS must not decode."""
     try:
         wkb.check(column.to_pylist(), first_row)
     except ValueError as error:

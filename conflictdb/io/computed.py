@@ -1,6 +1,6 @@
-"""Conflicts that were computed elsewhere, with what they were computed from, as `conflictdb spark detect` writes them.
+"""Read conflicts that `conflictdb spark detect` computed, and the object states they were computed from.
 
-A directory of Parquet of the Arrow form FOUND, and in it another, STATES, of the form COMPUTED.
+A directory of Parquet files of the Arrow form FOUND, with a subdirectory STATES of the form COMPUTED.
 """
 
 import json
@@ -22,17 +22,17 @@ from conflictdb.io.parquet_process import decoded
 from conflictdb.io.scene_file import scene_of, settings_of
 from conflictdb.model import Scene
 
-# Readers of the directory leave aside what begins so.
+# Readers of the directory skip names that begin with an underscore.
 STATES: Final = "_objects"
-# As Arrow; what is read of conflicts is written, and not kept.
+# Limit in Arrow format; conflicts are written in chunks, not kept in memory.
 MAX_COMPUTED_MB: Final = 16_000.0
 
 
 @dataclass(frozen=True, slots=True)
 class Computed:
-    """What conflicts were computed from: settings, and n objects.
+    """The input of computed conflicts: settings, and the states of n objects.
 
-    pairs : how many were found
+    pairs : number of conflicts
     kind : (n,) int8
     object_id, version, digest : (n,) int64
     key : (n,) object, texts
@@ -48,14 +48,14 @@ class Computed:
 
 
 def settings_text(scene: Scene) -> str:
-    """Return settings as what was computed tells them."""
+    """Return settings as the files of computed conflicts store them."""
     settings = settings_of(scene)
     del settings["name"]
     return json.dumps(settings)
 
 
 def read_computed(path: Path) -> Computed:
-    """Return what the conflicts in a directory were computed from; raises InvalidInput where it does not say."""
+    """Return settings and object states of the conflicts in a directory; raises InvalidInput if they are missing."""
     states = path / STATES
     if not path.exists():
         raise InvalidInput("file", "", "does not exist", str(path))
@@ -65,22 +65,22 @@ def read_computed(path: Path) -> Computed:
             "`conflictdb spark detect` wrote, of objects that `conflictdb export` did"
         )
         raise InvalidInput("file", "", rule, str(path))
-    told: set[str] = set()
+    settings: set[str] = set()
     counts: set[int] = set()
     parts: list[Mapping[str, Any]] = []
     try:
         with decoded(states, MAX_COMPUTED_MB) as rows:
             for batch in rows.batches:
                 columns = COMPUTED.columns(batch)
-                told |= set(columns["settings"].unique().to_pylist())
+                settings |= set(columns["settings"].unique().to_pylist())
                 counts |= set(columns["pairs"].unique().to_pylist())
                 part = {name: numbers(columns[name]) for name in ("object_id", "version", "digest")}
                 key = np.array([*columns["id"].to_pylist(), None], dtype=object)[:-1]
                 parts.append({**part, "kind": kinds(columns["kind"]), "key": key})
-        if len(told) != 1 or len(counts) != 1:
+        if len(settings) != 1 or len(counts) != 1:
             raise InvalidInput("file", "settings", "must be those of one scene")
         return Computed(
-            settings=scene_of(json.loads(told.pop()), "computed"),
+            settings=scene_of(json.loads(settings.pop()), "computed"),
             pairs=counts.pop(),
             **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
         )
@@ -91,9 +91,9 @@ def read_computed(path: Path) -> Computed:
 
 
 def read_conflicts(path: Path, pairs: int) -> Iterator[tuple[Conflicts, Polygons]]:
-    """Yield conflicts of numbered objects, and where they are, some at a time; raises InvalidInput.
+    """Yield conflicts of numbered objects with their regions, in batches; raises InvalidInput.
 
-    pairs : how many there must be; a file that was lost on the way would be conflicts that are gone
+    pairs : the expected number; a lost file would otherwise remove conflicts
     """
     count = 0
     try:

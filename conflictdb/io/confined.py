@@ -1,4 +1,4 @@
-"""Files of others, read by a program of its own that can do little else: see `confined_child`."""
+"""Run readers of untrusted files in a confined process: see `confined_child`."""
 
 import json
 import os
@@ -15,25 +15,25 @@ from conflictdb.errors import InvalidInput
 from conflictdb.io.contents import TOO_LARGE
 
 _HERE: Final = Path(__file__).parent
-# What Python and a library need to be there at all.
+# Minimum that Python and a library need to start.
 _LEAST_SECONDS: Final = 30.0
 _LEAST_MEMORY: Final = 2 << 30
-# Bytes of an answer for each byte that a file may hold: a geometry is two digits a byte, a number up to 26 characters.
+# Bytes of answer per byte of file limit: geometries have two digits per byte, numbers up to 26 characters.
 _ANSWER_BYTES: Final = 4
 _LEAST_ANSWER: Final = 1 << 20
-# Bytes of what a program says of a mistake that are read; an honest one says less.
+# Bytes of an error message that are read; honest messages are shorter.
 _MOST_SAID: Final = 1 << 16
-# Of all programs; threads of their own take address space each.
+# For all programs: extra threads would take address space.
 _SETTINGS: Final = {"LC_ALL": "C.UTF-8", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """What reads files of others, and what it may use.
+    """A reader of untrusted files, and its limits.
 
-    file : its name, beside this module (`confined_child` says what is in it)
-    cannot_read : begins what is said where it refuses a file
-    seconds_per_mb, memory_per_mb : processor time, and bytes, for each MB that the file may hold
+    file : its name, beside this module (`confined_child` describes its contents)
+    cannot_read : beginning of the message if it refuses a file
+    seconds_per_mb, memory_per_mb : processor seconds, and bytes, per MB of file limit
     settings : its environment
     """
 
@@ -45,14 +45,14 @@ class Program:
 
     @contextmanager
     def running(self, arguments: Sequence[str], max_file_mb: float) -> "Iterator[Running]":
-        """Start it with arguments, and end it in the end, whatever it does then."""
+        """Start the program with arguments, and kill it at the end of the block."""
         seconds = max(_LEAST_SECONDS, self.seconds_per_mb * max_file_mb)
         memory = max(_LEAST_MEMORY, int(self.memory_per_mb * max_file_mb))
         limits = [str(int(most)) for most in (max_file_mb * 1e6, memory, seconds)]
         child = subprocess.Popen(
-            # -P: what lies in the current directory is not imported
+            # -P: do not import from the current directory
             [sys.executable, "-P", "-W", "ignore", _HERE / "confined_child.py", _HERE / self.file, *limits, *arguments],
-            # Nothing of the caller's: no credentials, and no settings of the library's.
+            # Nothing of the caller's environment: no credentials, no library settings.
             env={"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **_SETTINGS, **self.settings},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
@@ -67,10 +67,10 @@ class Program:
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """A program that reads a file.
+    """A running program.
 
-    max_file_mb : it may hold
-    longest_s : it may take
+    max_file_mb : limit on the contents of the file
+    longest_s : time limit
     """
 
     program: Program
@@ -80,12 +80,12 @@ class Running:
 
     @property
     def stream(self) -> IO[bytes]:
-        """What it writes, as it does."""
+        """The program's output stream."""
         assert self.child.stdout is not None  # noqa: S101
         return self.child.stdout
 
     def answer(self) -> bytes:
-        """Return all that it writes; raises InvalidInput where it refuses the file, or takes too much or too long."""
+        """Return the complete output; raises InvalidInput if the program refuses the file or exceeds a limit."""
         most = _LEAST_ANSWER + int(_ANSWER_BYTES * self.max_file_mb * 1e6)
         clock = Timer(self.longest_s, self.child.kill)
         clock.start()
@@ -99,17 +99,17 @@ class Running:
         return written
 
     def check_end(self) -> None:
-        """Wait for its end when all is read; raises InvalidInput where it refuses the file, or took too much."""
+        """Wait for the program to end; raises InvalidInput if it refused the file or exceeded a limit."""
         if self.child.wait() != 0:
             raise self.refusal()
 
     def refusal(self) -> InvalidInput:
-        """Return why it ended before all was written."""
+        """Return the reason for which the program ended early."""
         assert self.child.stderr is not None  # noqa: S101
         return self._refusal(self.child.stderr.read(_MOST_SAID))
 
     def _refusal(self, said: bytes) -> InvalidInput:
-        """Return why a file cannot be read, from what the program said: nothing if a limit ended it, or it crashed."""
+        """Return the reason from the program's message; without one, a limit ended it, or it crashed."""
         try:
             wrong = json.loads((said.splitlines() or [b"{}"])[-1])
         except ValueError:

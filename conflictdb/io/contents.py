@@ -1,4 +1,4 @@
-"""What a file holds, and what of it was left out."""
+"""The contents of a file, and the objects left out."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -8,18 +8,18 @@ from typing import Final, NamedTuple, Protocol
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model import Area, Scene, Track
 
-# How names of files of Parquet end.
+# Endings of Parquet file names.
 PARQUET: Final = frozenset({".parquet", ".geoparquet"})
-# Of a file that holds more than is allowed: what to do.
+# The remedy for a file above the size limit.
 TOO_LARGE: Final = ": split it, or allow more with --max-file-mb"
-# Columns of a file; every object has a value of each. PostgreSQL has 1,600 at most, SQLite 2,000.
+# Columns of a file; every object has a value for each. PostgreSQL has at most 1,600, SQLite 2,000.
 MAX_COLUMNS: Final = 2_000
-# A mistake takes a kilobyte, and of a hostile file every third byte may be one.
+# An error takes a kilobyte, and in a hostile file every third byte may be one.
 MAX_MISTAKES: Final = 100_000
 
 
 class FileRefusals(Refusals):
-    """Refusals of a file, or of an object of it: reading ends with an InvalidInput where they become too many."""
+    """Refusals of a file or of one of its objects; too many of them end reading with an InvalidInput."""
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -29,7 +29,7 @@ class FileRefusals(Refusals):
         return is_kept
 
     def extend(self, found: Iterable[InvalidInput]) -> None:
-        """Keep further refusals."""
+        """Add refusals."""
         for refused in found:
             self.found.append(refused)
             self._raise_if_many()
@@ -45,13 +45,13 @@ class FileRefusals(Refusals):
 class Skipped:
     """An object of a file, or rows of it, that were left out, and why.
 
-    Plans are refused as a whole when something is wrong with them, unless the rest is asked for; observations (AIS,
-    ADS-B) are always a little dirty. What cannot be used is left out and named here.
+    Plans with an error are refused as a whole, unless `skip_invalid` is set. Observations (AIS, ADS-B) always contain
+    errors; unusable rows are left out and listed here.
 
     key : the object, as in the file
-    reason : the rule that it breaks, or its rows do
-    lines : of rows, their line numbers in the file, counted from 1; empty for an object of another file
-    is_whole : whether the object is left out altogether
+    reason : the broken rule
+    lines : line numbers of the rows, counted from 1; empty for objects of files without rows
+    is_whole : whether the whole object is left out
     """
 
     source: str
@@ -62,7 +62,7 @@ class Skipped:
 
     @property
     def is_refused(self) -> bool:
-        """Whether it is an object of plans that breaks a rule, and no observation."""
+        """Whether it is an invalid object of plans, not of observations."""
         return self.is_whole and not self.lines
 
     def __str__(self) -> str:
@@ -71,11 +71,11 @@ class Skipped:
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """Something in a file that breaks no rule, but may not be what its author meant.
+    """Valid input that is probably unintended.
 
     source : the file
-    key : the object, as in a refusal: ``track 'T1'``; ``file`` for all of it
-    text : what is odd, and what it might mean
+    key : the object, as in a refusal: ``track 'T1'``; ``file`` for the whole file
+    text : the observation and its likely meaning
     """
 
     source: str
@@ -88,11 +88,11 @@ class Remark:
 
 @dataclass(slots=True)
 class Parts:
-    """A file that is read part by part, so that nobody holds all of it.
+    """A file that is read in parts, to bound memory.
 
-    settings : of its scene, None if the file names none
-    each : areas and tracks, some at a time; they can be read once
-    refusals, skipped, remarks : what was found of the parts that were read
+    settings : of its scene, None if the file has none
+    each : areas and tracks in batches; can be read once
+    refusals, skipped, remarks : those of the parts read so far
     """
 
     settings: Scene | None
@@ -108,29 +108,32 @@ class _Keyed(Protocol):
 
 
 def name_of(item: _Keyed) -> str:
-    """Return an area, or a track of any kind, as errors and remarks name it."""
+    """Return the name of an object in errors and remarks."""
     return f"{'area' if isinstance(item, Area) else 'track'} {item.key!r}"
 
 
 def given_twice(item: str, where: str) -> InvalidInput:
-    """Return the refusal of an object whose id an earlier one has; where both are, as a text."""
+    """Return the refusal of an object whose id an earlier object has.
+
+    where : places of both, as text
+    """
     return InvalidInput(item, "id", f"is given twice, by {where}; ids must be unique in the scene")
 
 
 def rows_apart(first: int, row: int) -> str:
-    """Return where two rows are that have the same id."""
+    """Return the places of two rows that have the same id."""
     return f"rows {first} and {row} (from 0)"
 
 
 def check_columns(who: str, names: Sequence[str]) -> None:
-    """Raise InvalidInput for more columns than are read."""
+    """Raise InvalidInput for too many columns."""
     if len(names) > MAX_COLUMNS:
         rule = f"has {len(names):,} columns; at most {MAX_COLUMNS:,} are read: leave out those that say nothing here"
         raise InvalidInput(who, "columns", rule)
 
 
 def left_out(source: str, refusals: Refusals) -> list[Skipped]:
-    """Return the objects that are left out because they were refused, one entry for every mistake."""
+    """Return refused objects as left out, one entry per error."""
     skipped = []
     for refused in refusals.found:
         reason = ": ".join(part for part in (refused.field, refused.rule) if part)
@@ -139,9 +142,9 @@ def left_out(source: str, refusals: Refusals) -> list[Skipped]:
 
 
 def without_objects(who: str, source: str, skipped: Iterable[Skipped], *, has_settings: bool = False) -> InvalidInput:
-    """Return the refusal of a file, or files, without objects, with the reason for what was left out.
+    """Return the refusal of a file, or files, without objects, with the reasons for objects left out.
 
-    has_settings : the file has settings of a scene, so that it may be meant to empty it
+    has_settings : the file has settings of a scene, so it may be meant to empty the scene
     """
     rule = "holds no area and no track: nothing is changed"
     if has_settings:
@@ -165,7 +168,7 @@ class Contents(_Contents):
 
     scene : its settings, None if the file names no scene
     skipped : rows and objects that were left out
-    remarks : beside the four, what is odd about the rest
+    remarks : remarks on the remaining objects; an attribute, not part of the tuple
     """
 
     remarks: Sequence[Remark] = ()

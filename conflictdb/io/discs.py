@@ -1,16 +1,16 @@
-"""Circles as polygons: a polygon that contains the circle, and exceeds it by at most a thousandth of its radius.
+"""Approximate circles by polygons that contain them and exceed the radius by at most a thousandth.
 
-The circle is what lies within the radius of its centre by the shortest way on the scene's earth. The polygon's corners
-lie on a circle that is a little wider, its edges are straight in the scene's plane, as those of all areas.
+A circle is the set of points within the radius of its centre along geodesics of the scene's earth. The polygon's
+corners lie on a slightly wider circle; its edges are straight in the scene's plane, as those of all areas.
 
 Great circles: an edge between corners that are the angle h apart, seen from the centre, comes nearest half-way, where
-tan(r) = tan(R) cos(h / 2); so the wider radius R follows from the radius r exactly.
+tan(r) = tan(R) cos(h / 2). The wider radius R follows from the radius r exactly.
 
-Rhumb lines: the wider circle is a curve in the Mercator plane, which the chord between corners leaves by at most max
-|second derivative by the azimuth| h^2 / 8 plane metres. That derivative is at most k R (1 + 2 R tan(lat) / rho), k the
-scale of the plane and rho the least radius of curvature of the earth. For the curve has the speed k m, m the reduced
-length, and curves by the geodesic curvature m' / m of the circle and by the gradient of ln k; and m <= R, m' <= 1. What
-lies deeper within the curve than that is within the polygon, and what lies further outside is not.
+Rhumb lines: the wider circle is a curve in the Mercator plane. The chord between corners deviates from it by at most
+max |second derivative by the azimuth| h^2 / 8 plane metres. That derivative is at most k R (1 + 2 R tan(lat) / rho),
+with k the scale of the plane and rho the least radius of curvature of the earth: the curve has the speed k m, m the
+reduced length, and curves by the geodesic curvature m' / m of the circle and by the gradient of ln k; and m <= R, m' <=
+1. Points deeper inside the curve than that deviation are inside the polygon.
 """
 
 from dataclasses import dataclass
@@ -26,28 +26,28 @@ from conflictdb.model import MAX_RHUMB_LATITUDE_DEG, EarthModel, Motion, Scene
 
 Floats = NDArray[np.float64]
 
-EXCESS: Final = 1e-3  # of the radius, by which the polygon may exceed the circle
-MAX_RADIUS_M: Final = 5e6  # beyond, a circle on the earth has little in common with one on a map
-_ROUNDING_M: Final = 1e-7  # of longitudes and latitudes in float64, and of the steps to them
+EXCESS: Final = 1e-3  # share of the radius by which the polygon may exceed the circle
+MAX_RADIUS_M: Final = 5e6  # beyond this, a circle on the earth differs too much from one on a map
+_ROUNDING_M: Final = 1e-7  # rounding of longitudes and latitudes in float64, and of the steps to them
 _LEAST_CORNERS: Final = 64
 _MOST_CORNERS: Final = 4096
-# Of all circles of a file: 800 MB. Some 300,000 honest circles have as many.
+# For all circles of a file: 800 MB, or some 300,000 usual circles.
 MAX_CORNERS: Final = 50_000_000
-# How much the reduced length changes by the azimuth on the ellipsoid, as a share of it: below 0.002 (R / a)^3, from
-# its equation m'' = -K m and the gradient of the curvature K, 0.03 / a^3 at most.
+# Variation of the reduced length with azimuth on the ellipsoid, relative: below 0.002 (R / a)^3, from its equation m''
+# = -K m and the gradient of the curvature K, at most 0.03 / a^3.
 _UNEVEN: Final = 0.01
-# Longitude of the corner that a ring around a pole begins with lies within a turn of here, so that it ends within 360.
+# A ring around a pole begins at a longitude within a turn east of this, so that it ends within 360.
 _WEST_DEG: Final = -360.0
 
 
 @dataclass(slots=True)
 class Corners:
-    """How many corners the circles of a file have; a hundred bytes of it may be a circle of 4,096."""
+    """The number of corners of a file's circles; a hundred bytes of a file may describe a circle of 4,096."""
 
     made: int = 0
 
     def add(self, who: str, count: int) -> None:
-        """Count corners; raises InvalidInput where they become too many."""
+        """Add corners; raises InvalidInput above the limit."""
         if self.made + count > MAX_CORNERS:
             rule = f"is a circle too many: those of a file have at most {MAX_CORNERS:,} corners; split the file"
             raise InvalidInput(who, "radius_m", rule)
@@ -83,7 +83,7 @@ def disc(
 
 
 def _margin_m(who: str, lon_deg: float, lat_deg: float, radius_m: float, corners: int, earth: EarthModel) -> float:
-    """Return how much wider the circle of the corners must be, so that edges along rhumb lines stay outside, metres."""
+    """Return the widening, metres, of the corners' circle that keeps edges along rhumb lines outside the circle."""
     flattening = WGS84_FLATTENING if earth == EarthModel.WGS84 else 0.0
     least_curved_m = WGS84_RADIUS_M * (1.0 - flattening) ** 2 if flattening else MEAN_RADIUS_M
     wider_m = (1.0 + 0.5 * EXCESS) * radius_m
@@ -95,7 +95,7 @@ def _margin_m(who: str, lon_deg: float, lat_deg: float, radius_m: float, corners
         raise InvalidInput(who, "radius_m", f"{rule}; use motion 'great_circle'")
     step = 2.0 * np.pi / corners
     lat = np.abs(np.radians(_at(lon_deg, lat_deg, wider_m, corners, earth)[1]))
-    nearby = wider_m * step / least_curved_m  # of latitude, around each corner: further than either edge goes
+    nearby = wider_m * step / least_curved_m  # latitude range around each corner that contains both edges
     largest = np.minimum(lat + nearby, highest)
     second = wider_m * (1.0 + _UNEVEN + 2.0 * wider_m * np.tan(largest) / least_curved_m) * step**2 / 8.0
     scale = np.cos(np.maximum(lat - nearby, 0.0)) / np.cos(largest)
@@ -103,7 +103,7 @@ def _margin_m(who: str, lon_deg: float, lat_deg: float, radius_m: float, corners
 
 
 def _ring(lon: Floats, lat: Floats, centre_lat: float, wider_m: float) -> shapely.MultiPolygon:
-    """Return the polygon of corners; around a pole it is closed along it, as maps do it."""
+    """Return the polygon of the corners; around a pole it is closed along the pole, as on maps."""
     pole = np.copysign(90.0, centre_lat)
     if wider_m and np.radians(90.0 - abs(centre_lat)) * MEAN_RADIUS_M <= wider_m:
         turns = np.sort(np.remainder(lon - _WEST_DEG, 360.0) + _WEST_DEG)

@@ -1,4 +1,4 @@
-"""Areas and tracks from features: a geometry of shapely, and columns under the names that scene files know."""
+"""Build areas and tracks from features: a shapely geometry, and columns named as in scene files."""
 
 import json
 from collections.abc import Mapping
@@ -13,14 +13,14 @@ from conflictdb.io.fields import Fields, number_as_key
 from conflictdb.io.fields import key as checked_key
 from conflictdb.model import Area, Track
 
-ALIASES: Final = {"begin": "start"}  # of KML
+ALIASES: Final = {"begin": "start"}  # KML's name
 POLYGONS: Final = frozenset({shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON})
 LINES: Final = frozenset({shapely.GeometryType.LINESTRING, shapely.GeometryType.MULTILINESTRING})
 POINTS: Final = frozenset({shapely.GeometryType.POINT, shapely.GeometryType.MULTIPOINT})
 
 
 def polygon_area(where: str, number: str, values: Mapping[str, Any], shape: Any, setting: objects.Setting) -> Area:
-    """Return the area of a feature; `number` is its key if it has none. Raises InvalidInput with all that is wrong."""
+    """Return the area of a feature; `number` is its key if it has none. Raises InvalidInput with all errors."""
     key, values = _keyed(where, number, values, objects.AREA_MEMBERS)
     fields = Fields(f"area {key!r}", values)
     with fields.refusals:
@@ -39,7 +39,7 @@ def polygon_area(where: str, number: str, values: Mapping[str, Any], shape: Any,
 def line_track(
     where: str, number: str, values: Mapping[str, Any], shape: Any, setting: objects.Setting
 ) -> Track | objects.TrackAtSpeed:
-    """Return the track of a feature; `number` is its key if it has none. Raises InvalidInput with all that is wrong."""
+    """Return the track of a feature; `number` is its key if it has none. Raises InvalidInput with all errors."""
     key, values = _keyed(where, number, values, objects.TRACK_MEMBERS)
     fields = Fields(f"track {key!r}", values)
     parts = shapely.get_parts(shape)
@@ -51,14 +51,14 @@ def line_track(
 
 
 def _keyed(where: str, number: str, values: Mapping[str, Any], members: frozenset[str]) -> tuple[str, dict[str, Any]]:
-    """Return the key of a feature, and its columns under the names that scene files know."""
+    """Return the key of a feature, and its columns named as in scene files."""
     values = _known_names(values, members)
     key = number_as_key(values.pop("id", None))
     return checked_key(where, "id", number if key is None or key == "" else key), values
 
 
 def _known_names(values: Mapping[str, Any], members: frozenset[str]) -> dict[str, Any]:
-    """Return columns under the names that scene files know; lists, which few formats have, are read from JSON."""
+    """Return columns named as in scene files; lists are parsed from JSON text, since few formats have lists."""
     known = {}
     for name, value in values.items():
         lower = ALIASES.get(name.lower(), name.lower())
@@ -66,7 +66,7 @@ def _known_names(values: Mapping[str, Any], members: frozenset[str]) -> dict[str
             known[name] = value
             continue
         if isinstance(value, str) and value.lstrip().startswith("["):
-            with suppress(ValueError, RecursionError):  # text that is no JSON is refused as text
+            with suppress(ValueError, RecursionError):  # invalid JSON is refused later, as text
                 value = json.loads(value)
         known[lower] = value
     return known

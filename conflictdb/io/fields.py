@@ -1,4 +1,4 @@
-"""Typed reading of the members of one object of a file; what has the wrong type is refused by name."""
+"""Read the members of one object of a file with type checks; errors name the member."""
 
 import math
 from collections.abc import Mapping
@@ -9,12 +9,12 @@ from conflictdb.io.contents import FileRefusals
 from conflictdb.io.instants import parse_instant
 from conflictdb.io.json_text import check_storable, check_text
 
-# What an index of the database can hold, with room to spare.
+# Limit of an index entry of the database, with a margin.
 MAX_KEY_BYTES: Final = 1000
 
 
 class Fields:
-    """Members of one object, and which of them have been asked for.
+    """Members of one object, and which of them have been read.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ class Fields:
     values : Mapping
         Its members. None counts as absent.
     refusals : FileRefusals
-        What is wrong with them, kept until `raise_found`, so that all of it can be told.
+        Errors in them, collected until `raise_found`.
     """
 
     def __init__(self, who: str, values: Mapping[str, Any]) -> None:
@@ -33,17 +33,17 @@ class Fields:
         self.refusals = FileRefusals()
 
     def get(self, name: str) -> Any:
-        """Return a member as it is, None if absent."""
+        """Return a member unchecked, None if absent."""
         self.known.add(name)
         return self.values.get(name)
 
     def has(self, name: str) -> bool:
-        """Return whether a member is there and not null."""
+        """Return whether a member exists and is not null."""
         self.known.add(name)
         return self.values.get(name) is not None
 
     def text(self, name: str) -> str | None:
-        """Return a member that must be a string; None if it is absent, or wrong."""
+        """Return a string member; None if it is absent or invalid."""
         value = self.get(name)
         with self.refusals:
             if value is not None and not isinstance(value, str):
@@ -54,28 +54,28 @@ class Fields:
         return None
 
     def number(self, name: str) -> float | None:
-        """Return a member that must be a finite number; None if it is absent, or wrong."""
+        """Return a finite number member; None if it is absent or invalid."""
         value = self.get(name)
         with self.refusals:
             return None if value is None else finite(self.who, name, value)
         return None
 
     def instant(self, name: str) -> int | None:
-        """Return a member that must be an ISO 8601 instant, in microseconds since 1970; None if absent, or wrong."""
+        """Return an ISO 8601 instant in microseconds since 1970; None if it is absent or invalid."""
         value = self.get(name)
         with self.refusals:
             return None if value is None else instant(self.who, name, value)
         return None
 
     def rest(self) -> dict[str, Any]:
-        """Return the members that were never asked for, nulls included; refuse what a database cannot hold."""
+        """Return the members that were not read, nulls included; refuse values that a database cannot store."""
         rest = {name: value for name, value in self.values.items() if name not in self.known}
         with self.refusals:
             check_storable(self.who, "", rest)
         return rest
 
     def raise_found(self) -> None:
-        """Raise what was found to be wrong with the members, if anything was."""
+        """Raise the collected errors, if there are any."""
         self.refusals.raise_found()
 
     def refusal(self, field: str, rule: str) -> InvalidInput:
@@ -84,7 +84,7 @@ class Fields:
 
 
 def number_as_key(value: Any) -> Any:
-    """Return a number as the text that is its key, 7 and 7.0 alike; anything else as it is."""
+    """Return a number as the text of a key, 7 and 7.0 alike; other values unchanged."""
     if type(value) is float and value.is_integer():
         value = int(value)
     return repr(value) if type(value) in (int, float) else value
@@ -101,7 +101,7 @@ def key(who: str, where: str, value: Any) -> str:
 
 
 def finite(who: str, where: str, value: Any) -> float:
-    """Return a number as a float; refuse booleans, texts, NaN, infinities and what a float cannot hold."""
+    """Return a number as a float; refuse booleans, texts, NaN, infinities and numbers beyond a float's range."""
     if type(value) not in (int, float):
         raise InvalidInput(who, where, f"must be a number; got {value!r:.60}")
     try:

@@ -1,4 +1,4 @@
-"""Observed fixes of one object, cleaned: what cannot be used is left out and noted, the rest is a track."""
+"""Build a track from observed fixes of one object; unusable fixes are left out and noted."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from conflictdb.speeds import MPS_PER_KNOT
 
 SIDES: Final = ("fore_m", "aft_m", "port_m", "starboard_m")
 LENGTH_WIDTH: Final = ("length_m", "width_m")
-# How far to look back for a fix that another can follow, in fixes and in runs; bounds the work on hopeless data.
+# Limit of the search for a predecessor, in fixes and in runs; bounds the work on unusable data.
 _LOOK_BACK: Final = 100
 
 
@@ -33,14 +33,14 @@ class Fixes:
 def track_of(
     key: str, rows: Fixes, size_columns: Sequence[str], max_speed_kn: float, left_out: dict[tuple[str, str], list[int]]
 ) -> Track | None:
-    """Return the track of one object from its usable fixes, None if too little is left; note what is left out.
+    """Return the track of one object's usable fixes, None if they make no track; note omissions.
 
-    size_columns : SIDES, LENGTH_WIDTH, or none: then it is a point
-    max_speed_kn : fixes that can only be reached faster than this are left out, as few as possible
+    size_columns : SIDES, LENGTH_WIDTH, or none for a point
+    max_speed_kn : fixes reachable only above this speed are left out, as few as possible
     left_out : line numbers by key and reason
     """
     if not rows.lines:
-        return None  # why each of its rows is left out is noted already
+        return None  # the reasons are noted already
     missing = [column for column in size_columns if column not in rows.largest]
     if missing:
         left_out[key, f"no {' and '.join(missing)}"].extend(rows.lines)
@@ -96,11 +96,11 @@ def _outline(size: dict[str, float], size_columns: Sequence[str]) -> NDArray[np.
 
 
 def _reachable(times_us: NDArray[np.int64], positions_deg: NDArray[np.float64], limit_mps: float) -> NDArray[np.bool_]:
-    """Return which fixes (n,) to keep so that no step is faster than the limit: as many as possible.
+    """Return the largest set of fixes (n,) in which no step exceeds the speed limit.
 
-    Kept is the longest chain of fixes. So a wrong first fix is left out, not all fixes after it; and of a jump only the
-    fixes that are too near to it in time are left out. Chains may skip up to _LOOK_BACK fixes, or from the end of any
-    of the last _LOOK_BACK runs of good fixes.
+    It is the longest chain of fixes. A wrong first fix is left out, not all fixes after it; of a jump only the fixes
+    too close to it in time are left out. Chains may skip up to _LOOK_BACK fixes, or continue from the end of any of the
+    last _LOOK_BACK runs of good fixes.
     """
     n = len(times_us)
     if n < 2:
@@ -111,10 +111,10 @@ def _reachable(times_us: NDArray[np.int64], positions_deg: NDArray[np.float64], 
         length_m = geodesy.rhumb_distance(earth, *positions_deg[i].T, *positions_deg[j].T)
         return length_m > limit_mps * (times_us[j] - times_us[i]) * 1e-6
 
-    starts = np.flatnonzero(is_fast(np.arange(n - 1), np.arange(1, n))) + 1  # of the second run and so on
+    starts = np.flatnonzero(is_fast(np.arange(n - 1), np.arange(1, n))) + 1  # of the second and later runs
     if not starts.size:
         return np.ones(n, dtype=np.bool_)
-    best = np.ones(n, dtype=np.int64)  # fixes in the longest chain that ends here
+    best = np.ones(n, dtype=np.int64)  # length of the longest chain that ends here
     before = np.arange(-1, n - 1)
     runs_before = np.searchsorted(starts, np.arange(n), side="right")
     for i in range(1, n):
@@ -125,7 +125,7 @@ def _reachable(times_us: NDArray[np.int64], positions_deg: NDArray[np.float64], 
         ends = starts[max(0, run - _LOOK_BACK) : run] - 1
         earlier = np.unique(np.concatenate([ends, np.arange(max(0, i - _LOOK_BACK), i)]))
         gain = np.where(is_fast(earlier, i), 0, best[earlier])
-        k = int(len(gain) - 1 - np.argmax(gain[::-1]))  # of equal chains the one that ends latest
+        k = int(len(gain) - 1 - np.argmax(gain[::-1]))  # of equal chains, the one that ends latest
         best[i] = gain[k] + 1
         before[i] = earlier[k] if gain[k] else -1
     kept = np.zeros(n, dtype=np.bool_)

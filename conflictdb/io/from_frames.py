@@ -1,9 +1,9 @@
-"""Areas and tracks from a GeoDataFrame of geopandas, and tracks from trajectories of MovingPandas.
+"""Build areas and tracks from a GeoDataFrame of geopandas, and tracks from trajectories of MovingPandas.
 
-Columns that scene files know as members are read as there, in upper or lower case; the others say nothing here. Without
-a column `id` the index is the id. A missing value (NaN, NaT, None) is an absent member. Instants are datetimes with a
-zone, or ISO 8601 texts with an offset. The reference system must be known; other systems than longitude and latitude on
-WGS84 are transformed vertex by vertex.
+Columns named like members of scene files are read as these members, in upper or lower case; other columns are ignored.
+Without a column `id` the index is the id. A missing value (NaN, NaT, None) is an absent member. Instants are datetimes
+with a zone, or ISO 8601 texts with an offset. The reference system must be known; systems other than longitude and
+latitude on WGS84 are transformed vertex by vertex.
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
@@ -35,16 +35,16 @@ HAVEN: Final = frozenset(
     {"outline_m", "outlines_m", "grow_mps"} | {f"{side}_{unit}" for side in objects.SIDES for unit in ("m", "nmi")}
 )
 _INSTANTS: Final = frozenset({"start", "end", "time", *objects.TIMES})
-# Of a frame of fixes, what belongs to each of them and not to the track.
+# Columns of a frame of fixes that belong to each fix, not to the track.
 _OF_FIXES: Final = frozenset({"id", "time", "end", *objects.TIMES, *objects.SPEED})
 NO_HAVEN: Final[Mapping[str, Any]] = MappingProxyType({})
 
 
 class Zone:
-    """The zone of instants that have none; without one they are refused."""
+    """The zone for instants without one; if it is None they are refused."""
 
     def __init__(self, given: str | tzinfo | None) -> None:
-        given = getattr(given, "zone", None) or given  # those of pytz give the offsets of a century ago
+        given = getattr(given, "zone", None) or given  # pytz zones would give offsets of a century ago
         self._zone = given if isinstance(given, tzinfo) else None
         if isinstance(given, str):
             try:
@@ -55,7 +55,7 @@ class Zone:
             raise InvalidInput("solve", "time_zone", f"must be the name of a zone, or a tzinfo; got {given!r:.60}")
 
     def text(self, who: str, field: str, instant: datetime) -> str:
-        """Return an instant as ISO 8601 UTC with microseconds, finer fractions cut off; raises InvalidInput."""
+        """Return an instant as ISO 8601 UTC with microseconds, truncated; raises InvalidInput."""
         if instant.utcoffset() is None:
             instant = self._placed(who, field, instant)
         return format_instant(int((instant - EPOCH) // MICROSECOND))
@@ -74,12 +74,12 @@ class Zone:
 
 
 def is_frame(given: object) -> bool:
-    """Return whether something is a frame of pandas or geopandas, or of trajectories; imports none of them."""
+    """Return whether an object is a frame of pandas or geopandas, or of trajectories; imports none of them."""
     return _is(given, "pandas", "DataFrame") or is_trajectories(given)
 
 
 def is_trajectories(given: object) -> bool:
-    """Return whether something is a Trajectory or a TrajectoryCollection of MovingPandas."""
+    """Return whether an object is a Trajectory or a TrajectoryCollection of MovingPandas."""
     return _is(given, "movingpandas", "TrajectoryCollection", "Trajectory")
 
 
@@ -88,7 +88,7 @@ def _is(given: object, library: str, *names: str) -> bool:
 
 
 def areas_of(frame: "geopandas.GeoDataFrame", scene: Scene, zone: Zone) -> list[Area]:
-    """Return the areas of a frame with a Polygon or MultiPolygon in each row; raises InvalidInput with all mistakes."""
+    """Return the areas of a frame with a Polygon or MultiPolygon in each row; raises InvalidInput with all errors."""
     setting = _setting("areas", frame, scene)
     refusals = Refusals()
     areas = []
@@ -102,17 +102,17 @@ def areas_of(frame: "geopandas.GeoDataFrame", scene: Scene, zone: Zone) -> list[
 def tracks_of(
     given: "geopandas.GeoDataFrame | TrajectoryCollection", scene: Scene, haven: Mapping[str, Any], zone: Zone
 ) -> list[Track]:
-    """Return the tracks of a frame, a LineString in each row, or of trajectories; raises InvalidInput.
+    """Return the tracks of a frame with a LineString in each row, or of trajectories; raises InvalidInput.
 
-    haven : members that say how large a track is whose row does not
+    haven : default members for the size of tracks that have none
     """
     return _of_lines(given, scene, haven, zone) if not is_trajectories(given) else _of_fixes(given, scene, haven, zone)
 
 
 def _of_fixes(given: Any, scene: Scene, haven: Mapping[str, Any], zone: Zone) -> list[Track]:
-    """Return the tracks of trajectories, each a frame of fixes; their sizes and heights are those of the first fix.
+    """Return the tracks of trajectories, each a frame of fixes; sizes and heights are those of the first fix.
 
-    MovingPandas takes the zone off the instants, and keeps it aside.
+    MovingPandas removes the zone from the instants and stores it in an attribute.
     """
     refusals = Refusals()
     found: list[Track | objects.TrackAtSpeed] = []
@@ -131,7 +131,7 @@ def _of_fixes(given: Any, scene: Scene, haven: Mapping[str, Any], zone: Zone) ->
 
 
 def _when(who: str, trajectory: Any, frame: Any) -> Any:
-    """Return the instants of a trajectory's fixes, in the zone that they had; raises InvalidInput."""
+    """Return the instants of a trajectory's fixes, in their original zone; raises InvalidInput."""
     zone = getattr(trajectory, "df_orig_tz", None)
     if zone is None:
         return frame.index
@@ -157,7 +157,7 @@ def _of_lines(frame: Any, scene: Scene, haven: Mapping[str, Any], zone: Zone) ->
 
 
 def _timed(found: list[Track | objects.TrackAtSpeed], scene: Scene, refusals: Refusals) -> list[Track]:
-    """Return tracks, those with a speed with the times that follow; raises InvalidInput with all that was refused."""
+    """Return tracks, computing the times of those with a speed; raises InvalidInput with all errors."""
     at_speed = [one for one in found if isinstance(one, objects.TrackAtSpeed)]
     timed = iter(objects.timed(at_speed, scene, MAX_SPEED_KN, refusals))
     each = (next(timed) if isinstance(one, objects.TrackAtSpeed) else one for one in found)
@@ -167,7 +167,7 @@ def _timed(found: list[Track | objects.TrackAtSpeed], scene: Scene, refusals: Re
 
 
 def checked_haven(haven: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    """Return members that say how large a track is; raises InvalidInput for others."""
+    """Return the members that give the size of a track; raises InvalidInput for others."""
     if haven is None:
         return NO_HAVEN
     if not isinstance(haven, Mapping):
@@ -200,7 +200,7 @@ def _to_degrees(who: str, frame: Any) -> ToDegrees:
 
 
 def _rows(who: str, frame: Any) -> Iterator[tuple[str, str, dict[Hashable, Any], Any]]:
-    """Yield where each row is, its label as a key, its other columns, and its geometry (None if it is missing)."""
+    """Yield for each row its place, its label as a key, its other columns, and its geometry (None if missing)."""
     names = [name for name in frame.columns if name != frame.geometry.name]
     columns = [frame[name].array for name in names]
     shapes = np.asarray(frame.geometry.array, dtype=np.object_)
@@ -214,7 +214,7 @@ def _as_key(label: Any) -> str:
 
 
 def _plain(where: str, values: Mapping[Hashable, Any], zone: Zone) -> dict[str, Any]:
-    """Return the values of a row as JSON has them, absent ones left out."""
+    """Return the values of a row as JSON values, without absent ones."""
     plain: dict[str, Any] = {}
     for name, value in values.items():
         text = str(name)
@@ -226,7 +226,7 @@ def _plain(where: str, values: Mapping[Hashable, Any], zone: Zone) -> dict[str, 
 
 
 def _instants(where: str, field: str, value: Any, zone: Zone) -> Any:
-    """Return an instant, or a list of them, as ISO 8601; what is neither as it is, to be refused."""
+    """Return an instant, or a list of them, as ISO 8601; other values unchanged, to be refused later."""
     if isinstance(value, np.datetime64):
         value = None if np.isnat(value) else value.astype("datetime64[us]").item()
     if isinstance(value, datetime):
@@ -237,7 +237,7 @@ def _instants(where: str, field: str, value: Any, zone: Zone) -> Any:
 
 
 def _as_json(value: Any) -> Any:
-    """Return a value as JSON has it; None for what is missing, and for what JSON has not."""
+    """Return a value as a JSON value; None for missing values and for types that JSON lacks."""
     if isinstance(value, np.ndarray | list | tuple):
         return [_as_json(one) for one in value]
     if isinstance(value, np.generic):

@@ -1,4 +1,4 @@
-"""Several files, and the scenes that they make up."""
+"""Combine several files into scenes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -16,9 +16,9 @@ class Plan:
     """The objects of one scene, from one or more files.
 
     name : of the scene
-    settings : what a file says about the scene, None if none does
+    settings : from a file, None if no file has settings
     sources : the files, in the order given
-    source_of : file that each object came from, by key
+    source_of : the file of each object, by key
     """
 
     name: str
@@ -31,7 +31,7 @@ class Plan:
     source_of: dict[str, str] = field(default_factory=dict)
 
     def leave_out(self, source: str, refused: InvalidInput) -> None:
-        """Leave out the objects of a file that are refused, by name."""
+        """Leave out the refused objects of a file, by name."""
         refusals = Refusals()
         with refusals:
             raise refused
@@ -50,22 +50,22 @@ def gather(
     skip_invalid: bool = False,
     max_file_mb: float | None = None,
 ) -> list[Plan]:
-    """Return the scenes that some files make up, in order of first appearance.
+    """Return the scenes in some files, in order of first appearance.
 
     Parameters
     ----------
     paths : sequence of paths
-        Files of one scene are taken together, as if they were one file.
+        Files of one scene are combined as if they were one file.
     scene : str, optional
-        Name of the one scene of all files; default is the one that each file names, else the name of the file.
+        Name of the one scene of all files; default is the name in each file, else the name of the file.
     max_speed_kn, layers, skip_invalid, max_file_mb : optional
         See `conflictdb.io.read`.
 
     Raises
     ------
     InvalidInput
-        A file is refused or has neither objects nor settings, an id appears in two files of a scene, or they disagree
-        about its settings.
+        A file is refused or has neither objects nor settings, an id appears in two files of a scene, or the files have
+        different settings.
     """
     plans: dict[str, Plan] = {}
     refusals = Refusals()
@@ -85,7 +85,7 @@ def gather(
 
 
 def scene_name(path: str | Path, settings: Scene | None, scene: str | None) -> str:
-    """Return the name of the scene of a file: the one that is asked for, else as it says, else as it is called."""
+    """Return the scene name of a file: `scene` if given, else the name in the file, else the file's name."""
     own = settings.name if settings else stem(Path(path))
     return checked_key("scene", "name", own if scene is None else scene)
 

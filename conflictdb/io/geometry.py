@@ -1,8 +1,8 @@
-"""GeoJSON geometries as arrays and polygons, each number checked.
+"""Convert GeoJSON geometries to arrays and polygons, checking each number.
 
-A position may carry a third number (altitude, RFC 7946); it is accepted and left aside, because heights of a scene are
-bands (`floor_m`, `ceiling_m`) of whole objects or legs. Leaving it aside can only report more: without a band an
-object is at all heights.
+A third number of a position (altitude, RFC 7946) is accepted and ignored, because heights of a scene are bands
+(`floor_m`, `ceiling_m`) of whole objects or legs. This can only report more conflicts: without a band an object is at
+all heights.
 """
 
 from collections.abc import Callable
@@ -49,7 +49,7 @@ def point(who: str, coordinates: Any) -> NDArray[np.float64]:
 
 
 def multipolygon(who: str, geometry: dict[str, Any]) -> shapely.MultiPolygon:
-    """Return a Polygon or MultiPolygon of GeoJSON, in degrees; whether it is valid is for the model to check."""
+    """Return a Polygon or MultiPolygon of GeoJSON, in degrees; the model checks its validity."""
     where, coordinates = "geometry.coordinates", geometry.get("coordinates")
     if geometry["type"] == "Polygon":
         return shapely.MultiPolygon([_polygon(who, where, coordinates)])
@@ -57,7 +57,7 @@ def multipolygon(who: str, geometry: dict[str, Any]) -> shapely.MultiPolygon:
 
 
 def pairs(who: str, where: str, value: Any, meaning: str) -> NDArray[np.float64]:
-    """Return a JSON list of pairs of numbers as (n, 2) float64; `meaning` says what a pair is."""
+    """Return a JSON list of pairs of numbers as (n, 2) float64; `meaning` describes a pair in errors."""
     if not isinstance(value, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in value):
         raise InvalidInput(who, where, f"must be a list of {meaning}")
     rows = [[finite(who, f"{where}[{i}][{j}]", x) for j, x in enumerate(pair)] for i, pair in enumerate(value)]
@@ -93,7 +93,7 @@ def _positions(who: str, where: str, value: Any) -> NDArray[np.float64]:
         raise InvalidInput(who, where, f"must be a list of positions; got {value!r:.60}")
     if not value:
         raise InvalidInput(who, where, "must not be empty")
-    # The types of all numbers at once: numpy would take true for 1 and "4" for 4.
+    # Check the types of all numbers at once: numpy would convert true to 1 and "4" to 4.
     plain = all(type(p) is list and (len(p) == 2 or len(p) == 3) for p in value)
     if plain and {type(x) for p in value for x in p} <= {int, float}:
         try:
@@ -108,7 +108,7 @@ def _positions(who: str, where: str, value: Any) -> NDArray[np.float64]:
 
 
 def _first_fault(who: str, where: str, value: list[Any]) -> NDArray[np.float64]:
-    """Name the first position that is not two or three finite numbers."""
+    """Raise InvalidInput for the first position that is not two or three finite numbers."""
     for i, position in enumerate(value):
         if not isinstance(position, list) or len(position) not in (2, 3):
             rule = "must be a position: [longitude, latitude] (a third number, the altitude, is left aside)"

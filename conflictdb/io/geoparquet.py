@@ -1,7 +1,6 @@
-"""GeoParquet (1.0, 1.1): what its metadata say, read and written.
+"""Read and write the metadata of GeoParquet (1.0, 1.1): geometry columns, their encoding and reference system.
 
-Where geometries are, how they are coded, and how their coordinates become longitude and latitude. Without metadata a
-column `geometry` of WKB is taken.
+Without metadata a column `geometry` of WKB is used.
 """
 
 import json
@@ -26,7 +25,7 @@ GEOMETRY: Final = "geometry"
 COVERING: Final = "bbox"
 PLANAR: Final = "planar"
 SIDES: Final = ("xmin", "ymin", "xmax", "ymax")
-# Longitude and latitude on WGS84, as PROJJSON has it: what GeoParquet takes where it says nothing.
+# Longitude and latitude on WGS84 in PROJJSON: GeoParquet's default.
 CRS84: Final[Mapping[str, Any]] = {
     "$schema": "https://proj.org/schemas/v0.7/projjson.schema.json",
     "type": "GeographicCRS",
@@ -58,7 +57,7 @@ CRS84: Final[Mapping[str, Any]] = {
     "bbox": {"south_latitude": -90, "west_longitude": -180, "north_latitude": 90, "east_longitude": 180},
     "id": {"authority": "OGC", "code": "CRS84"},
 }
-# Encodings of GeoArrow: the kind of geometry, and how deep its coordinates lie in lists.
+# Encodings of GeoArrow: the kind of geometry, and the nesting depth of its coordinate lists.
 _NATIVE: Final = {
     "point": (shapely.GeometryType.POINT, 0),
     "linestring": (shapely.GeometryType.LINESTRING, 1),
@@ -71,15 +70,15 @@ _NATIVE: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where a file has what.
+    """The layout of a file.
 
-    geometry : name of the column; None: it has none
+    geometry : name of the geometry column, None if it has none
     encoding : WKB, or one of GeoArrow
-    to_degrees : how coordinates become longitude and latitude
-    aside : columns that say nothing more: boxes, and further geometries
-    is_sure : whether the file says what its reference system is
-    edges : as the file calls them; here they are what the motion of the scene says
-    epoch : of the coordinates, a year, which is not applied; None: the file names none
+    to_degrees : conversion of coordinates to longitude and latitude
+    aside : ignored columns: boxes, and further geometries
+    is_sure : whether the file names its reference system
+    edges : as the file names them; ignored, since edges follow the motion of the scene
+    epoch : of the coordinates, a year, not applied; None: the file names none
     """
 
     geometry: str | None
@@ -92,7 +91,7 @@ class Layout:
 
     @classmethod
     def of(cls, schema: "pa.Schema") -> "Layout":
-        """Return what the metadata of a schema say; raises InvalidInput where they are wrong, or name no known CRS."""
+        """Parse the metadata of a schema; raises InvalidInput if they are invalid or name an unknown CRS."""
         text = (schema.metadata or {}).get(METADATA_KEY)
         if text is None:
             return cls(GEOMETRY if GEOMETRY in schema.names else None, "WKB", None, frozenset(), is_sure=False)
@@ -125,7 +124,7 @@ class Layout:
         )
 
     def in_degrees(self, column: Array, first_row: int) -> Array:
-        """Return a column of WKB in longitude and latitude, as it is where it is so already; raises InvalidInput.
+        """Return a column of WKB in longitude and latitude, the same column if it already is; raises InvalidInput.
 
         first_row : number of the first row in messages
         """
@@ -138,7 +137,7 @@ class Layout:
         return pa.array(shapely.to_wkb(shapes, flavor="iso"), pa.binary())
 
     def shapes(self, column: Array, first_row: int) -> NDArray[np.object_]:
-        """Return the geometries of a column (n,), None where there is none; raises InvalidInput for what is none.
+        """Return the geometries of a column (n,), None where there is none; raises InvalidInput for invalid ones.
 
         first_row : number of the first row in messages
         """
@@ -159,7 +158,7 @@ class Layout:
 
 
 def _name_of(crs: Any) -> str:
-    """Return a reference system in PROJJSON by its code, else as it is; older writers give its code, or WKT."""
+    """Return the code of a reference system in PROJJSON, or its text; older writers give a code, or WKT."""
     if isinstance(crs, str):
         return crs
     known = crs.get("id") if isinstance(crs, dict) else None
@@ -169,7 +168,7 @@ def _name_of(crs: Any) -> str:
 
 
 def _covering(column: Mapping[str, Any]) -> frozenset[str]:
-    """Return the names of the columns with the boxes of geometries."""
+    """Return the names of the columns with the bounding boxes of geometries."""
     covering = column.get("covering")
     boxes = covering.get("bbox") if isinstance(covering, dict) else None
     paths = boxes.values() if isinstance(boxes, dict) else ()
@@ -202,11 +201,11 @@ def _line_m(xym: NDArray[np.float64]) -> bytes:
 
 
 def metadata(bounds: NDArray[np.float64], kinds: list[str], others: Mapping[str, list[str]], primary: str) -> bytes:
-    """Return the metadata `geo` of a file that is written.
+    """Return the metadata `geo` of a file being written.
 
     bounds : (4,) west, south, east, north of all geometries of the primary column; NaN if there is none
-    kinds : of its geometries
-    others : kinds of the geometries of other columns
+    kinds : types of its geometries
+    others : types of the geometries of other columns
     """
     column: dict[str, Any] = {"encoding": "WKB", "geometry_types": kinds, "crs": CRS84}
     if np.isfinite(bounds).all():

@@ -6,10 +6,10 @@ from typing import Final
 
 from conflictdb.inputs import EPOCH, MICROSECOND
 
-# Digits beyond the sixth, which datetime would cut off: they are rounded instead.
+# Digits after the sixth: datetime would truncate them, here they are rounded.
 _FINER: Final = re.compile(r"([.,]\d{6})(\d+)")
 
-_LONGEST: Final = 60  # characters of what is no instant, in a message
+_LONGEST: Final = 60  # characters of an invalid text in a message
 
 OFFSET_RULE: Final = "needs an offset from UTC, such as 2026-03-01T06:00:00Z or 2026-03-01T07:00:00+01:00"
 
@@ -17,7 +17,7 @@ OFFSET_RULE: Final = "needs an offset from UTC, such as 2026-03-01T06:00:00Z or 
 def parse_instant(text: str, *, naive_is_utc: bool = False) -> int:
     """Return the microseconds since 1970 of an ISO 8601 date and time; finer fractions are rounded to the nearest.
 
-    Raises ValueError, with the rule as its message, if it is none or carries no offset (unless `naive_is_utc`).
+    Raises ValueError, with the rule as its message, if it is invalid or has no offset (unless `naive_is_utc`).
     """
     finer = _FINER.search(text) if len(text) > 26 else None
     carry = 0
@@ -38,7 +38,7 @@ def parse_instant(text: str, *, naive_is_utc: bool = False) -> int:
 
 
 def format_instant(instant_us: int) -> str:
-    """Return an instant (microseconds since 1970, years 1 to 9999) as ISO 8601 UTC, as short as is exact."""
+    """Return an instant (microseconds since 1970, years 1 to 9999) as the shortest exact ISO 8601 text in UTC."""
     return (EPOCH + instant_us * MICROSECOND).isoformat().removesuffix("+00:00") + "Z"
 
 

@@ -1,4 +1,4 @@
-"""Strict JSON: what PostgreSQL's jsonb and the model could not hold is refused here, with its place."""
+"""Parse strict JSON: refuse, with its place, what PostgreSQL's jsonb or the model cannot store."""
 
 import json
 import math
@@ -9,18 +9,18 @@ from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
 
-MAX_DEPTH: Final = 100  # levels of nesting; far beyond any scene file, and within Python's own limit
+MAX_DEPTH: Final = 100  # levels of nesting: more than any scene file has, and below Python's own limit
 _LONGEST_NAME: Final = 100  # characters of a member's name in a message
-# What JSON need not escape, and a terminal may obey: DEL and C1 controls, marks that turn the direction of reading over
-# or take no room, and the line separators of Unicode.
+# Characters that JSON need not escape but a terminal may obey: DEL and C1 controls, direction marks, zero-width
+# characters, and Unicode's line separators.
 _OBEYED: Final = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
 
 
 def parse(text: str) -> Any:
     """Return the value of a JSON text.
 
-    NaN and Infinity come through as floats, so that the object and field that hold them can be named: `check_storable`
-    and the number checks of `fields` refuse them. Raises InvalidInput for anything that is not JSON.
+    NaN and Infinity become floats, so that later errors can name the object and field: `check_storable` and the number
+    checks of `fields` refuse them. Raises InvalidInput for invalid JSON.
     """
     try:
         return json.loads(text, object_pairs_hook=_unique)
@@ -37,17 +37,17 @@ def parse(text: str) -> Any:
 
 
 def dumped(value: Any, indent: int | None = None) -> str:
-    """Return a value as JSON that is harmless on a terminal, and reads back as the same value."""
+    """Return a value as JSON that is safe to print on a terminal and parses to the same value."""
     return harmless(json.dumps(value, ensure_ascii=False, allow_nan=False, indent=indent))
 
 
 def harmless(text: str) -> str:
-    """Return JSON with what a terminal may obey escaped."""
+    """Escape characters of JSON that control a terminal."""
     return text if text.isascii() and "\x7f" not in text else _OBEYED.sub(lambda c: f"\\u{ord(c[0]):04x}", text)
 
 
 def check_storable(who: str, where: str, value: Any, depth: int = 0) -> None:
-    """Refuse a JSON value that a database cannot hold, or other programs cannot read.
+    """Refuse a JSON value that a database cannot store, or other programs cannot read.
 
     That is NaN, infinities and numbers beyond a double's range, NUL and lone surrogates in text, and deep nesting.
     """

@@ -1,7 +1,8 @@
-"""OGC Moving Features JSON (19-045r3): moving points with their instants; the haven comes from the properties.
+"""Read OGC Moving Features JSON (19-045r3): moving points with instants; the haven comes from the properties.
 
-Read: features with a `temporalGeometry` of type MovingPoint, alone or in a collection, and a bare MovingPoint as
-MobilityDB's asMFJSON writes it. Interpolation must be linear: along rhumb lines at constant speed, as all tracks.
+Accepts features with a `temporalGeometry` of type MovingPoint, alone or in a collection, and a bare MovingPoint as
+MobilityDB's asMFJSON writes it. Interpolation must be linear: constant speed on each leg, along the lines of the
+scene's motion.
 """
 
 from collections.abc import Mapping
@@ -24,19 +25,19 @@ _MICROSECONDS_PER_MILLISECOND = 1000
 
 
 def is_bare(document: Mapping[str, Any]) -> bool:
-    """Return whether a JSON object is a temporal geometry by itself."""
+    """Return whether a JSON object is a bare temporal geometry."""
     return document.get("type") == _POINT
 
 
 def as_feature(document: dict[str, Any], stem: str) -> dict[str, Any]:
-    """Return a single feature or temporal geometry as a feature with an id, the name of the file if it has none."""
+    """Return a single feature or temporal geometry as a feature with an id, by default the name of the file."""
     if is_bare(document):
         return {"type": "Feature", "id": stem, "temporalGeometry": document, "properties": document.get("properties")}
     return {"id": stem, **document}
 
 
 def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any], setting: objects.Setting) -> Track:
-    """Return the track of a feature with a temporalGeometry; raises InvalidInput with all that is wrong with it."""
+    """Return the track of a feature with a temporalGeometry; raises InvalidInput with all errors."""
     fields = Fields(f"track {key!r}", properties)
     with fields.refusals:
         said = fields.text("kind")
@@ -93,7 +94,7 @@ def _check_interpolation(fields: Fields, where: str, moving: Mapping[str, Any]) 
 
 
 def _instants(fields: Fields, where: str, values: Any) -> NDArray[np.int64]:
-    """Return datetimes: ISO 8601 strings, or numbers of milliseconds since 1970."""
+    """Parse datetimes: ISO 8601 strings, or milliseconds since 1970."""
     if not isinstance(values, list):
         raise fields.refusal(where, f"must be a list of dates and times, one per position; got {values!r:.60}")
     return np.array([_instant(fields.who, f"{where}[{i}]", value) for i, value in enumerate(values)], dtype=np.int64)

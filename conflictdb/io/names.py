@@ -1,10 +1,10 @@
-"""Names that look like known ones: a member that nobody reads is a conflict that nobody is told of.
+"""Refuse unknown names that resemble known ones: a misspelt member would be ignored, and conflicts missed.
 
-One rule for members of scene files, columns of positions and columns of OGR files. An unknown name looks like a known
-one if it is the same but for case, separators, the unit and words such as "time" or "height" (`START`, `floorM`,
-`floor_ft`, `start_time`), if it is one of `SYNONYMS` (`begin`), or if a slip of the hand makes one of the other: one
-letter too many, missing, wrong or swapped in names of five letters or more, two in names of nine or more (`grow_mp`).
-It is refused if its value can be what the known one takes, and if the object lacks that. All other names are kept.
+One rule for members of scene files, columns of positions and columns of OGR files. An unknown name resembles a known
+one in three cases. It is equal apart from case, separators, the unit and words such as "time" or "height" (`START`,
+`floorM`, `floor_ft`, `start_time`). It is one of `SYNONYMS` (`begin`). Or it is within edit distance 1 (letters
+inserted, deleted, replaced or swapped) for names of five letters or more, 2 for nine or more (`grow_mp`). It is refused
+if its value has the known member's type and the object lacks that member. All other names are kept.
 """
 
 import re
@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
 
-# What the words at either end of a name may say beside the thing that it names: its unit, its datum, its kind.
+# Words at either end of a name that only qualify it: unit, datum, kind.
 _QUALIFIER: Final = re.compile(
     "m|met(re|er)s?|ft|feet|foot|fl|km|nmi?|mi|miles?|kn|kts?|knots?|mps|ms|km?ph|kmh|mph|s|per|us"
     "|a?msl|a[sg]l|wgs|time|date|datetime|timestamp|utc|at|height|altitude|alt|level"
@@ -33,19 +33,19 @@ SYNONYMS: Final = {
     "props": "properties",
     "attributes": "properties",
 }
-# Settings of a scene that no feature or column may seem to set. `motion`, `earth`, `centre` and `method` are plain
-# words, which an object may use as it likes.
+# Settings of a scene that a feature or column must not seem to set. `motion`, `earth`, `centre` and `method` are common
+# words, which objects may use freely.
 SETTINGS: Final = ("separation_m", "tolerance_m", "nearest_m")
 SETTING_RULE: Final = 'is a setting of the whole scene: put it into the member "scene" of a scene file'
 RENAME_MEMBER: Final = 'Rename it, or name it in the file\'s member "foreign" if it means nothing here'
 RENAME_COLUMN: Final = "Rename the column"
 _INSTANTS: Final = frozenset({"start", "end", "times", "datetimes"})
-# What takes a number, or a list of them; the rest is no instant either, and takes what it likes.
+# Members that take numbers, or lists of them; members that are neither instants nor numbers accept any value.
 _NUMBERS: Final = re.compile(".*_(m|nmi|mps|kn)|lon|lat")
 _WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-# Characters of a name; a longer one is not meant to be one of ours, and costs time and memory.
+# Longest name compared, in characters: longer ones cost time and memory.
 _LONGEST: Final = 200
-# Squashed names of fewer letters than these may differ by no letter, and by one.
+# Squashed names shorter than these must match exactly, or within one edit.
 _ONE_SLIP: Final = 5
 _TWO_SLIPS: Final = 9
 
@@ -58,12 +58,12 @@ def misnamed(
     foreign: Collection[str] = (),
     remedy: str = RENAME_MEMBER,
 ) -> Iterator[InvalidInput]:
-    """Yield a refusal of each member that looks like a known one that is not there, or that belongs elsewhere.
+    """Yield a refusal of each member that resembles an absent known one, or that belongs elsewhere.
 
     values : the members
-    known : names that others could have been meant to be; what `values` has of them is not judged
-    elsewhere : names that mean something at another place, and what to say of them
-    foreign : names that the file says mean nothing here
+    known : known names; members with these names are not checked
+    elsewhere : names with a meaning at another place, and the rule to report
+    foreign : names that the file declares meaningless here
     """
     meanings = (*known, *SETTINGS)
     for name, value in values.items():
@@ -83,7 +83,7 @@ def misnamed(
 
 
 def look_alike(name: str, known: tuple[str, ...]) -> str | None:
-    """Return the known name that an unknown one looks like, None if there is none."""
+    """Return the known name that an unknown one resembles, None if there is none."""
     return _look_alike(name, known) if len(name) <= _LONGEST else None
 
 
@@ -101,7 +101,8 @@ def _look_alike(name: str, known: tuple[str, ...]) -> str | None:
             slips = 0
         else:
             slips = 3
-            # A slip changes the length by one and the set by two letters at most: most names differ by more.
+            # An edit changes the length by at most one and the set of letters by at most two: most names differ by
+            # more.
             if -2 <= size - len(other_squashed) <= 2 and len(letters ^ other_letters) <= 4:
                 slips = _slips(squashed, other_squashed)
             if -2 <= stem_size - len(other_stem) <= 2 and len(stem_letters ^ other_stem_letters) <= 4:
@@ -113,13 +114,13 @@ def _look_alike(name: str, known: tuple[str, ...]) -> str | None:
 
 @lru_cache(maxsize=64)
 def _forms(known: tuple[str, ...]) -> list[tuple[str, str, set[str], str, set[str]]]:
-    """Return known names, each squashed and as its stem, and the letters of both."""
+    """Return known names, each squashed and as its stem, with the letter sets of both."""
     forms = [(name, _squash(name), stem_of(name)) for name in known]
     return [(name, squashed, set(squashed), stem, set(stem)) for name, squashed, stem in forms]
 
 
 def can_be(value: Any, meant: str) -> bool:
-    """Return whether a value can be what a known member takes: an instant, or a number or list of numbers."""
+    """Return whether a value has the type of a known member: an instant, or a number or list of numbers."""
     if value is None or isinstance(value, bool) or value == "":
         return False
     if meant not in _INSTANTS and not _NUMBERS.fullmatch(meant):
@@ -130,7 +131,7 @@ def can_be(value: Any, meant: str) -> bool:
 
 
 def _is_given(meant: str, values: Mapping[str, Any], known: Collection[str]) -> bool:
-    """Return whether the members have what was meant: the same with any unit, or times in place of start and speed."""
+    """Return whether the meant member is present: in any unit, or as times in place of start and speed."""
     stem = stem_of(meant)
     if stem in ("start", "speed", "times", "datetimes") and any(values.get(name) for name in ("times", "datetimes")):
         return True
@@ -139,7 +140,7 @@ def _is_given(meant: str, values: Mapping[str, Any], known: Collection[str]) -> 
 
 @lru_cache(maxsize=4096)
 def stem_of(name: str) -> str:
-    """Return a name in lower case without unit and qualifiers: ``floor`` of `floor_m` and of `FloorHeight_ft`."""
+    """Return a name in lower case without unit and qualifiers: ``floor`` for `floor_m` and `FloorHeight_ft`."""
     words = [word.lower() for word in _WORD.findall(name)]
     while len(words) > 1 and _QUALIFIER.fullmatch(words[-1]):
         words.pop()
@@ -154,7 +155,7 @@ def _squash(name: str) -> str:
 
 
 def _slips(one: str, other: str) -> int:
-    """Return how many letters differ (optimal string alignment), 3 if that is more than names of this length may."""
+    """Return the edit distance (optimal string alignment), 3 above the limit for names of this length."""
     most = 0 if len(other) < _ONE_SLIP else 1 if len(other) < _TWO_SLIPS else 2
     if abs(len(one) - len(other)) > most:
         return 3

@@ -1,6 +1,6 @@
-"""Areas and tracks from the properties of a GeoJSON feature, and back.
+"""Convert the properties of GeoJSON features to areas and tracks, and back.
 
-Also the reading of havens and speeds that other formats share.
+Includes the reading of havens and speeds that other formats share.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -35,13 +35,13 @@ from conflictdb.speeds import MPS_PER_KNOT, SPEED_SLACK, too_fast
 SIDES: Final = ("fore", "aft", "port", "starboard")
 TIMES: Final = ("times", "datetimes")
 SPEED: Final = ("start", "speed_kn", "speed_mps")
-# What the reader takes for itself; a property of such a name, put there by SQL, would not be read back as a property.
+# Names that the reader uses; a property with such a name, set by SQL, would not be read back as a property.
 AREA_MEMBERS: Final = frozenset({"kind", "name", "start", "end", "floor_m", "ceiling_m"})
 TRACK_MEMBERS: Final = frozenset(
     {"kind", "name", "floor_m", "ceiling_m", "outline_m", "grow_mps", "outlines_m", *TIMES, *SPEED}
     | {f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi")}
 )
-# Members whose loss would change what is in conflict, and where else they belong.
+# Members whose loss would change conflicts, and where else they belong.
 AREA_GUARDED: Final = tuple(sorted(AREA_MEMBERS - {"kind", "name"}))
 TRACK_GUARDED: Final = tuple(sorted(TRACK_MEMBERS - {"kind", "name"}))
 _SETTINGS: Final = dict.fromkeys(SETTINGS, SETTING_RULE)
@@ -53,20 +53,20 @@ TRACK_ELSEWHERE: Final = _SETTINGS | {
     "radius_m": "has a meaning for areas only: the haven of a track has four sides, or an outline",
     "end": "has a meaning for areas only: a track ends with its last waypoint; to stay, give that twice, with times",
 }
-# A plan that lasts longer than this leaves the years 1 to 9999 anyway; kept within it, microseconds fit 64 bits.
+# A longer plan leaves the years 1 to 9999 anyway; below this limit, microseconds fit 64 bits.
 MAX_DURATION_S: Final = 3.2e11
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What a file says for all of its objects, as far as reading them depends on it.
+    """Context of a file for reading its objects.
 
-    scene : its settings, or those by default
-    foreign : names of members that mean nothing here
-    to_degrees : how coordinates become longitude and latitude
-    remedy : what to do about a name that looks like a known one
+    scene : its settings, or defaults
+    foreign : names of members to ignore
+    to_degrees : conversion of coordinates to longitude and latitude
+    remedy : advice for a name that resembles a known one
     systems : reference systems that it names
-    corners : of circles, all that were made
+    corners : count of all circles' corners
     """
 
     scene: Scene
@@ -78,7 +78,7 @@ class Setting:
 
 
 def area(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) -> Area:
-    """Return the area of a feature; raises InvalidInput with all that is wrong with it."""
+    """Return the area of a feature; raises InvalidInput with all errors."""
     with fields.refusals:
         footprint = _footprint(geometry, fields, setting)
     members = area_members(fields, setting)
@@ -104,7 +104,7 @@ def _footprint(geometry: dict[str, Any], fields: Fields, setting: Setting) -> sh
 
 
 def area_members(fields: Fields, setting: Setting) -> dict[str, Any]:
-    """Return what an area has beside its key and footprint; what is wrong with it is among the fields' refusals."""
+    """Return the members of an area besides key and footprint; errors are added to the fields' refusals."""
     members = {
         "name": fields.text("name"),
         "start_us": certain(fields.instant("start")),
@@ -113,7 +113,7 @@ def area_members(fields: Fields, setting: Setting) -> dict[str, Any]:
         "ceiling_m": fields.number("ceiling_m"),
         "properties": fields.rest(),
     }
-    known = (*AREA_GUARDED, *(fields.known & {"radius_m"}))  # where it is the radius of a circle
+    known = (*AREA_GUARDED, *(fields.known & {"radius_m"}))  # only for circles
     rest = setting.foreign, setting.remedy
     fields.refusals.extend(misnamed(fields.who, fields.values, known, AREA_ELSEWHERE, *rest))
     return members
@@ -121,11 +121,11 @@ def area_members(fields: Fields, setting: Setting) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class TrackAtSpeed:
-    """A track whose times are still to be computed, from its start and the speed on each leg.
+    """A track whose times are not yet computed from its start and the speed on each leg.
 
     positions_deg : (n, 2) float64, longitude and latitude of the waypoints
-    speed_mps : (n - 1,) float64, on each leg; field `speed` gave it
-    members : what it has beside its key, positions and times
+    speed_mps : (n - 1,) float64, on each leg, from field `speed`
+    members : all but its key, positions and times
     """
 
     key: str
@@ -141,10 +141,11 @@ class TrackAtSpeed:
 
 
 def track(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) -> Track | TrackAtSpeed:
-    """Return the track of a feature; raises InvalidInput with all that is wrong with it.
+    """Return the track of a feature; raises InvalidInput with all errors.
 
     Its times are given, one per waypoint (`times`, or `datetimes` as OGC Moving Features calls them), or follow from
-    `start` and a speed over the ground: then the lengths of its legs are needed, which `timed` computes for many.
+    `start` and a speed over the ground. The latter needs the lengths of its legs, which `timed` computes for many
+    tracks at once.
     """
     by_times = [name for name in TIMES if fields.has(name)]
     by_speed = [name for name in SPEED if fields.has(name)]
@@ -177,14 +178,14 @@ def track(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) 
 
 
 def timed(tracks: Sequence[TrackAtSpeed], scene: Scene, max_speed_kn: float, refusals: Refusals) -> list[Track | None]:
-    """Return tracks with the times that follow from their speeds, with the lengths of their legs in a scene.
+    """Return tracks with times computed from their speeds and the lengths of their legs in a scene.
 
-    What is refused is None, and among the refusals.
+    A refused track is None, and its errors are added to the refusals.
     """
     if not tracks:
         return []
     positions = np.concatenate([track.positions_deg for track in tracks])
-    # Latitudes beyond are refused below; here they only must not disturb.
+    # Latitudes beyond the limit are refused below; clip them for the computation.
     highest = _highest_latitude_deg(scene)
     lon, lat = positions[:, 0], np.clip(positions[:, 1], -highest, highest)
     ends = lon[:-1], lat[:-1], lon[1:], lat[1:]
@@ -210,9 +211,9 @@ def _highest_latitude_deg(scene: Scene) -> float:
 
 
 def track_members(fields: Fields, setting: Setting) -> dict[str, Any]:
-    """Return what a track has beside its key, positions and times: haven, name, heights, properties.
+    """Return the members of a track besides key, positions and times: haven, name, heights, properties.
 
-    What is wrong with it is among the fields' refusals.
+    Errors are added to the fields' refusals.
     """
     members: dict[str, Any] = {}
     with fields.refusals:
@@ -230,7 +231,7 @@ def track_members(fields: Fields, setting: Setting) -> dict[str, Any]:
 
 
 def _heights(fields: Fields, name: str, unbounded: float) -> dict[str, Any]:
-    """Return a height of a track: one, or one per leg, null where it is unbounded."""
+    """Return a height of a track: one, or one per leg, null for unbounded."""
     value = fields.get(name)
     if not isinstance(value, list):
         return {name: fields.number(name)}
@@ -250,7 +251,7 @@ def instants(fields: Fields, name: str) -> NDArray[np.int64]:
 
 
 def haven(fields: Fields) -> NDArray[np.float64]:
-    """Return the (m, 2) outline (starboard, forward) in metres of the haven that the fields give.
+    """Return the (m, 2) outline (starboard, forward) in metres of the haven in the fields.
 
     Raises InvalidInput if there is none, if it is given twice, or if a size is negative.
     """
@@ -269,9 +270,9 @@ def haven(fields: Fields) -> NDArray[np.float64]:
 
 
 def havens(fields: Fields) -> NDArray[np.float64] | None:
-    """Return the (n, m, 2) outlines (starboard, forward) in metres that the fields give, None if they give one haven.
+    """Return the (n, m, 2) outlines (starboard, forward) in metres per waypoint, None for a constant haven.
 
-    Raises InvalidInput if the haven is given twice, or if the outlines are no rings of equally many vertices.
+    Raises InvalidInput if the haven is given twice, or if the outlines are not rings of equally many vertices.
     """
     if not fields.has("outlines_m"):
         return None
@@ -312,7 +313,7 @@ def _side_m(fields: Fields, side: str) -> float | None:
 def _timed(track: TrackAtSpeed, length_m: NDArray[np.float64], highest_latitude_deg: float) -> Track:
     positions = track.positions_deg
     worst = float(np.abs(positions[:, 1]).max())
-    if worst > MAX_LATITUDE_DEG:  # as for every track
+    if worst > MAX_LATITUDE_DEG:  # refused by Track
         return Track(
             track.key, positions, np.arange(len(positions), dtype=np.int64), **track.members, max_speed_kn=np.inf
         )
@@ -337,7 +338,7 @@ def _timed(track: TrackAtSpeed, length_m: NDArray[np.float64], highest_latitude_
 
 
 def _speeds_mps(fields: Fields, legs: int) -> tuple[str, NDArray[np.float64]]:
-    """Return the name of the field that gives the speed, and the speed on each leg (legs,) in metres per second."""
+    """Return the name of the speed field, and the speed on each leg (legs,) in metres per second."""
     given = [name for name in ("speed_kn", "speed_mps") if fields.has(name)]
     if not given:
         raise fields.refusal(
@@ -362,7 +363,7 @@ def _speeds_mps(fields: Fields, legs: int) -> tuple[str, NDArray[np.float64]]:
 
 
 def suspect_properties(item: Area | Track) -> Iterator[str]:
-    """Yield the names among an object's properties that `area` or `track` would take for misspelt members."""
+    """Yield the names of an object's properties that `area` or `track` would take for misspelt members."""
     is_track = isinstance(item, Track)
     members = track_properties(item) if isinstance(item, Track) else area_properties(item)
     known, elsewhere = (TRACK_GUARDED, TRACK_ELSEWHERE) if is_track else (AREA_GUARDED, AREA_ELSEWHERE)
@@ -370,7 +371,7 @@ def suspect_properties(item: Area | Track) -> Iterator[str]:
 
 
 def area_properties(item: Area) -> dict[str, Any]:
-    """Return the properties that `area` reads back as this area."""
+    """Return the properties from which `area` reads the same area."""
     return {
         **{name: value for name, value in item.properties.items() if name not in AREA_MEMBERS},
         **_present(kind="area", name=item.name, start=_instant(item.start_us), end=_instant(item.end_us)),
@@ -379,7 +380,7 @@ def area_properties(item: Area) -> dict[str, Any]:
 
 
 def track_properties(item: Track) -> dict[str, Any]:
-    """Return the properties that `track` reads back as this track."""
+    """Return the properties from which `track` reads the same track."""
     return {
         **{name: value for name, value in item.properties.items() if name not in TRACK_MEMBERS},
         **_present(kind="track", name=item.name),
@@ -393,12 +394,12 @@ def track_properties(item: Track) -> dict[str, Any]:
 
 
 def _listed(heights: NDArray[np.float64]) -> list[float | None]:
-    """Return heights as JSON has them, null where they are unbounded."""
+    """Return heights as JSON values, null for unbounded."""
     return [height if np.isfinite(height) else None for height in heights.tolist()]
 
 
 def _haven_properties(item: Track) -> Mapping[str, Any]:
-    """Return the four sides where they give exactly this outline, else the outline or outlines; and the growth."""
+    """Return the four sides if they give exactly this outline, else the outline or outlines; and the growth."""
     if item.outlines_m is not None:
         rings = item.outlines_m
         if rings.shape[1] > 1 and np.all(rings[:, 0] == rings[:, -1]):

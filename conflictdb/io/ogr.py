@@ -1,13 +1,14 @@
-"""Areas and tracks from files that the OGR library opens (GeoPackage, Shapefile, KML, GPX, …), through pyogrio.
+"""Read areas and tracks from files that the OGR library opens (GeoPackage, Shapefile, KML, GPX, …), through pyogrio.
 
-Needs the extra `ogr`: ``pip install 'conflictdb[ogr]'``. Every polygon of every layer, or of those that are asked for,
-becomes an area. A line becomes a track if its layer has a column that says when (times or a speed; an M is lost on the
-way); the track points of GPX become tracks as positions do. A line of KML with a begin and an end (gx:Track) is
-refused. All other points and lines are left out, by name. Columns
-that scene files know as members, in upper or lower case, are read as there, lists as JSON; all others are kept as
-properties. Without an id column the number of the feature is the id, after the name of its layer if there are several.
-Other reference systems are transformed vertex by vertex to longitude and latitude; edges are then straight in the
-scene's plane.
+Needs the extra `ogr`: ``pip install 'conflictdb[ogr]'``. Every polygon of every layer, or of the selected layers,
+becomes an area. A line becomes a track if its layer has a column of times or a speed (OGR drops the M values). The
+track points of GPX become tracks as positions do. A line of KML with a begin and an end (gx:Track) is refused. All
+other points and lines are left out and listed.
+
+Columns named like members of scene files, in upper or lower case, are read as these members, lists as JSON; all others
+are kept as properties. Without an id column the number of the feature is the id, after the name of its layer if there
+are several. Other reference systems are transformed vertex by vertex to longitude and latitude; edges are then straight
+in the scene's plane.
 """
 
 from collections import Counter, defaultdict
@@ -41,11 +42,11 @@ from conflictdb.io.speeds import within_speed
 from conflictdb.io.time_columns import is_time_like
 from conflictdb.model import Area, Scene, Track
 
-# Columns of which one makes the lines of a layer tracks.
+# Columns that make the lines of a layer tracks.
 _WHEN: Final = frozenset({"times", "datetimes", "speed_kn", "speed_mps"})
-# Of what is left out by geometry so many are named.
+# Features left out by geometry that are listed by number.
 _MOST_NAMED: Final = 10
-# Columns that OGR gives the features of KML, among others.
+# Some of the columns that OGR gives the features of KML.
 _KML_FIELDS: Final = frozenset({"begin", "end", "altitudeMode", "tessellate", "extrude"})
 _KML_TRACK: Final = (
     "are missing: a line with a begin and an end, as a gx:Track has, whose times of each point the OGR library does "
@@ -59,11 +60,11 @@ _GPX_LAYERS: Final = frozenset({"waypoints", "routes", "tracks", "route_points",
 def read_objects(
     path: Path, max_file_mb: float, max_speed_kn: float, names: Sequence[str] = (), *, skip_invalid: bool = False
 ) -> Contents:
-    """Return the areas and tracks of a file that OGR opens; raises InvalidInput, also if pyogrio is not installed.
+    """Return the areas and tracks of a file that OGR opens; raises InvalidInput, also without pyogrio.
 
     max_file_mb, max_speed_kn : see `conflictdb.io.read`
-    names : of the layers to read; none: all
-    skip_invalid : leave out objects that are refused
+    names : layers to read; none: all
+    skip_invalid : leave out refused objects
     """
     layers = read_layers(path, max_file_mb)
     if not layers:
@@ -88,7 +89,7 @@ def read_objects(
 def _read_features(
     source: str, layers: Sequence[Layer], prefixed: bool, max_speed_kn: float, contents: Contents, refusals: Refusals
 ) -> None:
-    """Add the areas and tracks of some layers; what is refused is among the refusals."""
+    """Add the areas and tracks of some layers; errors are added to the refusals."""
     seen: dict[str, str] = {}
     at_speed: list[objects.TrackAtSpeed] = []
     tracks: list[Track] = []
@@ -113,7 +114,7 @@ def _read_features(
 def _features(
     source: str, layer: Layer, prefix: str, scene: Scene, contents: Contents, refusals: Refusals
 ) -> Iterator[tuple[str, Area | Track | objects.TrackAtSpeed]]:
-    """Yield where each object is in the file, and the object."""
+    """Yield the place of each object in the file, and the object."""
     who = f"layer {layer.name!r:.100}"
     check_columns(who, layer.fields)
     shapes = _shapes(who, layer)
@@ -154,7 +155,7 @@ def _features(
 
 
 def _without_times(time_like: Collection[str]) -> str:
-    """Say that lines have no times, and which of their columns look like times."""
+    """Return a text that lines have no times, naming columns that look like times."""
     if not time_like:
         return "without times"
     return f"without a column times or datetimes ({', '.join(time_like)} look like times, but not of each point)"
@@ -169,7 +170,7 @@ def _shapes(who: str, layer: Layer) -> NDArray[np.object_]:
 
 
 def _is_gpx(layers: Sequence[Layer]) -> bool:
-    """Return whether layers are those of a GPX file, with the columns and geometries that OGR gives them."""
+    """Return whether the layers are those of a GPX file, with the columns and geometries that OGR gives them."""
     by_name = {layer.name: layer for layer in layers}
     if set(by_name) != _GPX_LAYERS:
         return False
@@ -187,7 +188,7 @@ def _is_gpx(layers: Sequence[Layer]) -> bool:
 def _read_gpx(
     source: str, layers: Sequence[Layer], chosen: Sequence[Layer], max_speed_kn: float, contents: Contents
 ) -> None:
-    """Add the tracks of a GPX file: those points of each segment that can be used, as of other observed positions."""
+    """Add the tracks of a GPX file from the usable points of each segment, as for other observed positions."""
     by_name = {layer.name: layer for layer in layers}
     for name, what in (("waypoints", "waypoints"), ("routes", "routes, which have no times")):
         count = len(by_name[name].numbers)
@@ -230,7 +231,7 @@ def _read_gpx(
 
 
 def _gpx_keys(segments: Sequence[tuple[int, int]], titles: Mapping[int, Any]) -> dict[tuple[int, int], str]:
-    """Return the key of each segment: the name of its track if no other has it, else its number; and which segment."""
+    """Return the key of each segment: the track's name if unique, else its number; and the segment's number."""
     keys = {}
     different = dict.fromkeys(segments)
     parts = Counter(number for number, _ in different)

@@ -1,26 +1,26 @@
-"""Reads one file with the OGR library, and writes what it holds as JSON: a program of `confined_child`.
+"""Read one file with the OGR library and write its layers as JSON: a program of `confined_child`.
 
     ogr_child.py PATH
-    ogr_child.py    the formats to leave out, which OGR takes from its environment when it is loaded
+    ogr_child.py    the formats to disable, which OGR reads from its environment when it is loaded
 
-OGR knows formats that read other files, open databases, fetch addresses or run what they hold, so this process knows
-few of them.
+Some OGR formats read other files, open databases, fetch addresses or execute their contents; this process enables only
+safe ones.
 """
 
 import json
 from typing import IO, Any, Final
 
-# Formats that hold all they have in themselves (a Shapefile and an S-57 chart: in the files that lie beside them under
-# the same name). Not VRT, GML, GDALG, databases and services, which may refer to anything.
+# Self-contained formats (a Shapefile and an S-57 chart: with the files of the same name beside them). Not VRT, GML,
+# GDALG, databases and services, which may refer to anything.
 FORMATS: Final = frozenset(
     {"ESRI Shapefile", "FlatGeobuf", "GPKG", "GPX", "KML", "LIBKML", "MapInfo File", "OpenFileGDB", "S57"}
 )
 
 
 def main(stream: IO[bytes], most_bytes: int, arguments: list[str]) -> None:
-    """Write the layers of a file that have geometries; without arguments the formats that are left out.
+    """Write the layers of a file that have geometries; without arguments, the formats to disable.
 
-    OGR knows these here beyond `FORMATS`: what GDAL_SKIP takes.
+    Those are the formats that OGR knows besides `FORMATS`, for GDAL_SKIP.
     """
     import pyogrio
 
@@ -54,14 +54,14 @@ def main(stream: IO[bytes], most_bytes: int, arguments: list[str]) -> None:
 
 
 def _size(value: Any) -> int:
-    """Return the bytes of a value of a column; what is no text takes at least a reference."""
+    """Return the size of a column's value in bytes; non-texts count at least as a reference."""
     if isinstance(value, str):
         return len(value.encode("utf-8", "replace"))
     return 8 + (sum(map(_size, value)) if isinstance(value, list) else 0)
 
 
 def _plain(value: Any) -> Any:
-    """Return a value of a column as JSON can hold it; NaN is how missing numbers come."""
+    """Return a value of a column as a JSON value; NaN marks missing numbers."""
     if hasattr(value, "tolist"):  # of numpy
         value = value.tolist()
     if isinstance(value, list):

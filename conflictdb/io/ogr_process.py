@@ -1,4 +1,4 @@
-"""Files opened by the OGR library, in a process that can do little else: see `confined` and `ogr_child`."""
+"""Open files with the OGR library in a confined process: see `confined` and `ogr_child`."""
 
 import json
 from collections.abc import Mapping
@@ -15,12 +15,12 @@ from conflictdb.errors import InvalidInput
 from conflictdb.io.confined import Program
 from conflictdb.io.reference import EXTRA
 
-# Nothing answers here: an address in a file leads nowhere.
+# No service listens here, so addresses in a file lead nowhere.
 _NOWHERE: Final = "http://127.0.0.1:9"
 _OGR: Final = Program(
     "ogr_child.py",
     "cannot be read by OGR",
-    # Sixty times what a large honest file takes, a minute and 4 GB in all by default.
+    # Sixty times the needs of a large honest file; by default a minute and 4 GB.
     seconds_per_mb=1.0,
     memory_per_mb=64 << 20,
     settings={
@@ -48,7 +48,7 @@ class Layer:
     fields : names of its columns
     numbers : of its features
     shapes : geometries as WKB, two-dimensional; None for a feature without
-    columns : values by column, as JSON has them; None is missing
+    columns : values by column, as JSON values; None is missing
     """
 
     name: str
@@ -65,7 +65,7 @@ def read_layers(path: Path, max_file_mb: float) -> list[Layer]:
     Raises
     ------
     InvalidInput
-        It cannot be read, holds more than `max_file_mb`, takes too long or too much memory; or pyogrio is missing.
+        It cannot be read, exceeds `max_file_mb` or the limits of time and memory; or pyogrio is missing.
     """
     if find_spec("pyogrio") is None:
         raise InvalidInput("file", "", f"is of a format that {EXTRA}")
@@ -77,7 +77,7 @@ def read_layers(path: Path, max_file_mb: float) -> list[Layer]:
 
 @cache
 def _others() -> tuple[str, ...]:
-    """Return the formats that OGR shall not know."""
+    """Return the OGR formats to disable."""
     try:
         with _OGR.running([], 0.0) as running:
             return tuple(json.loads(running.answer()))

@@ -1,11 +1,11 @@
-"""Areas and tracks of a Parquet file: GeoParquet, what `export` writes, and plain columns of positions.
+"""Read areas and tracks from Parquet files: GeoParquet, files of `export`, and plain columns of positions.
 
-Needs the extra `parquet`. A file of the Arrow form OBJECTS, whoever wrote it, is read as exactly these objects. Of any
-other one columns mean what they mean in scene files, in upper or lower case: a polygon is an area, a point with
-`radius_m` a circle, a line a track if the file has a column that says when, or if it has an M: seconds since 1970. Rows
+Needs the extra `parquet`. A file of the Arrow form OBJECTS, from any writer, is read as exactly these objects. In other
+files, columns have the names and meanings of scene files, in upper or lower case: a polygon is an area, a point with
+`radius_m` a circle, and a line a track if the file has a column of times or the line an M (seconds since 1970). Rows
 with a point, or columns `lon` and `lat`, and a time are positions: one row per waypoint, by the rules of
-`conflictdb.io.positions`. All other points and lines are left out, by name. Other columns are properties; one that
-looks like a known one is refused.
+`conflictdb.io.positions`. All other points and lines are left out and listed. Other columns are properties; one that
+resembles a known name is refused.
 """
 
 import csv
@@ -56,25 +56,25 @@ from conflictdb.io.speeds import within_speed
 from conflictdb.model import Area, Scene, Track
 from conflictdb.results import Kind
 
-# What a file may hold as Arrow, which takes five times its size in memory as objects, and JSON thirty.
+# Limit on a file in Arrow format; as objects it takes five times that memory, JSON thirty times.
 MAX_PARQUET_MB: Final = 400.0
-# What one may hold that is read part by part, and not kept; it fills a database.
+# Limit on a file that is read in parts and not kept in memory.
 MAX_PARTS_MB: Final = 4_000.0
-# Columns of which one makes lines tracks.
+# Columns that make lines tracks.
 _WHEN: Final = frozenset({"times", "datetimes", "speed_kn", "speed_mps"})
 _INDEX: Final = "__index_level_0__"  # of pandas
-# Of what is left out by geometry so many are named.
+# Rows left out by geometry that are listed by number.
 _MOST_NAMED: Final = 10
 _UNSURE: Final = "does not say its reference system: taken for longitude and latitude on WGS84"
 
 
-# Returns the row that has the key of an object first, which is in this row.
+# Returns the first row with an object's key, given the present row.
 First = Callable[[str, int], int]
 
 
 @dataclass(slots=True)
 class _Found:
-    """What was read of a part; others: rows that are neither, by their type, of all parts."""
+    """The objects of a part; `others` collects rows of unusable geometry, by type, over all parts."""
 
     refusals: Refusals
     first: First
@@ -109,8 +109,8 @@ def read_parquet(
     """Return the areas and tracks of a Parquet file, or of the parts in a directory; raises InvalidInput.
 
     max_file_mb, max_speed_kn, skip_invalid : see `conflictdb.io.read`
-    stem : name of the scene if the file tells its settings, but no name
-    fastest_kn : `max_speed_kn`, or what it is by default for plans
+    stem : name of the scene if the file has settings without a name
+    fastest_kn : `max_speed_kn`, or its default for plans
     """
     first: dict[str, int] = {}
     most_mb = MAX_PARQUET_MB if max_file_mb is None else max_file_mb
@@ -132,10 +132,10 @@ def read_parquet(
 def parquet_parts(
     path: Path, stem: str, most_mb: tuple[float, float], max_speed_kn: float | None, fastest_kn: float, first: First
 ) -> Iterator[Parts]:
-    """Give what `read_parquet` returns part by part; only rows per waypoint are one part.
+    """Yield the result of `read_parquet` in parts; a file of rows per waypoint is a single part.
 
-    most_mb : a file may hold as Arrow, and one that is one part
-    first : says which keys were there before
+    most_mb : limits in Arrow format: of a file, and of a file that is a single part
+    first : returns the first row that has a key
     """
     source = str(path)
     with decoded(path, most_mb[0]) as rows:
@@ -179,9 +179,9 @@ def parquet_parts(
 
 
 def _remarks(source: str, layout: Layout, *, is_sure: bool) -> Iterator[Remark]:
-    """Yield remarks on what the metadata of GeoParquet say, or do not.
+    """Yield remarks on the metadata of GeoParquet.
 
-    is_sure : coordinates are longitude and latitude, whatever the metadata leave out
+    is_sure : coordinates are known to be longitude and latitude
     """
     if layout.geometry is None:
         return
@@ -196,7 +196,7 @@ def _remarks(source: str, layout: Layout, *, is_sure: bool) -> Iterator[Remark]:
 
 
 def _bounded(batches: "Iterator[pa.RecordBatch]", most_mb: float) -> "Iterator[pa.RecordBatch]":
-    """Yield batches; raises InvalidInput for more than can be held."""
+    """Yield batches; raises InvalidInput above the memory limit."""
     size = 0
     for batch in batches:
         size += batch.nbytes
@@ -209,7 +209,7 @@ def _bounded(batches: "Iterator[pa.RecordBatch]", most_mb: float) -> "Iterator[p
 def _taken(
     read: Iterator[None], found: _Found, settings: Scene | None, fastest_kn: float
 ) -> Iterator[tuple[list[Area], list[Track]]]:
-    """Yield what was found, each time some was read."""
+    """Yield the objects found in each part."""
     scene = settings or Scene("file")
     for _ in read:
         areas, tracks, at_speed = found.areas, found.tracks, found.at_speed
@@ -222,7 +222,7 @@ def _taken(
 def _of_rows(
     found: _Found, batches: "Iterator[pa.RecordBatch]", layout: Layout, settings: Scene | None
 ) -> Iterator[None]:
-    """Read rows, an object each, some at a time."""
+    """Read rows, one object each, in batches."""
     setting = objects.Setting(settings or Scene("file"), (), layout.to_degrees, RENAME_COLUMN)
     row = 0
     for batch in batches:
@@ -232,7 +232,7 @@ def _of_rows(
 
 
 def _others(found: _Found, source: str, skipped: list[Skipped]) -> Iterator[tuple[list[Area], list[Track]]]:
-    """Tell of rows that were left out for what their geometry is; they are no part."""
+    """List the rows left out by geometry; yields nothing."""
     for kind, rows in found.others.items():
         named = ", ".join(map(str, rows[:_MOST_NAMED])) + (", …" if len(rows) > _MOST_NAMED else "")
         what = "without times: no tracks" if "Line" in kind else "no areas or tracks"
@@ -241,7 +241,7 @@ def _others(found: _Found, source: str, skipped: list[Skipped]) -> Iterator[tupl
 
 
 def _fits(schema: "pa.Schema") -> bool:
-    """Return whether a file that does not say so is of the form OBJECTS."""
+    """Return whether a schema without a declared form fits the form OBJECTS."""
     if not set(schema.names) <= {*OBJECTS.schema.names, COVERING}:
         return False
     try:
@@ -254,12 +254,12 @@ def _fits(schema: "pa.Schema") -> bool:
 def _of_form(
     found: _Found, batches: "Iterator[pa.RecordBatch]", said: dict[str, Any], layout: Layout
 ) -> Iterator[None]:
-    """Read the objects of a file of the form OBJECTS, some at a time."""
+    """Read the objects of a file of the form OBJECTS, in batches."""
     row = 0
     known = {METADATA_KEY: json.dumps({k: v for k, v in said.items() if k != "scene"})}
     for batch in batches:
         batch = batch.replace_schema_metadata(known)
-        columns = OBJECTS.columns(batch, row)  # what does not fit is wrong with all of them
+        columns = OBJECTS.columns(batch, row)  # an error here concerns all rows
         check_wkb(GEOMETRY, columns[GEOMETRY], row)
         degrees = layout.in_degrees(columns[GEOMETRY], row)
         if degrees is not columns[GEOMETRY]:
@@ -267,7 +267,7 @@ def _of_form(
         try:
             _add_checked(found, batch, row)
         except InvalidInput:
-            for i in range(batch.num_rows):  # for all that is wrong, each with its row
+            for i in range(batch.num_rows):  # to report all errors, each with its row
                 with found.refusals:
                     _add_checked(found, batch.slice(i, 1), row + i)
         row += batch.num_rows
@@ -275,7 +275,7 @@ def _of_form(
 
 
 def _add_checked(found: _Found, batch: "pa.RecordBatch", row: int) -> None:
-    """Add the objects of a batch whose first row has this number; raises InvalidInput for the first mistake of any."""
+    """Add the objects of a batch whose first row has number `row`; raises InvalidInput for the first error."""
     areas, tracks = to_objects(batch)
     items: list[Area | Track] = [*areas, *tracks]
     is_track = np.array(batch.column("kind").to_pylist()) == Kind.TRACK.value
@@ -291,7 +291,7 @@ def _add_checked(found: _Found, batch: "pa.RecordBatch", row: int) -> None:
 
 
 def _peeked(batches: "Iterator[pa.RecordBatch]") -> "tuple[pa.RecordBatch | None, Iterator[pa.RecordBatch]]":
-    """Return the first batch that has rows, and all batches from it on."""
+    """Return the first non-empty batch, and all batches from it on."""
     for batch in batches:
         if batch.num_rows:
             return batch, chain([batch], batches)
@@ -299,7 +299,7 @@ def _peeked(batches: "Iterator[pa.RecordBatch]") -> "tuple[pa.RecordBatch | None
 
 
 def _add_rows(found: _Found, batch: "pa.RecordBatch", row: int, layout: Layout, setting: objects.Setting) -> None:
-    """Add the objects of some rows, the first of which has this number."""
+    """Add the objects of a batch whose first row has number `row`."""
     shapes = layout.shapes(batch.column(layout.geometry), row)
     names, columns = _values(batch, {layout.geometry, *layout.aside})
     has_times = not _WHEN.isdisjoint(name.lower() for name in names)
@@ -371,7 +371,7 @@ def _are_positions(first: "pa.RecordBatch | None", layout: Layout) -> bool:
 
 
 def _as_csv(batches: "Iterator[pa.RecordBatch]", layout: Layout) -> str:
-    """Return positions as the text that `read_positions` takes; coordinates and instants lose nothing."""
+    """Return positions as CSV text for `read_positions`; coordinates and instants keep all digits."""
     text = StringIO()
     writer = csv.writer(text)
     aside, row = {_INDEX, *layout.aside}, 0
@@ -416,7 +416,7 @@ def _cell(value: Any, *, is_id: bool) -> str:
 
 
 def _values(batch: "pa.RecordBatch", aside: Collection[str | None]) -> tuple[list[str], list[list[Any]]]:
-    """Return the names of columns and their values, as JSON has them, but for some."""
+    """Return the names of columns and their JSON values, except columns in `aside`."""
     names = [name for name in batch.schema.names if name not in aside]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)

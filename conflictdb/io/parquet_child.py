@@ -1,17 +1,17 @@
-"""Reads Parquet files of one schema, and writes what they hold as a stream of Arrow: a program of `confined_child`.
+"""Read Parquet files of one schema, and write them as an Arrow stream: a program of `confined_child`.
 
     parquet_child.py PATH...
 
-What is compressed or coded in them may unpack to any size.
+Compressed data in them may unpack to any size.
 """
 
 import json
 from pathlib import Path
 from typing import IO, Any, Final
 
-# Bytes of a value at least, as a reference of Python takes them: nulls and truths of Arrow take next to none.
+# Least size counted per value: that of a Python reference, since Arrow stores nulls and booleans in bits.
 VALUE_BYTES: Final = 8
-# What is decoded at once, but for a row that is larger: enough to be quick, little in memory.
+# Rows decoded at a time (at least one): enough for speed, little memory.
 ROWS_AT_ONCE: Final = 8_192
 BYTES_AT_ONCE: Final = 16_000_000
 
@@ -23,7 +23,7 @@ def main(sink: IO[bytes], most_bytes: int, paths: list[str]) -> None:
 
     size = 0
     first: Any = None
-    writer: Any = None  # from the first part on; there is one at least
+    writer: Any = None  # set by the first part; there is at least one
     with pa.output_stream(sink) as stream:
         for path in paths:
             try:
@@ -44,13 +44,13 @@ def main(sink: IO[bytes], most_bytes: int, paths: list[str]) -> None:
                         writer.write_batch(held)
             except MemoryError:
                 raise
-            except Exception as error:  # whatever it is, it is this part's
+            except Exception as error:  # any error is reported with the part's name
                 raise ValueError(str(error) if len(paths) == 1 else f"{Path(path).name}: {error}") from error
         writer.close()
 
 
 def _plain(of: Any) -> Any:
-    """Return a type that holds the same values each by itself: what stands for many equal ones is as large as these."""
+    """Return the type without dictionaries and views, so that repeated values count with their full size."""
     import pyarrow as pa
 
     if pa.types.is_dictionary(of):
@@ -80,7 +80,7 @@ def _rows_at_once(file: Any) -> int:
 
 
 def _require_alike(first: Any, other: Any) -> None:
-    """Raise ValueError for a part that has other columns than the first, or says other things of itself."""
+    """Raise ValueError for a part whose columns or metadata differ from the first part's."""
     if not other.equals(first):
         names = dict.fromkeys([*first.names, *other.names])
         differing = ", ".join(name for name in names if _fields(first, name) != _fields(other, name))
@@ -97,15 +97,15 @@ def _fields(schema: Any, name: str) -> list[Any]:
 
 
 def _meaning(schema: Any) -> tuple[Any, Any]:
-    """Return what the metadata of a part say of all its rows, but for where they are and what is among them."""
+    """Return the metadata that concern all rows of a part, without bounding boxes and lists of geometry types."""
     metadata = schema.metadata or {}
     geo = metadata.get(b"geo")
     try:
-        told = json.loads(geo or b"null")
+        geo_metadata = json.loads(geo or b"null")
         columns = {
             name: {key: value for key, value in column.items() if key not in ("bbox", "geometry_types")}
-            for name, column in told["columns"].items()
+            for name, column in geo_metadata["columns"].items()
         }
-        return (told["primary_column"], columns), metadata.get(b"conflictdb")
+        return (geo_metadata["primary_column"], columns), metadata.get(b"conflictdb")
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return geo, metadata.get(b"conflictdb")

@@ -1,4 +1,4 @@
-"""Parquet files decoded in a process that can do little else: see `confined` and `parquet_child`."""
+"""Decode Parquet files in a confined process: see `confined` and `parquet_child`."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,16 +15,16 @@ from conflictdb.io.contents import PARQUET
 _PARQUET: Final = Program(
     "parquet_child.py",
     "cannot be read as Parquet",
-    # Many times what an honest file takes.
+    # Many times the needs of an honest file.
     seconds_per_mb=0.5,
     memory_per_mb=8 << 20,
-    settings={"ARROW_DEFAULT_MEMORY_POOL": "system"},  # the others take address space that they do not use
+    settings={"ARROW_DEFAULT_MEMORY_POOL": "system"},  # other pools reserve address space that they do not use
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """The rows of a file: their columns, and batches, which are read once."""
+    """The rows of a file: their schema, and batches, which can be read once."""
 
     schema: "pa.Schema"
     batches: "Iterator[pa.RecordBatch]"
@@ -32,10 +32,10 @@ class Rows:
 
 @contextmanager
 def decoded(path: Path, max_file_mb: float) -> Iterator[Rows]:
-    """Give the rows of a Parquet file, or of the parts in a directory, as they are decoded.
+    """Yield the rows of a Parquet file, or of the parts in a directory, as they are decoded.
 
-    Raises InvalidInput, also while they are read, if it cannot be read, holds more than `max_file_mb` of Arrow, or
-    takes too much memory or time.
+    Raises InvalidInput, also during iteration, if it cannot be read, has more than `max_file_mb` of Arrow, or exceeds
+    the limits of memory or time.
     """
     with _PARQUET.running([str(part) for part in _parts(path)], max_file_mb) as running:
         try:
@@ -56,7 +56,7 @@ def _each(reader: "pa.RecordBatchReader", running: Running) -> "Iterator[pa.Reco
 
 
 def _parts(path: Path) -> list[Path]:
-    """Return a file, or the parts of one in a directory, as Spark writes them; raises InvalidInput for neither."""
+    """Return a file, or the parts of a directory as Spark writes them; raises InvalidInput for neither."""
     if not path.exists():
         raise InvalidInput("file", "", "does not exist")
     if path.is_dir():

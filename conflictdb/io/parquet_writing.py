@@ -1,4 +1,4 @@
-"""GeoParquet 1.1 of scenes and of conflicts, row group by row group, however many there are (extra `parquet`)."""
+"""Write scenes and conflicts as GeoParquet 1.1, one row group at a time, in bounded memory (extra `parquet`)."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
@@ -21,7 +21,7 @@ from conflictdb.io.scene_file import settings_of
 from conflictdb.model import Scene
 from conflictdb.results import Conflict
 
-# Rows of a row group: as many as a reader takes at once, and a box that is worth looking at.
+# Rows of a row group: about what a reader decodes at once, and small enough for a useful bounding box.
 _ROWS: Final = 20_000
 _BOX: Final = pa.struct([pa.field(side, pa.float64(), nullable=False) for side in SIDES])
 _KINDS: Final = {
@@ -32,7 +32,7 @@ _KINDS: Final = {
 
 
 def write_objects(stream: IO[bytes], scene: Scene, batches: "Iterable[pa.RecordBatch]") -> None:
-    """Write a scene that `read` reads back as exactly these settings and objects.
+    """Write a scene from which `read` reads exactly these settings and objects.
 
     batches : of the form OBJECTS
     """
@@ -72,7 +72,7 @@ def _written(
 
 
 def _grouped(batches: "Iterable[pa.RecordBatch]") -> "Iterator[pa.Table]":
-    """Yield small batches together, as many as become a row group."""
+    """Yield small batches joined to tables of row group size."""
     held: list[pa.RecordBatch] = []
     rows = 0
     for batch in batches:
@@ -86,6 +86,6 @@ def _grouped(batches: "Iterable[pa.RecordBatch]") -> "Iterator[pa.Table]":
 
 
 def _around(bounds: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what holds some bounds, NaN for none, and boxes (n, 4)."""
+    """Return the union of bounding boxes: (4,) `bounds`, NaN if empty, and (n, 4) `boxes`."""
     every = np.vstack([bounds, boxes])
     return np.concatenate([np.fmin.reduce(every[:, :2]), np.fmax.reduce(every[:, 2:])])

@@ -1,4 +1,4 @@
-"""Objects that lie far from all others: a hint of swapped coordinates, or of a slip in a number."""
+"""Find objects that lie far from all others: a sign of swapped coordinates or a wrong digit."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
@@ -11,15 +11,15 @@ from conflictdb.earth import geodesy
 from conflictdb.io.contents import Remark, name_of
 from conflictdb.model import Area, Track
 
-# An object is remarked on if it lies this many times as far from the middle of the others as nine of ten of them do,
-# and at least so far, metres: less is no sign of a mistake.
+# An object gets a remark if it lies FAR times as far from the middle as nine of ten other objects, and at least
+# _LEAST_M away: less is no sign of a mistake.
 FAR: Final = 10.0
 _LEAST_M: Final = 200_000.0
-# Objects that are looked at together.
+# Objects per chunk.
 _AT_ONCE: Final = 50_000
 # Corners of an extent, as columns of longitude and latitude.
 _CORNERS: Final = ([0, 1], [0, 3], [2, 1], [2, 3])
-# With longitude and latitude swapped it is among the others: then a smaller distance is remarkable.
+# A smaller factor suffices if swapping longitude and latitude puts the object among the others.
 _FAR_IF_SWAPPED: Final = 3.0
 
 
@@ -31,10 +31,10 @@ def remarks(source: str, areas: Sequence[Area], tracks: Sequence[Track]) -> Iter
 
 
 def far(source: str, extents: NDArray[np.float64], name: Callable[[int], str]) -> Iterator[Remark]:
-    """Yield a remark on each of some objects that lies far from all others.
+    """Yield a remark on each object that lies far from all others.
 
     extents : (n, 4) as `extent` returns them
-    name : of an object, by its number
+    name : returns the name of an object, given its index
     """
     n = len(extents)
     if n < 2:
@@ -42,14 +42,14 @@ def far(source: str, extents: NDArray[np.float64], name: Callable[[int], str]) -
     places = 0.5 * (extents[:, :2] + extents[:, 2:])
     at = _unit(places)
     middle = np.array([np.median(at[:, i]) for i in range(3)]) if n > 2 else at[0]
-    # Some at a time: there may be millions.
+    # In chunks: there may be millions.
     size_m, apart_m = np.empty(n), np.empty(n)
     for first in range(0, n, _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
         size_m[some] = np.max([_apart_m(_unit(extents[some][:, corner]), at[some]) for corner in _CORNERS], axis=0)
         apart_m[some] = _apart_m(at[some], middle)
     distance_m = np.maximum(apart_m - size_m, 0.0)
-    # Of the others: without the farthest, so that one object cannot make itself look near.
+    # Reach of the others: without the farthest, so that an object does not hide itself.
     nearer = np.argsort(distance_m)[: max(1, min(n - 1, int(0.9 * n)))]
     reach_m = float((apart_m + size_m)[nearer].max())
     remote = np.flatnonzero(distance_m > max(_FAR_IF_SWAPPED * reach_m, _LEAST_M))
@@ -68,7 +68,7 @@ def far(source: str, extents: NDArray[np.float64], name: Callable[[int], str]) -
 
 
 def extent(item: Area | Track) -> NDArray[np.float64]:
-    """Return the least and largest longitude and latitude of an object: west, south, east, north, degrees."""
+    """Return the bounding box of an object: west, south, east, north, degrees."""
     if isinstance(item, Track):
         return np.concatenate([item.positions_deg.min(axis=0), item.positions_deg.max(axis=0)])
     return np.asarray(shapely.bounds(item.footprint))
@@ -81,6 +81,6 @@ def _unit(places_deg: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _apart_m(at: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far unit vectors are from others along the earth, metres, to a share of 0.01."""
+    """Return the distance of unit vectors along the earth, metres, to 1 %."""
     across = np.linalg.norm(np.cross(at, middle), axis=1)
     return np.asarray(geodesy.MEAN_RADIUS_M * np.arctan2(across, (at * middle).sum(axis=1)))

@@ -1,13 +1,13 @@
-"""Files of observed positions (CSV, one row per fix, any order), such as AIS: each vessel or aircraft becomes a track.
+"""Read files of observed positions such as AIS (CSV, one row per fix, any order): one track per vessel or aircraft.
 
 Columns ``id,time,lon,lat`` and, each where known, ``name``, the size (``length_m,width_m`` or
 ``fore_m,aft_m,port_m,starboard_m``) and the heights (``floor_m,ceiling_m``); the names that AIS archives use are
-accepted too. Other columns whose value never changes for an object become its properties. Without any size column
-every object is a point; with length and width it is a rectangle centred on the reported position.
+accepted too. Other columns whose value never changes for an object become its properties. Without any size column every
+object is a point; with length and width it is a rectangle centred on the reported position.
 
-Observations are always a little dirty. What cannot be used is left out and reported by name (`Skipped`): rows without
-identity, time or position, rows at a time that is already taken, fixes that cannot be reached at `max_speed_kn`,
-objects without a size, and objects with a single fix. What is not a position file at all is refused (InvalidInput).
+Observations always contain errors. Unusable data are left out and reported by name (`Skipped`): rows without identity,
+time or position, rows at a time that is already taken, fixes that cannot be reached at `max_speed_kn`, objects without
+a size, and objects with a single fix. A file that is no position file is refused (InvalidInput).
 """
 
 import csv
@@ -29,7 +29,7 @@ from conflictdb.io.json_text import check_text
 from conflictdb.io.names import RENAME_COLUMN, SETTING_RULE, SETTINGS, misnamed
 from conflictdb.speeds import AIS_MAX_SPEED_KN, MAX_SPEED_KN
 
-# Column of this package -> names it goes by, in lower case; the first is the package's own.
+# Column of this package -> accepted names, in lower case; the first is the package's own.
 COLUMNS: Final = {
     "id": ("id", "mmsi", "key", "vessel_id", "icao24"),
     "time": ("time", "datetime", "basedatetime", "base_date_time", "timestamp", "date_time_utc", "# timestamp"),
@@ -46,19 +46,19 @@ COLUMNS: Final = {
     "ceiling_m": ("ceiling_m",),
 }
 REQUIRED: Final = ("id", "time", "lon", "lat")
-# Names that no other column may look like; those that say nothing of what is in conflict are left alone.
+# Names that no other column may resemble; names without influence on conflicts are not checked.
 _GUARDED: Final = ("lon", "lat", *LENGTH_WIDTH, *SIDES, "floor_m", "ceiling_m")
 _ELSEWHERE: Final = dict.fromkeys(SETTINGS, SETTING_RULE) | dict.fromkeys(
     ("grow_mps", "outline_m", "outlines_m"),
     "is read from scene files only: positions have a size, as length or as sides",
 )
 _SIZES: Final = "length_m and width_m, or fore_m, aft_m, port_m and starboard_m"
-# Of a file; each takes a kilobyte, however little the file says of it.
+# Objects of a file; each takes a kilobyte, however short its rows.
 MAX_OBJECTS: Final = 1_000_000
 MISSING: Final = frozenset({"", "na", "nan", "null", "none", r"\n"})
 
 _NUMBER: Final = re.compile(r"[+-]?\d+(\.\d*)?")
-# Numbers are seconds since 1970 from 1973 to 5138: dates of digits alone (20260301) and milliseconds lie outside.
+# Numbers in this range are seconds since 1970 (1973 to 5138): dates in digits (20260301) and milliseconds lie outside.
 EARLIEST_S: Final = 100_000_000
 LATEST_S: Final = 100_000_000_000
 AIS_NO_LATITUDE: Final = 91.0  # "not available", ITU-R M.1371
@@ -66,7 +66,7 @@ AIS_NO_LONGITUDE: Final = 181.0
 
 
 def read_positions(text: str, source: str, *, max_speed_kn: float | None = None) -> Contents:
-    """Return the tracks of a file of positions, and what was left out.
+    """Return the tracks of a file of positions, and the rows and objects left out.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def read_positions(text: str, source: str, *, max_speed_kn: float | None = None)
     Raises
     ------
     InvalidInput
-        A column is missing, a row is cut short, or a cell holds what is neither a value nor missing.
+        A column is missing, a row has too few or too many cells, or a cell is neither a value nor missing.
     """
     reader = _Reader(text)
     reader.refusals.raise_found()
@@ -141,7 +141,7 @@ class _Reader:
         }
 
     def _check_sides(self) -> None:
-        """Refuse a part of the four sides; one letter, as AIS has them, may mean anything."""
+        """Refuse an incomplete set of four sides; single letters, as in AIS, may mean anything."""
         if self.size_columns == SIDES:
             return
         for column in SIDES:
@@ -152,12 +152,12 @@ class _Reader:
                     raise InvalidInput("file", f"column {self.header[self.at[column]]}", rule)
 
     def is_ais(self, column: str) -> bool:
-        """Return whether a column goes by another name than the package's own."""
+        """Return whether a column has another name than the package's own."""
         return column in self.at and self.header[self.at[column]].lower() != COLUMNS[column][0]
 
     def fixes(self) -> dict[str, Fixes]:
         """Return the usable rows by object, in order of first appearance."""
-        # AIS knows no other time than UTC; the package's own column `time` must say its offset.
+        # AIS times are always UTC; the package's own column `time` needs an offset.
         naive_is_utc = self.is_ais("time")
         fixes: dict[str, Fixes] = {}
         for row in self._each():
@@ -170,7 +170,7 @@ class _Reader:
         return fixes
 
     def _each(self) -> Iterator[list[str]]:
-        """Yield the rows that follow, until one is not CSV, which is among the refusals."""
+        """Yield the remaining rows, until one is not CSV; that error is added to the refusals."""
         try:
             yield from self.rows
         except csv.Error as error:
@@ -192,7 +192,7 @@ class _Reader:
         check_text(who, f"line {line}", "".join(row))
         when = _cell(row[self.at["time"]])
         place = self._position(who, row, line)
-        # An object exists from its first row on, even if nothing of it can be used.
+        # An object exists from its first row on, even if the row is unusable.
         own = fixes.setdefault(key, Fixes())
         self._note_cells(who, own, row, line)
         if when is None or place is None:
@@ -236,10 +236,10 @@ class _Reader:
             if value is not None and i in self.suspects:
                 self._judge(i, value)
             if value is not None and own.constant.setdefault(name, value) != value:
-                own.constant[name] = None  # it changes: no property of the object
+                own.constant[name] = None  # it varies, so it is no property of the object
 
     def _judge(self, i: int, value: str) -> None:
-        """Refuse a column whose name looks like a known one, once a cell of it can be what that one takes."""
+        """Refuse a column whose name resembles a known one, once one of its cells has that one's type."""
         values = {**dict.fromkeys(self.at, "given"), self.suspects[i]: value}
         found = list(misnamed("file", values, _GUARDED, _ELSEWHERE, remedy=RENAME_COLUMN))
         self.refusals.extend(InvalidInput("file", f"column {refused.field}", refused.rule) for refused in found)
@@ -274,6 +274,6 @@ def _instant_us(text: str, naive_is_utc: bool) -> int:
 
 
 def _cell(text: str) -> str | None:
-    """Return a cell without surrounding space, None if it says that the value is missing."""
+    """Return a cell without surrounding space, None if it means a missing value."""
     text = text.strip()
     return None if text.lower() in MISSING else text

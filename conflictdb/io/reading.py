@@ -1,15 +1,15 @@
-"""Reading of files: the format is found by the name.
+"""Read files; the name of a file decides its format.
 
-`read` either returns everything that the file holds or raises one InvalidInput that names the file and, for every
-mistake in it, the object, the field and the rule. A further format is a module that returns `Contents`, and a case in
-`_read`.
+`read` returns the contents of a file or raises one InvalidInput that names the file and, for every error, the object,
+the field and the rule. To add a format, write a module that returns `Contents` and a case in `_read`. A dialect of JSON
+belongs in `scene_file.read_scene` instead, beside `moving_features`.
 
-Files may come from anybody. Libraries that parse files in C run in a process of their own (`confined`: GDAL, Parquet).
-This process parses only
-- JSON and CSV, with Python's own parsers: linear in time, nesting and cells bounded by Python, the size by MAX_FILE_MB;
+Files may be hostile. C libraries that parse files run in a confined process (`confined`: GDAL, Parquet). This process
+parses only
+- JSON and CSV, with Python's own parsers: linear time, nesting and cells bounded by Python, size by MAX_FILE_MB;
 - WKB, with GEOS, after a check of its structure (`wkb`);
 - the text of reference systems, with PROJ, which bounds nesting itself; `reference` bounds the rest.
-Numbers of columns, mistakes, objects and corners of circles are bounded too (`contents`, `positions`, `discs`).
+Numbers of columns, errors, objects and corners of circles are bounded too (`contents`, `positions`, `discs`).
 """
 
 import codecs
@@ -29,8 +29,8 @@ from conflictdb.io.time_columns import TimeColumns
 from conflictdb.model import Area, Track
 from conflictdb.speeds import MAX_SPEED_KN
 
-# What a file may hold, unpacked: JSON takes up to thirty times its size in memory. Some 150,000 simple objects fit, and
-# a scene may be many files.
+# Limit on a file's unpacked size: JSON takes up to thirty times that memory. Some 150,000 simple objects fit, and a
+# scene may have many files.
 MAX_FILE_MB: Final = 64.0
 
 _UTF_16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
@@ -46,24 +46,25 @@ def read(
     skip_invalid: bool = False,
     max_file_mb: float | None = None,
 ) -> Contents:
-    """Return everything that a file holds.
+    """Return the contents of a file.
 
     Scene files and OGC Moving Features (.geojson, .json, .mfjson), positions (.csv, .tsv), each also compressed (.gz);
-    GeoParquet (.parquet, .geoparquet), also as a directory of parts; areas of any other format that OGR opens.
+    GeoParquet (.parquet, .geoparquet), also as a directory of parts; areas and tracks of any other format that OGR
+    opens.
 
     Parameters
     ----------
     path : str or Path
-        The file; its name is the name of the scene unless it gives one itself.
+        The file; the scene has the name in the file, else the file's name.
     max_speed_kn : float, optional
-        The speed in knots beyond which a leg is refused, by default 2,000; in files of positions the fix is left out,
-        see `conflictdb.io.positions`.
+        Legs faster than this, in knots, are refused; default 2,000. In files of positions such fixes are left out, see
+        `conflictdb.io.positions`.
     layers : sequence of str
-        Files that OGR opens: the layers to read; by default all.
+        The layers to read of a file that OGR opens; by default all.
     skip_invalid : bool
-        Leave out the objects of scene files and OGR files that are refused, and read the rest: `skipped` names them.
+        Leave out refused objects of scene files, GeoParquet and OGR files, and read the others; `skipped` lists them.
     max_file_mb : float, optional
-        Refuse a file that holds, or unpacks to, more millions of bytes; default MAX_FILE_MB, and 400 of GeoParquet.
+        Limit on the unpacked size, in millions of bytes; default MAX_FILE_MB, and 400 for GeoParquet.
 
     Raises
     ------
@@ -80,9 +81,9 @@ def read(
 def read_parts(
     path: str | Path, *, max_speed_kn: float | None = None, max_file_mb: float | None = None
 ) -> Iterator[Parts]:
-    """Give what `read` returns of a file of GeoParquet, some objects at a time: nobody holds them all.
+    """Yield the result of `read` for a GeoParquet file in parts, to bound memory.
 
-    Whoever has taken all parts raises the refusals, if there are any. `max_file_mb` is 4,000 by default.
+    The caller raises the refusals, if any, after the last part. `max_file_mb` is 4,000 by default.
     """
     path = Path(path)
     with _named(path):
@@ -100,7 +101,7 @@ def read_parts(
 def _summed_up(
     each: Iterator[tuple[list[Area], list[Track]]], parts: Parts, summary: Summary, source: str
 ) -> Iterator[tuple[list[Area], list[Track]]]:
-    """Yield parts, and tell in the end what only all of them show."""
+    """Yield parts; after the last one add the errors and remarks that need all objects."""
     times = TimeColumns()
     for areas, tracks in each:
         summary.add([*areas, *tracks])
@@ -125,12 +126,12 @@ def _empty(source: str) -> Remark:
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Name the file in every refusal."""
+    """Add the file's name to every refusal."""
     try:
         yield
     except InvalidInput as refused:
         raise refused.at(str(path)) from refused.__cause__
-    except RecursionError:  # also while a message was made of what is wrong
+    except RecursionError:  # also raised while formatting an error
         raise InvalidInput("file", "", "is nested too deeply", str(path)) from None
     except MemoryError:
         raise InvalidInput("file", "", "needs more memory than there is", str(path)) from None
@@ -174,7 +175,7 @@ def is_parquet(path: str | Path) -> bool:
 
 
 def stem(path: Path) -> str:
-    """Return the name of a file without the suffixes that say its format."""
+    """Return the name of a file without the suffixes of its format."""
     name = path.name
     for suffix in reversed(path.suffixes):
         if suffix.lower() == ".gz" or suffix.lower() in _JSON | _ROWS | PARQUET:
@@ -186,7 +187,7 @@ def _text(path: Path, is_packed: bool, max_file_mb: float | None) -> str:
     most_mb = MAX_FILE_MB if max_file_mb is None else max_file_mb
     limit = int(most_mb * 1e6)
     try:
-        # No more than the limit is ever unpacked: a small archive can hold gigabytes, a device has no end.
+        # Never unpack more than the limit: a small archive can contain gigabytes, and a device has no end.
         with gzip.open(path) if is_packed else path.open("rb") as stream:
             data = stream.read(limit + 1)
     except FileNotFoundError:

@@ -1,9 +1,9 @@
-"""Reference systems of files: longitude and latitude on WGS84 as they are, all others transformed vertex by vertex.
+"""Convert coordinates of other reference systems to longitude and latitude on WGS84, vertex by vertex.
 
-Edges are then straight in the scene's plane, whatever they were in the file's.
+Edges are then straight in the scene's plane, whatever they were in the file.
 
-PROJ parses the text of a reference system in this process. Its parsers limit nesting themselves; length, number and
-references to files are limited here.
+PROJ parses the text of a reference system in this process. Its parsers limit nesting; length, number and references to
+files are limited here.
 """
 
 import json
@@ -18,7 +18,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.io.json_text import check_text
 
 Floats = NDArray[np.float64]
-# From coordinates (n, 2) of a file to longitude and latitude in degrees; None leaves them as they are.
+# Conversion of coordinates (n, 2) to longitude and latitude in degrees; None: they already are.
 ToDegrees = Callable[[Floats], Floats] | None
 
 EXTRA: Final = "needs the extra 'ogr': pip install 'conflictdb[ogr]'"
@@ -27,15 +27,15 @@ _LONGITUDE_LATITUDE: Final = re.compile(
 )
 # Characters of a name, WKT or PROJJSON: PROJ's own longest is a third of it.
 MAX_CHARACTERS: Final = 50_000
-# Of one file. Each takes PROJ some 20 ms.
+# Reference systems of one file. Each takes PROJ some 20 ms.
 MAX_SYSTEMS: Final = 20
-# A path or an address: PROJ would open grids and definitions there, and wait for a pipe.
+# A path or an address: PROJ would open grids and definitions there, or block on a pipe.
 _ELSEWHERE: Final = re.compile(r"""(?:^|[=,"'@\s|])(?:~|\.{1,2})?/\S|["'@=,]\w+://(?!proj\.org/|www\.opengis\.net/)""")
 _RULE: Final = "must name a reference system, or be left out: longitude and latitude on WGS84, as RFC 7946 says"
 
 
 def of_name(who: str, name: str, field: str = "reference system") -> ToDegrees:
-    """Return how coordinates of a named system become longitude and latitude; raises InvalidInput if it is unknown."""
+    """Return the conversion from a named reference system to longitude and latitude; raises InvalidInput if unknown."""
     if _LONGITUDE_LATITUDE.fullmatch(name):
         return None
     name = _harmless(who, name, field)
@@ -55,7 +55,7 @@ def of_name(who: str, name: str, field: str = "reference system") -> ToDegrees:
 
 
 def _harmless(who: str, name: str, field: str) -> str:
-    """Return the text of a reference system that PROJ may parse; raises InvalidInput for any other."""
+    """Return the text of a reference system if PROJ may parse it; raises InvalidInput otherwise."""
     check_text(who, field, name)
     if len(name) > MAX_CHARACTERS:
         rule = f"has {len(name):,} characters; at most {MAX_CHARACTERS:,} are read: give its code, such as EPSG:25832"
@@ -70,14 +70,14 @@ def _harmless(who: str, name: str, field: str) -> str:
     return name
 
 
-# Reference systems that a file names: how their coordinates become degrees, or why they are refused.
+# Reference systems named by a file: the conversion to degrees, or the error.
 Systems = dict[str, ToDegrees | InvalidInput]
 
 
 def of_member(who: str, holder: Mapping[str, Any], outer: ToDegrees, systems: Systems) -> ToDegrees:
-    """Return what the member `crs` of GeoJSON of 2008 says, `outer` where there is none; raises InvalidInput.
+    """Return the conversion for the member `crs` of GeoJSON 2008, `outer` if it is absent; raises InvalidInput.
 
-    systems : those of the file that were looked up; this one is added
+    systems : those of the file looked up so far; this one is added
     """
     if "crs" not in holder:
         return outer

@@ -1,6 +1,6 @@
-"""Scene files: GeoJSON (RFC 7946) with a foreign member `scene`, read and written.
+"""Read and write scene files: GeoJSON (RFC 7946) with a foreign member `scene`.
 
-OGC Moving Features JSON is read by the same walk: a feature with a `temporalGeometry` is a moving point.
+OGC Moving Features JSON uses the same reader: a feature with a `temporalGeometry` is a moving point.
 """
 
 import math
@@ -22,7 +22,7 @@ from conflictdb.io.speeds import within_speed
 from conflictdb.model import Area, Scene, Track
 
 _SETTINGS: Final = tuple(member.name for member in members_of(Scene))
-# Of a member at a place where nobody reads it.
+# Rules for members at the wrong place.
 _OF_SCENE: Final = dict.fromkeys(set(_SETTINGS) - {"name"}, 'is a setting: put it into the member "scene"')
 _OF_FEATURE: Final = dict.fromkeys(
     (objects.AREA_MEMBERS | objects.TRACK_MEMBERS) - {"kind", "name"}, "belongs into the properties of a feature"
@@ -33,7 +33,7 @@ _FEATURE_MEMBERS: Final = ("properties", "geometry", "temporalGeometry", "crs", 
 def read_scene(
     text: str, stem: str, max_speed_kn: float = math.inf, *, source: str = "", skip_invalid: bool = False
 ) -> Contents:
-    """Return what a scene file or an OGC Moving Features JSON file holds.
+    """Return the contents of a scene file or an OGC Moving Features JSON file.
 
     Parameters
     ----------
@@ -46,12 +46,12 @@ def read_scene(
     source : str
         The file, for `Skipped`.
     skip_invalid : bool
-        Leave out objects that are refused; what is wrong with the rest of the file refuses it all the same.
+        Leave out refused objects; other errors still refuse the file.
 
     Raises
     ------
     InvalidInput
-        Names every object, field and rule that is broken, without the file.
+        Names every object, field and broken rule, without the file.
     """
     document = parse(text)
     if not isinstance(document, dict):
@@ -102,7 +102,7 @@ def read_scene(
 
 
 def _foreign(names_: Any) -> frozenset[str]:
-    """Return the names that the file says mean nothing to this package."""
+    """Return the names of members to ignore, as declared by the file."""
     if names_ is None:
         return frozenset()
     if not isinstance(names_, list) or not all(isinstance(name, str) for name in names_):
@@ -111,7 +111,7 @@ def _foreign(names_: Any) -> frozenset[str]:
 
 
 def _leave_unique(items: dict[int, Area | Track | objects.TrackAtSpeed], refusals: Refusals) -> None:
-    """Take away what has the id of an object before it."""
+    """Remove objects that have the id of an earlier one."""
     seen: dict[str, int] = {}
     for i, item in list(items.items()):
         first = seen.setdefault(item.key, i)
@@ -122,12 +122,12 @@ def _leave_unique(items: dict[int, Area | Track | objects.TrackAtSpeed], refusal
 
 
 def scene_text(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
-    """Yield the lines of the scene file that `read_scene` reads back as exactly these objects, one line per feature."""
+    """Yield the lines of a scene file from which `read_scene` reads exactly these objects, one line per feature."""
     yield '{ "type": "FeatureCollection",\n'
     yield f'  "scene": {dumped(settings_of(scene))},\n'
     items: list[Area | Track] = [*areas, *tracks]
     foreign = sorted({name for item in items for name in objects.suspect_properties(item)})
-    if foreign:  # put there by SQL; else they would be taken for members that are misspelt
+    if foreign:  # set by SQL; the reader would take them for misspelt members
         yield f'  "foreign": {dumped(foreign)},\n'
     yield '  "features": ['
     separator = "\n"
@@ -156,7 +156,7 @@ def _object(i: int, feature: Any, setting: objects.Setting) -> Area | Track | ob
     if properties is None:
         properties = {}
     key = feature.get("id")
-    if key is None and isinstance(properties, dict):  # as OGR and others write it
+    if key is None and isinstance(properties, dict):  # as written by OGR and others
         named = next((name for name in properties if name.lower() == "id" and properties[name] is not None), "")
         key = properties.get(named)
         properties = {name: value for name, value in properties.items() if name != named}
@@ -203,12 +203,12 @@ def _plain(
 
 
 def settings_of(scene: Scene) -> dict[str, Any]:
-    """Return the settings of a scene as files have them, for `scene_of`: its name, and all that are set."""
+    """Return the settings of a scene as files store them, for `scene_of`: its name, and all that are not None."""
     return {name: getattr(scene, name) for name in _SETTINGS if getattr(scene, name) is not None}
 
 
 def scene_of(settings: Any, stem: str) -> Scene:
-    """Return a scene of its settings as files have them; raises InvalidInput with all that is wrong with them."""
+    """Build a scene from settings in a file; raises InvalidInput with all errors."""
     if not isinstance(settings, dict):
         raise InvalidInput("scene", "", f"must be an object of settings; got {settings!r:.60}")
     refusals = FileRefusals()

@@ -1,4 +1,4 @@
-"""Speeds of many tracks at once, over the ground as their scene moves."""
+"""Check the speeds of many tracks at once, over the ground along the lines of their scene."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from conflictdb.speeds import MPS_PER_KNOT, leg_refused, legs_too_fast
 
 
 def within_speed(tracks: Sequence[Track], motion: Motion, max_speed_kn: float, refusals: Refusals) -> list[Track]:
-    """Return the tracks that are nowhere faster than `max_speed_kn` (knots over the ground); the rest is refused."""
+    """Return the tracks that never exceed `max_speed_kn` (knots over the ground); the others are refused."""
     if not tracks or not np.isfinite(max_speed_kn):
         return list(tracks)
     count = np.array([len(track.positions_deg) for track in tracks])
@@ -21,7 +21,7 @@ def within_speed(tracks: Sequence[Track], motion: Motion, max_speed_kn: float, r
     if motion == Motion.GREAT_CIRCLE:
         length_m = geodesy.great_circle_distance(lon[:-1], lat[:-1], lon[1:], lat[1:])
     else:
-        lat = np.clip(lat, -MAX_RHUMB_LATITUDE_DEG, MAX_RHUMB_LATITUDE_DEG)  # what lies beyond is refused later
+        lat = np.clip(lat, -MAX_RHUMB_LATITUDE_DEG, MAX_RHUMB_LATITUDE_DEG)  # latitudes beyond are refused later
         length_m = geodesy.rhumb_distance(geodesy.earth_of(EarthModel.WGS84), lon[:-1], lat[:-1], lon[1:], lat[1:])
     seconds = np.diff(np.concatenate([track.times_us for track in tracks])) * 1e-6
     seconds[first[1:] - 1] = np.inf  # from one track to the next

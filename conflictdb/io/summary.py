@@ -1,6 +1,6 @@
-"""What is remembered of the objects of a file that is read part by part: some sixty bytes each, but for their keys.
+"""Remember the objects of a file that is read in parts: some sixty bytes each, plus their keys.
 
-Enough to tell of a key that occurs twice, and of objects that lie far from all others, when all are read.
+After the last part this suffices to find duplicate keys, and objects that lie far from all others.
 """
 
 from array import array
@@ -20,7 +20,7 @@ _UTF_8: Final = "utf-8", "surrogatepass"
 
 @dataclass(slots=True)
 class Summary:
-    """Of n objects, in the order they came: names one after the other, hashes of keys, rows and extents."""
+    """For n objects, in file order: concatenated names, hashes of keys, rows and extents."""
 
     _of_part: dict[str, int] = field(default_factory=dict)
     _names: bytearray = field(default_factory=bytearray)
@@ -33,11 +33,11 @@ class Summary:
         return len(self._rows)
 
     def first(self, key: str, row: int) -> int:
-        """Return the row of the part that is being read that has a key first; this row, if there is none."""
+        """Return the first row of the present part that has a key; `row` if there is none."""
         return self._of_part.setdefault(key, row)
 
     def add(self, items: Iterable[Area | Track]) -> None:
-        """Remember the objects of a part; the next one begins."""
+        """Remember the objects of a part, and begin the next part."""
         for item in items:
             self._names += name_of(item).encode(*_UTF_8)
             self._ends.append(len(self._names))
@@ -47,11 +47,11 @@ class Summary:
         self._of_part.clear()
 
     def name(self, i: int) -> str:
-        """Return an object as errors and remarks name it."""
+        """Return the name of an object in errors and remarks."""
         return self._names[self._ends[i - 1] if i else 0 : self._ends[i]].decode(*_UTF_8)
 
     def twice(self) -> Iterator[InvalidInput]:
-        """Yield a refusal for each object whose key an earlier one has."""
+        """Yield a refusal for each object with the key of an earlier one."""
         hashes = np.array(self._hashes)
         order = np.argsort(hashes, kind="stable")
         same = np.flatnonzero(hashes[order[1:]] == hashes[order[:-1]])

@@ -1,4 +1,4 @@
-"""Properties of areas that look like times but are not read: such areas may be active for longer than was meant."""
+"""Find unread properties of areas that look like times: such areas may be active for longer than intended."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -9,12 +9,12 @@ from conflictdb.model import Area
 
 _INSTANT: Final = re.compile(r"\s*\d{4}[-/]\d\d[-/]\d\d(?:[T ]\d\d:\d\d.*)?\s*")
 _WORDS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
-# Words of a name that make a number beside it an instant.
+# Words of a name that make a number an instant.
 _TIME_WORDS: Final = frozenset(
     {"time", "date", "datetime", "timestamp", "from", "to", "since", "until", "till", "valid", "validity", "start"}
     | {"begin", "end", "expiry", "expires", "expiration", "active", "activation", "effective"}
 )
-# Least number that may be an instant: seconds since 1970, in 1973. Milliseconds are more.
+# Least number that may be an instant: seconds since 1970, in 1973. Milliseconds are larger.
 _LEAST: Final = 1e8
 _MOST_NAMED: Final = 20
 
@@ -27,7 +27,7 @@ class TimeColumns:
         self._areas = 0
 
     def add(self, areas: Iterable[Area]) -> None:
-        """Look at some areas."""
+        """Check some areas."""
         for area in areas:
             if area.properties and (area.start_us is None or area.end_us is None):
                 names = [name for name, value in area.properties.items() if is_time_like(name, value)]
@@ -35,7 +35,7 @@ class TimeColumns:
                 self._areas += bool(names)
 
     def remarks(self, source: str) -> Iterator[Remark]:
-        """Yield a remark that names all of them, if there are any."""
+        """Yield one remark that names all of them, if there are any."""
         if self._names:
             named = ", ".join(list(self._names)[:_MOST_NAMED]) + (", …" if len(self._names) > _MOST_NAMED else "")
             areas = f"{self._areas:,} area{'' if self._areas == 1 else 's'}"
@@ -46,7 +46,7 @@ class TimeColumns:
 
 
 def is_time_like(name: str, value: Any) -> bool:
-    """Return whether a value is an instant or a date, or by its name and size a number that stands for one."""
+    """Return whether a value is an instant or a date, or a number that by its name and size represents one."""
     if isinstance(value, str):
         return len(value) < 64 and _INSTANT.fullmatch(value) is not None
     if isinstance(value, bool) or not isinstance(value, int | float) or value < _LEAST:

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Write files completely or not at all."""
 
 import os
 from collections.abc import Iterator
@@ -9,12 +9,12 @@ from typing import IO
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[IO[bytes]]:
-    """Give a file to write; it appears when it is complete, and if it cannot be written, an older one stays.
+    """Yield a file to write; it appears when it is complete, and if writing fails, an older file stays.
 
-    Raises OSError, with the name that the caller knows, where it cannot be written.
+    Raises OSError, with the caller's name of the file, if it cannot be written.
     """
     path = Path(path)
-    file = Path(os.path.realpath(path)) if path.is_symlink() else path  # a link stays one
+    file = Path(os.path.realpath(path)) if path.is_symlink() else path  # keep a link
     part = file.with_name(f".{file.name}.{os.getpid()}.part")
     try:
         if file.exists() and not file.is_file():  # a pipe or a device cannot be replaced
@@ -26,7 +26,7 @@ def whole_file(path: str | Path) -> Iterator[IO[bytes]]:
             part.replace(file)
     except OSError as error:
         part.unlink(missing_ok=True)
-        if error.errno is None:  # not of the system, but of what is written
+        if error.errno is None:  # not from the system, but from the writer
             raise
         raise type(error)(error.errno, error.strerror, str(path)) from error
     except BaseException:

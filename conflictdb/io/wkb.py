@@ -1,4 +1,4 @@
-"""Well-known binary (WKB) of files: its structure is checked before GEOS decodes it.
+"""Check the structure of well-known binary (WKB) before GEOS decodes it.
 
 GEOS decodes nested geometries by recursion in C++, without a limit: 100,000 levels overflow the stack and end the
 process. The check follows only headers and counts, in time linear in the size.
@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-# Levels of collections: far beyond any honest file, and far within the stack of any thread.
+# Levels of nested collections: more than any honest file has, and few enough for every thread's stack.
 MAX_NESTING: Final = 32
 
 _POINT, _LINESTRING, _POLYGON, _COLLECTION = 1, 2, 3, 7
@@ -21,14 +21,14 @@ _MEMBER: Final = {4: _POINT, 5: _LINESTRING, 6: _POLYGON}
 _ANY: Final = 0
 _COUNT: Final = Struct(">I"), Struct("<I")
 _HEAD: Final = 5  # bytes: the byte order and the kind
-# Of a kind, as PostGIS writes it (EWKB); ISO adds 1000 for Z, 2000 for M, 3000 for both.
+# Flags of PostGIS's EWKB; ISO adds 1000 for Z, 2000 for M, 3000 for both.
 _Z, _M, _SRID, _KIND = 0x80000000, 0x40000000, 0x20000000, 0x1FFFFFFF
 
 
 def decoded(values: Iterable[bytes | str | None], first_row: int = 0) -> NDArray[np.object_]:
     """Return geometries (n,), None where there is none.
 
-    Raises ValueError, which names the row, or shapely.errors.GEOSException for what is not WKB.
+    Raises ValueError, which names the row, or shapely.errors.GEOSException for invalid WKB.
 
     first_row : number of the first row in messages
     """
@@ -36,7 +36,7 @@ def decoded(values: Iterable[bytes | str | None], first_row: int = 0) -> NDArray
     check(held, first_row)
     column = np.empty(len(held), dtype=object)
     column[:] = held
-    with np.errstate(invalid="ignore"):  # coordinates that are no numbers are refused with their object
+    with np.errstate(invalid="ignore"):  # NaN coordinates are refused later, with their object
         return np.asarray(shapely.from_wkb(column), dtype=object)
 
 
@@ -49,14 +49,14 @@ def check(values: Iterable[bytes | None], first_row: int = 0) -> None:
 
 
 def _flaw(data: bytes) -> str:
-    """Return what is wrong with the structure of a geometry, empty if nothing is."""
+    """Return the error in the structure of a geometry, empty if there is none."""
     size = len(data)
     at = 0
-    waiting = [(1, _ANY, 0)]  # geometries that follow: how many, of which kind, at which level
+    waiting = [(1, _ANY, 0)]  # geometries to come: how many, of which kind, at which level
     while waiting:
-        left, wanted, level = waiting.pop()
+        left, expected, level = waiting.pop()
         if left > 1:
-            waiting.append((left - 1, wanted, level))
+            waiting.append((left - 1, expected, level))
         if at + _HEAD + 4 > size:
             return _SHORT
         if data[at] > 1:
@@ -67,8 +67,8 @@ def _flaw(data: bytes) -> str:
         iso, kind = divmod(code & _KIND, 1000)
         if iso > 3 or not _POINT <= kind <= _COLLECTION:
             return f"has a geometry of the unknown kind {code}"
-        if wanted not in (_ANY, kind):
-            return f"has a geometry of kind {kind} where only kind {wanted} may be"
+        if expected not in (_ANY, kind):
+            return f"has a geometry of kind {kind} where only kind {expected} may be"
         stride = 8 * (2 + bool(code & _Z or iso & 1) + bool(code & _M or iso & 2))
         if kind == _POINT:
             at += stride

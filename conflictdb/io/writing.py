@@ -1,4 +1,4 @@
-"""Writing of files: whole or not at all, compressed if the name ends in .gz."""
+"""Write files: completely or not at all, compressed if the name ends in .gz."""
 
 import gzip
 from collections.abc import Iterable, Iterator
@@ -18,22 +18,22 @@ _FORMATS: Final = (".geojson", ".json", ".csv", _PARQUET)
 def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
     """Write conflicts or closest approaches, of a database or of `solve`, as GeoJSON, JSON, CSV or GeoParquet.
 
-    Members and columns are those of the views `conflicts` and `approaches`; what only a database knows is null without
-    one; a CSV file of nothing has the columns of conflicts, unless it is an empty answer of `Database.approaches`. The
-    file appears when it is complete; if it cannot be written, an older one stays.
+    Members and columns are those of the views `conflicts` and `approaches`; columns that only a database fills are null
+    without one. A CSV file without rows has the columns of conflicts, unless it is an empty answer of
+    `Database.approaches`. The file appears when it is complete; if writing fails, an older file stays.
 
     Parameters
     ----------
     results : iterable of Conflict, or of Approach
-        Those of a database tell GeoJSON whether they are complete. They are written as they come.
+        Results of a database also give GeoJSON their completeness. They are written as they arrive.
     path : str or Path
-        The file; its name ends in .geojson, .json or .csv, and then in .gz if it shall be compressed; or in
-        .parquet, for conflicts, which needs the extra `parquet`.
+        The file; its name ends in .geojson, .json or .csv, with .gz added to compress it; or in .parquet, for
+        conflicts, which needs the extra `parquet`.
 
     Raises
     ------
     InvalidInput
-        The name tells no format, or `results` is or holds something else, or both kinds; no file has been written.
+        The name has no known format, or `results` contains anything else, or both kinds; no file has been written.
     OSError
         The file cannot be written.
     """
@@ -81,7 +81,7 @@ def _each(
 
 
 def write_lines(path: str | Path, lines: Iterable[str]) -> None:
-    """Write a file of some lines; it appears when it is complete, and if it cannot be written, an older one stays."""
+    """Write a file of lines; it appears when it is complete, and if writing fails, an older file stays."""
     with whole_file(path) as raw:
         if _is_packed(Path(path)):
             with gzip.GzipFile(filename="", fileobj=raw, mode="wb", mtime=0) as packed:
