@@ -1,11 +1,11 @@
-"""The page of `conflictdb map`: a scene on a map with time, from its database or in one file.
+"""Serve the page of `conflictdb map`: a scene on a map with time, from its database or in one file.
 
-app      what the page asks for: an ASGI application (starlette)
-guard    who may ask: this machine, or whoever has a token; never another site
-live     tells the page of changes as the database tells of them
+app      ASGI application (starlette) behind the page
+guard    access control: this machine, or holders of a token; never other sites
+live     sends the database's notifications of changes to the page
 html     the same page in one file, without a database
-content  a scene as the page reads it
+content  packs a scene for the page
 land     coastlines
-page/    the page: HTML, CSS and ES modules as they are
-vendor/  what comes from others, with its licences; vendor.json says from where
+page/    the page: HTML, CSS and ES modules, served unchanged
+vendor/  third-party files with their licences; vendor.json names their sources
 """

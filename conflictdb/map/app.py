@@ -1,4 +1,4 @@
-"""What the page asks for, as an ASGI application. It reads; only acknowledging changes anything."""
+"""Serve the requests of the page as an ASGI application. Only acknowledging writes; all else reads."""
 
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager
@@ -34,19 +34,19 @@ _TYPES: Final = {
     ".mjs": "text/javascript; charset=utf-8",
     ".svg": "image/svg+xml",
 }
-# What is asked of the database at a time; a browser asks for six tiles at a time.
+# Concurrent connections to the database; a browser requests six tiles at a time.
 _CONNECTIONS: Final = 4
-# Tiles of one state of the scene that are kept: some ten megabytes.
+# Cached tiles of one state of the scene: some ten megabytes.
 _MOST_TILES: Final = 1_000
-# Bytes of a request that changes something: a reason is at most 10,000.
+# Size limit of a writing request, bytes: a reason has at most 10,000.
 _MOST_BYTES: Final = 65_536
-# Digits of a tile's number, and the number that a parameter of the database may have.
+# Limits on tile numbers: digits, and the range of a database parameter.
 _MOST_DIGITS: Final = 10
 _MOST_NUMBER: Final = 2**31 - 1
 
 
 def assets() -> dict[str, tuple[str, bytes]]:
-    """Return the files of the page by their paths: type and content."""
+    """Return the files of the page: type and content by path."""
     found = {
         f"/{file.relative_to(_ROOT).as_posix()}": (_TYPES[file.suffix], file.read_bytes())
         for folder in ("page", "vendor")
@@ -57,7 +57,7 @@ def assets() -> dict[str, tuple[str, bytes]]:
 
 
 class Connections:
-    """A few connections that never write, made when they are needed, kept while they work."""
+    """A pool of read-only connections, opened on demand."""
 
     def __init__(self, connect: Connect) -> None:
         self._connect = connect
@@ -67,7 +67,7 @@ class Connections:
 
     @contextmanager
     def one(self) -> Iterator[Connection]:
-        """Lend one, waiting until one is free; raises StoreError if it cannot be made."""
+        """Borrow a connection, waiting for a free one; raises StoreError if it cannot connect."""
         connection = self._free.get()
         try:
             if connection is None or connection.closed:
@@ -81,7 +81,7 @@ class Connections:
             self._free.put(connection)
 
     def close(self) -> None:
-        """Close those that are free."""
+        """Close all free connections."""
         while not self._free.empty():
             connection = self._free.get_nowait()
             if connection is not None:
@@ -89,7 +89,7 @@ class Connections:
 
 
 class Answers:
-    """What the page of one scene asks for, one method each; they run in threads, but for `events`."""
+    """Request handlers for the page of one scene; they run in threads, except `events`."""
 
     def __init__(self, scene: str, connect: Connect, access: Access) -> None:
         self.changes = Changes(scene, connect)
@@ -100,9 +100,9 @@ class Answers:
         self._tiles: dict[tuple[int, str, int, int, int], bytes] = {}
 
     def scene(self, request: Request) -> Response:
-        """Return name, settings and state of the scene; what the page may do, and the secret it does it with."""
+        """Return name, settings and state of the scene, the page's rights, and the secret for its writing requests."""
         with self.connections.one() as connection:
-            facts = content.overview(connection, self._scene)
+            facts = content.settings(connection, self._scene)
             may = store.may_acknowledge(connection)
         return _json({**facts, "version": self.changes.version, "may_acknowledge": may, "secret": self._access.secret})
 
@@ -112,12 +112,12 @@ class Answers:
             return Response(content.conflicts(connection, self._scene), media_type="application/octet-stream")
 
     def areas(self, request: Request) -> Response:
-        """Return all areas, without their shapes, which tiles have."""
+        """Return all areas without their shapes, which are in tiles."""
         with self.connections.one() as connection:
             return _json(content.areas(connection, self._scene))
 
     def overview(self, request: Request) -> Response:
-        """Return the outlines of all areas as they are seen from afar."""
+        """Return the outlines of all areas, simplified for small scales."""
         with self.connections.one() as connection:
             return Response(store.map_overview(connection, self._scene), media_type="application/octet-stream")
 
@@ -128,7 +128,7 @@ class Answers:
             return _json(content.shapes(connection, self._scene, known))
 
     def tracks(self, request: Request) -> Response:
-        """Return all tracks with what their havens are computed from."""
+        """Return all tracks with the data for drawing their havens."""
         with self.connections.one() as connection:
             return Response(content.tracks(connection, self._scene), media_type="application/octet-stream")
 
@@ -147,7 +147,7 @@ class Answers:
         key = (self.changes.version, kind, z, x, y)
         with self.connections.one() as connection:
             if (tile := self._tiles.get(key)) is not None:
-                store.scene_id(connection, self._scene)  # it may be shared no longer
+                store.scene_id(connection, self._scene)  # raises if the scene is no longer shared
             else:
                 tile = store.tile(connection, kind, z, x, y, self._scene)
         if key not in self._tiles:
@@ -165,11 +165,11 @@ class Answers:
         return Response(land.geojson(detail, box or land.WORLD, but), media_type="application/geo+json")
 
     def acknowledge(self, request: Request, asked: Mapping[str, Any]) -> Response:
-        """Take note of a conflict, or take that back (no reason)."""
+        """Acknowledge a conflict, or without a reason withdraw its acknowledgement."""
         pair, reason = Pair(*(_text(asked, name) for name in ("a", "b"))), asked.get("reason")
         if reason is not None and not isinstance(reason, str):
             raise HTTPException(400, "reason: must be a text, or null")
-        # Not one of those that never write.
+        # Needs a connection that may write.
         with self._connect() as connection:
             if reason is None:
                 store.unacknowledge(connection, self._scene, pair.a, pair.b)
@@ -179,7 +179,7 @@ class Answers:
 
 
 def application(scene: str, connect: Connect, access: Access) -> Starlette:
-    """Return the application that shows a scene, over connections that `connect` makes, to who has access."""
+    """Return the application that shows a scene, on connections made by `connect`, to clients with access."""
     answers = Answers(scene, connect, access)
     known = assets()
 
@@ -224,7 +224,7 @@ def application(scene: str, connect: Connect, access: Access) -> Starlette:
 
 
 def _parameter(request: Request, name: str) -> str | None:
-    """Return a query parameter, None if it is not given."""
+    """Return a query parameter, None if it is absent."""
     given = request.query_params.getlist(name)
     if len(given) > 1:
         raise HTTPException(400, f"{name}: must be given once")

@@ -1,4 +1,4 @@
-"""A scene as the page reads it: JSON, and conflicts and tracks packed as their numbers."""
+"""Pack a scene for the page: JSON, with conflicts and tracks in binary form."""
 
 import json
 import math
@@ -11,7 +11,7 @@ import psycopg
 from conflictdb.db import store
 
 _LENGTH: Final = struct.Struct("<I")
-# Of a conflict in the numbers of routine _map_conflicts: all but its periods, each of two numbers of eight bytes.
+# A conflict in the numbers of routine _map_conflicts, without its periods, each of which is two 8-byte numbers.
 _CONFLICT: Final = struct.Struct(">qhhddd4fi")
 _PERIOD_BYTES: Final = 16
 
@@ -30,7 +30,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Listed:
-    """A conflict as a list has it: its number, its objects and where they first touch, degrees, None if not known.
+    """A conflict in the list: number, objects and first contact, degrees, None if unknown.
 
     is_current : False if one of the objects changed since
     """
@@ -41,18 +41,18 @@ class Listed:
     first_contact_deg: tuple[float, float] | None
 
 
-def overview(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
-    """Return name, settings and state of a scene; InvalidInput if it is not known."""
+def settings(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
+    """Return name, settings and state of a scene; InvalidInput if the scene does not exist."""
     with store.transaction(conn):
-        settings = store.read_settings(conn, store.scene_id(conn, scene))
+        own = store.read_settings(conn, store.scene_id(conn, scene))
         state = store.scene_state(conn, scene)
     return {
         "scene": scene,
-        "motion": str(settings.motion),
-        "earth": str(settings.earth),
-        "method": str(settings.method),
-        "tolerance_m": settings.tolerance_m,
-        "separation_m": settings.separation_m,
+        "motion": str(own.motion),
+        "earth": str(own.earth),
+        "method": str(own.method),
+        "tolerance_m": own.tolerance_m,
+        "separation_m": own.separation_m,
         "objects": state.objects,
         "is_current": state.is_current,
         "remark": state.remark,
@@ -60,13 +60,13 @@ def overview(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
 
 
 def conflicts(conn: psycopg.Connection[Any], scene: str) -> bytes:
-    """Return the conflicts of a scene: length of a JSON head (little-endian), head, numbers (as _map_conflicts)."""
+    """Pack the conflicts of a scene: length of a JSON head (little-endian), head, numbers (as _map_conflicts)."""
     head, numbers = store.map_conflicts(conn, scene)
     return b"".join([_LENGTH.pack(len(head)), head, numbers])
 
 
 def listed(packed: bytes) -> list[Listed]:
-    """Return what `conflicts` packs, in its order."""
+    """Unpack the result of `conflicts`, in its order."""
     at = _LENGTH.size + _LENGTH.unpack_from(packed)[0]
     head = from_json(packed[_LENGTH.size : at])
     found = []
@@ -78,15 +78,15 @@ def listed(packed: bytes) -> list[Listed]:
 
 
 def areas(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
-    """Return the areas of a scene: names of columns, and rows."""
+    """Return the areas of a scene: column names, and rows."""
     return {"columns": _AREA, "rows": store.map_areas(conn, scene)}
 
 
 def tracks(conn: psycopg.Connection[Any], scene: str) -> bytes:
-    """Return the tracks of a scene: length of a JSON head (little-endian), that head, and all geometries (WKB).
+    """Pack the tracks of a scene: length of a JSON head (little-endian), head, all geometries (WKB).
 
-    The head has for each track id, key, name, floor_m, ceiling_m, grow_mps and the lengths of path, outline and
-    outlines; null where a track has none.
+    For each track the head has id, key, name, floor_m, ceiling_m, grow_mps and the lengths of path, outline and
+    outlines; null for a missing one.
     """
     rows, blobs = [], []
     for number, key, name, floor_m, ceiling_m, path, outline, grow_mps, outlines in store.map_tracks(conn, scene):
@@ -117,7 +117,7 @@ def _feature(number: int, properties: dict[str, Any], geometry: dict[str, Any]) 
 
 
 def pair(conn: psycopg.Connection[Any], scene: str, asked: Pair) -> dict[str, Any]:
-    """Return why two objects are in conflict, or are not, and the shapes of those that are areas."""
+    """Return why two objects are in conflict or not, and the footprints of areas among them."""
     return {
         "explanation": store.explain_conflict(conn, scene, asked.a, asked.b),
         "footprints": {
@@ -129,12 +129,12 @@ def pair(conn: psycopg.Connection[Any], scene: str, asked: Pair) -> dict[str, An
 
 
 def to_json(value: object) -> bytes:
-    """Return a value as JSON; a scene holds no number that this has not."""
+    """Return a value as JSON; scenes contain no NaN or infinity."""
     return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
 
 
 def from_json(text: bytes) -> Any:
-    """Return the value of a JSON text; raises ValueError for text that is not JSON or too deeply nested."""
+    """Return the value of a JSON text; raises ValueError for invalid or too deeply nested text."""
     try:
         return json.loads(text)
     except RecursionError:

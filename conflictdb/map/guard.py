@@ -1,8 +1,8 @@
-"""Who may ask: pages of this server, in a browser of this machine, or of whoever has the token.
+"""Control access: pages of this server, in a browser on this machine or with the token.
 
-A browser sends requests for any site that it shows. What another site has it send is refused before anything is read:
-by Host (a name of another site that leads here: DNS rebinding), by Origin and by Sec-Fetch-Site. Answers may be used by
-pages of this server alone. What changes something also needs a secret that only such a page can read.
+A browser sends requests on behalf of any site it shows. Requests of other sites are refused before anything is read: by
+Host (another site's name that resolves to this address: DNS rebinding), by Origin and by Sec-Fetch-Site. Only pages of
+this server may use the answers. Writing requests also need a secret that only such a page can read.
 """
 
 import secrets
@@ -42,11 +42,11 @@ _HEADERS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Who may ask.
+    """Access rights.
 
-    hosts : what a Host header may say, lower case; of a server that others reach (`token`) it is not looked at
-    token : what opens the page from elsewhere; None: whoever is on this machine may
-    secret : what a request must carry that changes something; the page reads it from the server
+    hosts : allowed Host headers, lower case; not checked on a server with a `token`, which others reach
+    token : opens the page from other machines; None: only this machine has access
+    secret : required in writing requests; the page reads it from the server
     """
 
     hosts: frozenset[str]
@@ -55,30 +55,30 @@ class Access:
 
     @property
     def cookie(self) -> str:
-        """The name of the cookie that holds the token."""
+        """The name of the cookie that stores the token."""
         return "conflictdb_map"
 
 
 def local_hosts(port: int, *more: str) -> frozenset[str]:
-    """Return the Host headers of a page that a browser of this machine opens at a port, by these and more names.
+    """Return the Host headers of pages that a browser on this machine opens at a port.
 
-    more : names and addresses that the server listens at
+    more : further names and addresses that the server listens at
     """
     names = {"127.0.0.1", "localhost", "::1", *(name.lower() for name in more)}
     shown = [f"[{name}]" if ":" in name else name for name in names]
-    # Browsers leave out the port of http.
+    # Browsers omit the default port of http.
     return frozenset(f"{name}:{port}" for name in shown).union(shown if port == HTTP_PORT else [])
 
 
 class Guard:
-    """An ASGI application before another one, which it lets be asked."""
+    """ASGI middleware that forwards only permitted requests."""
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
         self._app = app
         self._access = access
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, or let the application answer."""
+        """Answer a refusal, or forward the request."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -98,10 +98,10 @@ class Guard:
         await answer(scope, receive, guarded)
 
     def _refusal(self, scope: Scope, headers: Headers) -> str | None:
-        """Return why a request is refused, None if it is not."""
+        """Return why a request is refused, None if it is permitted."""
         access = self._access
         host = headers.get("host", "").lower()
-        # A link may lead to the page itself; that tells the other site nothing.
+        # Other sites may link to the page itself; that reveals nothing to them.
         is_link = scope["method"] == "GET" and scope["path"] == "/" and headers.get("sec-fetch-dest") == "document"
         if access.token is None and host not in access.hosts:
             return "this server answers to its own name alone"

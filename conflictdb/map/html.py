@@ -1,4 +1,4 @@
-"""The page of a scene in one file, which needs nothing else: no server, no database, no network."""
+"""Write the page of a scene as one file that needs no server, database or network."""
 
 import base64
 import gzip
@@ -19,12 +19,12 @@ from conflictdb.map import content, land
 from conflictdb.map.content import to_json
 
 _ROOT: Final = Path(str(files("conflictdb") / "map"))
-# Why each pair is in conflict is asked pair by pair: some seconds.
+# Pairs with explanations: one query each, some seconds in all.
 MOST_EXPLAINED: Final = 1_000
-# What a browser opens at once, and mail carries: some tens of megabytes, which took a minute to make.
+# Limits of a file that browsers open and mail carries: some tens of megabytes, built in a minute.
 MOST_OBJECTS: Final = 5_000
 MOST_CONFLICTS: Final = 20_000
-# Around a scene that is smaller than this, with a margin of MARGIN_DEG, land is the finer one.
+# Smaller scenes, with a margin of _MARGIN_DEG, get detailed coastlines.
 _SMALL_DEG: Final = 30.0
 _MARGIN_DEG: Final = 5.0
 
@@ -33,7 +33,7 @@ _EXPORT: Final = re.compile(r"^export (?=(?:async )?(?:function|const|class) (\w
 _VENDOR: Final = "../vendor/maplibre-gl.mjs"
 _PACKED: Final = ("maplibre-gl.mjs", "maplibre-gl-worker.mjs")
 
-# MapLibre and what it runs in threads are modules, which have addresses: of what is unpacked here.
+# MapLibre and its workers are modules, which need URLs: of the unpacked blobs.
 _BEGIN: Final = """\
 const addressOf = async (id) => URL.createObjectURL(
   new Blob([await (await $embedded.unpacked(id)).arrayBuffer()], { type: "text/javascript" }));
@@ -43,9 +43,9 @@ maplibregl.setWorkerUrl(await addressOf("maplibre-gl-worker.mjs"));
 
 
 def page(conn: psycopg.Connection[Any], scene: str) -> tuple[str, str]:
-    """Return the file of a scene, and what it leaves out, in words.
+    """Return the file of a scene, and a text on what it leaves out.
 
-    Raises InvalidInput if the scene is not known, or has more than MOST_OBJECTS or MOST_CONFLICTS.
+    Raises InvalidInput if the scene does not exist, or has more than MOST_OBJECTS or MOST_CONFLICTS.
     """
     with store.transaction(conn):
         facts, left_out = _facts(conn, scene)
@@ -53,9 +53,9 @@ def page(conn: psycopg.Connection[Any], scene: str) -> tuple[str, str]:
 
 
 def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], str]:
-    """Return all that the page asks for."""
-    overview = content.overview(conn, scene)
-    _check(scene, overview["objects"], "objects", MOST_OBJECTS)
+    """Return all data that the page requests."""
+    settings = content.settings(conn, scene)
+    _check(scene, settings["objects"], "objects", MOST_OBJECTS)
     conflicts = content.conflicts(conn, scene)
     listed = content.listed(conflicts)
     _check(scene, len(listed), "conflicts", MOST_CONFLICTS)
@@ -69,7 +69,7 @@ def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], s
         left_out += f", and why of all but the first {MOST_EXPLAINED:,} conflicts"
     near = _near(shapes)
     return {
-        "scene": {**overview, "version": 0, "may_acknowledge": False, "copied": f"{now:%Y-%m-%d %H:%M} UTC"},
+        "scene": {**settings, "version": 0, "may_acknowledge": False, "copied": f"{now:%Y-%m-%d %H:%M} UTC"},
         "conflicts": base64.b64encode(conflicts).decode(),
         "areas": areas,
         "tracks": base64.b64encode(tracks).decode(),
@@ -90,7 +90,7 @@ def _check(scene: str, count: int, what: str, most: int) -> None:
 
 
 def _near(shapes: dict[str, Any]) -> land.Box | None:
-    """Return a box around all that is there, None if that is large or reaches the edge of the map."""
+    """Return a box around all objects, None if it is large or reaches the edge of the map."""
     places = [place for layer in ("areas", "tracks") for one in shapes[layer]["features"] for place in _places(one)]
     if not places:
         return None
@@ -114,7 +114,7 @@ def _places(feature: dict[str, Any]) -> Iterator[tuple[float, float]]:
 
 
 def _parts(facts: dict[str, Any]) -> Iterator[str]:
-    """Yield the file: what the served page loads stands in it."""
+    """Yield the file in parts, with all scripts and styles of the served page inline."""
     script, style = _script(), "\n".join(_text(name) for name in ("vendor/maplibre-gl.css", "page/style.css"))
     policy = (
         f"default-src 'none'; script-src '{_hash(script)}' blob:; style-src '{_hash(style)}'; worker-src blob: data:; "
@@ -152,7 +152,7 @@ def _text(name: str) -> str:
 
 
 def _script() -> str:
-    """Return all modules of the page as one: each a function of its own, after those that it imports."""
+    """Return all modules of the page as one script: a function each, after the modules that it imports."""
     done: dict[str, str] = {}
 
     def take(name: str) -> None:

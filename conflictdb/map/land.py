@@ -1,7 +1,7 @@
-"""Coastlines of Natural Earth, as GeoJSON.
+"""Read coastlines of Natural Earth and write them as GeoJSON.
 
-vendor/land-50m.json.gz and land-10m.json.gz are TopoJSON (https://github.com/topojson/topojson-specification): rings
-are made of arcs, of whole numbers that are differences, on a grid.
+vendor/land-50m.json.gz and land-10m.json.gz are TopoJSON (https://github.com/topojson/topojson-specification): rings of
+arcs, which are integer differences on a grid.
 """
 
 import gzip
@@ -20,11 +20,11 @@ Box = tuple[float, float, float, float]  # west, south, east, north: degrees
 WORLD: Final[Box] = (-180.0, -90.0, 180.0, 90.0)
 COARSE: Final = "50m"
 FINE: Final = "10m"
-# Digits of degrees: 10 m.
+# Decimals of degrees: 10 m.
 _DIGITS: Final = 4
 
 
-# Antarctica as far as the pole; a ring nearer to it than this is only where such a file was cut.
+# Antarctica reaches the pole; ring points nearer to it than this come from cutting the file.
 _POLE_DEG: Final = 90.0
 _CUT_DEG: Final = 89.9
 _TURN_DEG: Final = 360.0
@@ -32,7 +32,7 @@ _TURN_DEG: Final = 360.0
 
 @dataclass(frozen=True, slots=True)
 class Land:
-    """All land between the longitudes -180 and 180: polygons, and lines of their coasts, which no cut is one of."""
+    """All land between the longitudes -180 and 180: polygons, and coastlines without the cuts."""
 
     polygons: NDArray[Any]
     coasts: NDArray[Any]
@@ -47,7 +47,7 @@ def land(detail: str) -> Land:
     arcs = [np.cumsum(np.array(arc), axis=0) * scale + shift for arc in topology["arcs"]]
 
     def ring(numbers: list[int]) -> NDArray[np.float64]:
-        # ~n is arc n backward. Each begins where the one before it ends. Longitudes run on beyond 180.
+        # ~n is arc n backward. Each begins at the end of the one before. Longitudes continue beyond 180.
         parts = [arcs[n] if n >= 0 else arcs[~n][::-1] for n in numbers]
         places = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
         if np.abs(np.diff(places[:, 0])).max() > _TURN_DEG / 2:
@@ -65,7 +65,7 @@ def land(detail: str) -> Land:
 
 
 def _closed(ring: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a ring that goes around the south pole with the way over it; any other as it is."""
+    """Close a ring around the south pole along the pole; return other rings unchanged."""
     (first, _), (last, _) = ring[0], ring[-1]
     if abs(last - first) < _TURN_DEG / 2:
         return ring
@@ -73,14 +73,14 @@ def _closed(ring: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _beside(hole: NDArray[np.float64], shell: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a hole in the turn that its shell is in."""
+    """Return a hole shifted by full turns to its shell."""
     west, east = shell[:, 0].min(), shell[:, 0].max()
     turn = np.round((0.5 * (west + east) - hole[:, 0].mean()) / _TURN_DEG) * _TURN_DEG
     return hole + np.array([turn, 0.0])
 
 
 def _cut(shapes: list[Any]) -> NDArray[Any]:
-    """Return shapes, polygons or lines, all of them between the longitudes -180 and 180."""
+    """Cut shapes, polygons or lines, to the longitudes -180 to 180."""
     parts = np.array(shapes, dtype=object)
     west, _, east, _ = shapely.bounds(parts).T
     is_within = (west >= -180.0) & (east <= 180.0)
@@ -94,7 +94,7 @@ def _cut(shapes: list[Any]) -> NDArray[Any]:
 
 
 def geojson(detail: str, box: Box, but: Box | None = None) -> str:
-    """Return the land in a box, but not in another one, as GeoJSON: within 10 m of what it is made from.
+    """Return the land in a box, without another box, as GeoJSON rounded to 10 m.
 
     It has two features: the polygons (`kind` is land) and the lines of their coasts (coast).
     """
@@ -110,7 +110,7 @@ def geojson(detail: str, box: Box, but: Box | None = None) -> str:
 
 
 def _part(shapes: NDArray[Any], box: Box, but: Box | None) -> NDArray[Any]:
-    """Return what is in a box of polygons or lines, but not in another one."""
+    """Return the parts of polygons or lines in a box, without another box."""
     first = shapes[0]
     if box != WORLD:
         shapes = shapely.clip_by_rect(shapes[shapely.intersects(shapely.box(*box), shapely.envelope(shapes))], *box)
@@ -122,7 +122,7 @@ def _part(shapes: NDArray[Any], box: Box, but: Box | None) -> NDArray[Any]:
 
 
 def _alike(shapes: NDArray[Any], one: Any) -> NDArray[Any]:
-    """Return the parts of shapes that are of the type of another one, and not empty."""
+    """Return the non-empty parts of shapes that have the type of a sample."""
     parts = shapely.get_parts(shapes)
     return parts[(shapely.get_type_id(parts) == shapely.get_type_id(one)) & ~shapely.is_empty(parts)]
 

@@ -1,4 +1,4 @@
-"""Changes of a scene, from the database's notifications to whoever has the page open."""
+"""Forward the database's notifications of changes of a scene to open pages."""
 
 import asyncio
 import json
@@ -16,13 +16,13 @@ from conflictdb.errors import ConflictDBError, NotPermitted
 
 _log = logging.getLogger(__name__)
 
-# How soon an end is noticed, and a lost connection made again.
+# Delay until an end is noticed, and before reconnecting.
 _PAUSE_S: Final = 0.5
-# Changes that come together are told once.
+# Changes within this time are sent as one.
 _TOGETHER_S: Final = 0.1
-# How often it is looked whether the scene may still be seen, which the database does not notify of.
+# How often to check whether the scene is still visible, of which the database sends no notification.
 _LOOK_S: Final = 1.0
-# Without a word for so long, proxies and browsers take a connection for dead.
+# Proxies and browsers close connections silent for longer.
 _SILENT_S: Final = 15.0
 
 OBJECTS: Final = "objects"
@@ -30,9 +30,9 @@ CONFLICTS: Final = "conflicts"
 
 
 class Changes:
-    """Listens in a thread of its own, and tells each subscriber what changed: OBJECTS, CONFLICTS.
+    """Listens in its own thread, and sends each subscriber the kind of change: OBJECTS, CONFLICTS.
 
-    version : grows with each change; what was read before is not of it
+    version : grows with each change; data read before it are out of date
     """
 
     def __init__(self, scene: str, connect: Callable[[], psycopg.Connection[Any]]) -> None:
@@ -47,12 +47,12 @@ class Changes:
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def start(self) -> None:
-        """Begin to listen; from within the event loop."""
+        """Start listening; call it in the event loop."""
         self._loop = asyncio.get_running_loop()
         self._thread.start()
 
     def end(self) -> None:
-        """Tell subscribers that nothing more comes; from any thread. May be called again."""
+        """End all subscriptions; from any thread. May be called again."""
         self._ends.set()
         if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._ended)
@@ -79,12 +79,12 @@ class Changes:
         finally:
             self._subscribers.discard(queue)
 
-    def tell(self, what: str) -> None:
-        """Tell subscribers of a change; from any thread."""
+    def publish(self, what: str) -> None:
+        """Send subscribers a change; from any thread."""
         if self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._told, what)
+            self._loop.call_soon_threadsafe(self._send, what)
 
-    def _told(self, what: str) -> None:
+    def _send(self, what: str) -> None:
         self.version += 1
         for queue in self._subscribers:
             queue.put_nowait(what)
@@ -99,8 +99,8 @@ class Changes:
                     self._writers_notify = store.writers_notify(connection)
                     if is_first:
                         self._is_seen = self._sees(connection)
-                    else:  # whatever happened meanwhile
-                        self.tell(OBJECTS)
+                    else:  # changes may have been missed
+                        self.publish(OBJECTS)
                     is_first = False
                     self._hear(connection)
             except (ConflictDBError, psycopg.Error) as error:
@@ -117,29 +117,29 @@ class Changes:
             elif time.monotonic() - looked_s < _LOOK_S:
                 continue
             looked_s = time.monotonic()
-            # Who may not see the scene, or no longer, is told so once, and of none of its changes.
+            # A user who may not see the scene gets one OBJECTS, and none of its changes.
             was_seen, self._is_seen = self._is_seen, self._sees(connection)
             if self._is_seen != was_seen:
-                self.tell(OBJECTS)
+                self.publish(OBJECTS)
             elif said and self._is_seen:
-                # What objects are new is asked together with their conflicts.
-                self.tell(OBJECTS if OBJECTS in said else CONFLICTS)
+                # The page requests new objects together with their conflicts.
+                self.publish(OBJECTS if OBJECTS in said else CONFLICTS)
 
     def _sees(self, connection: psycopg.Connection[Any]) -> bool:
-        """Return whether the scene is there, for who asks."""
+        """Return whether the scene exists and the user may see it."""
         try:
             return store.scene_settings(connection, self._scene) is not None
         except NotPermitted:
             return False
 
     def _meaning(self, payload: str) -> str | None:
-        """Return what a notification means for the scene: of a run it names it, unless scenes are protected."""
+        """Return what a notification means for the scene, None if nothing."""
         try:
             run = json.loads(payload) if payload else None
-        except (ValueError, RecursionError):  # everybody may notify
+        except (ValueError, RecursionError):  # any user may notify
             return None
         if not isinstance(run, dict):
             return OBJECTS
-        # Where scenes are protected, it says of none which it is. Where writers do not notify, objects changed before a
-        # run.
+        # If scenes are protected, the notification of a run names none. If writers do not notify, objects changed
+        # before the run.
         return (CONFLICTS if self._writers_notify else OBJECTS) if run.get("scene") in (self._scene, None) else None

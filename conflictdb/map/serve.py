@@ -1,4 +1,4 @@
-"""Runs the page's server until it is interrupted."""
+"""Run the page's server until it is interrupted."""
 
 import ipaddress
 import secrets
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 class PageServer(uvicorn.Server):
-    """Shows a scene at an address, to this machine alone, or else to who has the token in `address`.
+    """Shows a scene at an address: to this machine only, or to clients with the token in `address`.
 
-    Port 0 is any that is free. Raises ConflictDBError if it cannot listen there.
+    Port 0 is any free port. Raises ConflictDBError if it cannot listen there.
     """
 
     def __init__(self, scene: str, connect: "Callable[[], psycopg.Connection[Any]]", host: str, port: int) -> None:
@@ -52,23 +52,23 @@ class PageServer(uvicorn.Server):
         self._listener.close()
 
     def serve_until_interrupted(self) -> None:
-        """Answer until SIGINT or SIGTERM, which is raised again, or until `end`."""
+        """Serve until SIGINT or SIGTERM, which is raised again, or until `end`."""
         self.run(sockets=[self._listener])
 
     def end(self) -> None:
-        """Have it end soon; from any thread."""
-        # Who listens for changes first: it would wait for them.
+        """Request the end; from any thread."""
+        # End the event streams first: the server would wait for them.
         self._end_streams()
         self.should_exit = True
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """End at a signal."""
+        """End on a signal."""
         self._end_streams()
         super().handle_exit(sig, frame)
 
 
 def _is_local(bound: str) -> bool:
-    """Return whether an address is a loopback address; an IPv4 address within an IPv6 one has too many spellings."""
+    """Return whether an address is a loopback address; IPv4-mapped IPv6 addresses do not count."""
     address = ipaddress.ip_address(bound)
     return address.is_loopback and getattr(address, "ipv4_mapped", None) is None
 
@@ -80,7 +80,7 @@ def _listening(host: str, port: int) -> socket.socket:
         try:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listener.bind(address)
-            listener.listen()  # whoever is told the address may ask at once
+            listener.listen()  # accept connections before the address is printed
         except OSError:
             listener.close()
             raise

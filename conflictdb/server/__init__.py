@@ -1,13 +1,13 @@
-"""The embedded database: a private PostgreSQL with PostGIS that is found, started and stopped by itself.
+"""The embedded database: a private PostgreSQL with PostGIS, found, started and stopped automatically.
 
 >>> with embedded() as server:
 ...     psycopg.connect(server.dsn)
 
-The server is shared by all processes of a user and stops when the last of them has gone, kill -9 included;
-`start_holder` keeps it running without any, until `stop_holder`. It listens on a Unix socket in a directory that only
-its user (and root) can enter. Its database `conflictdb` is empty at first; `conflictdb.db.schema` fills it.
+All processes of a user share the server. It stops when the last of them has ended, kill -9 included; `start_holder`
+keeps it running without any, until `stop_holder`. It listens on a Unix socket in a directory that only its user (and
+root) can enter. Its database `conflictdb` is empty at first; `conflictdb.db.schema` fills it.
 
-Environment, read by `Settings.from_environment` and nowhere else:
+Environment, read only by `Settings.from_environment`:
 
 CONFLICTDB_HOME          directory of the cluster; default ~/.local/share/conflictdb/default, of root
                          /var/lib/conflictdb/default
@@ -42,15 +42,15 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 
-#: Seconds in which a server that nobody uses any more begins to stop, and in which it writes its last checkpoint.
+# Seconds until an unused server begins to stop, and for its last checkpoint.
 _BEGIN_TO_STOP_S: Final = 1.0
 _STOP_S: Final = 60.0
 
 
 class EmbeddedServer:
-    """The use of the embedded database by this process; the server runs at least until `stop`.
+    """Use of the embedded database by one process; the server runs at least until `stop`.
 
-    dsn : libpq connection string of the database `conflictdb` in it, for its everyday user, who is no superuser
+    dsn : libpq connection string of its database `conflictdb`, for its everyday user, who is no superuser
     admin_dsn : the same for the superuser who owns the cluster
     """
 
@@ -74,12 +74,12 @@ class EmbeddedServer:
         return self._cluster.programs()
 
     def stay_through_exec(self) -> None:
-        """Let the program that this process becomes go on with this use; it ends with that."""
+        """Keep this use across exec; it ends with the new program."""
         if self._alive is not None:
             os.set_inheritable(self._alive, True)
 
     def stop(self) -> None:
-        """End this use; the server stops if it was the last one. May be called again."""
+        """End this use; the server stops if it was the last. May be called again."""
         if self._alive is not None:
             os.close(self._alive)
             self._alive = None
@@ -100,23 +100,23 @@ def embedded(
     say: Callable[[str], None] = _log.info,
     settings: Settings | None = None,
 ) -> EmbeddedServer:
-    """Return the use of the embedded database, its server started if need be.
+    """Start the embedded database if needed, and return this process's use of it.
 
     Parameters
     ----------
     home : Path, optional
         Directory of the cluster; default CONFLICTDB_HOME, else the user's own.
     durable : bool
-        False makes a new data directory that a crash of the machine may ruin, but that is faster: for tests.
+        False creates a data directory that a crash of the machine may corrupt, but that is faster: for tests.
     say : callable
-        Told in one line which server with which versions runs, and before anything is fetched.
+        Called with a line that names server and versions, and with a line before a download.
     settings : Settings, optional
         Instead of the environment (and `home`).
 
     Raises
     ------
     ServerError
-        No PostgreSQL with PostGIS was found (the text says where it looked and what helps), or it does not start.
+        No PostgreSQL with PostGIS was found (the text lists the places searched and remedies), or it does not start.
     """
     return EmbeddedServer(Cluster(_settings(home, settings), durable=durable, say=say))
 
@@ -139,9 +139,9 @@ def start_holder(
 def stop_holder(
     home: Path | None = None, *, say: Callable[[str], None] = _log.info, settings: Settings | None = None
 ) -> ServerStatus:
-    """End what `start_holder` began and wait until the server is down; return its state.
+    """Undo `start_holder` and wait until the server is down; return its state.
 
-    It is still running if others use it; then it stops when the last of them has gone.
+    If others use the server it keeps running, and stops when the last of them has ended.
     """
     cluster = Cluster(_settings(home, settings), durable=True, say=say)
     if cluster.leave_held():
@@ -154,7 +154,7 @@ def stop_holder(
 
 
 def find_psql(server: EmbeddedServer | None = None, *, settings: Settings | None = None) -> Psql | None:
-    """Return psql: the one that is beside a server's programs, else whatever is on this machine; None without any."""
+    """Return the psql beside a server's programs, else any on this machine; None without one."""
     return psql_of(_settings(None, settings), server.programs() if server else None)
 
 

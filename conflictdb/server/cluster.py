@@ -1,13 +1,13 @@
-"""One private PostgreSQL cluster: its data directory, its server, and the users that keep the server running.
+"""Manage one private PostgreSQL cluster: its data directory, its server, and its users.
 
 Files in the home directory (mode 700, of the account that runs the server):
 
-data           the data directory; while initdb works it is called data.new
-lock           held while one process looks, initialises, starts or joins
-alive          FIFO that every user holds open for writing; supervise.sh stops the server at end-of-file
-joined         token of the last user that supervise.sh has let in
-held           there while the server is kept running without users (`conflictdb server start`)
-description    what runs, in words; server.pid: which process; server.log: what it said
+data           the data directory; named data.new until initdb has finished
+lock           locked by a process that checks, initialises, starts or joins
+alive          FIFO that every user keeps open for writing; supervise.sh stops the server at end-of-file
+joined         token of the last user admitted by supervise.sh
+held           exists while the server is kept running without users (`conflictdb server start`)
+description    the running server as text; server.pid: its process; server.log: its log
 """
 
 import errno
@@ -49,9 +49,9 @@ class ServerStatus:
 
     home : its directory
     running : whether it accepts connections
-    held : whether it stays when its last user has gone (`server start`)
-    dsn : how to connect while it runs, else None
-    description : which server with which versions, empty when it does not run
+    held : whether it stays after its last user (`server start`)
+    dsn : connection string while it runs, else None
+    description : server and versions, empty when it does not run
     pid : of the server's first process, else None
     """
 
@@ -64,16 +64,16 @@ class ServerStatus:
 
 
 class Cluster:
-    """The cluster in a home directory; every process that works with it makes its own object.
+    """The cluster in a home directory; each process that uses it creates its own object.
 
     Parameters
     ----------
     settings : Settings
-        Where it lives and where its programs may come from.
+        Its directory, and where its programs may come from.
     durable : bool
-        Whether a new data directory survives a crash of the machine. An existing one keeps what it was made with.
+        Whether a new data directory survives a crash of the machine. An existing one keeps its setting.
     say : callable
-        Told what the user should know, a line at a time.
+        Called with messages for the user, a line at a time.
     """
 
     def __init__(self, settings: Settings, *, durable: bool, say: Callable[[str], None]) -> None:
@@ -85,9 +85,9 @@ class Cluster:
         self._account = account_for(settings.home)
 
     def join(self, command: str = "join") -> int:
-        """Become a user of the running server, started if need be; return the file descriptor that says so.
+        """Become a user of the server, starting it if needed; return the file descriptor of this use.
 
-        Closing the descriptor, or the end of the process, ends the use. `command` is what supervise.sh understands.
+        Closing the descriptor, or the end of the process, ends the use. `command` is a command of supervise.sh.
 
         Raises
         ------
@@ -107,7 +107,7 @@ class Cluster:
             raise ServerError(f"the embedded database in {self.home} cannot be used: {error}{hint}") from error
 
     def leave_held(self) -> bool:
-        """End what `join("hold")` began; return False if no server runs."""
+        """Undo `join("hold")`; return False if no server runs."""
         if not self.status().running:
             return False
         with self._locked():
@@ -131,16 +131,16 @@ class Cluster:
         return ServerStatus(self.home, True, held, configuration.dsn(socket_directory), self._described(), pid)
 
     def dsn(self, user: str = configuration.PLANNER) -> str:
-        """Return how a user connects to the running server."""
+        """Return the connection string of a user of the running server."""
         return configuration.dsn(self._postmaster()[2], user)
 
     def programs(self) -> Path:
-        """Return the directory of the programs of the running server."""
+        """Return the directory of the running server's programs."""
         command = (self.data / "postmaster.opts").read_text()
         return Path(command.partition(' "')[0]).parent
 
     def _prepare_home(self) -> None:
-        """Make the home of a new cluster; refuse a directory that holds something else."""
+        """Create the home of a new cluster; refuse a directory with other files."""
         home, account = self.home, self._account
         try:
             _make_parents(home)
@@ -172,13 +172,13 @@ class Cluster:
             os.close(lock)
 
     def _joined_running(self, command: str) -> int | None:
-        """Join the server that runs; None if none does, or once the one that was stopping is down."""
+        """Join the running server; return None if none runs, after waiting for a stopping one."""
         alive = self._opened_alive()
         if alive is not None and self._entered(alive, command):
             return alive
         pid = self._postmaster()[0]
         if pid is not None:
-            # Its supervisor was killed: nobody would ever stop it, and nobody can tell who uses it.
+            # Its supervisor was killed: nothing would stop it, and its users are unknown.
             os.kill(pid, signal.SIGINT)
             self._wait(lambda: self._postmaster()[0] is None, "the old server does not stop")
         return None
@@ -196,7 +196,7 @@ class Cluster:
         return alive
 
     def _entered(self, alive: int, command: str) -> bool:
-        """Return whether we use a server that is ready; if not, `alive` is closed."""
+        """Return whether this process has joined a ready server; if not, close `alive`."""
         entered = False
         try:
             entered = self._let_in(alive, command) and self._ready(alive)
@@ -206,7 +206,7 @@ class Cluster:
         return entered
 
     def _let_in(self, alive: int, command: str) -> bool:
-        """Return whether the supervisor let us in; False if it has gone."""
+        """Return whether the supervisor admitted this process; False if it has ended."""
         token = secrets.token_hex(8)
         try:
             os.write(alive, f"{command} {token}\n".encode())
@@ -215,21 +215,21 @@ class Cluster:
         return self._wait(lambda: self._read("joined") == token, "its supervisor does not answer", alive)
 
     def _ready(self, alive: int) -> bool:
-        """Return whether the server is ready; False if it has gone."""
+        """Return whether the server is ready; False if it has ended."""
         return self._wait(lambda: self._postmaster()[1] == "ready", "the server is not ready", alive)
 
     def _wait(self, reached: Callable[[], bool], complaint: str, alive: int | None = None) -> bool:
-        """Wait until something is reached; False if the other end of `alive` closes first."""
+        """Wait until `reached` is true; return False if the other end of `alive` closes first."""
         began = time.monotonic()
-        told = False
+        is_said = False
         while not reached():
             if alive is not None and _other_end_closed(alive):
                 return False
             waited_s = time.monotonic() - began
             if waited_s > START_TIMEOUT_S:
                 raise ServerError(f"{complaint} after {waited_s:.0f} s; see {self.home / 'server.log'}")
-            if waited_s > 5.0 and not told:
-                told = True
+            if waited_s > 5.0 and not is_said:
+                is_said = True
                 self._say(f"waiting for the embedded database (it may be recovering); see {self.home / 'server.log'}")
             time.sleep(_POLL_S)
         return True
@@ -259,7 +259,7 @@ class Cluster:
         raise ServerError("\n".join([f"{server} does not start; the end of {log}:", *said[-15:]]))
 
     def _data_major(self) -> int | None:
-        """Return the major version that made the data directory, None if there is none yet."""
+        """Return the major version of the data directory, None if there is none yet."""
         if not self.data.exists():
             return None
         try:
@@ -268,7 +268,7 @@ class Cluster:
             raise ServerError(f"{self.data} is no PostgreSQL data directory: move it away") from None
 
     def _initialise(self, server: Server, lock: int) -> None:
-        """Make the data directory; an interrupt stops that, and if this process is killed others wait until it ends."""
+        """Create the data directory; an interrupt stops that, and if this process is killed others wait for the end."""
         script = Path(__file__).with_name("initialise.sh").read_text()
         durable = "yes" if self._durable else "no"
         command = ["/bin/sh", "-c", script, "initialise", str(self.home), str(server.bin), durable]
@@ -294,7 +294,7 @@ class Cluster:
             raise ServerError("\n".join([f"{server} could not make a data directory in {self.home}:", *last]))
 
     def _launch(self, server: Server) -> int:
-        """Start the server under its supervisor; return the write end of the FIFO, held from the beginning.
+        """Start the server under its supervisor; return the write end of the FIFO, open from the beginning.
 
         The supervisor inherits the read end, so that it sees end-of-file even if this process is killed right now.
         """
@@ -309,11 +309,11 @@ class Cluster:
         return alive
 
     def _made_alive(self) -> tuple[int, int]:
-        """Make a FIFO for a new server and return its read and write end; what old users hold stays the old one."""
+        """Create a FIFO for a new server and return its read and write end; earlier users keep the old one."""
         fresh = self.home / "alive.new"
         fresh.unlink(missing_ok=True)
         os.mkfifo(fresh, 0o600)
-        # A FIFO opens for writing only while somebody reads, and for reading at once only without blocking.
+        # A FIFO opens for writing only if it has a reader, and for reading without delay only if non-blocking.
         reading = os.open(fresh, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
         try:
             if not stat.S_ISFIFO(os.fstat(reading).st_mode):
@@ -334,7 +334,7 @@ class Cluster:
         arguments += [str(server.bin / "postgres"), "-D", str(self.data.resolve()), "-p", "5432"]
         for name, value in configuration.forced(socket_directory):
             arguments += ["-c", f"{name}={value}"]
-        # The outer shell ends at once, so that the supervisor is nobody's child who would have to wait for it.
+        # The outer shell ends at once, so that no process has to wait for the supervisor as its child.
         detach = 'exec 3<&0; /bin/sh -c "$@" <&3 3<&- >/dev/null 2>&1 &'
         subprocess.run(
             ["/bin/sh", "-c", detach, "detach", *arguments],
@@ -346,7 +346,7 @@ class Cluster:
         )
 
     def _socket_directory(self) -> Path:
-        # libpq takes a comma for the border between two hosts.
+        # libpq reads a comma as a separator of hosts.
         if len(os.fsencode(self.home / _SOCKET_NAME)) <= _LONGEST_SOCKET_PATH and "," not in str(self.home):
             return self.home
         shortest = min(tempfile.gettempdir(), "/tmp", key=len)  # noqa: S108 (mkdtemp makes it private)
@@ -376,7 +376,7 @@ class Cluster:
 
 
 def _make_parents(home: Path) -> None:
-    """Make the directories above a home; those that root makes are open to the account that runs the server."""
+    """Create the directories above a home; those created by root are open to the account that runs the server."""
     for parent in [*reversed(home.parent.parents), home.parent]:
         if not parent.exists():
             parent.mkdir(exist_ok=True)
@@ -391,13 +391,13 @@ def _other_end_closed(writing: int) -> bool:
 
 
 def _is_server_of(pid: int, data: Path) -> bool:
-    """Return whether a process is the server of a data directory; after a crash its number may be another's."""
+    """Return whether a process is the server of a data directory; after a crash another may have its number."""
     try:
         os.kill(pid, 0)
-    except (ProcessLookupError, PermissionError):  # ours never refuses: it runs as this user, or this user is root
+    except (ProcessLookupError, PermissionError):  # our own server never refuses the signal
         return False
     try:
         arguments = Path("/proc", str(pid), "cmdline").read_bytes().split(b"\0")
-    except OSError:  # a system that does not show them: the number has to do
+    except OSError:  # the system hides it: trust the number
         return True
     return os.fsencode(data.resolve()) in arguments

@@ -1,4 +1,4 @@
-"""How the embedded server is configured, and how clients connect to it."""
+"""Configure the embedded server and the connections of its clients."""
 
 import os
 from pathlib import Path
@@ -8,17 +8,17 @@ from psycopg import conninfo, pq
 
 _SHM_WANTED_BYTES: Final = 512 * 2**20
 
-#: Who owns the cluster, a superuser: creates the schema and upgrades it.
+# Owner of the cluster, a superuser: creates and upgrades the schema.
 ADMINISTRATOR: Final = "postgres"
-#: Everybody else: a worker of conflictdb who may create schemas, and no superuser.
+# Everyday user: a worker of conflictdb who may create schemas, but no superuser.
 PLANNER: Final = "planner"
 
-#: Connection options without a default of libpq, for which an empty value is as good as none.
+# Connection options without a libpq default; an empty value counts as none.
 _EMPTY_IS_NONE: Final = frozenset({"hostaddr", "options", "require_auth", "passfile", "password"})
 
 
 def forced(socket_directory: Path) -> list[tuple[str, str]]:
-    """Return the settings that every start gives on the command line, so that nothing overrides them."""
+    """Return the settings that every start passes on the command line, so that nothing overrides them."""
     quoted = str(socket_directory).replace('"', '""')
     forced = [
         ("listen_addresses", ""),
@@ -30,14 +30,14 @@ def forced(socket_directory: Path) -> list[tuple[str, str]]:
         shm = os.statvfs("/dev/shm")  # noqa: S108 (only its size is read)
     except OSError:
         return forced
-    # Containers often get 64 MB there, which a parallel hash join outgrows.
+    # Containers often have 64 MB there: too little for a parallel hash join.
     if 0 < shm.f_frsize * shm.f_blocks < _SHM_WANTED_BYTES:
         forced.append(("dynamic_shared_memory_type", "sysv"))
     return forced
 
 
 def initial(*, durable: bool) -> str:
-    """Return the settings file of a new data directory; what is set by ALTER SYSTEM goes before it."""
+    """Return the settings file of a new data directory; ALTER SYSTEM overrides it."""
     memory_mib = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2**20
     lines = [
         "# Written by conflictdb when it made this data directory.",
@@ -48,7 +48,7 @@ def initial(*, durable: bool) -> str:
         "work_mem = '64MB'",
         "maintenance_work_mem = '256MB'",
         "random_page_cost = 1.1",
-        # Bulk loads and one user at a time: nothing is replicated, checkpoints may be far apart.
+        # For bulk loads by one user: no replication, rare checkpoints.
         "wal_level = minimal",
         "max_wal_senders = 0",
         "max_wal_size = '4GB'",
@@ -61,7 +61,7 @@ def initial(*, durable: bool) -> str:
 
 
 def dsn(socket_directory: str, user: str = PLANNER) -> str:
-    """Return the connection string of a user, proof against PG* variables of the environment."""
+    """Return the connection string of a user, independent of PG* variables of the environment."""
     parts = {"host": socket_directory, "port": "5432", "user": user, "dbname": "conflictdb"}
     for option in pq.Conninfo.get_defaults():
         name = option.keyword.decode()

@@ -1,8 +1,8 @@
-"""Which PostgreSQL with PostGIS serves the embedded database.
+"""Find the PostgreSQL with PostGIS for the embedded database.
 
-In this order: CONFLICTDB_PG_BIN alone; servers on the machine (highest major version); a tree unpacked earlier into
-the cache; the packages of Debian or Ubuntu, fetched; else one error that says where it looked and what would help.
-An existing data directory wants a server of its own major version.
+In this order: CONFLICTDB_PG_BIN alone; servers on the machine (highest major version); a tree unpacked earlier into the
+cache; downloaded packages of Debian or Ubuntu; else an error with the places searched and remedies. An existing data
+directory needs a server of its own major version.
 """
 
 import os
@@ -23,7 +23,7 @@ from conflictdb.server.settings import Settings
 MINIMUM_POSTGRESQL: Final = 14
 MINIMUM_POSTGIS: Final = (3, 3)
 
-#: Where packagers put servers, besides PATH and the active environments.
+# Where packagers put servers, besides PATH and the active environments.
 PLACES: Final = (
     "/usr/lib/postgresql/*/bin",
     "/usr/pgsql-*/bin",
@@ -56,7 +56,7 @@ class Server:
     """Programs of one PostgreSQL that has PostGIS.
 
     bin : directory of `postgres` and `initdb`
-    version : of PostgreSQL, as it says itself: `15.18`
+    version : of PostgreSQL, as it reports it: `15.18`
     postgis : version of PostGIS that CREATE EXTENSION gives
     origin : `machine`, `cache` (unpacked earlier) or `fetched`
     tree : the unpacked tree it is from, if any
@@ -70,7 +70,7 @@ class Server:
 
     @property
     def major(self) -> int:
-        """Return the major version, which decides which data directories it can open."""
+        """Return the major version, which determines the data directories it can open."""
         return int(re.split(r"\D", self.version, maxsplit=1)[0])
 
     @property
@@ -84,14 +84,14 @@ class Server:
 
 @dataclass(frozen=True, slots=True)
 class Psql:
-    """The client program psql, and what it needs in its environment."""
+    """The client program psql, and its environment."""
 
     path: Path
     environ: Mapping[str, str]
 
 
 def psql_of(settings: Settings, programs: Path | None) -> Psql | None:
-    """Return the psql in the directory of a server's programs, else on PATH, of the machine's servers, in the cache."""
+    """Return psql from the directory of a server's programs, else from PATH, the machine's servers, or the cache."""
     places = [programs] if programs else []
     places += [Path(place) for place in os.get_exec_path()]
     places += [directory for place in PLACES for directory in _matching(place)]
@@ -105,14 +105,14 @@ def psql_of(settings: Settings, programs: Path | None) -> Psql | None:
 
 @dataclass(slots=True)
 class _Search:
-    """What was looked at, for the error that says so."""
+    """The places searched, for the error message."""
 
     major: int | None
     account: Account
     lines: list[str] = field(default_factory=list)
 
     def best(self, places: Iterator[tuple[Path, Tree | None]], origin: str) -> Server | None:
-        """Return the suitable server of the highest major version, the first of equals; notes all others."""
+        """Return the suitable server of the highest major version, the first of equals; note all others."""
         suitable: list[Server] = []
         for directory, tree in places:
             found = self.inspect(directory, origin, tree)
@@ -123,7 +123,7 @@ class _Search:
         return max(suitable, key=lambda server: server.major, default=None)
 
     def inspect(self, directory: Path, origin: str, tree: Tree | None = None) -> Server | str:
-        """Return the server in a directory, or why it will not do."""
+        """Return the server in a directory, or why it is unsuitable."""
         version = self._ask([directory / "postgres", "--version"], tree)
         match = re.search(r"\) (\d+\S*)", version)
         if match is None:
@@ -139,8 +139,8 @@ class _Search:
         control = (extensions / "postgis.control").read_text(errors="replace")
         found = re.search(r"^default_version\s*=\s*'((\d+)\.(\d+)[^']*)'", control, re.M)
         if found is None or (int(found[2]), int(found[3])) < MINIMUM_POSTGIS:
-            wanted = ".".join(map(str, MINIMUM_POSTGIS))
-            return f"PostgreSQL {number}, but PostGIS {found[1] if found else '?'} is older than {wanted}"
+            minimum = ".".join(map(str, MINIMUM_POSTGIS))
+            return f"PostgreSQL {number}, but PostGIS {found[1] if found else '?'} is older than {minimum}"
         if self.major not in (None, major):
             return f"PostgreSQL {number} with PostGIS, but the data need version {self.major}"
         missing = tree.missing_libraries() if tree else []
@@ -149,10 +149,10 @@ class _Search:
         return Server(directory, number, found[1], origin, tree)
 
     def _extensions(self, directory: Path, major: int, tree: Tree | None) -> Path:
-        told = self._ask([directory / "pg_config", "--sharedir"], tree).strip()
+        shared = self._ask([directory / "pg_config", "--sharedir"], tree).strip()
         guesses = [f"../share/postgresql/{major}", f"../../../../share/postgresql/{major}", "../share/postgresql"]
         guesses += [f"../share/postgresql@{major}", "../share"]
-        shares = [Path(told)] if told.startswith("/") else []
+        shares = [Path(shared)] if shared.startswith("/") else []
         shares += [Path(os.path.normpath(directory / guess)) for guess in guesses]
         places = [share / "extension" for share in shares]
         return next((place for place in places if place.is_dir()), places[-1])
@@ -165,14 +165,14 @@ class _Search:
 
 
 def server_environ(tree: Tree | None) -> dict[str, str]:
-    """Return the environment of server processes: nothing of PG*, and no PROJ or GDAL data of somebody else's."""
+    """Return the environment of server processes: without PG* variables and foreign PROJ or GDAL data."""
     alien = ("PG", "PROJ_", "GDAL_", "LC_", "LANG")
     environ = {name: value for name, value in os.environ.items() if not name.startswith(alien)}
     return {**environ, "LC_ALL": "C", **(tree.environ if tree else {})}
 
 
 def machine_directories(environ: Mapping[str, str] = os.environ) -> Iterator[Path]:
-    """Yield the directories on this machine that hold `postgres` and `initdb`, each once, in order of preference."""
+    """Yield the directories on this machine that contain `postgres` and `initdb`, each once, in order of preference."""
     named = [Path(environ[name], "bin") for name in ("CONDA_PREFIX", "VIRTUAL_ENV") if environ.get(name)]
     named += [Path(place) for place in environ.get("PATH", "").split(os.pathsep) if place.startswith("/")]
     for place in PLACES:
@@ -180,7 +180,7 @@ def machine_directories(environ: Mapping[str, str] = os.environ) -> Iterator[Pat
     seen = set()
     for directory in named:
         try:
-            # Packagers link the programs into one directory; the real place has the rest of the server beside it.
+            # Packagers link the programs into one directory; the target has the rest of the server beside it.
             real = (directory / "postgres").resolve(strict=True).parent
         except OSError:
             continue
@@ -190,7 +190,7 @@ def machine_directories(environ: Mapping[str, str] = os.environ) -> Iterator[Pat
 
 
 def _matching(place: str) -> list[Path]:
-    """Return the directories that a pattern of PLACES names, the highest version first."""
+    """Return the directories that match a pattern of PLACES, highest version first."""
     return sorted(Path("/").glob(place.lstrip("/")), key=_numbers, reverse=True)
 
 
@@ -199,23 +199,23 @@ def _numbers(path: Path) -> list[int]:
 
 
 def find_server(settings: Settings, account: Account, major: int | None, say: Callable[[str], None]) -> Server:
-    """Return the server to use, fetched if need be.
+    """Return the server to use, downloaded if needed.
 
     Parameters
     ----------
     settings : Settings
-        Where to look and what is allowed.
+        Places to search, and permissions.
     account : Account
-        Who must be able to run it.
+        The user who must be able to run it.
     major : int or None
-        Major version that the existing data ask for; None takes the highest.
+        Major version of the existing data; None takes the highest.
     say : callable
-        Told in one line before anything is fetched.
+        Called with a line before a download.
 
     Raises
     ------
     ServerError
-        There is none; says where it looked and what would help.
+        No server was found; the text lists the places searched and remedies.
     """
     search = _Search(major, account)
     if settings.pg_bin is not None:
@@ -250,7 +250,7 @@ def _fetched(settings: Settings, search: _Search, say: Callable[[str], None]) ->
         if reason is not None:
             raise FetchError(reason)
         with packages.locked(settings.cache, say):
-            # Another process may have fetched while this one waited.
+            # Another process may have fetched it while this one waited.
             server = _in_cache(settings, _Search(search.major, search.account))
             if server is not None:
                 return server

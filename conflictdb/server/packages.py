@@ -1,8 +1,8 @@
-"""PostgreSQL with PostGIS from the machine's own Debian or Ubuntu archive, unpacked into a cache.
+"""Fetch PostgreSQL with PostGIS from the machine's own Debian or Ubuntu archive into a cache.
 
-Nothing is installed and no root is needed: apt works on a private state, and the packages it has verified are
-unpacked, not configured. What the machine has already (its C library above all) is not fetched again. An unpacked
-tree gets no security updates, which is why it only ever serves a private socket.
+Nothing is installed and no root is needed: apt works on a private state, and the packages it has verified are unpacked,
+not configured. Packages that the machine has (above all its C library) are not fetched. An unpacked tree gets no
+security updates, so it only ever serves a private socket.
 """
 
 import fcntl
@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-#: Seconds for one apt or dpkg command; a fetch takes 6 to 9 s, a slow line gets its time.
+# Seconds for one apt or dpkg command; a fetch takes 6 to 9 s, more on a slow line.
 COMMAND_TIMEOUT_S: Final = 900.0
 
-#: Never fetched: present on every Debian system, of use only to an installed server, or only needed by what is not
-#: used here (GDAL: rasters; LLVM: jit, which is off; SFCGAL: solids).
+# Never fetched: present on every Debian system, useful only to an installed server, or needed only by unused parts
+# (GDAL: rasters; LLVM: jit, which is off; SFCGAL: solids).
 _NOT_FETCHED: Final = re.compile(
     r"^(libgdal|libllvm|libsfcgal|perl|postgresql-common|postgresql-client-common|ssl-cert|debconf|adduser|ucf|locales"
     r"|libc6$|libgcc|gcc-|libc-bin|lsb-base|netbase|init-system|tzdata|sensible-utils|dpkg|tar$|logrotate|systemd"
@@ -32,12 +32,12 @@ _CONSTRAINT: Final = re.compile(r"^(?P<name>[^\s(:]+)(?::\S+)?\s*(?:\((?P<relati
 
 
 class FetchError(Exception):
-    """The packages could not be fetched, or do not run here; says why in words for the user."""
+    """The packages could not be fetched, or do not run here; the message is for the user."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tree:
-    """An unpacked server: `path` holds the packages' files below `root` and the list of them in `packages.txt`."""
+    """An unpacked server: `path` contains the packages' files below `root` and their list in `packages.txt`."""
 
     path: Path
 
@@ -48,14 +48,14 @@ class Tree:
 
     @property
     def environ(self) -> dict[str, str]:
-        """Return what its programs need in their environment, for the server's processes only."""
+        """Return the environment of its programs, for the server's processes only."""
         root = self.path / "root"
         libraries = [*sorted(root.glob("usr/lib/*-linux-gnu*")), *sorted(root.glob("lib/*-linux-gnu*"))]
         proj = str(root / "usr/share/proj")
         return {"LD_LIBRARY_PATH": ":".join(map(str, libraries)), "PROJ_DATA": proj, "PROJ_LIB": proj}
 
     def missing_libraries(self) -> list[str]:
-        """Return the shared libraries that its programs and extensions ask for and do not get on this machine."""
+        """Return the shared libraries that its programs and extensions need and this machine lacks."""
         if self.bin is None:
             return ["postgres"]
         names = ("bin/postgres", "bin/initdb", "lib/postgis-3.so", "lib/btree_gist.so", "lib/plpgsql.so")
@@ -76,20 +76,20 @@ class Tree:
 
 
 def tree_of(directory: Path) -> Tree | None:
-    """Return the unpacked tree that a directory of programs is in, None if it is in none."""
+    """Return the unpacked tree of a directory of programs, None if it is in none."""
     above = directory.parents
     return Tree(above[5]) if len(above) > 5 and (above[5] / "packages.txt").is_file() else None
 
 
 def unpacked_trees(cache: Path) -> list[Tree]:
-    """Return the complete trees of the cache that are made for this kind of machine, newest system first."""
+    """Return the complete trees of the cache for this kind of machine, newest system first."""
     pattern = f"*-{platform.machine()}-postgresql-*"
     paths = [path for path in cache.glob(pattern) if path.suffix != ".part"] if cache.is_dir() else []
     return [Tree(path) for path in sorted(paths, reverse=True)]
 
 
 def why_not_fetch() -> str | None:
-    """Return why this machine has no archive to fetch from, None if it has."""
+    """Return why this machine has no archive to fetch from, None if it has one."""
     if platform.system() != "Linux":
         return "only Debian and Ubuntu have an archive to fetch from"
     needed = ("apt-get", "apt-cache", "apt-config", "dpkg", "dpkg-deb", "dpkg-query", "ldd")
@@ -99,7 +99,7 @@ def why_not_fetch() -> str | None:
 
 @contextmanager
 def locked(cache: Path, say: Callable[[str], None]) -> Iterator[None]:
-    """Hold the cache for oneself; says so when another process holds it, and waits.
+    """Lock the cache; report if another process has it locked, and wait.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def locked(cache: Path, say: Callable[[str], None]) -> Iterator[None]:
     try:
         if not cache.exists():
             cache.mkdir(parents=True, exist_ok=True)
-            if os.geteuid() == 0:  # what root unpacks, another user runs
+            if os.geteuid() == 0:  # another user runs what root unpacks
                 cache.chmod(0o755)
         file = (cache / "lock").open("a")
     except OSError as error:
@@ -124,7 +124,7 @@ def locked(cache: Path, say: Callable[[str], None]) -> Iterator[None]:
 
 
 def fetch(cache: Path, major: int | None) -> Tree:
-    """Fetch and unpack PostgreSQL of a major version (None: the newest there is) with PostGIS; under `locked`.
+    """Fetch and unpack PostgreSQL of a major version (None: the newest) with PostGIS; call it under `locked`.
 
     Raises
     ------
@@ -134,10 +134,10 @@ def fetch(cache: Path, major: int | None) -> Tree:
     reason = why_not_fetch()
     if reason:
         raise FetchError(reason)
-    for left in cache.glob("fetch-*.part"):  # of processes that were killed
+    for left in cache.glob("fetch-*.part"):  # left by killed processes
         shutil.rmtree(left, ignore_errors=True)
     try:
-        # By a name of its own: programs that a killed process has left may still write into theirs.
+        # A unique name: children of a killed process may still write into theirs.
         part = Path(tempfile.mkdtemp(".part", "fetch-", cache))
         try:
             return _fetched(part, cache, major)
@@ -161,7 +161,7 @@ def _fetched(part: Path, cache: Path, major: int | None) -> Tree:
     missing = tree.missing_libraries()
     if missing:
         raise FetchError(f"the unpacked PostgreSQL {found} misses {', '.join(missing)}")
-    # A tree of that name is there only if it no longer runs (the caller has looked, under the same lock).
+    # A tree of that name exists only if it no longer runs (the caller has checked, under the same lock).
     shutil.rmtree(final, ignore_errors=True)
     part.rename(final)
     return Tree(final)
@@ -174,7 +174,7 @@ def _system_name() -> str:
 
 @dataclass(frozen=True, slots=True)
 class _PrivateApt:
-    """The machine's apt with its sources, keys and proxies, but with state, cache and hooks of our own."""
+    """The machine's apt with its sources, keys and proxies, but with its own state, cache and no hooks."""
 
     part: Path
     options: tuple[str, ...]
@@ -189,7 +189,7 @@ class _PrivateApt:
             ["apt-config", "dump", "Acquire::IndexTargets"], capture_output=True, text=True, check=False
         ).stdout
         unused = set(re.findall(r"^Acquire::IndexTargets::(\S+?::\S+?)::", targets, re.M)) - {"deb::Packages"}
-        # Hooks would touch the system (some delete its package cache); other indexes are large and not needed.
+        # Hooks would change the system (some delete its package cache); other indexes are large and not needed.
         clear = ["APT::Update::Pre-Invoke", "APT::Update::Post-Invoke", "APT::Update::Post-Invoke-Success"]
         clear += [f"Acquire::IndexTargets::{name}" for name in sorted(unused)]
         config = part / "apt.conf"
@@ -202,7 +202,7 @@ class _PrivateApt:
             "Debug::NoLocking": "1",
             "APT::Architectures::": arch,
             "APT::Sandbox::User": "",
-            # A source that does not answer costs seconds, not minutes, and does not stop the others.
+            # A dead source costs seconds, not minutes, and does not stop the others.
             "Acquire::Retries": "1",
             "Acquire::http::Timeout": "15",
             "Acquire::https::Timeout": "15",
@@ -210,9 +210,9 @@ class _PrivateApt:
         return cls(part, ("-c", str(config), *(f"-o{key}={value}" for key, value in options.items())))
 
     def update(self) -> str:
-        """Bring the package lists; return the first complaint, empty if there is none.
+        """Fetch the package lists; return the first complaint, empty if there is none.
 
-        A source that fails (a third party's, often) is no failure: what the others offer decides.
+        A source that fails (often a third party's) is not an error: the packages of the others decide.
         """
         answer = _run(["apt-get", *self.options, "-q", "update"])
         complaints = [line for line in answer.stderr.splitlines() if line.startswith(("E:", "W:", "Err:"))]
@@ -223,7 +223,7 @@ class _PrivateApt:
         return [line.split()[0] for line in self._cache("search", "--names-only", pattern).splitlines()]
 
     def show(self, names: Sequence[str]) -> list[dict[str, str]]:
-        """Return the records of the candidate versions of packages; what the archive lacks is left out."""
+        """Return the records of the candidate versions of packages; missing packages are left out."""
         text = self._cache("show", "--no-all-versions", *names)
         return [dict(re.findall(r"^([A-Z][\w-]*): (.*)$", record, re.M)) for record in text.split("\n\n") if record]
 
@@ -240,12 +240,12 @@ class _PrivateApt:
         (self.part / "packages.txt").write_text("".join(versions))
 
     def _cache(self, *command: str) -> str:
-        # Its exit code also tells of names it does not know, which is no failure here.
+        # Its exit code also reports unknown names, which are not an error here.
         return _run(["apt-cache", *self.options, *command]).stdout
 
 
 def _newest_major(apt: _PrivateApt, major: int | None) -> int | None:
-    """Return the newest major version whose PostGIS and server the archive has, or `major` if it has that."""
+    """Return the newest major version with server and PostGIS in the archive, or `major` if it is there."""
     names = apt.search(r"^postgresql-[0-9]+(-postgis-3)?$")
     servers = {name for name in names if not name.endswith("-postgis-3")}
     offered = [int(name.split("-")[1]) for name in names if name.removesuffix("-postgis-3") in servers - {name}]
@@ -253,7 +253,7 @@ def _newest_major(apt: _PrivateApt, major: int | None) -> int | None:
 
 
 def _closure(apt: _PrivateApt, major: int) -> list[str]:
-    """Return the packages to unpack: the server, PostGIS, and what they depend on and the machine lacks."""
+    """Return the packages to unpack: the server, PostGIS, and their dependencies that the machine lacks."""
     server = f"postgresql-{major}"
     wave = [server, f"postgresql-client-{major}", f"{server}-postgis-3", f"{server}-postgis-3-scripts", "proj-data"]
     installed = _installed()
@@ -292,7 +292,7 @@ def _installed() -> dict[str, str]:
 
 
 def _finish(part: Path, major: int) -> Tree:
-    """Give the extensions the names that CREATE EXTENSION looks for, and drop what a server does not read."""
+    """Rename control files as CREATE EXTENSION expects, and remove files that a server does not read."""
     root = part / "root"
     # Debian's maintainer scripts make these links; packages that are only unpacked lack them.
     for control in (root / f"usr/share/postgresql/{major}/extension").glob("*-3.control"):

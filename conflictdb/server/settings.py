@@ -1,6 +1,6 @@
-"""Where the embedded database lives and where its programs may come from.
+"""Determine the places of the embedded database and its programs.
 
-This is the one place that reads CONFLICTDB_HOME, CONFLICTDB_PG_BIN and CONFLICTDB_NO_DOWNLOAD.
+Only this module reads CONFLICTDB_HOME, CONFLICTDB_PG_BIN and CONFLICTDB_NO_DOWNLOAD.
 """
 
 import os
@@ -30,7 +30,7 @@ class Settings:
 
     @classmethod
     def from_environment(cls, environ: Mapping[str, str] = os.environ, home: Path | None = None) -> Self:
-        """Return the settings of this user; `home` goes before CONFLICTDB_HOME.
+        """Return the settings of this user; `home` overrides CONFLICTDB_HOME.
 
         Raises
         ------
