@@ -1,7 +1,7 @@
-"""The stages on Apache Spark with Apache Sedona, for scenes that outgrow one machine (extra `spark`).
+"""Run the stages on Apache Spark with Apache Sedona, for scenes that outgrow one machine (extra `spark`).
 
-Only what Spark hands to its workers as Arrow batches is here: pieces, pairs and answers are made by the functions that
-`detect` and `solve` use. Nothing is imported before it is asked for.
+This room only converts between Spark's Arrow batches and the functions that `detect` and `solve` use for pieces, pairs
+and answers. Imports are deferred until first use.
 """
 
 from importlib import import_module

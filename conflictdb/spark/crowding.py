@@ -1,9 +1,9 @@
-"""Where a scene is crowded: cells of space and time, from a sample of its pieces, and into how many lots each falls.
+"""Estimate where a scene is crowded: cells of space and time, from a sample of its pieces, each with a number of lots.
 
-A join is work where pieces meet, not where they are: a thousand versions of one track are half a million pairs, as many
-ships at sea a few hundred. So the pieces of a crowded cell are dealt into lots, each of which is joined with all pieces
-of the cell, until a row meets about as many others as anywhere. What is made of a sample balances the work, and
-decides no answer.
+The work of a join grows with the pairs that meet, not with the pieces: a thousand versions of one track are half a
+million pairs, a thousand ships at sea a few hundred. The pieces of a crowded cell are therefore dealt into lots, and
+each lot is joined with all pieces of the cell, so that a row meets about as many others as elsewhere. The sample only
+balances the work; it does not change the answer.
 """
 
 from dataclasses import dataclass
@@ -14,28 +14,28 @@ from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import Floats
 
-# Pieces of a scene that are looked at: at least so many, and of many this share, up to a bound.
+# Sample size: at least _LEAST pieces, at most _MOST, in between _SHARE of all.
 _LEAST: Final = 4_000
 _SHARE: Final = 0.01
 _MOST: Final = 40_000
-# A cell of so many of these is not cut further, nor one in whose cut more than this share of them would lie.
+# Do not cut a cell with at most _FEW sampled pieces, nor where more than _MOST_CUT of them would be in both halves.
 _FEW: Final = 24
 _MOST_CUT: Final = 0.5
-# So many others each row of a lot should meet: then meeting them takes about as long as having the row.
+# Target for the number of others that a row of a lot meets: meeting them then costs about as much as the row.
 _MEETS: Final = 8.0
 _MOST_LOTS: Final = 256
-# Of two that meet each counts; fewer are by chance, where a sample stands for many.
+# Least number of meeting pairs (both members count) that is more than chance in a sample.
 _FEWEST_SEEN: Final = 16
-# Of a cell that cannot be cut so many are compared with each other.
+# Pieces of a cell compared with each other.
 _COMPARED: Final = 400
 
 
 @dataclass(frozen=True, slots=True)
 class Cells:
-    """n cells that fill space and time, which do not overlap.
+    """n disjoint cells that cover space and time.
 
     low, high : (n, 3) plane metres east and north, microseconds; from low on, below high; infinite at the ends
-    lots : (n,) int64 into how many lots the pieces of each fall
+    lots : (n,) int64, number of lots of each cell's pieces
     """
 
     low: Floats
@@ -44,21 +44,21 @@ class Cells:
 
     @staticmethod
     def share(count: int) -> float:
-        """Return which share of so many pieces is to be looked at."""
+        """Return the share of `count` pieces to sample."""
         return min(1.0, max(_LEAST, min(_SHARE * count, _MOST)) / max(count, 1))
 
     @classmethod
     def of(cls, low: Floats, high: Floats, share: float) -> "Cells":
-        """Return the cells of a scene of which these boxes of pieces, (m, 3) each, are a share."""
+        """Return the cells of a scene from a sample of its pieces' boxes, (m, 3) each."""
         whole = np.full(3, np.inf)
         lows, highs, lots = zip(*_cells(low, high, -whole, whole, share), strict=True)
         return cls(np.array(lows), np.array(highs), np.array(lots, np.int64))
 
 
 def _cells(low: Floats, high: Floats, first: Floats, last: Floats, share: float) -> list[tuple[Floats, Floats, int]]:
-    """Return the cells of what lies between two corners: bounds and lots; one where no part of it is crowded.
+    """Return the cells between two corners: bounds and lots; a single cell if no part is crowded.
 
-    low, high : (m, 3) boxes of the pieces that were looked at there
+    low, high : (m, 3) boxes of the sampled pieces there
     """
     cut = _cut(low, high)
     if cut is None:
@@ -71,23 +71,23 @@ def _cells(low: Floats, high: Floats, first: Floats, last: Floats, share: float)
         *_cells(low[is_below], high[is_below], first, below, share),
         *_cells(low[is_above], high[is_above], above, last, share),
     ]
-    # A piece is in each cell that it meets: so there are no more than needed.
+    # A piece is in each cell that it meets, so fewer cells mean fewer rows.
     return [(first, last, 1)] if all(lots == 1 for _, _, lots in cells) else cells
 
 
 def _cut(low: Floats, high: Floats) -> tuple[int, float] | None:
-    """Return along which axis and where to cut boxes (m, 3) in two, so that fewest lie in the cut; None: not at all."""
+    """Return the axis and place to cut boxes (m, 3) in two with the fewest boxes in both halves; None: do not cut."""
     if len(low) <= _FEW:
         return None
     at = np.median(low, axis=0)
     cut = np.count_nonzero((low < at) & (high >= at), axis=0)
-    cut[(high >= at).all(axis=0)] = len(low)  # nothing would be on one side alone
+    cut[(high >= at).all(axis=0)] = len(low)  # one half would be empty of boxes of its own
     along = int(np.argmin(cut))
     return None if cut[along] > _MOST_CUT * len(low) else (along, float(at[along]))
 
 
 def _lots(low: Floats, high: Floats, first: Floats, last: Floats, share: float) -> int:
-    """Return into how many lots the pieces of a cell fall, of which these boxes are a share."""
+    """Return the number of lots of a cell, from a sample of its pieces' boxes."""
     compared = np.arange(min(len(low), _COMPARED)) * max(1, len(low) // _COMPARED)
     meet = np.ones((len(compared), len(compared)), np.bool_)
     for lows, highs, begin, end in zip(low[compared].T, high[compared].T, first, last, strict=True):

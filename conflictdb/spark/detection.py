@@ -1,7 +1,7 @@
-"""`detect_on_spark`: a scene taken through the four stages on Spark, with the answer of `detect`.
+"""Detect a scene through the four stages on Spark, with the answer of `detect`.
 
-Objects are cut into pieces by workers, pieces joined by Sedona, pairs gathered by their two objects, and solved by
-workers. Between these Spark shuffles; whatever it does again gives the same rows.
+Workers cut objects into pieces; Sedona joins the pieces; pairs are gathered by their two objects; workers solve them.
+Spark shuffles in between. Repeated tasks give the same rows.
 """
 
 import math
@@ -28,22 +28,22 @@ from conflictdb.spark import joining, pieces, solving
 from conflictdb.spark.engine import with_sedona
 from conflictdb.speeds import MAX_SPEED_KN
 
-# Partitions for each processor of the cluster: so that the last of them to end are short.
+# Partitions per processor of the cluster: several, so that the last to end are short.
 _PER_PROCESSOR: Final = 4
-# What a worker holds of pyspark and pandas, beside what a process of `detect` holds.
+# Memory of a worker for pyspark and pandas, beyond that of a process of `detect`.
 _SPARK_MB: Final = 64
-# What no stage looks at.
+# Columns that no stage reads.
 _UNUSED: Final = ("name", "properties")
 _SUMS: Final = pa.schema([pa.field(name, pa.float64()) for name in ("count", "x", "y", "z")])
 
 
 @dataclass(frozen=True, slots=True)
 class Detected:
-    """What `detect_on_spark` finds, and what it was found of.
+    """The result of `detect_on_spark`, and the objects it was computed from.
 
     conflicts : rows of the form FOUND
-    objects : of which they are: key, kind (code), object_id (NO_NUMBER where unknown), version, and a digest of what
-        was cut into pieces, whatever the file says of it
+    objects : key, kind (code), object_id (NO_NUMBER where unknown), version, and a digest of the data that was cut into
+        pieces
     """
 
     conflicts: DataFrame
@@ -59,16 +59,15 @@ def detect_on_spark(
     memory_mb: int = MEMORY_MB,
     max_speed_kn: float = MAX_SPEED_KN,
 ) -> DataFrame:
-    """Return the conflicts of a scene: the rows that `detect` finds, whatever the number of partitions.
+    """Return the conflicts of a scene: the same rows as `detect`, for any number of partitions.
 
-    Objects are cut and counted at once, conflicts are computed when they are asked for. Pieces stay in the cache of
-    Spark, on disk where memory ends, as long as this DataFrame is referred to.
+    Objects are cut and counted at once; conflicts are computed lazily. Pieces stay in Spark's cache, on disk where
+    memory ends, as long as this DataFrame is referenced.
 
     Parameters
     ----------
-    objects : rows of the Arrow form OBJECTS, as GeoParquet files of conflictdb hold them; `geometry` is WKB, or one of
-        Sedona's
-    scene : settings; great circles without a centre are given the middle of the objects
+    objects : rows of the Arrow form OBJECTS, as in GeoParquet files of conflictdb; `geometry` is WKB, or Sedona's type
+    scene : settings; great circles without a centre get the middle of the objects
     partitions : of pieces and of pairs of objects; by default four per processor
     memory_mb : of each Python worker, megabytes, that it keeps below
     max_speed_kn : the speed over the ground beyond which a leg is refused, knots
@@ -93,7 +92,7 @@ def detected(
     memory_mb: int = MEMORY_MB,
     max_speed_kn: float = MAX_SPEED_KN,
 ) -> Detected:
-    """Do what `detect_on_spark` does; the objects stay as long as the conflicts are referred to."""
+    """Detect as `detect_on_spark` does; the objects stay cached as long as the conflicts are referenced."""
     with_sedona(spark)
     pieces.check_case("objects", objects.columns)
     if not isinstance(objects.schema["geometry"].dataType, BinaryType):
@@ -118,7 +117,7 @@ def detected(
 
 
 def _free(cached: DataFrame) -> None:
-    """Give the place of cached rows back, if their session still runs."""
+    """Release cached rows, if their session still runs."""
     if cached.sparkSession.sparkContext._jsc is not None:
         cached.unpersist()
 
@@ -126,14 +125,14 @@ def _free(cached: DataFrame) -> None:
 def mapped(
     rows: DataFrame, function: Callable[[Iterable[pa.RecordBatch]], Iterable[pa.RecordBatch]], schema: pa.Schema
 ) -> DataFrame:
-    """Return what workers make of the batches of rows of each partition."""
+    """Apply a function on workers to the batches of each partition."""
     return rows.mapInArrow(function, from_arrow_schema(schema))
 
 
 def _centred(objects: DataFrame, scene: Scene) -> Scene:
     """Return the scene with a centre, if its motion needs one, as `motion.registry.centred` does.
 
-    Raises InvalidInput for objects all around the earth, which are refused whatever the centre.
+    Raises InvalidInput for objects all around the earth, for which no centre is valid.
     """
     if scene.motion != Motion.GREAT_CIRCLE or scene.centre is not None:
         return scene
@@ -151,21 +150,21 @@ def _centred(objects: DataFrame, scene: Scene) -> Scene:
 
 
 def _directions(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """Yield the number of corners and waypoints of objects, and the sums of their directions."""
+    """Yield the number of corners and waypoints of objects, and the sums of their direction vectors."""
     for batch in batches:
         places = shapely.get_coordinates(shapely.from_wkb(np.array(batch.column(0).to_pylist(), dtype=object)))
         yield pa.RecordBatch.from_arrays(list(summed_directions(places).reshape(4, 1)), schema=_SUMS)
 
 
 class _Outlines:
-    """Large outlines of areas by their keys, sent to each machine once, and read when they are asked for."""
+    """Large outlines of areas by key, broadcast once to each machine, and read on demand."""
 
     def __init__(self, sent: Any) -> None:
         self._sent = sent
 
     def __call__(self) -> Mapping[str, bytes]:
-        held: Mapping[str, bytes] = self._sent.value
-        return held
+        outlines: Mapping[str, bytes] = self._sent.value
+        return outlines
 
 
 def _outlines(spark: SparkSession, cut: DataFrame, extent: joining.Extent) -> solving.Outlines:

@@ -1,7 +1,7 @@
-"""Spark with Sedona: what it needs to be there, and a session of it.
+"""Check the requirements of Spark with Sedona, and open sessions.
 
-Spark is a program in Java that Python talks to. It needs Java 17, the packages of the extra `spark`, and two jars of
-Sedona, which are fetched by their Maven coordinates once, or come with the cluster.
+Spark is a Java program controlled from Python. It needs Java 17, the packages of the extra `spark`, and two jars of
+Sedona, which are fetched once by their Maven coordinates or come with the cluster.
 """
 
 import os
@@ -26,37 +26,37 @@ from conflictdb.spark.interrupts import interrupts_between_calls
 if TYPE_CHECKING:
     from pyspark.sql import SparkSession
 
-# What the versions of Sedona's Python package and of Spark go with; its transforms need the tools' wrapper.
+# Jars for the versions of Sedona's Python package and Spark; Sedona's transforms need the GeoTools wrapper.
 _SEDONA: Final = "org.apache.sedona:sedona-spark-shaded-3.5_2.12:{version}"
 _TOOLS: Final = "org.datasyslab:geotools-wrapper:1.8.1-33.1"
-# What reads databases, and the class of it that Spark asks for.
+# The JDBC driver of PostgreSQL, and its class name for Spark.
 _JDBC: Final = "org.postgresql:postgresql:42.7.14"
 DRIVER: Final = "org.postgresql.Driver"
-# Spark 3.5 starts with others too, up to where something is missing that it takes for granted.
+# Spark 3.5 starts with other versions too, but fails later.
 _JAVA: Final = 17
-# Jars alone: they hold all that they need, and descriptions of projects need not be at hand.
+# Fetch the jars alone: they are self-contained, so their project descriptions are not needed.
 _SETTINGS_OF_IVY: Final = """<ivysettings><settings defaultResolver="central"/>
 <resolvers><ibiblio name="central" m2compatible="true" usepoms="false"/></resolvers></ivysettings>"""
 _DRIVER_MEMORY: Final = "2g"
-# How often a task is tried on this machine, as on a cluster: a worker may be killed.
+# Attempts per task on this machine, as on a cluster: a worker may be killed.
 _TRIES: Final = 4
-# Options that hold lists of jars.
+# Options that are lists of jars.
 _JARS: Final = ("spark.jars", "spark.jars.packages")
-# Objects of Sedona travel in its own form, instants are what they are in any zone, and in files what others read too.
+# Sedona's serialisation, and instants in UTC, in files in a form that other readers know.
 _OPTIONS: Final[dict[str, Any]] = {
     "spark.serializer": "org.apache.spark.serializer.KryoSerializer",
     "spark.kryo.registrator": "org.apache.sedona.core.serde.SedonaKryoRegistrator",
     "spark.sql.session.timeZone": "UTC",
     "spark.sql.parquet.outputTimestampType": "TIMESTAMP_MICROS",
 }
-# Lines of what Java said that an error shows.
+# Lines of Java's output in an error.
 _TOLD_LINES: Final = 3
 
 
 def coordinates(*, reads_database: bool = False) -> list[str]:
     """Return the Maven coordinates of Sedona's jars, for ``spark-submit --packages``.
 
-    reads_database : with that of the driver of databases
+    reads_database : add the JDBC driver
 
     Raises EngineMissing where the Python packages are missing.
     """
@@ -95,18 +95,19 @@ def session(
     reads_database: bool = False,
     options: Mapping[str, str] = MappingProxyType({}),
 ) -> "Iterator[SparkSession]":
-    """Give a session with Sedona; it ends with the block. What Spark cannot do there is a ConflictDBError.
+    """Open a session with Sedona for the block; failures of Spark inside are a ConflictDBError.
 
-    Raises EngineMissing, with the remedy, where Java, packages or jars are missing, and InvalidInput for options that
-    answers depend on.
+    Raises EngineMissing, with the remedy, if Java, packages or jars are missing, and InvalidInput for options that
+    would change answers.
 
-    master : where Spark runs: ``local[4]``, ``spark://host:7077``; None: all processors of this machine, or what
-        spark-submit says
-    cache : directory in which jars are kept
-    environ : that of this program: says whether spark-submit started it, and where Java is; told what workers run
-    is_quiet : what Java prints goes to a file, and its end into the error
-    reads_database : with the driver of databases
-    options : of Spark, by their names; they go before its defaults, and jars of theirs are added
+    master : where Spark runs: ``local[4]``, ``spark://host:7077``; None: all processors of this machine, or the choice
+        of spark-submit
+    cache : directory of jars
+    environ : environment of this program: shows whether spark-submit started it, and where Java is; PYSPARK_PYTHON is
+        set for workers
+    is_quiet : write Java's output to a file, and its end into errors
+    reads_database : add the JDBC driver
+    options : Spark options by name; they override its defaults, and their jars are added
     """
     for name, value in options.items():
         if value != _OPTIONS.get(name, value):
@@ -120,7 +121,7 @@ def session(
 
     builder = SparkSession.builder.appName("conflictdb").config(map=_OPTIONS)
     if not is_submitted:
-        environ.setdefault("PYSPARK_PYTHON", sys.executable)  # what workers are, where they are told nothing else
+        environ.setdefault("PYSPARK_PYTHON", sys.executable)  # the default interpreter of workers
         alone = _alone(master or options.get("spark.master", "local[*]"), _said_elsewhere(environ))
         builder = builder.config(map=alone | _with_jars(_jars(cache, packages), options))
     else:
@@ -139,12 +140,12 @@ def session(
                 f"Spark did not start. If its jars cannot be fetched from Maven Central ({', '.join(packages)}), put "
                 f"them into {cache / 'jars'}. It said: {' / '.join(lines[-_TOLD_LINES:])}"
             ) from error
-        if current_thread() is main_thread():  # pyspark's own handler calls Java within a call of Java
+        if current_thread() is main_thread():  # pyspark's own handler would call Java within a call of Java
             signal.signal(signal.SIGINT, heard)
         try:
             with (
                 interrupts_between_calls(spark.sparkContext.cancelAllJobs),
-                told_in_one_line(ConflictDBError, "Spark did not finish"),
+                errors_in_one_line(ConflictDBError, "Spark did not finish"),
             ):
                 yield with_sedona(spark)
         finally:
@@ -152,8 +153,8 @@ def session(
 
 
 @contextmanager
-def told_in_one_line(kind: type[ConflictDBError], what: str) -> Iterator[None]:
-    """Say in one line why Spark could not do something: no disk or memory, an executor or a connection that is gone."""
+def errors_in_one_line(kind: type[ConflictDBError], what: str) -> Iterator[None]:
+    """Convert errors of Spark (no disk or memory, a lost executor or connection) to one line."""
     from py4j.protocol import Py4JError
     from pyspark.errors import PySparkException
 
@@ -164,21 +165,21 @@ def told_in_one_line(kind: type[ConflictDBError], what: str) -> Iterator[None]:
 
 
 def cause_of(error: Exception) -> str:
-    """Return what was wrong first, in one line; where a worker ended, what ended it."""
+    """Return the first cause of an error in one line; where a worker failed, the worker's error."""
     cause, message = getattr(error, "java_exception", None), str(error)
     while cause is not None:
-        said = cause.getMessage()  # None of an exception that is its name alone
+        said = cause.getMessage()  # None for an exception without a message
         message, cause = message if said is None else str(said), cause.getCause()
     lines = [line.strip() for line in message.splitlines() if line.strip()] or [type(error).__name__]
     return lines[-1] if any("Traceback" in line for line in lines) else lines[0]
 
 
 def with_sedona(spark: "SparkSession") -> "SparkSession":
-    """Return a session in which Sedona's functions and joins are known; raises EngineMissing without its jars."""
+    """Return a session with Sedona's functions and joins; raises EngineMissing without its jars."""
     java: Any = spark.sparkContext._jvm
     try:
         java.org.apache.sedona.spark.SedonaContext.create(spark._jsparkSession, "python")
-    except TypeError:  # as what is no class answers when it is called
+    except TypeError:  # raised when a missing class is called
         raise EngineMissing(
             f"Spark runs without Sedona's jars: start it with --packages {','.join(coordinates())}"
         ) from None
@@ -186,32 +187,32 @@ def with_sedona(spark: "SparkSession") -> "SparkSession":
 
 
 def with_driver(spark: "SparkSession") -> None:
-    """Raise EngineMissing if a session cannot read databases."""
+    """Raise EngineMissing if a session lacks the JDBC driver."""
     try:
         getattr(spark.sparkContext._jvm, DRIVER)()
-    except TypeError:  # as what is no class answers when it is called
-        wanted = ",".join(coordinates(reads_database=True))
+    except TypeError:  # raised when a missing class is called
+        packages = ",".join(coordinates(reads_database=True))
         raise EngineMissing(
-            f"Spark runs without the driver of PostgreSQL databases: start it with --packages {wanted}"
+            f"Spark runs without the driver of PostgreSQL databases: start it with --packages {packages}"
         ) from None
 
 
 def _alone(master: str, said: Collection[str]) -> dict[str, Any]:
-    """Return the options of a program that is not started by spark-submit.
+    """Return the options of a session that is not started by spark-submit.
 
-    said : names of options that the user's configuration of Spark sets
+    said : names of options in the user's configuration of Spark
     """
     options: dict[str, Any] = {"spark.ui.enabled": "false", "spark.ui.showConsoleProgress": "false"}
-    if match := re.fullmatch(r"local(?:\[\s*(\d+|\*)\s*\])?", master):  # without retries, unless they are asked for
+    if match := re.fullmatch(r"local(?:\[\s*(\d+|\*)\s*\])?", master):  # without a number of attempts
         master = f"local[{match[1] or 1},{_TRIES}]"
-    if master.startswith("local"):  # nobody else talks to it
+    if master.startswith("local"):  # no other machine connects to it
         options |= {"spark.driver.bindAddress": "127.0.0.1", "spark.driver.host": "127.0.0.1"}
         options |= {"spark.driver.memory": _DRIVER_MEMORY}
     return {name: value for name, value in options.items() if name not in said} | {"spark.master": master}
 
 
 def _said_elsewhere(environ: Mapping[str, str]) -> set[str]:
-    """Return the names of options in the user's own configuration of Spark, which a program would override."""
+    """Return the names of options in the user's own configuration of Spark, which must not be overridden."""
     said = {word.partition("=")[0] for word in shlex.split(environ.get("PYSPARK_SUBMIT_ARGS", ""))}
     if "--driver-memory" in said or environ.get("SPARK_DRIVER_MEMORY"):
         said.add("spark.driver.memory")
@@ -231,13 +232,13 @@ def _home() -> str:
 
 
 def _with_jars(jars: dict[str, Any], options: Mapping[str, str]) -> dict[str, Any]:
-    """Return options, but for the master, with the jars that a session needs; those that they name stay."""
+    """Return options except the master, with the jars that a session needs added to their own."""
     both = {name: f"{jars[name]},{options[name]}" for name in _JARS if jars.get(name) and options.get(name)}
     return jars | {name: value for name, value in options.items() if name != "spark.master"} | both
 
 
 def _jars(cache: Path, packages: list[str]) -> dict[str, Any]:
-    """Return how Spark finds the jars: those that were fetched before, else by their coordinates."""
+    """Return the options for Spark's jars: files fetched before, else Maven coordinates."""
     kept = [cache / "jars" / "{}_{}-{}.jar".format(*package.split(":")) for package in packages]
     if all(jar.is_file() for jar in kept):
         return {"spark.jars": ",".join(map(str, kept))}
@@ -253,7 +254,7 @@ def _jars(cache: Path, packages: list[str]) -> dict[str, Any]:
 
 @contextmanager
 def _printed_to(file: int | None) -> Iterator[None]:
-    """Let programs that are started now print to a file."""
+    """Redirect the output of programs started in the block to a file."""
     if file is None:
         yield
         return

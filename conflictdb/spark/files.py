@@ -1,4 +1,4 @@
-"""GeoParquet on Spark: objects in, conflicts out, by all workers at once; a path is what Spark can read and write."""
+"""Read objects from GeoParquet on Spark and write conflicts, on all workers; any path that Spark supports."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,11 +26,11 @@ from conflictdb.results import Kind
 from conflictdb.spark.pieces import NO_NUMBER, check_case
 from conflictdb.spark.storage import listed, parquet_reader, plain_path, require_new, schemas_of, shown
 
-# What other columns could have been meant to be; and what means something in files of others, which `load` reads.
+# Known names that other columns may resemble; and names with a meaning in other files, which `load` reads.
 _GUARDED: Final = tuple(sorted({*AREA_GUARDED, *TRACK_GUARDED}))
 _OF_FILES: Final = frozenset({*AREA_MEMBERS, *TRACK_MEMBERS, "radius_m"} - set(OBJECTS.schema.names))
 
-# How names begin in what `write_conflicts` and `write_states` leave, also where they did not end.
+# Beginnings of the names that `write_conflicts` and `write_states` leave, also unfinished.
 _WRITTEN: Final = ("part-", "_SUCCESS", "_temporary", STATES)
 
 
@@ -39,11 +39,11 @@ def read_scene(
 ) -> tuple[Scene | None, DataFrame]:
     """Return the settings and the objects of GeoParquet files: paths, URIs, globs, or directories.
 
-    Settings are None where no file says them. Objects have the columns of the form OBJECTS that any of the files has.
-    Raises InvalidInput, of a file, where that is no Parquet, says other settings than the first or a reference system
-    that is not longitude and latitude, or has columns that would be lost.
+    Settings are None if no file has them. Objects have the columns of the form OBJECTS that occur in any file. Raises
+    InvalidInput, naming the file, for a file that is not Parquet, has other settings than the first, has another
+    reference system than longitude and latitude, or has columns that would be lost.
 
-    say : is told once what is read, but not as the files say it
+    say : called once with each remark on assumptions about the files
     """
     found = listed(spark, paths)
     schemas = schemas_of(spark, found.inputFiles())
@@ -63,9 +63,9 @@ def read_objects(spark: SparkSession, paths: Sequence[str]) -> DataFrame:
 
 
 def settings_of(schemas: Mapping[str, pa.Schema]) -> Scene | None:
-    """Return the settings of the scene that files were exported of, by their schemas; None where none says them.
+    """Return the settings of the exported scene in files' schemas; None if no file has them.
 
-    Raises InvalidInput where some say other settings than the first.
+    Raises InvalidInput if a file has other settings than the first.
     """
     first: tuple[str, Scene] | None = None
     for file, schema in schemas.items():
@@ -81,9 +81,9 @@ def settings_of(schemas: Mapping[str, pa.Schema]) -> Scene | None:
 
 
 def _checked(file: str, schema: pa.Schema, of_directories: Sequence[str]) -> Iterator[str]:
-    """Yield what is to be said of the schema of a file; raises InvalidInput where it is no table of objects.
+    """Yield remarks on the schema of a file; raises InvalidInput if it is no table of objects.
 
-    of_directories : columns that are names of directories, as of `kind=area/part.parquet`
+    of_directories : columns given by directory names, as `kind=area/part.parquet`
     """
     try:
         layout = Layout.of(schema)
@@ -116,13 +116,13 @@ def _is_own(schema: pa.Schema) -> bool:
 
 
 def _with(schema: pa.Schema, of_directories: Sequence[str]) -> pa.Schema:
-    """Return a schema with the columns that directories say, of the types that they should have."""
+    """Return a schema with the columns from directory names added, with the types of the form OBJECTS."""
     said = [OBJECTS.schema.field(name) for name in of_directories if name in OBJECTS.schema.names]
     return pa.schema([*schema, *(field for field in said if field.name not in schema.names)], schema.metadata)
 
 
 def _check_columns(schema: pa.Schema, of_directories: Sequence[str]) -> None:
-    """Raise InvalidInput for a column that would be taken for a property, and was meant to be more, as `load` does."""
+    """Raise InvalidInput, as `load` does, for a column that was probably meant as more than a property."""
     names = [*schema.names, *of_directories]
     check_case("file", names)
     for name in names:
@@ -136,7 +136,7 @@ def _check_columns(schema: pa.Schema, of_directories: Sequence[str]) -> None:
 
 
 def _sample(of: pa.DataType) -> Any:
-    """Return a value such as a column of a type may hold, as JSON has it."""
+    """Return a JSON value such as a column of the type may contain."""
     if pa.types.is_null(of) or pa.types.is_boolean(of):
         return None
     if pa.types.is_integer(of) or pa.types.is_floating(of) or pa.types.is_decimal(of):
@@ -147,7 +147,7 @@ def _sample(of: pa.DataType) -> Any:
 def _read(
     spark: SparkSession, paths: Sequence[str], schemas: Mapping[str, pa.Schema], of_directories: Sequence[str]
 ) -> DataFrame:
-    """Return the objects of files with these schemas: columns that a file lacks, or of which it knows no type, null."""
+    """Return the objects of files with these schemas; columns that a file lacks, or that have no type, are null."""
     alike: dict[tuple[tuple[str, str], ...], list[str]] = defaultdict(list)
     for file, schema in schemas.items():
         known = [field for field in schema if field.name in OBJECTS.schema.names and not pa.types.is_null(field.type)]
@@ -174,24 +174,24 @@ def _said(of_directories: Sequence[str], columns: Sequence[tuple[str, str]]) -> 
 
 
 def require_output(spark: SparkSession, path: str, objects: DataFrame | None = None, *, overwrite: bool) -> None:
-    """Raise InvalidInput if conflicts cannot be written to a path: something is there that may not be replaced.
+    """Raise InvalidInput if conflicts cannot be written to a path because of existing files.
 
-    objects : input of files, which must not be there
-    overwrite : what `write_conflicts` wrote may be replaced
+    objects : input files, which must not be in it
+    overwrite : output of `write_conflicts` may be replaced
     """
     require_new(spark, path, _WRITTEN, objects.inputFiles() if objects else [], overwrite=overwrite)
 
 
 def write_conflicts(found: DataFrame, path: str, *, overwrite: bool = False) -> None:
-    """Write conflicts as a directory of GeoParquet files; raises InvalidInput where there is one.
+    """Write conflicts as a directory of GeoParquet files; raises InvalidInput if it exists.
 
-    overwrite : one that is there is removed, whatever it holds, when work begins
+    overwrite : remove an existing one, with all contents, when work begins
     """
-    # Of several geometries Sedona takes any for the main one, so there is one; the points stay WKB.
+    # Sedona takes any of several geometries as the primary one, so convert only one; the points stay WKB.
     region, *_ = GEOMETRIES
     found = found.withColumn(region, functions.call_function("ST_GeomFromWKB", functions.col(region)))
     try:
-        # Without a name of their own, coordinates are longitude and latitude on WGS84.
+        # Without a CRS, coordinates are longitude and latitude on WGS84.
         mode = "overwrite" if overwrite else "error"
         found.write.format("geoparquet").option("geoparquet.crs", "").mode(mode).save(path)
     except AnalysisException as error:
@@ -199,15 +199,15 @@ def write_conflicts(found: DataFrame, path: str, *, overwrite: bool = False) -> 
 
 
 def write_states(objects: DataFrame, scene: Scene, path: str, pairs: int) -> None:
-    """Write beside so many pairs what they were computed from, if some of these objects have numbers.
+    """Write the states that `pairs` conflicts were computed from beside them, if any of the objects has a number.
 
-    objects : as `detection.Detected` has them
+    objects : as in `detection.Detected`
     """
     kind = f"CASE kind WHEN {Kind.TRACK.code} THEN '{Kind.TRACK.value}' ELSE '{Kind.AREA.value}' END AS kind"
     states = objects.where(f"object_id <> {NO_NUMBER}").selectExpr(kind, "key AS id", "object_id", "version", "digest")
     if not states.isEmpty():
-        told = {"settings": functions.lit(settings_text(scene)), "pairs": functions.lit(pairs).cast("bigint")}
-        states.withColumns(told).write.parquet(f"{path}/{STATES}")
+        columns = {"settings": functions.lit(settings_text(scene)), "pairs": functions.lit(pairs).cast("bigint")}
+        states.withColumns(columns).write.parquet(f"{path}/{STATES}")
 
 
 def _first_line(error: Exception) -> str:

@@ -1,6 +1,6 @@
-"""Ctrl-C and SIGTERM while Java works: jobs are cancelled, and the interrupt is raised between two calls of Java.
+"""Handle Ctrl-C and SIGTERM during Java calls: cancel the jobs, and raise the interrupt between two calls.
 
-Raised within a call it would leave half an answer on the connection, which the next call would take for its own.
+Raised within a call it would leave half an answer on the connection, which the next call would read as its own.
 """
 
 import logging
@@ -12,17 +12,17 @@ from threading import Event, Thread, current_thread, main_thread
 from types import FrameType
 from typing import Any, Final
 
-# How long the answer of a call is waited for: SIGTERM ends a command within 5 s.
+# Longest wait for the answer of a call: SIGTERM ends a command within 5 s.
 _LONGEST_S: Final = {signal.SIGINT: 20.0, signal.SIGTERM: 3.0}
-# How often jobs are cancelled again, for new ones may have begun.
+# Cancel again this often: new jobs may have begun.
 _EVERY_S: Final = 0.2
 
 
 @contextmanager
 def interrupts_between_calls(cancel: Callable[[], Any]) -> Iterator[None]:
-    """Let the handlers of signals that are there now act between calls of Java; errors after a signal are its own.
+    """Delay the present signal handlers until between Java calls; errors after a signal become the signal's.
 
-    cancel : called, by a thread of its own, to have a call of Java end soon
+    cancel : called, in its own thread, to end a Java call soon
     """
     if current_thread() is not main_thread():
         yield
@@ -45,7 +45,7 @@ def interrupts_between_calls(cancel: Callable[[], Any]) -> Iterator[None]:
 
 
 class _Waiting:
-    """A signal that was heard, and waits for a call of Java to end."""
+    """A received signal that waits for a Java call to end."""
 
     def __init__(self, cancel: Callable[[], Any], before: dict[signal.Signals, Any]) -> None:
         self.ended = Event()
@@ -54,19 +54,19 @@ class _Waiting:
         self._heard_s = 0.0
 
     def hear(self, number: int, frame: FrameType | None) -> None:
-        """Act now, or cancel what Java does and be called again."""
+        """Act now, or cancel Java's jobs and wait to be called again."""
         if self._number is None:
             self._number, self._heard_s = signal.Signals(number), time.monotonic()
             if _is_call(frame):
                 Thread(target=self._remind, daemon=True, name="interrupt").start()
         is_late = time.monotonic() - self._heard_s > _LONGEST_S[self._number]
         if is_late:
-            logging.disable(logging.ERROR)  # py4j would print where in it that was
+            logging.disable(logging.ERROR)  # py4j would log the interrupted call
         if is_late or not _is_call(frame):
             self.act(frame)
 
     def act(self, frame: FrameType | None) -> None:
-        """Do what the handler of the signal that was heard does, if one was: it raises."""
+        """Call the original handler of the received signal, if there is one; it raises."""
         self.ended.set()
         if self._number is not None and callable(handler := self._before[self._number]):
             handler(self._number, frame)
@@ -80,7 +80,7 @@ class _Waiting:
 
 
 def _is_call(frame: FrameType | None) -> bool:
-    """Return whether a call of Java is under way."""
+    """Return whether a Java call is in progress."""
     while frame is not None:
         if str(frame.f_globals.get("__name__")).startswith("py4j."):
             return True

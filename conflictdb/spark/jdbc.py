@@ -1,7 +1,7 @@
-"""A scene of a database on Spark: workers read parts of its objects through JDBC, all in one state of the database.
+"""Read a scene of a database on Spark: workers read parts of its objects through JDBC, all in one snapshot.
 
-Each part is a connection and a transaction of its own. They see the state that one transaction of this process shares,
-which stays open as long as Spark may read again; a row that was read in another state ends the work.
+Each part has its own connection and transaction. They import the snapshot of one transaction of this process, which
+stays open as long as Spark may read again. A row read in another state is an error.
 """
 
 import logging
@@ -25,44 +25,44 @@ from conflictdb.errors import StoreError
 from conflictdb.model import Scene
 from conflictdb.results import Kind
 from conflictdb.spark.detection import mapped
-from conflictdb.spark.engine import DRIVER, told_in_one_line, with_driver
+from conflictdb.spark.engine import DRIVER, errors_in_one_line, with_driver
 
-# Connections at a time for areas, and as many for tracks, and objects that are worth one.
+# Most connections at a time for areas, and for tracks, and least objects for each.
 _MOST_PARTS: Final = 16
 _LEAST_OBJECTS: Final = 20_000
-# Rows that a connection asks for at a time.
+# Rows fetched at a time.
 _ROWS_AT_ONCE: Final = 1_000
-# What libpq and the driver in Java call alike.
+# Options with the same name in libpq and the JDBC driver.
 _ALIKE: Final = ("sslmode", "sslrootcert", "sslcert", "sslkey", "options")
 
 
 def is_reached_by_network(conn: psycopg.Connection[Any]) -> bool:
-    """Return whether a connection is one that Java can make, too: it knows no sockets in the file system."""
+    """Return whether Java can connect likewise: the JDBC driver has no Unix sockets."""
     host = conn.info.host
     return bool(conn.info.hostaddr or host) and not host.startswith(("/", "@"))
 
 
 @contextmanager
 def scene_objects(spark: SparkSession, conn: psycopg.Connection[Any], scene: str) -> Iterator[tuple[Scene, DataFrame]]:
-    """Give the settings and the objects of a scene of a database, as they were at one instant.
+    """Yield the settings and the objects of a scene of a database, in one snapshot.
 
     Objects are rows of the Arrow form OBJECTS, without names and properties, for `detect_on_spark`. They are read at
-    once, and kept in the cache of Spark until the block ends; until then a transaction is open on the connection, for
-    what Spark loses it reads again.
+    once and cached by Spark until the block ends. Until then a transaction stays open on the connection, because Spark
+    reads lost rows again.
 
     Parameters
     ----------
-    conn : psycopg connection without an open transaction, over the network; executors connect as it does
+    conn : psycopg connection without an open transaction, over the network; executors connect likewise
     scene : a scene that its user may read
 
     Raises
     ------
     EngineMissing
-        The driver in Java is missing.
+        The JDBC driver is missing.
     InvalidInput
-        The scene is not known.
+        The scene does not exist.
     StoreError
-        Executors cannot read the database, or it is reached by a socket.
+        Executors cannot read the database, or the connection uses a socket.
     """
     with_driver(spark)
     if not is_reached_by_network(conn):
@@ -74,7 +74,7 @@ def scene_objects(spark: SparkSession, conn: psycopg.Connection[Any], scene: str
         none = spark.createDataFrame([], from_arrow_schema(OBJECTS.schema))
         objects = (reduce(DataFrame.unionAll, of_kinds) if of_kinds else none).persist(StorageLevel.MEMORY_AND_DISK)
         try:
-            with _told(conn, scene):
+            with _readable_errors(conn, scene):
                 objects.count()
             yield settings, objects
         finally:
@@ -93,19 +93,19 @@ def _objects(
     parts.append(f"object_id >= {first[-1]}")
     url, properties = _as_java_connects(conn)
     properties |= {"sessionInitStatement": shared.begin, "fetchsize": str(_ROWS_AT_ONCE)}
-    with _told(conn, f"number {scene_id}"), _unheard():
+    with _readable_errors(conn, f"number {scene_id}"), _unheard():
         rows = spark.read.jdbc(url, f"({store.query(scene_id, kind)}) objects", predicates=parts, properties=properties)
     return mapped(rows, partial(_read, kind=kind, shared=shared), OBJECTS.schema)
 
 
 def _as_java_connects(conn: psycopg.Connection[Any]) -> tuple[str, dict[str, str]]:
-    """Return the address of a database, and with what else it is connected to; Spark shows nobody the password."""
-    info, told = conn.info, conn.info.get_parameters()
+    """Return the JDBC URL of a database, and the connection properties; Spark hides the password."""
+    info, parameters = conn.info, conn.info.get_parameters()
     host = info.host or info.hostaddr
     host = f"[{host}]" if ":" in host else host
     properties = {"driver": DRIVER, "user": info.user, "ApplicationName": "conflictdb"}
     properties |= {"password": info.password} if info.password else {}
-    properties |= {name: told[name] for name in _ALIKE if told.get(name)}
+    properties |= {name: parameters[name] for name in _ALIKE if parameters.get(name)}
     return f"jdbc:postgresql://{host}:{info.port}/{quote(info.dbname, safe='')}", properties
 
 
@@ -125,7 +125,7 @@ def _read(batches: Iterable[pa.RecordBatch], kind: Kind, shared: store.Shared) -
 
 @contextmanager
 def _unheard() -> Iterator[None]:
-    """Keep what goes to Java, and holds a password, out of the log."""
+    """Keep calls to Java, which contain a password, out of the log."""
     loggers = [logging.getLogger(name) for name in ("py4j", "py4j.clientserver", "py4j.java_gateway")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
@@ -137,7 +137,7 @@ def _unheard() -> Iterator[None]:
             logger.setLevel(level)
 
 
-def _told(conn: psycopg.Connection[Any], scene: str) -> AbstractContextManager[None]:
-    """Say in one line why Spark could not read."""
+def _readable_errors(conn: psycopg.Connection[Any], scene: str) -> AbstractContextManager[None]:
+    """Convert errors of reading to one line."""
     where = f"{conn.info.dbname!r} on {conn.info.host}"
-    return told_in_one_line(StoreError, f"Spark cannot read scene {scene} of database {where}")
+    return errors_in_one_line(StoreError, f"Spark cannot read scene {scene} of database {where}")

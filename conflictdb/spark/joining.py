@@ -1,11 +1,11 @@
-"""Stage 1 on Spark: the pairs of pieces whose boxes meet in space, time and height, by Sedona's spatial join.
+"""Stage 1 on Spark: candidate pairs of pieces, by Sedona's spatial join.
 
-Sedona joins boxes of a plane, and cuts that plane into partitions by a tree over what there is. So time becomes place:
-it is cut into buckets, and the boxes of each are moved east, by a width of the scene more than those of the one before;
-boxes of what is never there at once do not come near each other. In the same way the lots of crowded cells (`crowding`)
-are moved north. A piece is in every bucket of its span and in every cell that it meets. A pair counts once: in the
-cell, and the bucket, of the least corner that both have in common. By the predicates of
-`sql/20_stage1_broad_phase.sql`.
+Pieces are candidates if their boxes overlap in space, time and height. Sedona joins boxes in a plane, which it
+partitions by a tree built from the data. Time is therefore mapped to place: it is cut into buckets, and the boxes of
+each are shifted east by more than the scene's width, so that boxes of different times do not touch. In the same way the
+lots of crowded cells (`crowding`) are shifted north. A piece is in every bucket of its span and in every cell that it
+meets. A pair counts once: in the cell, and the bucket, of the least corner of their common box. The predicates are
+those of `sql/20_stage1_broad_phase.sql`.
 """
 
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
 from conflictdb.spark.crowding import Cells
 from conflictdb.spark.pieces import refusal_of
 
-# Boxes are wider by this, metres, and by as much again where Sedona compares them: more than moving them rounds. Stage
-# 2 looks at hulls as they are.
+# Padding of boxes, metres, and as much again where Sedona compares them: more than the rounding of shifts. Stage 2 uses
+# exact hulls.
 _PAD_M: Final = 0.01
-# More buckets than this would cost coordinates their digits, and no scene is that long.
+# More buckets would cost coordinates their digits.
 _MOST_BUCKETS: Final = 10_000
-# So many rows may a piece become, on average, by being in several buckets.
+# Average number of rows per piece allowed for pieces in several buckets.
 _COPIES: Final = 1.25
-# Corners of a piece in space and time, of which the least of two pieces says where their pair counts.
+# Corners of a piece in space and time; the least common corner of two pieces decides where their pair counts.
 _CORNER: Final = {"x": f"west - {_PAD_M}D", "y": f"south - {_PAD_M}D", "t": "double(start_us)"}
 _FAR_CORNER: Final = {"x": f"east + {_PAD_M}D", "y": f"north + {_PAD_M}D", "t": "double(end_us)"}
 
@@ -36,11 +36,11 @@ _BOUNDS: Final = tuple(f"{end}_{axis}" for end in ("low", "high") for axis in _C
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """What a scene's pieces cover: metres of the plane from west to east and south to north, and times.
+    """The extent of a scene's pieces in metres of the plane and in time.
 
-    rows : of pieces, and outlines that have rows of their own
-    first_us, last_us : of all bounded spans; the same where there are none
-    span_us : of all pieces together, unbounded ones counted from first to last
+    rows : of pieces; `outlines` : outlines that have rows of their own
+    first_us, last_us : of all bounded spans; equal if there are none
+    span_us : sum over all pieces, unbounded ones counted from first to last
     """
 
     rows: int
@@ -53,7 +53,7 @@ class Extent:
 
     @classmethod
     def of(cls, pieces: DataFrame) -> "Extent":
-        """Return what pieces cover: one pass over them. Raises InvalidInput where a row is of an object refused."""
+        """Return the extent of pieces, in one pass. Raises InvalidInput if a row is a refused object."""
         is_bounded = [functions.col("start_us") != SINCE_EVER_US, functions.col("end_us") != FOR_EVER_US]
         start, end = (
             functions.when(bounded, functions.col(name))
@@ -73,15 +73,15 @@ class Extent:
         ).head()
         refused, rows, outlines, carried, width_m, height_m, first_us, last_us, span_us, unbounded = row or (0,) * 10
         if refused:
-            told = pieces.where("refused IS NOT NULL").agg(functions.min("refused")).head() or ("",)
-            raise refusal_of(told[0])
+            refusal = pieces.where("refused IS NOT NULL").agg(functions.min("refused")).head() or ("",)
+            raise refusal_of(refusal[0])
         first_us, last_us = first_us or 0, last_us or 0
         span_us = (span_us or 0.0) + unbounded * float(last_us - first_us)
         return cls(rows, outlines - carried, width_m or 0.0, height_m or 0.0, first_us, last_us, span_us)
 
     @property
     def buckets(self) -> int:
-        """Into how many equal parts its time is cut: so many that pieces are in few of them each."""
+        """The number of time buckets: as many as keep most pieces in few of them."""
         duration = float(self.last_us - self.first_us)
         if not self.span_us or not duration:
             return 1
@@ -92,7 +92,7 @@ def candidates(spark: SparkSession, pieces: DataFrame, extent: Extent) -> DataFr
     """Return kind, key, pieces and outline of both members of each pair, a before b in the order of kinds and keys."""
     pieces = pieces.where("pieces IS NOT NULL")
     placed = _placed(pieces, _cells(spark, pieces, extent), extent)
-    # Sedona's tree makes partitions of as many rows of its first side: that one has a row for each lot.
+    # Sedona partitions by equal numbers of rows of its first side: that side has a row for each lot.
     sides = {
         "a": placed.withColumn("lot", functions.expr("explode(sequence(0L, lots - 1))")),
         "b": placed.withColumn("lot", functions.expr("pmod(hash(key, turn, start_us), lots)")),
@@ -104,14 +104,14 @@ def candidates(spark: SparkSession, pieces: DataFrame, extent: Extent) -> DataFr
 
 
 def _cells(spark: SparkSession, pieces: DataFrame, extent: Extent) -> DataFrame:
-    """Return the cells of a scene, a row each: bounds, lots, and how many lots come before."""
+    """Return the cells of a scene, one row each: bounds, lots, and the number of lots before it."""
     share = Cells.share(extent.rows)
     some = pieces.selectExpr(*_CORNER.values(), *_FAR_CORNER.values())
     seen = np.array((some if share == 1.0 else some.sample(share, seed=1)).collect(), np.float64).reshape(-1, 6)
     cells = Cells.of(seen[:, :3], seen[:, 3:], share)
     bounds = np.concatenate([cells.low, cells.high], axis=1).tolist()
     before = (np.cumsum(cells.lots) - cells.lots).tolist()
-    # As words of a query: as rows they would pass through workers, for a second.
+    # As literals in a query: as rows they would pass through workers, which takes a second.
     rows = [
         f"({', '.join(map(_double, bound))}, {lots}L, {first}L)"
         for bound, lots, first in zip(bounds, cells.lots.tolist(), before, strict=True)
@@ -140,14 +140,14 @@ def _placed(pieces: DataFrame, cells: DataFrame, extent: Extent) -> DataFrame:
     placed = pieces.selectExpr(*_MEMBER, *corners, *far, *buckets).join(
         functions.broadcast(cells), functions.expr(meets)
     )
-    # Of a cell's end the bucket of the instant itself, though that is the next cell's.
+    # Include the bucket of a cell's end itself, although that instant belongs to the next cell.
     within = f"sequence(greatest(first, {bucket('low_t')}), least(last, {bucket('high_t')}))"
     return placed.withColumn("bucket", functions.expr(f"explode({within})"))
 
 
 def _boxed(placed: DataFrame, extent: Extent) -> DataFrame:
-    """Return placed pieces with their boxes, where their bucket and lot are."""
-    # Apart by twice the padding, and more.
+    """Return placed pieces with their boxes, shifted by bucket and lot."""
+    # Separate neighbours by more than twice the padding.
     east = f"bucket * {extent.width_m + 10.0!r}D"
     north = f"(before + lot) * {extent.height_m + 10.0!r}D"
     box = (
@@ -161,7 +161,7 @@ def _renamed(side: str, rows: DataFrame) -> DataFrame:
     return rows.toDF(*(f"{side}_{name}" for name in rows.columns))
 
 
-# What stage 1 asks beside boxes, and where a pair counts.
+# The conditions of stage 1 besides boxes, and where a pair counts.
 _MAY_MEET: Final = """(a_kind < b_kind OR a_kind = b_kind AND a_key < b_key) AND (a_turn = 0 OR b_turn = 0)
     AND a_floor_m < b_ceiling_m AND b_floor_m < a_ceiling_m
     AND (greatest(a_start_us, b_start_us) < least(a_end_us, b_end_us)

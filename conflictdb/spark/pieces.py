@@ -1,7 +1,7 @@
-"""Objects cut into pieces, on workers: batches of the form OBJECTS in, rows of pieces out.
+"""Cut objects into pieces on workers: batches of the form OBJECTS in, rows of pieces out.
 
-A row holds the parts of an area that lie near each other, in a bundle, or one slice of a track. Bundles of slices would
-be wider than what they are of: they meet so many that there are more pairs, and all carry more.
+A row contains a bundle of nearby parts of an area, or one slice of a track. Slices are not bundled: their bundles would
+be much wider than the slices and meet more rows, all of them larger.
 """
 
 import json
@@ -29,18 +29,17 @@ from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.results import Kind
 
-# Bytes of objects that are cut at once: their pieces take some ten times as much.
+# Bytes of objects cut at a time: their pieces take about ten times as much.
 _AT_ONCE: Final = 4_000_000
-# Number of an object that has none.
+# Number of an object without one.
 NO_NUMBER: Final = -1
-# An outline of more bytes than this (120 vertices) does not go with each row of its area: there may be many.
+# A larger outline, in bytes (120 vertices), is not repeated in each row of its area: there may be many.
 _MOST_CARRIED: Final = 2_000
 
-# Pieces: whose they are, the box of their hulls (metres of the plane), span and heights, all of each, one after the
-# other (`arrays.packed`), and of an area its outline (WKB, degrees), for it may be asked for where they meet. Each
-# object has a row of its own, too, with kind and key: its number, version and digest (`conflictdb.pieces.contents`),
-# and its outline, if that is large. An object that is refused is a row with nothing but that: JSON with key, field and
-# rule.
+# Rows of pieces: their object, the box of their hulls (metres of the plane), span and heights, the packed pieces
+# (`arrays.packed`), and the area's outline (WKB, degrees), which regions may need. Each object also has a row of its
+# own, with kind, key, number, version and digest (`conflictdb.pieces.contents`), and its outline if that is large. A
+# refused object is a row with only `refused`: JSON with key, field and rule.
 SCHEMA: Final = pa.schema(
     [
         pa.field("kind", pa.int8()),
@@ -66,7 +65,7 @@ SCHEMA: Final = pa.schema(
 
 
 def check_case(who: str, names: Iterable[str]) -> None:
-    """Raise InvalidInput for a column that would be lost, for its name differs from a known one in case."""
+    """Raise InvalidInput for a column that differs from a known name only in case, and would be ignored."""
     for name in names:
         known = name.lower()
         if name != known and known in OBJECTS.schema.names:
@@ -120,7 +119,7 @@ def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterato
     parts, slices = (pieces.take(np.flatnonzero(one)) for one in (~is_slice, is_slice))
     bundles = Bundles.concatenate([bundles_of(parts), Bundles.of_each(slices)])
     pieces = bundles.pieces
-    # Numbered within the batch while they are cut.
+    # Pieces number their objects within the batch.
     row = pieces.object_id + np.where(pieces.kind == Kind.TRACK.code, len(areas), 0)
     number = np.concatenate([numbers[Kind.AREA], numbers[Kind.TRACK]])
     outline = pa.array(shapely.to_wkb([area.footprint for area in areas]), pa.binary())
@@ -142,7 +141,7 @@ def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterato
 
 
 def rows_of(bundles: Bundles, key: pa.Array, outline: pa.Array) -> pa.RecordBatch:
-    """Return bundles of pieces as rows, whose objects have these keys and outlines (n,)."""
+    """Return bundles of pieces as rows, with the keys and outlines (n,) of their objects."""
     pieces, first, last = bundles.pieces, bundles.offset[:-1], bundles.offset[1:] - 1
     words, offset = packed(pieces)
     boxes = boxes_of(pieces)
@@ -169,7 +168,7 @@ def rows_of(bundles: Bundles, key: pa.Array, outline: pa.Array) -> pa.RecordBatc
 
 
 def _column(batch: pa.RecordBatch, name: str, missing: object) -> pa.Array:
-    """Return a column of a batch, nulls (or all of it, where it is not there) as a value."""
+    """Return a column of a batch; nulls, or a missing column, are replaced by a value."""
     if batch.schema.get_field_index(name) < 0:
         return pa.array([missing] * batch.num_rows)
     return batch.column(name).fill_null(missing)
@@ -180,12 +179,12 @@ def _refused(refusal: InvalidInput) -> pa.RecordBatch:
 
 
 def _rows_with(**known: pa.Array) -> pa.RecordBatch:
-    """Return rows of which nothing but some columns is known."""
+    """Return rows with the given columns; all others are null."""
     n = len(next(iter(known.values())))
     columns = [known.get(field.name, pa.nulls(n, field.type)) for field in SCHEMA]
     return pa.RecordBatch.from_arrays(columns, schema=SCHEMA)
 
 
-def refusal_of(told: str) -> InvalidInput:
-    """Return what a row says that is refused."""
-    return InvalidInput(*json.loads(told))
+def refusal_of(text: str) -> InvalidInput:
+    """Parse the refusal in a row."""
+    return InvalidInput(*json.loads(text))

@@ -1,7 +1,10 @@
-"""Stages 2 to 4 on workers: pairs of rows of pieces in, rows of conflicts out.
+"""Stages 2 to 4 on workers: candidate pairs of rows in, rows of conflicts out.
 
-Of one pair of objects all pairs of pieces come one after the other; a batch that is solved ends where one ends. So its
-answer does not depend on how rows are spread over partitions and batches.
+`meeting` joins the pieces inside two rows and compares hulls (stage 2). After a shuffle by objects, `solved` runs
+`run_scene`, which compares the same hulls again, projects and solves (stages 3 and 4).
+
+All pairs of pieces of two objects are adjacent, and a solved batch ends between two pairs of objects. The answer
+therefore does not depend on partitions and batches.
 """
 
 from collections import ChainMap
@@ -27,11 +30,11 @@ from conflictdb.pipeline.run import run_scene
 from conflictdb.spark.pieces import NO_NUMBER
 from conflictdb.spark.pieces import SCHEMA as PIECES
 
-# Bytes of rows that are made, and solved, at once, beside their number: pieces of many vertices are few.
+# Limit on the bytes of rows built, or solved, at a time, besides the limit on their number.
 _MOST_BYTES: Final = 128_000_000
 _WORD_TYPE: Final = np.dtype("<i8")
 
-# What stage 1 leaves: two rows of pieces, a before b in the order of kinds and keys.
+# The output of stage 1: two rows of pieces, a before b in the order of kinds and keys.
 JOINED: Final = pa.schema(
     [
         pa.field(f"{side}_{name}", PIECES.field(name).type)
@@ -39,16 +42,16 @@ JOINED: Final = pa.schema(
         for name in ("kind", "key", "pieces", "outline")
     ]
 )
-# Two pieces, and the keys of their objects. Outlines are those of the rows, and with the first pair of these alone.
+# Pairs of pieces with the keys of their objects. Outlines are those of the rows, only with the first pair of two rows.
 PAIRS: Final = pa.schema([field.with_name(field.name.replace("pieces", "piece")) for field in JOINED])
 SCHEMA: Final = FOUND.schema
 
-# Returns the outlines (WKB, degrees) of areas by their keys, where pairs do not carry them.
+# Returns the outlines (WKB, degrees) of areas by key, for pairs that do not carry them.
 Outlines = Callable[[], Mapping[str, bytes]]
 
 
 def meeting(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """Yield the pairs of pieces whose boxes and hulls meet, of pairs of rows (stage 2); about so many bytes at once."""
+    """Yield the pairs of pieces in pairs of rows whose boxes and hulls overlap (stage 2), in bounded batches."""
     for batch in batches:
         if batch.num_rows:
             yield from _meeting(batch)
@@ -64,7 +67,7 @@ def _meeting(batch: pa.RecordBatch) -> Iterator[pa.RecordBatch]:
     row = np.searchsorted(offset, a, side="right") - 1
     is_first = np.diff(row, prepend=-1) != 0
     ends = np.append(begin, bounds[-1])
-    # A piece comes with each that it meets: of crowded rows they are many times as large as these.
+    # A piece is repeated in each of its pairs: crowded rows grow many times.
     taken = WORD * np.cumsum(np.diff(ends)[a] + np.diff(ends)[b])
     cuts = np.flatnonzero(np.diff(taken // _MOST_BYTES)) + 1
     for some in np.split(np.arange(len(a)), cuts):
@@ -101,9 +104,9 @@ def _without_unknown_numbers(found: pa.RecordBatch) -> pa.RecordBatch:
 
 
 def _whole(batches: Iterable[pa.RecordBatch], at_once: int) -> Iterator[pa.Table]:
-    """Yield rows in parts of about so many, or of so many bytes; those of the same two objects stay together."""
+    """Yield rows in parts of about `at_once` rows or _MOST_BYTES; rows of the same two objects stay together."""
     held: list[pa.RecordBatch] = []
-    # Of what is held: rows, bytes, and the row where the last pair of objects begins.
+    # Rows and bytes in `held`, and the first row of its last pair of objects.
     rows = size = last = 0
     for batch in batches:
         if not batch.num_rows:
@@ -115,7 +118,7 @@ def _whole(batches: Iterable[pa.RecordBatch], at_once: int) -> Iterator[pa.Table
         if last and (rows >= at_once or size >= _MOST_BYTES):
             table = pa.Table.from_batches(held)
             yield table.slice(0, last)
-            # Copied: a slice would keep all of it in memory.
+            # Copy: a slice would keep the whole table in memory.
             held = pa.Table.from_batches(table.slice(last).to_batches()).combine_chunks().to_batches()
             rows, size, last = rows - last, sum(one.get_total_buffer_size() for one in held), 0
     if held:
@@ -123,7 +126,7 @@ def _whole(batches: Iterable[pa.RecordBatch], at_once: int) -> Iterator[pa.Table
 
 
 def _last_begin(batch: pa.RecordBatch, before: pa.RecordBatch | None) -> int | None:
-    """Return the row of a batch where its last pair of objects begins; None where that began before it."""
+    """Return the first row of a batch's last pair of objects; None if that pair began before the batch."""
     a, b = batch.column("a_key"), batch.column("b_key")
     differs = pc.or_(pc.not_equal(a[1:], a[:-1]), pc.not_equal(b[1:], b[:-1]))
     begins = np.flatnonzero(np.asarray(differs, np.bool_))
@@ -136,7 +139,7 @@ def _last_begin(batch: pa.RecordBatch, before: pa.RecordBatch | None) -> int | N
 
 
 def _words(batch: pa.RecordBatch | pa.Table, name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the words of a column of all a, then all b, of a batch, and where each row's begin and end (2 n + 1,)."""
+    """Return the words of a column of all a, then all b, and the bounds of each row (2 n + 1,)."""
     columns: list[pa.Array] = []
     for side in "ab":
         column = batch.column(f"{side}_{name}")
@@ -148,9 +151,9 @@ def _words(batch: pa.RecordBatch | pa.Table, name: str) -> tuple[NDArray[np.int6
 
 
 class _Batch:
-    """Rows of pairs as a source of pairs: pieces in the order of kinds, keys, parts and turns, numbered by their keys.
+    """Rows of pairs as a source of pairs: pieces ordered by kind, key, part and turn, objects numbered by key.
 
-    keys, numbers : of the objects, by the numbers that they have here
+    keys, numbers : of the objects, by their numbers here
     """
 
     def __init__(self, table: pa.Table, outlines: Outlines) -> None:
@@ -182,14 +185,14 @@ class _Batch:
             outline = self._table.column(f"{side}_outline")
             keys, outlines = (one.filter(outline.is_valid()) for one in (self._table.column(f"{side}_key"), outline))
             carried |= zip(keys.to_pylist(), outlines.to_pylist(), strict=True)
-        known = ChainMap(carried, self._outlines())  # type: ignore[arg-type]  # is not written to
+        known = ChainMap(carried, self._outlines())  # type: ignore[arg-type]  # read only
         return np.asarray(shapely.from_wkb([known[key] for key in self.keys.take(pa.array(area_ids)).to_pylist()]))
 
 
 def _distinct(
     words: NDArray[np.int64], begin: NDArray[np.int64], number: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return one of each of the packed pieces, in the order of kinds, keys, parts and turns, and which each (n,) is.
+    """Return the distinct packed pieces, ordered by kind, key, part and turn, and the index of each piece (n,) in them.
 
     number : (n,) of the piece's object, in the order of keys
     """

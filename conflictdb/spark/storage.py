@@ -1,4 +1,4 @@
-"""Files wherever Spark reads and writes: listed, looked into and checked by the Hadoop file systems of its driver."""
+"""List, inspect and check files wherever Spark reads and writes, through its driver's Hadoop file systems."""
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,27 +16,27 @@ from pyspark.sql import DataFrame, DataFrameReader, SparkSession
 from conflictdb.errors import InvalidInput
 from conflictdb.spark.engine import cause_of
 
-# Footers that are read at once: a round trip or three of an object store each.
+# Footers read concurrently: each takes one to three round trips of an object store.
 _AT_ONCE: Final = 16
 _MAGIC: Final = b"PAR1"
-# The length of a footer, and the magic number.
+# Length of a footer, and magic number.
 _TAIL_BYTES: Final = 8
-# Many times what an honest file has; the driver holds it.
+# Many times the size of an honest footer; the driver reads it into memory.
 _MOST_FOOTER_BYTES: Final = 64_000_000
-# What hides a file, and what a glob means.
+# Prefixes of hidden files, and escapes for globs.
 _HIDDEN: Final = ("_", ".")
 _GLOB: Final = str.maketrans({letter: f"\\{letter}" for letter in "{}[]*?\\"})
 
 
 def parquet_reader(spark: SparkSession) -> DataFrameReader:
-    """Return a reader of Parquet that leaves no file out, whatever the session says."""
+    """Return a reader of Parquet that skips no file, whatever the session's options."""
     return spark.read.option("ignoreCorruptFiles", "false").option("ignoreMissingFiles", "false")
 
 
 def listed(spark: SparkSession, paths: Sequence[str]) -> DataFrame:
-    """Return what Spark would read of paths, URIs and globs, by names of files and directories alone.
+    """List the files that Spark would read for paths, URIs and globs, without opening them.
 
-    Raises InvalidInput where there is nothing, or where the storage cannot be read.
+    Raises InvalidInput if there is none, or if the storage cannot be read.
     """
     with _refused(", ".join(paths), "cannot be read by Spark"):
         found = parquet_reader(spark).schema("id string").parquet(*paths)
@@ -46,7 +46,7 @@ def listed(spark: SparkSession, paths: Sequence[str]) -> DataFrame:
 
 
 def schemas_of(spark: SparkSession, files: Sequence[str]) -> dict[str, "pa.Schema"]:
-    """Return the schemas of Parquet files, by their URIs, from their footers.
+    """Return the schemas of Parquet files by URI, from their footers.
 
     Raises InvalidInput for a file whose footer cannot be read.
     """
@@ -72,26 +72,26 @@ def _schema(spark: SparkSession, file: str) -> "pa.Schema":
 
 
 def _last(stream: Any, size: int, count: int) -> bytes:
-    """Return the last bytes of a stream, as many as there are of so many."""
+    """Return the last `count` bytes of a stream, or all of a shorter one."""
     stream.seek(max(0, size - count))
     return bytes(stream.readNBytes(min(size, count)))
 
 
 def plain_path(spark: SparkSession, file: str) -> str:
-    """Return the path of a listed file as Spark takes it: not as URIs are written, and no glob."""
+    """Return the path of a listed file in Spark's form: not URI-encoded, with glob characters escaped."""
     return str(_path(spark, file).toString()).translate(_GLOB)
 
 
 def shown(file: str) -> str:
-    """Return the URI of a listed file as messages name it: a path, where it is of this machine."""
+    """Return the URI of a listed file for messages; a path for local files."""
     local = file.removeprefix("file:")
     return file if local == file else "/" + unquote(local).lstrip("/")
 
 
 def require_new(spark: SparkSession, path: str, ours: Sequence[str], inputs: Sequence[str], *, overwrite: bool) -> None:
-    """Raise InvalidInput if a directory cannot be written: one is there, and may not be replaced.
+    """Raise InvalidInput if a directory exists and may not be replaced.
 
-    ours : how names begin in a directory that may be
+    ours : prefixes of names in a replaceable directory
     inputs : listed files, which must not be in it
     """
     with _refused(path, "cannot be written"):
@@ -128,7 +128,7 @@ def _configuration(spark: SparkSession) -> Any:
 
 @contextmanager
 def _refused(who: str, what: str) -> Iterator[None]:
-    """Say in one line why a storage refuses something; raises InvalidInput."""
+    """Convert errors of a storage to a one-line InvalidInput."""
     try:
         yield
     except (Py4JError, PySparkException, pa.ArrowException, OSError) as error:
