@@ -1,1 +1,1 @@
-"""Objects, pieces, pairs and answers as arrays: what the stages hand each other."""
+"""Represent objects, pieces, pairs and answers as arrays, which the stages exchange."""

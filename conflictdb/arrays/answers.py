@@ -1,4 +1,4 @@
-"""Answers as arrays: when pairs of pieces are in contact, and what is stored of pairs of objects."""
+"""Represent answers as arrays: contacts of pairs of pieces, conflicts of pairs of objects."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -15,11 +15,11 @@ from conflictdb.arrays.ragged import ragged_rows
 class Contacts:
     """m intervals during which pairs of pieces interfere, or might.
 
-    pair : (m,) int64          row number of the pair among those that were asked about, not decreasing
+    pair : (m,) int64          row number of the pair in the input, not decreasing
     start_s, end_s : (m,) float64   seconds after the start of the pair's shared span; the true interval lies within
     error_s : (m,) float64     bound on how far either end may lie outside of the true one, seconds
     verdict : (m,) int8        Verdict.code
-    touches : (m,) bool        whether they meet during it, not only come within the tolerance
+    touches : (m,) bool        true if they meet, false if they only come within the tolerance
     """
 
     pair: NDArray[np.int64]
@@ -30,11 +30,11 @@ class Contacts:
     touches: NDArray[np.bool_]
 
     def of_pairs(self, rows: NDArray[np.int64]) -> "Contacts":
-        """Return the same contacts where pair k is number rows[k] elsewhere."""
+        """Return the same contacts with pair k renumbered to rows[k]."""
         return replace(self, pair=rows[self.pair])
 
     def take(self, rows: NDArray[np.int64]) -> "Contacts":
-        """Return some of the contacts."""
+        """Return the contacts of some rows."""
         return Contacts(*(getattr(self, column.name)[rows] for column in fields(self)))
 
     def __len__(self) -> int:
@@ -60,7 +60,7 @@ def _unknown(rows: NDArray[np.int64]) -> Polygons:
 
 @dataclass(frozen=True, slots=True)
 class Conflicts:
-    """n pairs of objects that interfere, or might, or come near each other (these have no periods).
+    """n pairs of objects that interfere, or might, or come near each other (near pairs have no periods).
 
     The order of a and b within a pair is free: the store puts the area, else the smaller key, first.
 
@@ -71,12 +71,12 @@ class Conflicts:
     verdict : (n,) int8            Verdict.code
     first_contact_deg : (n, 2) float64   longitude and latitude of the first contact; NaN if not computed
     time_error_s : (n,) float64    bound on the error of every end of every period, seconds; 0 if exact
-    closest_us : (n,) int64        instant of the closest approach; SINCE_EVER_US where there is none
-    closest_m, closest_error_m : (n,) float64   distance then, metres on the earth, and how much less the least distance
-        may be; NaN if not computed
+    closest_us : (n,) int64        instant of the closest approach; SINCE_EVER_US if there is none
+    closest_m : (n,) float64       distance then, metres on the earth; NaN if not computed
+    closest_error_m : (n,) float64   bound on |closest_m - true least distance|, metres; NaN if not computed
     closest_a_deg, closest_b_deg : (n, 2) float64   longitude and latitude of the nearest points then; NaN if not
         computed
-    where : finds out where some rows (k,) interfere
+    where : computes the regions of some rows (k,)
     """
 
     a_kind: NDArray[np.int8]
@@ -110,7 +110,7 @@ class Conflicts:
         return Conflicts(**taken)
 
     def turned(self, rows: NDArray[np.bool_]) -> "Conflicts":
-        """Return all rows, a and b exchanged in some of them (n,)."""
+        """Return all rows, with a and b exchanged in some of them (n,)."""
         if not rows.any():
             return self
         columns: dict[str, Any] = {}
@@ -135,9 +135,9 @@ class Conflicts:
         return cls(**columns)
 
 
-# Of conflicts: the columns that are not one value a row.
+# Columns of conflicts that do not have one value per row.
 _OWN_WAY: Final = {"period_us", "period_offset", "where"}
-# And those that are of a and of b.
+# Pairs of columns for a and b.
 _OF_EITHER: Final = [
     ("a_kind", "b_kind"),
     ("a_id", "b_id"),

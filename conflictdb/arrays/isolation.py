@@ -1,7 +1,7 @@
-"""Work on many rows at once, in which a row that fails does not stop the others.
+"""Process many rows at once, isolating rows that fail.
 
-Arrays are quick, but an exception in one of a million rows would lose them all. So a batch that fails is halved until
-each row that fails stands alone. That row gets an answer that is safe for any row.
+An exception in one of a million rows would lose the results of all. A batch that fails is therefore halved until each
+failing row is alone, and that row gets a result that is safe for any row.
 """
 
 import logging
@@ -22,16 +22,16 @@ T = TypeVar("T")
 def isolated(rows: Rows, work: Callable[[Rows], T], safe: Callable[[Rows], T], what: str) -> list[tuple[Rows, T]]:
     """Return the results of `work` on parts of some rows, and those of `safe` for each row on which it fails.
 
-    work : must give each row the same result in any company
-    what : the rows are, for the log
+    work : the result for a row must not depend on the other rows
+    what : names the rows in the log
     """
     if not len(rows):
         return []
     try:
         return [(rows, work(rows))]
-    except (Warning, KernelMissing, StoreError):  # warnings raised as errors, a lost database: no row's fault
+    except (Warning, KernelMissing, StoreError):  # these concern the batch, not a row
         raise
-    except Exception as error:  # whatever it is, one row must not stop the others
+    except Exception as error:  # any other error must not stop the other rows
         if len(rows) == 1:
             _log.warning("%s %d is left unresolved: %s: %s", what, rows[0], type(error).__name__, error)
             _log.debug("because of", exc_info=error)

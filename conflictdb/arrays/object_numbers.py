@@ -1,11 +1,11 @@
-"""One number for an object of any kind, as SQL has it (`_object_number`): areas first, tracks above all of them."""
+"""Number objects of any kind, as routine `_object_number` does: areas first, tracks above all areas."""
 
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-_KIND_BIT: Final = 62  # above the numbers of all objects
+_KIND_BIT: Final = 62  # above all object ids
 
 
 def numbers_of(kind: NDArray[Any], ids: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -14,5 +14,5 @@ def numbers_of(kind: NDArray[Any], ids: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def kinds_and_ids(of: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the kinds and ids (n,) of objects by the numbers (n,) that `numbers_of` gave them."""
+    """Return the kinds and ids (n,) of object numbers (n,)."""
     return of >> _KIND_BIT, of & ((1 << _KIND_BIT) - 1)

@@ -1,4 +1,4 @@
-"""Areas and tracks as arrays, as they are read from the database or made of objects.
+"""Represent areas and tracks as arrays.
 
 Units: metres, degrees, microseconds since 1970. Waypoints and outlines are ragged (`ragged`).
 """
@@ -58,7 +58,7 @@ class AreaBatch:
 
 @dataclass(frozen=True, slots=True)
 class TrackBatch:
-    """n tracks as arrays; waypoints and outlines are concatenated, track i owning [offset[i], offset[i + 1]).
+    """n tracks as arrays; waypoints and outlines are concatenated, track i has [offset[i], offset[i + 1]).
 
     track_id, version : (n,) int64
     waypoint_offset : (n + 1,) int64
@@ -67,9 +67,9 @@ class TrackBatch:
     outline_offset : (n + 1,) int64
     outline_m : (v, 2) float64, starboard and forward
     floor_m, ceiling_m : (w - n,) float64, of each leg, -inf and +inf where unbounded
-    grow_mps : (n,) float64, outward speed of every side; 0 where the haven does not grow
+    grow_mps : (n,) float64, outward speed of every side; 0 for a haven that does not grow
     outlines_offset : (n + 1,) int64
-    outlines_m : (u, 2) float64, the outlines of tracks that have one per waypoint, one after the other; else no rows
+    outlines_m : (u, 2) float64, concatenated outlines of tracks that have one per waypoint; no rows for other tracks
     """
 
     track_id: NDArray[np.int64]
@@ -133,8 +133,8 @@ class TrackBatch:
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """Return the outlines of havens at both ends of legs: offset (m + 1,), start and end (s, 2) metres.
 
-        Vertex i of a start moves straight to vertex i of the end. Where nothing changes on any leg the end is the same
-        array as the start.
+        Vertex i of a start moves straight to vertex i of the end. If no haven changes, the end is the same array as the
+        start.
 
         track, waypoint : (m,) rows of the legs' tracks, and of their first waypoints
         """

@@ -1,13 +1,11 @@
-"""Pieces packed, each into bytes of its own, so that they travel as one value: through files, queues and shuffles.
+"""Pack pieces into bytes, one value each, for files, queues and shuffles.
 
-A piece is words of eight bytes, little-endian, integers or doubles:
+A piece is a sequence of eight-byte words, little-endian, integers or doubles, with the values of `Pieces`:
 
     0 kind, 1 version, 2 part, 3 turn, 4 start_us, 5 end_us, 6 end_inclusive (0 or 1), 7 floor_m, 8 ceiling_m,
     9 leg_start_us, 10 leg_end_us, 11 and 12 leg_start_deg, 13 and 14 leg_end_deg, 15 bearing_deg,
     16 h vertices of the hull (closed ring), 17 s vertices of the shape (open ring), 18 whether the shape changes,
-    19 object_id, then x, y of the hull (2 h), of the shape (2 s), and at the end of the leg (2 s) where it changes
-
-as `Pieces` has them.
+    19 object_id, then x, y of the hull (2 h), of the shape (2 s), and at the end of the leg (2 s) if it changes
 """
 
 import sys
@@ -19,7 +17,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import offsets, ragged_take
 
-# Bytes of a word, and which words tell the pieces of an object apart.
+# Bytes of a word, and the words that distinguish the pieces of an object.
 WORD: Final = 8
 PART: Final = 2
 TURN: Final = 3
@@ -36,7 +34,7 @@ Words = NDArray[np.int64]
 
 
 def packed(pieces: Pieces) -> tuple[Words, NDArray[np.int64]]:
-    """Return pieces as words, and where the words of each begin and the last end: (w,), (n + 1,)."""
+    """Return pieces as words (w,), and the offset of each piece's words (n + 1,)."""
     n = len(pieces)
     changed = _changed(pieces)
     hull, shape = np.diff(pieces.hull_offset), np.diff(pieces.shape_offset)
@@ -102,9 +100,9 @@ def unpacked(words: Words, begin: NDArray[np.int64]) -> Pieces:
 
 
 def begins_in(words: Words, begin: NDArray[np.int64], end: NDArray[np.int64]) -> tuple[Words, NDArray[np.int64]]:
-    """Return where each piece begins of some runs of words, which hold pieces one after the other: (m,), in order.
+    """Return where each piece begins in runs of words that contain pieces back to back: (m,), in order.
 
-    And of which pieces each run is, as offsets (n + 1,).
+    Also return the pieces of each run, as offsets (n + 1,).
 
     begin, end : (n,) of the runs
     """
@@ -125,7 +123,7 @@ def begins_in(words: Words, begin: NDArray[np.int64], end: NDArray[np.int64]) ->
 
 
 def _changed(pieces: Pieces) -> NDArray[np.int64]:
-    """Return (n,) 1 where the shape of a piece is another at the end of its leg, else 0."""
+    """Return (n,) 1 if the shape of a piece differs at the end of its leg, else 0."""
     changed = np.zeros(len(pieces), np.int64)
     if pieces.changes:
         differs = (pieces.shape_to_xy != pieces.shape_xy).any(axis=1)
@@ -134,7 +132,7 @@ def _changed(pieces: Pieces) -> NDArray[np.int64]:
 
 
 def _places(begin: NDArray[np.int64], offset: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return at which words the coordinates of some rings stand, whose own begin at `begin`."""
+    """Return the word indices of the coordinates of some rings, which begin at `begin`."""
     count = 2 * (offset[rows + 1] - offset[rows])
     ends = offsets(count)
     return np.repeat(begin - ends[:-1], count) + np.arange(ends[-1])
@@ -143,7 +141,7 @@ def _places(begin: NDArray[np.int64], offset: NDArray[np.int64], rows: NDArray[n
 def _ring(
     doubles: NDArray[np.float64], begin: NDArray[np.int64], count: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return rings of so many vertices whose coordinates begin at some words: offset (n + 1,), (v, 2)."""
+    """Return rings of `count` vertices whose coordinates begin at `begin`: offset (n + 1,), (v, 2)."""
     offset = offsets(count)
     return offset, doubles[np.repeat(begin - 2 * offset[:-1], 2 * count) + np.arange(2 * offset[-1])].reshape(-1, 2)
 

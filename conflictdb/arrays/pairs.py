@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.pieces import PieceRows
 from conflictdb.arrays.ragged import ragged_rows
 
-# Row numbers in a `Pairs`: no pieces, and no rows of what was taken from it.
+# Row numbers in a `Pairs`: not of pieces, and not of a selection.
 PairRows = NewType("PairRows", np.ndarray[Any, np.dtype[np.int64]])
 
 
@@ -34,7 +34,7 @@ class Pairs:
         return len(self.a)
 
     def take(self, rows: PairRows) -> Self:
-        """Return some of the pairs."""
+        """Return the pairs of some rows."""
         offset, index = ragged_rows(self.region_offset, rows)
         company = None if self.company is None else self.company[rows]
         a, b = PieceRows(self.a[rows]), PieceRows(self.b[rows])

@@ -1,7 +1,7 @@
-"""Pieces as arrays: the convex parts of areas and the slices of tracks that the stages work on, and bundles of them.
+"""Represent pieces as arrays: the convex parts of areas and the slices of tracks, and bundles of them.
 
-Units: metres, degrees for longitude, latitude and bearings, microseconds since 1970. Hulls and
-shapes are ragged (`ragged`).
+Units: metres, degrees for longitude, latitude and bearings, microseconds since 1970. Hulls and shapes are ragged
+(`ragged`).
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.ragged import offsets, ragged_rows
 
-# Row numbers in a `Pieces`: no numbers of objects, nor of the database.
+# Row numbers in a `Pieces`: not ids of objects, nor of the database.
 PieceRows = NewType("PieceRows", np.ndarray[Any, np.dtype[np.int64]])
 
 
@@ -67,11 +67,11 @@ class Pieces:
 
     @property
     def changes(self) -> bool:
-        """Whether any haven has another outline at the end of its leg than at the start."""
+        """Whether any haven has a different outline at the end of its leg."""
         return self.shape_to_xy is not self.shape_xy
 
     def shared_span(self, a: PieceRows, b: PieceRows) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return (start_us, end_us) of the time that pieces a and b share, (n,) each; unbounded where both are."""
+        """Return (start_us, end_us) of the shared time of pieces a and b, (n,) each; unbounded where both are."""
         return np.maximum(self.start_us[a], self.start_us[b]), np.minimum(self.end_us[a], self.end_us[b])
 
     def take(self, rows: NDArray[np.int64]) -> Self:
@@ -107,10 +107,10 @@ class Pieces:
 
 @dataclass(frozen=True, slots=True)
 class Bundles:
-    """m bundles of pieces that are stored and looked up as one: of one object, turn and height each, near each other.
+    """m bundles of pieces, each stored as one row: nearby pieces of one object, with the same turn and heights.
 
-    pieces : n, those of a bundle next to each other, slices in the order of time: each begins when the one before ends
-    offset : (m + 1,) int64  bundle i holds pieces [offset[i], offset[i + 1]), one at least
+    pieces : n, those of a bundle adjacent; slices in the order of time, each beginning when the one before ends
+    offset : (m + 1,) int64  bundle i contains pieces [offset[i], offset[i + 1]), at least one
     """
 
     pieces: Pieces
@@ -126,7 +126,7 @@ class Bundles:
 
     @classmethod
     def of_each(cls, pieces: Pieces) -> Self:
-        """Return each piece as a bundle."""
+        """Return one bundle per piece."""
         return cls(pieces, np.arange(len(pieces) + 1))
 
     @classmethod

@@ -1,4 +1,4 @@
-"""Polygons as bytes: EWKB in longitude and latitude, as PostGIS takes and keeps it."""
+"""Represent polygons as bytes: EWKB in longitude and latitude, the form that PostGIS stores."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,10 +15,7 @@ SRID: Final = 4326
 
 @dataclass(frozen=True, slots=True)
 class Polygons:
-    """n polygons, or several in one, longitude and latitude: number i is data[offset[i]:offset[i + 1]].
-
-    Of no bytes where it is not known.
-    """
+    """n polygons or multipolygons, longitude and latitude: data[offset[i]:offset[i + 1]], empty if unknown."""
 
     data: NDArray[np.uint8]
     offset: NDArray[np.int64]
@@ -28,22 +25,22 @@ class Polygons:
 
     @classmethod
     def none(cls, n: int) -> Self:
-        """Return n of which none is known."""
+        """Return n unknown polygons."""
         return cls(np.empty(0, np.uint8), np.zeros(n + 1, np.int64))
 
     @classmethod
     def of(cls, geometries: NDArray[np.object_]) -> Self:
-        """Return geometries (n,), None where it is not known."""
+        """Return geometries (n,) as polygons; None: unknown."""
         wkb = [one or b"" for one in shapely.to_wkb(geometries, byte_order=1, include_srid=True).tolist()]
         return cls(np.frombuffer(b"".join(wkb), np.uint8), offsets([len(one) for one in wkb]))
 
     def take(self, rows: NDArray[np.int64]) -> "Polygons":
-        """Return some of them (k,)."""
+        """Return the polygons of some rows (k,)."""
         offset, data = ragged_rows(self.offset, rows)
         return Polygons(self.data[data], offset)
 
     def geometries(self) -> NDArray[np.object_]:
-        """Return them as geometries (n,), None where it is not known."""
+        """Return polygons as geometries (n,), None if unknown."""
         bounds, data = self.offset.tolist(), self.data.tobytes()
         wkb = [data[start:end] or None for start, end in pairwise(bounds)]
         return np.asarray(shapely.from_wkb(np.array(wkb, dtype=object)))

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 
 def offsets(lengths: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return where the items of each row begin, and where the last end: (n + 1,) for the lengths of n rows."""
+    """Return the offsets (n + 1,) of rows with these lengths (n,)."""
     return np.concatenate([[0], np.cumsum(np.asarray(lengths, dtype=np.int64))]).astype(np.int64)
 
 
 def ragged_rows(offset: NDArray[np.int64], rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the offsets of some rows of ragged data, and where their items stand."""
+    """Return the offsets of some rows of ragged data, and the indices of their items."""
     length = offset[rows + 1] - offset[rows]
     taken = offsets(length)
     return taken, np.repeat(offset[rows] - taken[:-1], length) + np.arange(taken[-1])
@@ -27,5 +27,5 @@ def ragged_take(
 
 
 def stacked(arrays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the rows (k, 2) of all arrays one after the other; none of no arrays."""
+    """Return the concatenated rows (k, 2) of all arrays; (0, 2) for no arrays."""
     return np.concatenate([np.empty((0, 2)), *arrays])

@@ -24,7 +24,7 @@ import pyarrow as pa
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.arrays.arrow.forms import METADATA_KEY, told
+from conflictdb.arrays.arrow.forms import METADATA_KEY, metadata_of
 from conflictdb.arrays.arrow.objects import OBJECTS, to_objects
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.io import objects
@@ -141,7 +141,7 @@ def parquet_parts(
     with decoded(path, most_mb[0]) as rows:
         schema = rows.schema
         check_columns("file", list(leaves("", schema)))
-        said = told("file", schema)
+        said = metadata_of("file", schema)
         settings = scene_of(said["scene"], stem) if said.get("scene") is not None else None
         parts = Parts(settings, iter(()))
         found = _Found(parts.refusals, first)

@@ -11,7 +11,7 @@ from pyspark.errors import AnalysisException
 from pyspark.sql import DataFrame, SparkSession, functions
 from pyspark.sql.pandas.types import from_arrow_schema
 
-from conflictdb.arrays.arrow.forms import told
+from conflictdb.arrays.arrow.forms import metadata_of
 from conflictdb.arrays.arrow.found import GEOMETRIES
 from conflictdb.arrays.arrow.objects import OBJECTS
 from conflictdb.errors import InvalidInput
@@ -69,7 +69,7 @@ def settings_of(schemas: Mapping[str, pa.Schema]) -> Scene | None:
     """
     first: tuple[str, Scene] | None = None
     for file, schema in schemas.items():
-        said = told(file, schema).get("scene")
+        said = metadata_of(file, schema).get("scene")
         if said is None:
             continue
         scene = scene_of(said, Path(file).stem)
@@ -112,7 +112,7 @@ def _is_time(field: pa.Field) -> bool:
 
 
 def _is_own(schema: pa.Schema) -> bool:
-    return told("file", schema).get("form") == OBJECTS.name
+    return metadata_of("file", schema).get("form") == OBJECTS.name
 
 
 def _with(schema: pa.Schema, of_directories: Sequence[str]) -> pa.Schema:

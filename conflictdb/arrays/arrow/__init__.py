@@ -1,7 +1,7 @@
-"""The Arrow form of objects, pieces, pairs and answers: what other engines, processes and files hand the stages.
+"""Convert objects, pieces, pairs and answers to and from Arrow, for other engines, processes and files.
 
 Needs the extra `parquet`: ``pip install 'conflictdb[parquet]'``; without it importing this raises ConflictDBError.
-Numbers go from and to arrays bit by bit, most of them without being copied. docs/reference/arrow.md lists the columns.
+Numbers are converted bit by bit, most of them without copying. docs/reference/arrow.md lists the columns.
 """
 
 from conflictdb.errors import ConflictDBError

@@ -1,7 +1,7 @@
-"""Conflicts of numbered objects in Arrow: the columns are the fields of `Conflicts`, and where each is.
+"""Convert conflicts of numbered objects to and from Arrow: the columns are the fields of `Conflicts`, and the region.
 
-Periods are flat lists of whole microseconds, start, end, start, end, …; what is not known is NaN, and
-SINCE_EVER_US for an instant, as in the arrays. Regions are EWKB in longitude and latitude, null where not known.
+Periods are flat lists of whole microseconds, start, end, start, end, …; unknown numbers are NaN, and unknown instants
+SINCE_EVER_US, as in the arrays. Regions are EWKB in longitude and latitude, null if unknown.
 """
 
 from typing import Any, Final
@@ -47,7 +47,7 @@ CONFLICTS: Final = Form.of(
 def of_conflicts(found: Conflicts, region: Polygons | None = None) -> "pa.RecordBatch":
     """Return conflicts as a batch of the form CONFLICTS.
 
-    region : where each is; None: as `where` of the conflicts finds it out
+    region : their regions; None: as `where` of the conflicts computes them
     """
     if region is None:
         region = found.where(np.arange(len(found)))
@@ -61,9 +61,9 @@ def of_conflicts(found: Conflicts, region: Polygons | None = None) -> "pa.Record
 
 
 def to_conflicts(given: Batch) -> tuple[Conflicts, Polygons]:
-    """Return the conflicts of a batch or table of the form CONFLICTS, without `where`, and where they are (n,).
+    """Return the conflicts of a batch or table of the form CONFLICTS, without `where`, and their regions (n,).
 
-    Raises InvalidInput for what does not fit.
+    Raises InvalidInput if it does not fit the form.
     """
     columns = CONFLICTS.columns(given)
     ends, offset = lists(columns["period_us"])

@@ -1,6 +1,6 @@
-"""Columns of Arrow from arrays of numpy, and back; numbers bit by bit, where it can be in the same memory.
+"""Convert numpy arrays to Arrow columns and back; numbers bit by bit, without copying where possible.
 
-Arrays that come from Arrow cannot be written to.
+Arrays converted from Arrow are read-only.
 """
 
 from typing import Any, Final
@@ -14,39 +14,39 @@ from conflictdb.arrays.polygons import Polygons
 from conflictdb.arrays.ragged import offsets
 from conflictdb.errors import InvalidInput
 
-# Lists are told apart by 32-bit numbers, for engines know no others.
+# Lists have 32-bit offsets, the only ones that engines support.
 _MOST_ITEMS: Final = 2**31 - 1
 
 
 def of_numbers(values: NDArray[Any]) -> Array:
-    """Return numbers or truths (n,) as a column."""
+    """Return numbers or booleans (n,) as a column."""
     return pa.array(np.ascontiguousarray(values))
 
 
 def numbers(column: Array) -> NDArray[Any]:
-    """Return a column without nulls as numbers or truths (n,)."""
+    """Return a column without nulls as numbers or booleans (n,)."""
     return np.asarray(column.to_numpy(zero_copy_only=False))
 
 
 def of_instants(instants_us: NDArray[np.int64], unbounded_us: int | None = None) -> Array:
-    """Return instants (n,), microseconds since 1970, as a column; null where they have the value for unbounded."""
+    """Return instants (n,), microseconds since 1970, as a column; `unbounded_us` becomes null."""
     mask = None if unbounded_us is None else instants_us == unbounded_us
     return pa.array(np.ascontiguousarray(instants_us), mask=mask).view(INSTANT)
 
 
 def instants(column: Array, unbounded_us: int = 0) -> NDArray[np.int64]:
-    """Return a column of instants as microseconds since 1970 (n,), nulls as the value for unbounded."""
+    """Return a column of instants as microseconds since 1970 (n,); nulls become `unbounded_us`."""
     return numbers(_filled(column.view(pa.int64()), unbounded_us))
 
 
 def of_measures(values: NDArray[np.float64], unknown: float) -> Array:
-    """Return numbers (n,) as a column; null where they have the value for unknown, an infinity or NaN."""
+    """Return numbers (n,) as a column; `unknown`, an infinity or NaN, becomes null."""
     mask = np.isnan(values) if np.isnan(unknown) else values == unknown
     return pa.array(np.ascontiguousarray(values), mask=mask)
 
 
 def measures(column: Array, unknown: float) -> NDArray[np.float64]:
-    """Return a column of numbers (n,), nulls as the value for unknown."""
+    """Return a column of numbers (n,); nulls become `unknown`."""
     return numbers(_filled(column, unknown))
 
 
@@ -57,7 +57,7 @@ def _filled(column: Array, value: Any) -> Array:
 def of_lists(items: NDArray[Any] | Array, offset: NDArray[np.int64], is_null: NDArray[np.bool_] | None = None) -> Array:
     """Return ragged items as a column of lists: row i is items[offset[i]:offset[i + 1]], flat if they are pairs.
 
-    Raises InvalidInput for more items than lists can hold.
+    Raises InvalidInput for more items than a column of lists can contain.
     """
     if isinstance(items, np.ndarray):
         offset = offset * (items.size // max(len(items), 1) if items.ndim > 1 else 1)
@@ -69,7 +69,7 @@ def of_lists(items: NDArray[Any] | Array, offset: NDArray[np.int64], is_null: ND
 
 
 def lists(column: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Return the items of a column of lists, one after the other, and their offsets (n + 1,); a null has none."""
+    """Return the concatenated items of a column of lists, and their offsets (n + 1,); a null has no items."""
     return column.flatten(), offsets(numbers(_filled(column.value_lengths(), 0)))
 
 
@@ -82,7 +82,7 @@ def pairs(column: Array, who: str, name: str) -> tuple[NDArray[np.float64], NDAr
 
 
 def of_polygons(polygons: Polygons) -> Array:
-    """Return polygons (n,) as a column of bytes, null where they are not known."""
+    """Return polygons (n,) as a column of bytes, null if unknown."""
     if len(polygons.data) > _MOST_ITEMS:
         raise InvalidInput("Arrow", "region", f"must have at most {_MOST_ITEMS} bytes in a batch; make smaller batches")
     is_known = np.packbits(np.diff(polygons.offset) > 0, bitorder="little")
@@ -92,7 +92,7 @@ def of_polygons(polygons: Polygons) -> Array:
 
 
 def polygons(column: Array) -> Polygons:
-    """Return a column of bytes as polygons (n,), nulls as not known."""
+    """Return a column of bytes as polygons (n,); nulls are unknown."""
     if column.null_count:
         column = column.fill_null(b"")
     _, bounds, data = column.buffers()
@@ -100,5 +100,5 @@ def polygons(column: Array) -> Polygons:
         return Polygons.none(len(column))
     first = column.offset
     offset = np.frombuffer(bounds, np.int32)[first : first + len(column) + 1].astype(np.int64)
-    held = np.empty(0, np.uint8) if data is None else np.frombuffer(data, np.uint8)
-    return Polygons(held[offset[0] : offset[-1]], offset - offset[0])
+    data_bytes = np.empty(0, np.uint8) if data is None else np.frombuffer(data, np.uint8)
+    return Polygons(data_bytes[offset[0] : offset[-1]], offset - offset[0])

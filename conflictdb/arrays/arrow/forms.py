@@ -1,4 +1,4 @@
-"""What an Arrow form is: a schema with an edition, and the one error for a table that does not fit it."""
+"""Define Arrow forms: a schema with an edition, and one error for tables that do not fit it."""
 
 import json
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import pyarrow as pa
 
 from conflictdb.errors import InvalidInput
 
-# Of a schema's metadata, what says which form it has: JSON with `form` and `edition`.
+# Key of the schema metadata that name the form: JSON with `form` and `edition`.
 METADATA_KEY: Final = b"conflictdb"
 
 INSTANT: Final = pa.timestamp("us", "UTC")
@@ -19,9 +19,9 @@ Array: TypeAlias = pa.Array
 
 @dataclass(frozen=True)
 class Form:
-    """Columns by name, and the edition that they are of.
+    """A named schema with an edition.
 
-    schema : a column that may be null may be missing too; then all of it is null
+    schema : a nullable column may also be missing; then it is null throughout
     """
 
     name: str
@@ -30,7 +30,7 @@ class Form:
 
     @classmethod
     def of(cls, name: str, edition: int, fields: "list[pa.Field]") -> "Form":
-        """Return a form whose schema says which it is."""
+        """Return a form whose schema metadata name it."""
         said = json.dumps({"form": name, "edition": edition}).encode()
         return cls(name, edition, pa.schema(fields, metadata={METADATA_KEY: said}))
 
@@ -39,14 +39,14 @@ class Form:
         return pa.RecordBatch.from_arrays([columns[name] for name in self.schema.names], schema=self.schema)
 
     def columns(self, given: Batch, first_row: int = 0) -> "dict[str, Array]":
-        """Return the columns of this form in a batch or table, each in one piece and of its type; others are left out.
+        """Return the columns of this form in a batch or table, unchunked and of the form's types; others are dropped.
 
         Raises InvalidInput for another form, a later edition, and for columns that are missing, of another type or null
-        where they must not be. Metadata may be missing: engines lose it.
+        where they must not be. Metadata may be missing: engines drop them.
 
-        first_row : what its first row is counted as
+        first_row : number of its first row, for messages
         """
-        self._check_edition(told(f"Arrow form {self.name!r}", given.schema))
+        self._check_edition(metadata_of(f"Arrow form {self.name!r}", given.schema))
         return {field.name: self._column(given, field, first_row) for field in self.schema}
 
     def _check_edition(self, said: dict[str, Any]) -> None:
@@ -70,7 +70,7 @@ class Form:
         column = given.column(places[0])
         if isinstance(column, pa.ChunkedArray):
             column = column.combine_chunks()
-            if isinstance(column, pa.ChunkedArray):  # as some versions give it, of no chunks or of one
+            if isinstance(column, pa.ChunkedArray):  # some versions return no chunks or one
                 column = column.chunk(0) if column.num_chunks else pa.array([], column.type)
         column = converted(who, field.name, column, field.type)
         if not field.nullable and column.null_count:
@@ -79,10 +79,10 @@ class Form:
         return column
 
 
-def told(who: str, schema: "pa.Schema") -> dict[str, Any]:
-    """Return what the metadata of a schema say of its form, empty if nothing, whether or not that is known.
+def metadata_of(who: str, schema: "pa.Schema") -> dict[str, Any]:
+    """Return the form's metadata of a schema, empty if there are none; their values are not checked.
 
-    Raises InvalidInput, of `who`, for what is no JSON object.
+    Raises InvalidInput, naming `who`, if they are not a JSON object.
     """
     try:
         said = json.loads((schema.metadata or {}).get(METADATA_KEY, b"{}"))
@@ -94,7 +94,7 @@ def told(who: str, schema: "pa.Schema") -> dict[str, Any]:
 
 
 def converted(who: str, name: str, column: Array, wanted: "pa.DataType") -> Array:
-    """Return a column as another type that holds the same values; raises InvalidInput where there is none."""
+    """Return a column as another type with the same values; raises InvalidInput if that is impossible."""
     if column.type == wanted:
         return column
     if not _alike(column.type, wanted):
@@ -109,7 +109,7 @@ def converted(who: str, name: str, column: Array, wanted: "pa.DataType") -> Arra
 
 
 def _alike(one: Any, other: Any) -> bool:
-    """Return whether values of one type can be those of another, as of all kinds of lists, texts or whole numbers."""
+    """Return whether values can be converted between two types, as between all kinds of lists, texts or integers."""
     types = pa.types
     if types.is_dictionary(one):
         return _alike(one.value_type, other)
@@ -117,7 +117,7 @@ def _alike(one: Any, other: Any) -> bool:
         return _alike(one.value_type, other.value_type)
     if types.is_timestamp(one) and types.is_timestamp(other):
         return one.tz is not None
-    if types.is_floating(one) and types.is_integer(other):  # as pandas has them where some are missing
+    if types.is_floating(one) and types.is_integer(other):  # pandas has integers with missing values as floats
         return True
     return types.is_null(one) or any(
         any(is_kind(one) for is_kind in kind) and any(is_kind(other) for is_kind in kind) for kind in _KINDS

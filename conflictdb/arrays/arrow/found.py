@@ -1,7 +1,7 @@
-"""Conflicts as users read them, in Arrow and GeoParquet: the columns are those of the view `conflicts`.
+"""Convert conflicts to and from Arrow and GeoParquet for users: the columns are those of the view `conflicts`.
 
-What only a database knows is null without one. `a_id`, `a_version`, `b_id` and `b_version` are the numbers of the
-objects, and of their states, that it was found of: they are what is written back to a database.
+Columns that only a database fills are null without one. `a_id`, `a_version`, `b_id` and `b_version` are the numbers of
+the objects and of the states that the conflict was computed from; they are needed to write back to a database.
 """
 
 from collections.abc import Callable, Sequence
@@ -54,8 +54,8 @@ FOUND: Final = Form.of(
     1,
     [pa.field(one.name, _TYPES[one.type], nullable=not one.required or one.name in _MAY_LACK) for one in _COLUMNS],
 )
-# What conflicts were computed from: settings of the scene (JSON) and how many pairs were found, the same in all rows,
-# and each object as of a state, with a digest of what was read of it (`conflictdb.pieces.contents`).
+# The input of computed conflicts: settings of the scene (JSON) and the number of pairs, the same in all rows, and the
+# state of each object, with a digest of its data (`conflictdb.pieces.contents`).
 COMPUTED: Final = Form.of(
     "computed",
     1,
@@ -81,9 +81,9 @@ def of_found(
 ) -> "pa.RecordBatch":
     """Return conflicts of numbered objects with these keys as a batch of the form FOUND.
 
-    The members are in its order as they are: the area first, else the smaller key, is for who has them.
+    a and b stay in their order: the caller puts the area, else the smaller key, first.
 
-    region : where each is
+    region : their regions
     """
     n = len(conflicts)
     known: dict[str, Array] = {
@@ -111,9 +111,9 @@ def of_found(
 
 
 def to_conflicts(given: Batch) -> tuple[Conflicts, Polygons]:
-    """Return the conflicts of numbered objects of a batch or table of the form FOUND, and where they are (n,).
+    """Return the conflicts of numbered objects of a batch or table of the form FOUND, and their regions (n,).
 
-    Raises InvalidInput for what does not fit, and where numbers or versions are not known.
+    Raises InvalidInput if it does not fit the form, or numbers or versions are missing.
     """
     columns = FOUND.columns(given)
     for name in (one.name for one in STATES):
@@ -142,7 +142,7 @@ def to_conflicts(given: Batch) -> tuple[Conflicts, Polygons]:
 
 
 def of_rows(rows: Sequence[Conflict]) -> "pa.RecordBatch":
-    """Return conflicts, as a database or `solve` gives them, as a batch of the form FOUND."""
+    """Return conflicts of a database or of `solve` as a batch of the form FOUND."""
     columns: dict[str, Array] = {}
     for one in _COLUMNS:
         values: list[Any] = [getattr(row, one.field) for row in rows]
@@ -173,7 +173,7 @@ def _of_periods(period_us: NDArray[np.int64], offset: NDArray[np.int64]) -> Arra
 
 
 def _of_points(places_deg: NDArray[np.float64]) -> Array:
-    """Return places (n, 2) as a column of points in WKB, null where they are not known."""
+    """Return places (n, 2) as a column of points in WKB, null if unknown."""
     points = np.empty(len(places_deg), _POINT)
     points["order"], points["type"] = 1, 1
     points["lon"], points["lat"] = places_deg.T

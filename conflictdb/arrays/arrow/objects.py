@@ -1,7 +1,7 @@
-"""Areas and tracks in Arrow: a table with a row for each, by the names of scene files. GeoParquet files hold the same.
+"""Convert areas and tracks to and from Arrow: one row each, with the names of scene files, as in GeoParquet files.
 
 id, kind                text; `area` or `track`
-object_id, version      numbers of the object and of its state, as the stages know them; may be missing in files
+object_id, version      numbers of the object and of its state in the stages; may be missing in files
 name                    text, or null
 geometry                WKB in longitude and latitude: a MultiPolygon or Polygon, or the LineString of the waypoints
 start, end              areas: active during [start, end), null where unbounded
@@ -77,7 +77,7 @@ def of_objects(
 ) -> "pa.RecordBatch":
     """Return areas, then tracks, as a batch of the form OBJECTS.
 
-    object_ids, versions : (n,) of all, where they are known
+    object_ids, versions : (n,) of all objects, if known
     """
     items: list[Area | Track] = [*areas, *tracks]
     n, none = len(items), len(areas) * [None]
@@ -107,9 +107,9 @@ def of_objects(
 
 
 def to_objects(given: Batch) -> tuple[list[Area], list[Track]]:
-    """Return the areas and tracks of a batch or table of the form OBJECTS, checked as all areas and tracks are.
+    """Return the areas and tracks of a batch or table of the form OBJECTS, fully checked.
 
-    Raises InvalidInput for a table that does not fit, and for the first object that is refused.
+    Raises InvalidInput for a table that does not fit, and for the first refused object.
     """
     columns = OBJECTS.columns(given)
     is_track = _is_track(columns["kind"])
@@ -120,8 +120,8 @@ def to_objects(given: Batch) -> tuple[list[Area], list[Track]]:
 def to_batches(given: Batch) -> tuple[AreaBatch, TrackBatch]:
     """Return the numbered areas and tracks of a batch or table of the form OBJECTS as arrays.
 
-    Only that it fits is checked: the objects themselves must have been, by `to_objects` or when they were made.
-    Raises InvalidInput for what does not fit.
+    Checks only that the table fits the form; the objects themselves must have been checked before, for example by
+    `to_objects`. Raises InvalidInput if it does not fit.
     """
     columns = OBJECTS.columns(given)
     if columns["object_id"].null_count:
@@ -235,7 +235,7 @@ def _tracks(columns: Mapping[str, Array]) -> list[Track]:
 
 
 def _is_track(kind: Array) -> NDArray[np.bool_]:
-    """Return which objects are tracks; raises InvalidInput for what is none, and no area either."""
+    """Return which objects are tracks; raises InvalidInput for other kinds than area and track."""
     of = numbers(kind)
     is_track = np.asarray(of == Kind.TRACK.value, np.bool_)
     strange = np.flatnonzero(~is_track & (of != Kind.AREA.value))
@@ -252,7 +252,7 @@ def _taken(columns: Mapping[str, Array], rows: NDArray[np.int64]) -> Mapping[str
 
 def _shapes(columns: Mapping[str, Array]) -> NDArray[np.object_]:
     try:
-        with np.errstate(invalid="ignore"):  # coordinates that are no numbers are refused with their object
+        with np.errstate(invalid="ignore"):  # NaN coordinates are refused later, with their object
             shapes = shapely.from_wkb(_as_objects(columns["geometry"].to_pylist()))
     except shapely.errors.GEOSException as error:
         raise InvalidInput(_WHO, "geometry", f"must be WKB: {error}") from error
@@ -260,7 +260,7 @@ def _shapes(columns: Mapping[str, Array]) -> NDArray[np.object_]:
 
 
 def _footprints(columns: Mapping[str, Array]) -> NDArray[np.object_]:
-    """Return the geometries of areas, polygons as MultiPolygons; others stay what they are, to be refused."""
+    """Return the geometries of areas, polygons as MultiPolygons; other types are refused later."""
     shapes = _shapes(columns)
     single = np.flatnonzero(shapely.get_type_id(shapes) == shapely.GeometryType.POLYGON)
     if single.size:
@@ -269,7 +269,7 @@ def _footprints(columns: Mapping[str, Array]) -> NDArray[np.object_]:
 
 
 def _courses(columns: Mapping[str, Array]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the waypoints of tracks, (w, 2) longitude and latitude, and their offsets; as many as there are times."""
+    """Return the waypoints of tracks, (w, 2) longitude and latitude, and their offsets; checks the number of times."""
     shapes = _shapes(columns)
     if not (shapely.get_type_id(shapes) == shapely.GeometryType.LINESTRING).all():
         raise InvalidInput(_WHO, "geometry", "of a track must be a LineString")
@@ -283,7 +283,7 @@ def _courses(columns: Mapping[str, Array]) -> tuple[NDArray[np.float64], NDArray
 
 
 def _times(columns: Mapping[str, Array]) -> NDArray[np.int64]:
-    """Return the instants of all waypoints of tracks (w,); raises InvalidInput where one has none."""
+    """Return the instants of all waypoints of tracks (w,); raises InvalidInput for nulls."""
     items, offset = lists(columns["times"])
     if items.null_count:
         i = int(np.searchsorted(offset, items.is_null().index(True).as_py(), side="right")) - 1
@@ -292,7 +292,7 @@ def _times(columns: Mapping[str, Array]) -> NDArray[np.int64]:
 
 
 def _rings(column: Array, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the vertices (k, 2) of a column of rings, and their offsets; a null has none."""
+    """Return the vertices (k, 2) of a column of rings, and their offsets; a null has no vertices."""
     vertices, offset = lists(column)
     values, ends = lists(vertices)
     if (np.diff(ends) != 2).any() or values.null_count:
@@ -301,7 +301,7 @@ def _rings(column: Array, name: str) -> tuple[NDArray[np.float64], NDArray[np.in
 
 
 def _leg_heights(columns: Mapping[str, Array], name: str, legs: NDArray[np.int64], none: float) -> NDArray[np.float64]:
-    """Return the heights of all legs of tracks: that of the whole track, or those of its legs where it has some."""
+    """Return the height of each leg of all tracks: its own where the track has heights per leg, else the track's."""
     heights = np.repeat(measures(columns[f"{name}_m"], none), legs)
     given, offset = lists(columns[f"{name}s_m"])
     own = np.flatnonzero(np.diff(offset))
@@ -313,7 +313,7 @@ def _leg_heights(columns: Mapping[str, Array], name: str, legs: NDArray[np.int64
 
 
 def _of_legs(column: Array) -> Callable[[int, float], NDArray[np.float64] | None]:
-    """Return what gives the heights of the legs of a track by its row; None where it has none."""
+    """Return a function that returns the heights of a track's legs by row; None for a track without."""
     given, offset = lists(column)
     is_known = numbers(column.is_valid())
 

@@ -1,7 +1,7 @@
-"""Pieces, and pairs of them, in Arrow: the columns are the fields of `Pieces` and `Pairs`.
+"""Convert pieces and pairs of pieces to and from Arrow: the columns are the fields of `Pieces` and `Pairs`.
 
-Numbers per vertex are flat lists, x, y, x, y, …; places are two columns; instants are whole microseconds since 1970, as
-in the arrays, unbounded ones SINCE_EVER_US and FOR_EVER_US.
+Vertices are flat lists, x, y, x, y, …; places are two columns; instants are whole microseconds since 1970, as in the
+arrays, unbounded ones SINCE_EVER_US and FOR_EVER_US.
 """
 
 from typing import Any, Final
@@ -43,7 +43,7 @@ PIECES: Final = Form.of(
         *(pa.field(name, pa.float64(), nullable=False) for names in _PLACES.values() for name in names),
         pa.field("hull_xy", _XY, nullable=False),
         pa.field("shape_xy", _XY, nullable=False),
-        pa.field("shape_to_xy", _XY),  # null: the shape stays what it is
+        pa.field("shape_to_xy", _XY),  # null: the shape is constant
     ],
 )
 PAIRS: Final = Form.of(
@@ -74,7 +74,7 @@ def of_pieces(pieces: Pieces) -> "pa.RecordBatch":
 
 
 def to_pieces(given: Batch) -> Pieces:
-    """Return the pieces of a batch or table of the form PIECES; raises InvalidInput for what does not fit."""
+    """Return the pieces of a batch or table of the form PIECES; raises InvalidInput if it does not fit."""
     columns = PIECES.columns(given)
     who = f"Arrow form {PIECES.name!r}"
     hull_xy, hull_offset = pairs(columns["hull_xy"], who, "hull_xy")
@@ -97,7 +97,7 @@ def to_pieces(given: Batch) -> Pieces:
 def _shapes_to(
     column: Array, shape_xy: NDArray[np.float64], shape_offset: NDArray[np.int64], who: str
 ) -> NDArray[np.float64]:
-    """Return shapes at the ends of legs; the same array where none changes."""
+    """Return shapes at the ends of legs; the same array if none changes."""
     if column.null_count == len(column):
         return shape_xy
     changed_xy, offset = pairs(column, who, "shape_to_xy")
@@ -125,7 +125,7 @@ def of_pairs(given: Pairs) -> "pa.RecordBatch":
 
 
 def to_pairs(given: Batch) -> Pairs:
-    """Return the pairs of a batch or table of the form PAIRS; raises InvalidInput for what does not fit."""
+    """Return the pairs of a batch or table of the form PAIRS; raises InvalidInput if it does not fit."""
     columns = PAIRS.columns(given)
     who = f"Arrow form {PAIRS.name!r}"
     company = columns["company"]
