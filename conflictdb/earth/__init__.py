@@ -1,1 +1,1 @@
-"""The ellipsoid and the sphere: distances and directions on them."""
+"""Distances and directions on the ellipsoid and the sphere."""

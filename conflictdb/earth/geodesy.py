@@ -1,17 +1,17 @@
-"""Rhumb lines on the sphere and on the WGS84 ellipsoid, in the Mercator plane.
+"""Compute rhumb lines on the sphere and on the WGS84 ellipsoid, in the Mercator plane.
 
-Three latitudes do all the work. On the meridian, distance is proportional to the *rectifying* latitude mu; the
-*conformal* latitude chi turns the ellipsoid's Mercator ordinate into the sphere's, psi = asinh(tan chi); and chi is mu
-plus a short Fourier series. A rhumb line is straight in (longitude, psi), and its length is linear in mu. Only the
-divided difference (psi2 - psi1) / (mu2 - mu1) needs care: computed as a quotient of rounded differences, it loses all
-digits on an east-west line. Here it is one expression, the same for every bearing.
+Three latitudes are used. On the meridian, distance is proportional to the *rectifying* latitude mu. The *conformal*
+latitude chi maps the ellipsoid's Mercator ordinate to the sphere's, psi = asinh(tan chi). And chi is mu plus a short
+Fourier series. A rhumb line is straight in (longitude, psi), and its length is linear in mu. Only the divided
+difference (psi2 - psi1) / (mu2 - mu1) needs care: computed as a quotient of rounded differences, it loses all digits on
+an east-west line. Here it is one expression, the same for every bearing.
 
 References
 ----------
 C. F. F. Karney, "Transverse Mercator with an accuracy of a few nanometers", J. Geodesy 85 (2011),
 doi:10.1007/s00190-011-0445-3, eqs. 7-9 (conformal latitude), 14 (rectifying radius), 35, 36 (series, order 6).
-C. F. F. Karney, "The area of rhumb polygons", Stud. Geophys. Geod. 68 (2024), doi:10.1007/s11200-024-0709-z,
-section 3 (divided differences).
+C. F. F. Karney, "The area of rhumb polygons", Stud. Geophys. Geod. 68 (2024), doi:10.1007/s11200-024-0709-z, section 3
+(divided differences).
 """
 
 import math
@@ -29,15 +29,15 @@ MEAN_RADIUS_M: Final = 6_371_008.771415  # (2a + b) / 3 of WGS84, the sphere of 
 WGS84_RADIUS_M: Final = 6_378_137.0
 WGS84_FLATTENING: Final = 1.0 / 298.257223563
 
-# Newton steps from conformal to geographic latitude: two reach the last digit for WGS84 (Karney 2011), one to spare.
+# Newton steps from conformal to geographic latitude: two reach the last digit for WGS84 (Karney 2011), one is spare.
 _NEWTON_STEPS: Final = 3
-# A difference of latitudes, radians, over which psi differs so much that its rounding is 5e-16 of that.
+# A difference of latitudes, radians, over which the rounding of psi is 5e-16 of its difference.
 _LONG_WAY: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Earth:
-    """A figure of the earth, as the plane of the rhumb lines needs it.
+    """A figure of the earth, for the plane of rhumb lines.
 
     radius_m : equatorial radius a, metres; plane x = a * longitude, y = a * psi
     rectifying_m : metres of meridian per radian of rectifying latitude
@@ -60,7 +60,7 @@ class Earth:
 
     @property
     def oblateness(self) -> float:
-        """ln(largest / least radius of the conformal sphere): also the most that ln radius changes in a radian."""
+        """ln(largest / least radius of the conformal sphere): also a bound on the change of ln radius per radian."""
         return math.log(self.radius_m / self.polar_conformal_radius_m)
 
     def rectifying(self, latitude: ArrayLike) -> Floats:
@@ -77,7 +77,7 @@ class Earth:
         mu = np.asarray(mu, dtype=np.float64)
         if not self.to_conformal:
             return mu
-        # Clenshaw: one sine and one cosine serve the whole series.
+        # Clenshaw summation: one sine and one cosine for the whole series.
         cosine, first = 2.0 * np.cos(2.0 * mu), np.sin(2.0 * mu)
         ahead = np.zeros_like(mu)
         this = np.zeros_like(mu)
@@ -102,13 +102,13 @@ class Earth:
         return np.arctan(tau)
 
     def stretch(self, mu1: ArrayLike, mu2: ArrayLike) -> Floats:
-        """Return (psi2 - psi1) / (mu2 - mu1), also where mu1 equals mu2; arrays broadcast."""
+        """Return (psi2 - psi1) / (mu2 - mu1), also for mu1 equal to mu2; arrays broadcast."""
         mu1, mu2 = np.asarray(mu1, dtype=np.float64), np.asarray(mu2, dtype=np.float64)
         ratio, chi1, chi2 = self._conformal_slope_between(mu1, mu2)
         half = 0.5 * ratio * (mu2 - mu1)
         z = _sinc(half) * half / np.cos(0.5 * (chi1 + chi2))
         found = ratio * _atanhc(z) * _sinc(half) / np.cos(0.5 * (chi1 + chi2))
-        # Nothing cancels over long ways, while z comes close to 1 from near one pole to near the other.
+        # Over long distances nothing cancels, while z approaches 1 from near one pole to near the other.
         is_long = np.abs(mu2 - mu1) > _LONG_WAY
         if not is_long.any():
             return found
@@ -116,7 +116,7 @@ class Earth:
         return np.where(is_long, (np.arcsinh(np.tan(chi2)) - np.arcsinh(np.tan(chi1))) / way, found)
 
     def conformal_radius_m(self, psi: Floats) -> Floats:
-        """Return metres on the earth per radian of the sphere that has the same Mercator plane (conformal sphere)."""
+        """Return metres on the earth per radian of the conformal sphere, which has the same Mercator plane."""
         if not self.to_conformal:
             return np.full_like(psi, self.radius_m)
         square = np.tanh(psi) ** 2
@@ -167,7 +167,7 @@ def _conformal_radius(radius_m: float, flattening: float) -> tuple[float, ...]:
         e = np.sqrt(e2)
         phi = np.arctan(np.sinh(np.arcsinh(np.tan(chi)) + e * np.arctanh(e * np.sin(phi))))
     values = radius_m * np.cos(phi) / np.sqrt(1.0 - e2 * np.sin(phi) ** 2) / np.cos(chi)
-    # Terms shrink by e^2 = 0.0067 each: the seventh is beyond float64.
+    # Terms shrink by e^2 = 0.0067 each: the seventh is below float64's precision.
     return tuple(float(c) for c in np.polynomial.Polynomial.fit(sine2, values, 6).convert().coef)
 
 
@@ -187,7 +187,7 @@ def _harmonics(total: Floats, difference: Floats, count: int) -> list[tuple[Floa
 
 
 def _series(n: float, rows: tuple[tuple[float, ...], ...], sign: float) -> tuple[float, ...]:
-    """Return the coefficients of sin(2 j .), without the last ones where float64 cannot tell them from none."""
+    """Return the coefficients of sin(2 j .), without trailing ones below float64's precision."""
     terms = [sign * sum(c * n ** (j + k) for k, c in enumerate(row)) for j, row in enumerate(rows, 1)]
     while terms and 2.0 * len(terms) * abs(terms[-1]) < 0.1 * np.finfo(np.float64).eps:
         terms.pop()
@@ -229,14 +229,14 @@ _EARTHS: Final = {
 
 
 def earth_of(model: EarthModel) -> Earth:
-    """Return the figure of the earth of that name."""
+    """Return the figure of the earth for a model."""
     return _EARTHS[model]
 
 
 def shorter_way_deg(difference_deg: ArrayLike) -> Floats:
-    """Return a difference of longitudes taken the shorter way round, degrees in [-180, 180].
+    """Normalise a difference of longitudes to [-180, 180] degrees.
 
-    Exactly half a turn keeps the sign it has, so that mirrored scenes give mirrored answers.
+    Exactly half a turn keeps its sign, so that mirrored scenes give mirrored answers.
     """
     difference = np.asarray(difference_deg, dtype=np.float64)
     return np.where(np.abs(difference) > 180.0, difference - 360.0 * np.round(difference / 360.0), difference)
@@ -259,7 +259,7 @@ def rhumb_inverse(
 ) -> tuple[Floats, Floats]:
     """Return the length (metres) and bearing (degrees clockwise from north, in (-180, 180]) of rhumb lines.
 
-    The shorter way round is taken. Arrays broadcast. Two equal points have length 0 and bearing 0.
+    Longitude takes the shorter way round. Arrays broadcast. Two equal points have length 0 and bearing 0.
     """
     mu1 = earth.rectifying(np.radians(np.asarray(lat1_deg, dtype=np.float64)))
     mu2 = earth.rectifying(np.radians(np.asarray(lat2_deg, dtype=np.float64)))
@@ -294,7 +294,7 @@ def great_circle_step(
 ) -> tuple[Floats, Floats, Floats]:
     """Return sin(d) sin(b), sin(d) cos(b) and cos(d) of great circles of length d radians and initial bearing b.
 
-    The shorter way is taken. Arrays broadcast. Written with differences, so that short ones keep their digits.
+    Longitude takes the shorter way round. Arrays broadcast. Differences keep the digits of short distances.
     """
     lat1, lat2 = np.asarray(lat1_deg, dtype=np.float64), np.asarray(lat2_deg, dtype=np.float64)
     turn = shorter_way_deg(np.asarray(lon2_deg, dtype=np.float64) - np.asarray(lon1_deg, dtype=np.float64))

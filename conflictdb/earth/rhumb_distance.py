@@ -1,7 +1,7 @@
-"""How well distances on the earth between polygons with rhumb lines for edges are known, as the kernel finds them.
+"""Bound the error of the kernel's distances on the earth between polygons whose edges are rhumb lines.
 
-On the ellipsoid a distance is at most that along the great circle of the conformal sphere. It is less by what another
-way saves that runs through smaller radii. `kernel/mercator.c` has how distances are found.
+On the ellipsoid a distance is at most that along the great circle of the conformal sphere. It is shorter by the saving
+of paths through smaller radii. `kernel/mercator.c` computes the distances.
 """
 
 from typing import Final
@@ -10,30 +10,30 @@ import numpy as np
 
 from conflictdb.earth.geodesy import Earth, Floats
 
-# As mercator.c has them: up to how many radians of the plane what is near is found by a fixed point; what its steps
-# leave of a distance; and from where on, radians, only the least and the largest radius bound a way.
+# Constants of mercator.c: the plane distance, radians, up to which a fixed point finds the nearest place; the relative
+# error of its steps; and the distance, radians, beyond which only the least and the largest radius bound a path.
 NEARBY: Final = 0.25
 SOLVED_SHARE: Final = 2e-11
 LONGEST: Final = 2.9
 
 
 def error_m(earth: Earth, distance_m: Floats | float) -> Floats:
-    """Return by how much a true distance may exceed the one stated: that found less `_overestimate_m`.
+    """Return the largest excess of a true distance over the stated one: the computed one less `_overestimate_m`.
 
-    Distances found may be too short by the rule for the mean radius, and so be that of a longer one, by 1 % at most;
-    and what is stated as so far may have been found further than `LONGEST`, and lessened by all that saves.
+    Computed distances may be too short by the rule for the mean radius, and so belong to a longer one, by 1 % at most.
+    A distance stated as `distance_m` may have been computed beyond `LONGEST`, and reduced by its whole saving.
     """
     longest = LONGEST * (1.0 - 1.01 * earth.oblateness)
     return 1.01 * (_overestimate_m(earth, distance_m, longest) + _rule_error_m(earth, distance_m))
 
 
 def _overestimate_m(earth: Earth, distance_m: Floats | float, longest: float) -> Floats:
-    """Return by how much the distance found may exceed that of the shortest way.
+    """Return the largest excess of the computed distance over that of the shortest path.
 
-    With c = ln(largest / least radius of the conformal sphere), which is also the largest d ln radius / d latitude: to
-    second order, a way through smaller radii saves c^2 (2 tan(theta / 2) - theta) / 2 radians; twice that is taken. The
-    nearest place by the mean radius is another, by less than its rule is wrong. Beyond so many radians no more is saved
-    than the largest radius is larger than the least.
+    With c = ln(largest / least radius of the conformal sphere), also a bound on d ln radius / d latitude: to second
+    order, a path through smaller radii saves c^2 (2 tan(theta / 2) - theta) / 2 radians; twice that is used. The
+    nearest place by the mean radius differs, by less than the error of its rule. Beyond `longest` radians the saving is
+    at most the ratio of the largest radius to the least.
     """
     c = earth.oblateness
     theta = np.asarray(distance_m / earth.polar_conformal_radius_m)
@@ -43,6 +43,6 @@ def _overestimate_m(earth: Earth, distance_m: Floats | float, longest: float) ->
 
 
 def _rule_error_m(earth: Earth, distance_m: Floats | float) -> Floats:
-    """Return by how much Simpson's rule for the mean radius is wrong, c theta^5 / 360, where it is used (nearby)."""
+    """Return the error of Simpson's rule for the mean radius, c theta^5 / 360, within the range of its use (NEARBY)."""
     theta = np.asarray(distance_m / earth.polar_conformal_radius_m)
     return np.asarray(earth.radius_m * earth.oblateness / 360.0 * np.minimum(theta, NEARBY) ** 4 * theta)

@@ -1,1 +1,1 @@
-"""A polygon that moves along a track: the contract, and the planes in which its track is straight."""
+"""Map scenes to planes in which their tracks and edges are straight."""

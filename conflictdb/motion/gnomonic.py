@@ -1,10 +1,10 @@
-"""Great circles on the sphere, in the gnomonic plane about a centre, where they are straight.
+"""Compute great circles on the sphere, in the gnomonic plane about a centre, where they are straight.
 
 A place V (a unit vector) is at (x, y) = R (E.V, N.V) / (C.V), with C the centre and E and N its east and north. All
-vectors are held in the frame (E, N, C).
+vectors are in the frame (E, N, C).
 
 The scale (plane metres per metre) at an angle c from the centre is sec(c)^2 outward and sec(c) across. It is convex
-along every great circle: a bound at both ends of a way holds all along it.
+along every great circle, so a bound at both ends of a path is a bound on all of it.
 
 Reference: J. P. Snyder, "Map Projections: A Working Manual", USGS Professional Paper 1395 (1987), section 22.
 """
@@ -20,14 +20,13 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, Floats, direction_of, great_circle_step, shorter_way_deg
 from conflictdb.model import MAX_FROM_CENTRE_DEG
 
-# Distances come from plane coordinates up to 1.1e7 m, each rounded by 2e-9 m. They are stated less by this, so that
-# they are never too large.
+# Distances follow from plane coordinates up to 1.1e7 m, each rounded by 2e-9 m. They are reduced by this, so that they
+# are never too large.
 _DISTANCE_ROUNDING_M: Final = 1e-8
-# Cosine of the largest angle from the centre. The angle is a little larger than allowed, so that rounding refuses no
-# place that is exactly at the limit.
+# Cosine of the largest angle from the centre, with a margin for rounding, so that places exactly at the limit pass.
 LEAST_UP: Final = float(np.cos(np.radians(MAX_FROM_CENTRE_DEG + 1e-9)))
-# How far ahead or across a haven that changes may reach, radians. A vertex further ahead could be more than a quarter
-# turn from the centre, although the leg is not: then the bounds of the kernel would not hold.
+# Largest extent of a changing haven, ahead or across, radians. A vertex further ahead could be more than a quarter turn
+# from the centre although the leg is not, and invalidate the bounds of the kernel.
 MAX_CHANGING_REACH: Final = float(np.radians(90.0 - MAX_FROM_CENTRE_DEG))
 
 
@@ -40,7 +39,7 @@ class Gnomonic:
 
     @property
     def turn_m(self) -> float:
-        """There is no seam."""
+        """0: the plane has no seam."""
         return 0.0
 
     @property
@@ -52,7 +51,7 @@ class Gnomonic:
         return kernel.Plane.gnomonic(self.centre_lon_deg, self.centre_lat_deg)
 
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
-        """Return plane x and y in metres; NaN for points that are not within 90 degrees of the centre."""
+        """Return plane x and y in metres; NaN for points 90 degrees or more from the centre."""
         east, north, up = self.vectors(lon_deg, lat_deg)
         height = np.where(up > 0.0, up, np.nan)
         return MEAN_RADIUS_M * east / height, MEAN_RADIUS_M * north / height
@@ -87,12 +86,12 @@ class Gnomonic:
     def holds_havens(self, pieces: Pieces) -> NDArray[np.bool_]:
         """Return (n,) whether every vertex keeps C.V (C the centre, V its unit vector) at `LEAST_UP` on the whole leg.
 
-        With the leg's start A, heading B and starboard S, a vertex f ahead and s across is, where the leg has gone
-        theta, at V = cos(s) e + sin(s) S with e = cos(theta + f) A + sin(theta + f) B. Of a haven that stays the same
-        C.V is a cosine, least at one of the ends. Of one that changes, it may sag below its chord, as
-        (C.V)'' = -a^2 cos(s) C.e - s'^2 C.V - 2 a s' sin(s) C.d, a the rate of theta + f and d the way along the leg,
-        of which only what is positive counts. C.e is not negative within `MAX_CHANGING_REACH`; the second term counts
-        as if C.V could be -1.
+        With the leg's start A, heading B and starboard S, a vertex f ahead and s across is, after a distance theta
+        along the leg, at V = cos(s) e + sin(s) S with e = cos(theta + f) A + sin(theta + f) B. For a constant haven C.V
+        is a cosine, least at one of the ends. For a changing haven it may sag below its chord, since (C.V)'' = -a^2
+        cos(s) C.e - s'^2 C.V - 2 a s' sin(s) C.d, with a the rate of theta + f and d the direction along the leg; only
+        positive terms count. C.e is not negative within `MAX_CHANGING_REACH`; the second term is bounded as if C.V were
+        -1.
         """
         of = np.repeat(np.arange(len(pieces)), np.diff(pieces.shape_offset))
         start, heading, angle = self._legs(pieces)
@@ -108,13 +107,13 @@ class Gnomonic:
         up -= (2.0 * np.abs((angle[of] + ahead) * across) * np.sin(widest[:, 0]) + across**2) / 8.0
         first = pieces.shape_offset[:-1]
         reach = np.maximum.reduceat(widest.max(axis=1), first)
-        held = reach <= np.where(_changes(pieces), MAX_CHANGING_REACH, np.radians(MAX_FROM_CENTRE_DEG))
-        return np.asarray(held & (np.minimum.reduceat(up, first) >= LEAST_UP))
+        fits = reach <= np.where(_changes(pieces), MAX_CHANGING_REACH, np.radians(MAX_FROM_CENTRE_DEG))
+        return np.asarray(fits & (np.minimum.reduceat(up, first) >= LEAST_UP))
 
     def _legs(self, pieces: Pieces) -> tuple[Floats, Floats, Floats]:
-        """Return of each leg, the shorter way, unit vectors (3, n) of start and heading, and its length, radians.
+        """Return unit vectors (3, n) of start and heading of each leg, the shorter way, and its length, radians.
 
-        One that does not move has the heading of its piece.
+        A leg without movement has the heading of its piece.
         """
         to_east, to_north, cosine = great_circle_step(*pieces.leg_start_deg.T, *pieces.leg_end_deg.T)
         sine = np.hypot(to_east, to_north)
@@ -136,13 +135,13 @@ class Gnomonic:
         )
 
     def largest_scale(self, points: Floats) -> Floats:
-        """Return the scale outward from the centre, sec(c)^2, where it is largest (see `motion.Plane`)."""
+        """Return the largest outward scale from the centre, sec(c)^2 (see `motion.Plane`)."""
         return np.asarray(1.0 + (points[0] ** 2 + points[1] ** 2).max(axis=0) / MEAN_RADIUS_M**2)
 
     def smallest_scale(self, points: Floats) -> Floats:
-        """Return the scale across the way from the centre, sec(c), at the nearest point there may be.
+        """Return the scale across the direction from the centre, sec(c), at the nearest possible point.
 
-        That of the box about the points, and nearer by its diagonal, for what moves between them.
+        The nearest point of the bounding box, less its diagonal to allow for motion between the points.
         """
         low, high = points.min(axis=1), points.max(axis=1)
         nearest = np.maximum(np.maximum(low, -high), 0.0)
@@ -150,17 +149,17 @@ class Gnomonic:
         return np.sqrt(1.0 + (np.maximum(distance, 0.0) / MEAN_RADIUS_M) ** 2)
 
     def span_m(self, distance_m: Floats | float, scale: Floats) -> Floats:
-        """Return the plane metres of the shortest way, which is straight: at most the scale at its ends all along."""
+        """Return the plane metres of the shortest path, which is straight: the larger scale of its ends is a bound."""
         return np.asarray(distance_m * scale)
 
     def distance_error_m(self, distance_m: Floats | float) -> Floats:
-        """Return the rounding of a distance that has a closed form."""
+        """Return the rounding error of a distance in closed form."""
         return np.asarray(2.0 * _DISTANCE_ROUNDING_M + 1e-12 * distance_m)
 
     def vectors(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Floats:
         """Return unit vectors (3, ...) towards points, in the frame (E, N, C) of the centre.
 
-        Written with differences from the centre, so that a small scene has small coordinates with all their digits.
+        Computed from differences to the centre, so that small scenes have small coordinates with all digits.
         """
         lat = np.asarray(lat_deg, dtype=np.float64)
         turn = self._turn_deg(lon_deg)
@@ -173,7 +172,7 @@ class Gnomonic:
         return np.stack(np.broadcast_arrays(east, north, sine0 * sine + cosine0 * cosine * cosine_turn))
 
     def compass(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
-        """Return the unit vectors (3, ...) that point east and north at points (at a pole: on their meridian)."""
+        """Return the unit vectors (3, ...) that point east and north at points (at a pole: along their meridian)."""
         (sine, cosine), (sine0, cosine0), (sine_turn, cosine_turn) = (
             direction_of(angle) for angle in (lat_deg, self.centre_lat_deg, self._turn_deg(lon_deg))
         )
@@ -188,14 +187,14 @@ class Gnomonic:
         return east, north
 
     def _turn_deg(self, lon_deg: ArrayLike) -> Floats:
-        """Return longitudes east of the centre's; one meridian is one number, however it is written."""
+        """Return longitudes relative to the centre's; equivalent longitudes give the same number."""
         lon = np.asarray(lon_deg, dtype=np.float64)
         home = lon - 360.0 * np.round(lon / 360.0)  # exact
         return shorter_way_deg(np.where(home == -180.0, 180.0, home) - self.centre_lon_deg)
 
 
 def _changes(pieces: Pieces) -> NDArray[np.bool_]:
-    """Return (n,) whether a haven has another outline at the end of its leg."""
+    """Return (n,) whether a haven has a different outline at the end of its leg."""
     if not pieces.changes:
         return np.zeros(len(pieces), np.bool_)
     differs = (pieces.shape_to_xy != pieces.shape_xy).any(axis=1)

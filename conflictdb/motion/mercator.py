@@ -1,7 +1,4 @@
-"""The Mercator plane of rhumb lines: its scale, the lengths and courses of legs, and true distances on the earth.
-
-Rhumb lines are straight there.
-"""
+"""Compute in the Mercator plane, where rhumb lines are straight: scale, lengths and courses, distances on the earth."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -15,7 +12,7 @@ from conflictdb.earth import rhumb_distance
 from conflictdb.earth.geodesy import Earth, Floats, direction_of
 from conflictdb.model import MAX_RHUMB_LATITUDE_DEG
 
-# A haven's vertices may lie this much nearer to the pole than waypoints may, degrees.
+# Latitude limit of a haven's vertices, nearer to the pole than that of waypoints, degrees.
 MAX_HAVEN_LATITUDE_DEG: Final = 89.5
 
 
@@ -65,7 +62,7 @@ class Mercator:
         east, north = direction_of(pieces.bearing_deg)
         of_vertex = np.repeat(np.arange(len(pieces)), np.diff(pieces.shape_offset))
         highest = np.zeros(len(pieces))
-        # Latitudes are linear in time, also of havens that grow.
+        # Latitudes are linear in time, also for growing havens.
         for ends, shape in ((pieces.leg_start_deg, pieces.shape_xy), (pieces.leg_end_deg, pieces.shape_to_xy)):
             outline = shape / self.earth.rectifying_m
             first = outline[:, 1] * north[of_vertex]
@@ -91,9 +88,9 @@ class Mercator:
         """Return the plane metres of a distance on the earth.
 
         On the sphere, with s = cosh(psi) sin(theta / 2), that is at most 2 asin(s) where s < 1, and 2 hypot(pi / 2,
-        acosh(s)) elsewhere: see the formula of `rhumb_distance`. The bounds taken here lie above these and are convex
-        in ln s, so that half of what each end needs is enough. The radius of the conformal sphere changes by
-        oblateness * theta on the way.
+        acosh(s)) elsewhere: see the formula of `rhumb_distance`. The bounds used here are larger and convex in ln s, so
+        that half of the need of each end is enough. The radius of the conformal sphere changes by at most oblateness *
+        theta along the path.
         """
         radius = self.earth.radius_m
         theta = distance_m / radius
@@ -109,5 +106,5 @@ class Mercator:
         return self.earth.plane_scale(y_m / self.earth.radius_m)
 
     def _most_change(self, theta: Floats | float) -> Floats:
-        """Return by what share the radius of the conformal sphere may change on a way of theta radians."""
+        """Return the largest relative change of the conformal sphere's radius over a distance of theta radians."""
         return np.asarray(1.01 * self.earth.oblateness * np.minimum(theta, 1.0))

@@ -1,4 +1,4 @@
-"""Which plane a scene lives in: one row for each motion."""
+"""Choose the plane of a scene: one row per motion."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +19,7 @@ from conflictdb.motion.mercator import Mercator
 PLANES: Final[Mapping[Motion, Callable[[Scene], Plane]]] = MappingProxyType(
     {
         Motion.RHUMB: lambda scene: Mercator(earth_of(scene.earth)),
-        # Without a centre yet it is without objects.
+        # Only an empty scene has no centre.
         Motion.GREAT_CIRCLE: lambda scene: Gnomonic(*(scene.centre or (0.0, 0.0))),
     }
 )
@@ -33,8 +33,8 @@ def plane_of(scene: Scene) -> Plane:
 def centred(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Scene:
     """Return the scene with a centre, if its motion needs one: the middle of the objects, to a millionth of a degree.
 
-    Of places all around the earth, which have none, it is the first: objects as far apart as these are within reach of
-    no centre, and the check of that names them.
+    If places all around the earth have no middle, the first place is used: such objects are out of reach of any centre,
+    and `check_plane` names them.
     """
     if scene.motion != Motion.GREAT_CIRCLE or scene.centre is not None or not (areas or tracks):
         return scene
@@ -53,9 +53,9 @@ def places_of(areas: Sequence[Area], tracks: Sequence[Track]) -> NDArray[np.floa
 
 
 def summed_directions(places_deg: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (4,) how many places (n, 2), in degrees, there are, and the sums of their directions in space.
+    """Return (4,) the number of places (n, 2), in degrees, and the sums of their direction vectors.
 
-    These of several parts are added to those of all.
+    Sums of parts may be added.
     """
     (sine, cosine), (sine_lat, cosine_lat) = direction_of(places_deg[:, 0]), direction_of(places_deg[:, 1])
     sums = map(math.fsum, (cosine_lat * cosine, cosine_lat * sine, sine_lat))
@@ -63,10 +63,10 @@ def summed_directions(places_deg: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def middle_deg(sums: NDArray[np.float64]) -> tuple[float, float] | None:
-    """Return the middle of places, the mean of their directions, by their sums (4,): to a millionth of a degree.
+    """Return the middle of places, the mean of their direction vectors, from their sums (4,): to 1e-6 degrees.
 
-    None if the mean has no direction. Then the places are within 60 degrees of no centre: towards it the mean of such
-    is half as long as a direction, or more.
+    None if the mean has no direction. Then no centre is within 60 degrees of all places: for such a centre the mean
+    would be at least half as long as a direction vector.
     """
     count, x, y, z = sums.tolist()
     if math.hypot(x, y, z) < 1e-6 * count:
