@@ -1,1 +1,1 @@
-"""Objects cut into what the stages compare: convex parts of areas, slices of tracks."""
+"""Cut objects into the pieces that the stages compare: convex parts of areas, slices of tracks."""

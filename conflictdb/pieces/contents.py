@@ -1,7 +1,6 @@
-"""What objects are, as far as conflicts depend on it, in digests: of the same objects the same ones, wherever read.
+"""Compute digests of all data of objects that conflicts depend on; equal objects have equal digests, wherever read.
 
-Neither keys, numbers, versions, names nor properties are part of it. Two different objects have the same digest once in
-2^64 times.
+Keys, numbers, versions, names and properties are left out. 64 bits; collision probability 2^-64 per pair.
 """
 
 from typing import Any, Final
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.kernel.rows import Bytes, Part, digests
 
-# Digests are kept with conflicts that were computed elsewhere: under another key these would be those of no object.
+# Digests are stored with computed conflicts: another key would match no object.
 _KEY: Final = b"what objects are"
 
 
@@ -30,7 +29,7 @@ def track_digests(tracks: TrackBatch) -> NDArray[np.int64]:
     """Return a digest (n,) of each track."""
     way, outline, outlines = tracks.waypoint_offset, tracks.outline_offset, tracks.outlines_offset
     legs = way - np.arange(len(way))
-    # With how many there are of each nothing can be taken for the end of something else.
+    # The counts make the concatenation unambiguous.
     counts = np.column_stack([np.diff(offset) for offset in (way, outline, outlines)])
     return _digests(
         [

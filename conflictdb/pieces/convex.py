@@ -1,4 +1,4 @@
-"""Polygons of the plane cut into convex parts."""
+"""Cut polygons of the plane into convex parts."""
 
 from typing import Final
 
@@ -11,15 +11,15 @@ from conflictdb.arrays.ragged import offsets, ragged_take
 from conflictdb.earth.geodesy import Floats
 from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M
 
-# A polygon is convex if its hull is larger by at most this share of its area: dents less than a micrometre deep, in
-# areas up to 1,000 km across.
+# A polygon counts as convex if its hull is larger by at most this share of its area: dents less than a micrometre deep,
+# in areas up to 1,000 km across.
 CONVEX_AREA_SHARE: Final = 1e-13
-# Share of an area that its triangles may lack or exceed by rounding.
+# Rounding error of the total area of triangles, relative.
 TRIANGULATION_AREA_SHARE: Final = 1e-9
 
 
 def is_thread(polygons: shapely.Geometry | NDArray[np.object_]) -> NDArray[np.bool_]:
-    """Return whether polygons are narrower than the plane's rounding: they may then look invalid without being so."""
+    """Return whether polygons are narrower than the plane's rounding, and may therefore look invalid."""
     narrow = shapely.area(shapely.oriented_envelope(polygons))
     return np.asarray(narrow <= ROUNDING_ALLOWANCE_M * np.maximum(shapely.length(polygons), 1.0))
 
@@ -37,7 +37,7 @@ def convex_parts(flat: NDArray[np.object_]) -> tuple[NDArray[np.int64], Floats, 
     dented = np.flatnonzero(~whole)
     of_triangle, triangles = _triangles(polygons[dented])
     cut = np.unique(of_triangle)
-    # What cannot be cut reliably is taken as its hull, so that nothing is missed.
+    # A polygon that cannot be triangulated reliably is replaced by its hull, so that nothing is missed.
     left = np.delete(np.arange(len(polygons)), dented[cut])
     corner, ring_offset = kernel.convex_parts(triangles, of_triangle)
     ring_xy, of_ring, ring_count = (
@@ -46,7 +46,7 @@ def convex_parts(flat: NDArray[np.object_]) -> tuple[NDArray[np.int64], Floats, 
         np.diff(ring_offset),
     )
     hull_xy, of_hull = shapely.get_coordinates(shapely.orient_polygons(hulls[left]), return_index=True)
-    # The last of a polygon's corners is its first; lines and points have no such one.
+    # Polygons repeat their first corner at the end; lines and points do not.
     is_last = np.append(of_hull[1:] != of_hull[:-1], True) & (shapely.get_dimensions(hulls[left]) == 2)[of_hull]
     hull_count = np.bincount(of_hull[~is_last], minlength=len(left))
     part = np.concatenate([left, dented[of_ring]])
@@ -59,8 +59,8 @@ def convex_parts(flat: NDArray[np.object_]) -> tuple[NDArray[np.int64], Floats, 
 def _triangles(polygons: NDArray[np.object_]) -> tuple[NDArray[np.int64], Floats]:
     """Return the constrained Delaunay triangles of polygons: polygon of each (t,), sorted, corners (t, 3, 2).
 
-    Counter-clockwise. None of a polygon that cannot be cut: one narrower than the plane's rounding, or whose ring
-    crosses itself in the plane, by rounding.
+    Counter-clockwise. A polygon that cannot be cut has none: one narrower than the plane's rounding, or whose ring
+    crosses itself in the plane by rounding.
     """
     try:
         found = shapely.constrained_delaunay_triangles(polygons)

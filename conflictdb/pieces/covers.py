@@ -1,8 +1,9 @@
-"""Pieces of objects. An object that cannot be cut is covered by one piece: it is reported, and stops no other.
+"""Cut objects into pieces; cover an object whose cutting fails by one piece, which is reported and stops no other.
 
-The cover of an object is one piece as wide as the plane, during all of its time and at all of its heights, with the
-part number COVER. It comes near everything, and no solver looks at it: its pairs are `unresolved` while they share time
-and height. When the object is changed, its cover goes as other pieces do.
+A cover is one piece as wide as the plane, during all of the object's time and at all of its heights, with part number
+COVER. It is a candidate with everything, and is not solved: its pairs are `unresolved` while they share time and
+height. It is replaced like other pieces when the object changes. (A polygon that merely cannot be triangulated is
+replaced by its hull instead, see `convex`.)
 """
 
 from collections.abc import Callable
@@ -20,16 +21,16 @@ from conflictdb.motion.contract import Plane
 from conflictdb.pieces.cutting import area_pieces, track_pieces
 from conflictdb.results import Kind
 
-# Part number of the piece that stands for an object that could not be cut.
+# Part number of covers.
 COVER: Final = -1
-# No object of a Mercator plane lies beyond this latitude wholly.
+# No object lies wholly beyond this latitude in a Mercator plane.
 _HIGHEST_DEG: Final = 89.5
 
 Batch = TypeVar("Batch", AreaBatch, TrackBatch)
 
 
 def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
-    """Return the pieces of some objects; what cannot be cut is covered."""
+    """Return the pieces of objects; an object that cannot be cut is covered."""
     made = [
         *_pieces(scene, plane, areas, areas.area_id, area_pieces, _area_covers),
         *_pieces(scene, plane, tracks, tracks.track_id, track_pieces, _track_covers),
@@ -38,7 +39,7 @@ def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) 
 
 
 def is_covered(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
-    """Return (n,) whether of pieces a and b (n,) one is a cover: nothing but their time and heights is known."""
+    """Return (n,) whether piece a or b (n,) is a cover, of which only time and heights are known."""
     return (pieces.part[a] == COVER) | (pieces.part[b] == COVER)
 
 
@@ -71,7 +72,7 @@ def _pieces(
 
 
 def _sound(pieces: Pieces, ids: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return which objects have pieces, all of them of finite numbers: NaN would meet nothing, silently."""
+    """Return the objects that have pieces, all with finite coordinates: NaN would overlap nothing, without an error."""
     bad = np.zeros(len(pieces), np.bool_)
     for xy, offset in ((pieces.hull_xy, pieces.hull_offset), (pieces.shape_xy, pieces.shape_offset)):
         bad[np.repeat(np.arange(len(pieces)), np.diff(offset))[~np.isfinite(xy).all(axis=1)]] = True
@@ -86,7 +87,7 @@ def _area_covers(plane: Plane, areas: AreaBatch) -> Pieces:
 
 def _track_covers(plane: Plane, tracks: TrackBatch) -> Pieces:
     start, end = tracks.times_us[tracks.waypoint_offset[:-1]], tracks.times_us[tracks.waypoint_offset[1:] - 1]
-    # Of all its legs the lowest and the highest.
+    # The lowest floor and highest ceiling of all legs.
     first_leg = tracks.waypoint_offset[:-1] - np.arange(len(tracks))
     floor_m = np.minimum.reduceat(tracks.floor_m, first_leg)
     ceiling_m = np.maximum.reduceat(tracks.ceiling_m, first_leg)

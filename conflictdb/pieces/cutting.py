@@ -1,9 +1,9 @@
-"""Objects cut into pieces: convex, in the scene's plane, with boxes tight in space and time.
+"""Cut objects into convex pieces in the scene's plane, with tight boxes in space and time.
 
 An area becomes convex parts, a track leg one or more time slices. Each piece has a convex hull that covers it during
-all of its time, padded so that the hulls of two pieces meet wherever the pieces come within the scene's reach
-(`Scene.reach_m`). So the database joins hulls, and misses nothing. Slices serve the boxes, not the accuracy: stage 4
-works on the true motion.
+all of its time, padded so that the hulls of two pieces intersect wherever the pieces come within the scene's reach
+(`Scene.reach_m`). A join of hulls therefore misses nothing. Slices only tighten the boxes; stage 4 uses the true
+motion.
 """
 
 from collections.abc import Sequence
@@ -25,24 +25,23 @@ from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, Plane
 from conflictdb.pieces.convex import convex_parts, is_thread
 from conflictdb.results import Kind
 
-# A leg that is so many times as long as its haven (with the scene's reach around it) is one slice, one n times longer
-# the square root of n. Of n slices the boxes of a leg take up area in proportion to 1 / n, so that n pieces and what
-# meets their boxes cost c n + d / n, least at a root of how far the leg goes. How dense a scene is counts for little:
-# the cost is flat about its least (benchmarks/slicing.py). Smaller: more pieces. Larger: more candidates.
+# A leg up to this many times as long as its haven (with the scene's reach around it) is one slice; one n times longer
+# has about sqrt(n) slices. With n slices the boxes of a leg cover an area proportional to 1 / n, so that pieces and
+# their candidates cost c n + d / n, least at the root of the leg's length. The density of the scene matters little: the
+# minimum is flat (benchmarks/slicing.py). Smaller values give more pieces, larger values more candidates.
 WHOLE_LEG_HAVENS: Final = 32.0
 MAX_SLICES: Final = 16
-# The chord deviation that pads a hull is at most this share of the haven's reach; else the leg is cut into shorter
-# slices, until that has added so many to a track. Only havens of hundreds of kilometres close to a pole come near it.
-# Beyond it hulls are wider than they need be, and stages 1 and 2 leave more pairs.
+# Limit of the chord deviation that pads a hull, as a share of the haven's reach; a leg above it is cut into shorter
+# slices, up to so many added per track. Only havens of hundreds of kilometres close to a pole come near it. Beyond it
+# hulls are wider than necessary, and stages 1 and 2 leave more pairs.
 MAX_DEVIATION_SHARE: Final = 0.25
 MAX_SLICES_FOR_DEVIATION: Final = 1024
-# An object that would have more pieces than this is not cut. They would take a gigabyte; real tracks have some
-# thousands.
+# An object with more pieces is not cut: they would take a gigabyte; real tracks have some thousands.
 MAX_PIECES: Final = 1_000_000
 
 
 def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) -> None:
-    """Raise InvalidInput for the first object that a plane cannot hold."""
+    """Raise InvalidInput for the first object that does not fit the plane."""
     for area in areas:
         if not plane.holds(*shapely.get_coordinates(area.footprint).T).all():
             raise InvalidInput(f"area {area.key!r}", "geometry", plane.limit)
@@ -79,7 +78,7 @@ def planar(plane: Plane, footprints: NDArray[np.object_]) -> NDArray[np.object_]
 
 
 def _stitched(footprints: NDArray[np.object_], flat: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Return footprints in a plane without seam, where what is cut at +-180 degrees or along a pole is whole again."""
+    """Return footprints in a plane without seam, with parts cut at +-180 degrees or along a pole joined again."""
     lonlat, owner = shapely.get_coordinates(footprints, return_index=True)
     cut = owner[(np.remainder(lonlat[:, 0], 360.0) == 180.0) | (np.abs(lonlat[:, 1]) == 90.0)]
     whole = flat.copy()
@@ -118,7 +117,7 @@ def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
         bearing_deg=np.zeros(n),
     )
     hulls = kernel.hulls(plane.kernel_plane, pieces, scene.reach_m)
-    # Coordinates beyond the seam come home by whole turns, so that the copy below is always one turn west.
+    # Shift coordinates beyond the seam back by whole turns, so that the copy below is always one turn west.
     shift = -plane.turn_m * _turns_from_home(plane, hulls)
     xy[:, 0] += np.repeat(shift, np.diff(offset))
     hulls.xy[:, 0] += np.repeat(shift, np.diff(hulls.offset))
@@ -135,8 +134,8 @@ def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
             raise OverflowError(f"a track needs more than {MAX_PIECES:,} pieces")
         pieces, leg = _slices(tracks, legs, count)
         hulls = kernel.hulls(plane.kernel_plane, pieces, scene.reach_m)
-        # Near the poles the vertices of a wide haven leave their chords by much: shorter slices, until the padding is
-        # tight.
+        # Near the poles the vertices of a wide haven deviate far from their chords: shorten the slices until the
+        # padding is tight.
         loose = np.zeros(len(count), np.bool_)
         loose[leg[hulls.deviation_m > MAX_DEVIATION_SHARE * hulls.reach_m]] = True
         loose &= 2 * count <= legs.end_us - legs.start_us
@@ -159,7 +158,7 @@ def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
 
 
 def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tuple[Pieces, NDArray[np.int64]]:
-    """Return the slices of all legs, still without hulls, and the leg of each."""
+    """Return the slices of all legs, without hulls, and the leg of each."""
     leg = np.repeat(np.arange(len(count)), count)
     nth = np.arange(len(leg)) - np.repeat(np.cumsum(count) - count, count)
     n = len(leg)
@@ -198,7 +197,7 @@ class _Legs:
     """m legs: track (m,) row of the batch, times in microseconds, ends in degrees (longitudes unwrapped), bearing.
 
     outline_m, outline_to_m, outline_offset : ragged, (starboard, forward) metres at the leg's start and end,
-        counter-clockwise; the very same array where nothing changes
+        counter-clockwise; the same array object if no haven changes
     """
 
     track: NDArray[np.int64]
@@ -221,7 +220,7 @@ def _legs(plane: Plane, tracks: TrackBatch) -> _Legs:
     gone = np.cumsum(step)
     first = tracks.waypoint_offset[:-1][of_waypoint]
     unwrapped = lon[first] + gone - gone[first]
-    # Only whole turns are added, so that a longitude keeps its digits.
+    # Add only whole turns, so that a longitude keeps its digits.
     positions = np.stack([lon + 360.0 * np.round((unwrapped - lon) / 360.0), tracks.positions_deg[:, 1]], axis=1)
     inner = np.flatnonzero(of_waypoint[1:] == of_waypoint[:-1])
     start, end = positions[inner], positions[inner + 1]
@@ -266,12 +265,12 @@ def _headings(
 
 
 def _meridians_apart(place_deg: Floats, same_place_deg: Floats) -> Floats:
-    """Return what a bearing differs between two ways to write a place: only a pole has more than one meridian."""
+    """Return the difference of a bearing between two notations of a place: only a pole has more than one meridian."""
     return np.sign(place_deg[:, 1]) * (place_deg[:, 0] - same_place_deg[:, 0])
 
 
 def _slice_counts(legs: _Legs, reach_m: float) -> NDArray[np.int64]:
-    """Return (m,) in how many slices each leg is cut: by its length against its haven's (the mean of both ends)."""
+    """Return (m,) the number of slices of each leg, from its length relative to its haven's (the mean of both ends)."""
     radius = np.hypot(legs.outline_m[:, 0], legs.outline_m[:, 1])
     first = legs.outline_offset[:-1]
     haven = 2.0 * np.maximum.reduceat(radius, first)
@@ -280,13 +279,13 @@ def _slice_counts(legs: _Legs, reach_m: float) -> NDArray[np.int64]:
         haven = 0.5 * haven + np.maximum.reduceat(radius_to, first)
     whole_m = WHOLE_LEG_HAVENS * (haven + reach_m)
     with np.errstate(divide="ignore", invalid="ignore"):
-        wanted = np.sqrt(np.where(legs.length_m > 0.0, legs.length_m / whole_m, 0.0))
-    wanted = np.clip(np.ceil(wanted), 1.0, MAX_SLICES).astype(np.int64)
-    return np.minimum(wanted, legs.end_us - legs.start_us)
+        count = np.sqrt(np.where(legs.length_m > 0.0, legs.length_m / whole_m, 0.0))
+    count = np.clip(np.ceil(count), 1.0, MAX_SLICES).astype(np.int64)
+    return np.minimum(count, legs.end_us - legs.start_us)
 
 
 def _cut(legs: _Legs, count: NDArray[np.int64], leg: NDArray[np.int64], nth: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the instants (whole microseconds) at nth / count of legs, without leaving 64 bits."""
+    """Return the instants (whole microseconds) at nth / count of legs, without overflow of 64 bits."""
     whole, rest = np.divmod((legs.end_us - legs.start_us)[leg], count[leg])
     return legs.start_us[leg] + whole * nth + rest * nth // count[leg]
 
@@ -294,12 +293,12 @@ def _cut(legs: _Legs, count: NDArray[np.int64], leg: NDArray[np.int64], nth: NDA
 def _counter_clockwise(
     offset: NDArray[np.int64], start: Floats, end: Floats
 ) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """Return outlines (at the start and end of legs) with both turned counter-clockwise; the same array stays one."""
+    """Return outlines (at the start and end of legs) turned counter-clockwise; identical arrays stay identical."""
     owner = np.repeat(np.arange(len(offset) - 1), np.diff(offset))
     after = np.arange(len(start)) + 1
     after[offset[1:] - 1] = offset[:-1]
     doubled = np.zeros(len(offset) - 1)
-    # Both ends turn the same way, if they are more than a line: what stays convex does not turn over.
+    # Both ends turn the same way, if they are more than a line: a haven that stays convex does not turn over.
     for outline in (start,) if end is start else (start, end):
         np.add.at(doubled, owner, outline[:, 0] * outline[after, 1] - outline[:, 1] * outline[after, 0])
     mirrored = offset[:-1][owner] + offset[1:][owner] - 1 - np.arange(len(start))
@@ -312,24 +311,24 @@ def _turns_from_home(plane: Plane, hulls: kernel.Hulls) -> Floats:
     """Return (n,) by how many whole turns the west end of each hull lies outside [-180, 180) degrees."""
     turns = np.zeros(len(hulls.offset) - 1)
     if plane.turn_m:
-        there = np.flatnonzero(np.diff(hulls.offset))
-        turns[there] = np.floor(_extreme(np.minimum, hulls.xy, hulls.offset, there) / plane.turn_m + 0.5)
+        rows = np.flatnonzero(np.diff(hulls.offset))
+        turns[rows] = np.floor(_extreme(np.minimum, hulls.xy, hulls.offset, rows) / plane.turn_m + 0.5)
     return turns
 
 
 def _extreme(least_or_most: np.ufunc, xy: Floats, offset: NDArray[np.int64], rows: NDArray[np.int64]) -> Floats:
-    """Return the least or the largest x of some hulls, which are all that have vertices."""
+    """Return the least or the largest x of the hulls in `rows`, which are all hulls with vertices."""
     return np.asarray(least_or_most.reduceat(xy[:, 0], offset[rows])) if rows.size else np.empty(0)
 
 
 def _with_seam_copies(plane: Plane, pieces: Pieces) -> Pieces:
-    """Return the pieces and, for those that reach +180 degrees, copies one turn west, and as many as they are wide."""
+    """Return the pieces and, for those that reach +180 degrees, copies one turn west, or more for wider ones."""
     turn_m = plane.turn_m
     if not len(pieces) or not turn_m:
         return pieces
     there = np.flatnonzero(np.diff(pieces.hull_offset))
     east = _extreme(np.maximum, pieces.hull_xy, pieces.hull_offset, there)
-    # A touch on the seam must be found from both sides.
+    # A contact on the seam must be found from both sides.
     beyond = np.zeros(len(pieces), np.int64)
     beyond[there] = np.floor((east + ROUNDING_ALLOWANCE_M) / turn_m + 0.5)
     found = [pieces]
