@@ -1,1 +1,1 @@
-"""What each method would cost and answer, told from a sample before anything is run."""
+"""Estimate the cost and the answers of each method from a sample."""

@@ -1,23 +1,23 @@
-"""Advice: what each setting would cost for a scene and how wrong it would be, measured on a sample of that scene.
+"""Advise on settings: estimate the cost and the error of each setting for a scene, from a sample of that scene.
 
-Nothing is written, and nothing of the database is asked but the objects themselves. The sample is drawn in two steps:
+Nothing is written; only the scene's objects are read. The sample is drawn in two steps:
 
-1. *Objects.* A random subset, if all would take longer than seconds. Each pair of objects is in it with equal chance,
-so a count of pairs scales by the ratio of all pairs to the subset's.
-2. *Pairs of objects*, without repetition and with equal chance, from those that stage 1 does not tell apart at the
-   scene's tolerance, or at 10 m. Larger tolerances have a smaller sample of their own: a dense scene has many times as
-   many pairs that come within 1000 m, most of which never meet. Whole pairs, not pairs of pieces: what users see, and
-   what is right or wrong, is a pair of objects with its periods. Objects alone would not do: of a few hundred random
-   objects of a large scene hardly two come near each other.
+1. *Objects.* A random subset, if all would take more than seconds. Each pair of objects is in it with equal chance, so
+a count of pairs scales by the ratio of all pairs to the subset's.
+2. *Pairs of objects*, without repetition and with equal chance, from those that stage 1 leaves at the scene's
+tolerance, or at 10 m. Larger tolerances have a smaller sample of their own: in a dense scene many times as many pairs
+come within 1000 m, and most of them never meet. The unit is a pair of objects, because users see pairs of objects with
+periods. Sampling objects alone would fail: of a few hundred random objects of a large scene hardly two come near each
+other.
 
-Each setting then makes the pieces of the drawn objects and takes the drawn pairs through stages 1 to 4, as
-`memory.solve` does. Counts and shares carry their 95 % interval, also where they are nothing or everything. The truth
-that answers are held against is method `exact` at tolerance 0 on the scene's own earth, on the same pairs.
+Each setting then cuts the drawn objects into pieces and takes the drawn pairs through stages 1 to 4, as
+`in_memory.solve` does. Counts and shares have 95 % intervals, also at 0 and 1. The reference answer is method `exact`
+at tolerance 0 on the scene's own earth, on the same pairs.
 
-Seconds are processor time on this machine: what a detection in full takes that changes every row, as after a change of
-method. The pieces, the regions of stage 2, stages 3 and 4 and the regions of conflicts are timed. The database's part
-(joins, rows in and out, regions that the kernel leaves to it) is set in proportion to the making of pieces, by the
-ratios below. `benchmarks/advice.py` holds both against detections.
+Seconds are processor time on this machine for a full detection that changes every row, as after a change of method. The
+pieces, the regions of stage 2, stages 3 and 4 and the regions of conflicts are timed. The database's part (joins, rows
+in and out, regions that the kernel leaves to it) is set in proportion to the time for pieces, by the ratios below.
+`benchmarks/advice.py` compares both with detections.
 """
 
 import time
@@ -57,55 +57,54 @@ from conflictdb.stage2_intersection import intersections
 
 __all__ = ["Advice", "Estimate", "Setting", "advise"]
 
-# Tolerances that are tried besides the scene's own, metres: from none to what a glance at a chart is worth.
+# Tolerances tried besides the scene's own, metres: from none to the accuracy of a glance at a chart.
 TOLERANCES_M: Final = (0.0, 1.0, 10.0, 1000.0)
-# Pairs of objects that are drawn unless said otherwise: shares within 2 %, and an answer within seconds.
+# Default number of drawn pairs of objects: shares within 2 %, and an answer within seconds.
 SAMPLE: Final = 500
-# Tolerances up to this, or the scene's own, are tried on one sample; larger ones on one of their own, so much smaller.
+# Tolerances up to this, or the scene's own, share one sample; larger ones have their own, smaller by this factor.
 NEARBY_M: Final = 10.0
 FAR_SHARE: Final = 5
-# Pairs of pieces that a sample may hold on average: one pair of areas with coasts has thousands.
+# Average number of pairs of pieces in a sample: one pair of areas with coastlines has thousands.
 PIECE_PAIRS: Final = 3_000
 FAR_PIECE_PAIRS: Final = 1_000
-# The same for method nlp, which takes 10 ms a pair, and the least number of pairs of objects all the same.
+# The same for method nlp, which takes 10 ms a pair, and its least number of pairs of objects.
 NLP_PIECE_PAIRS: Final = 60
 NLP_LEAST: Final = 5
-# Copies of the sample that show what one more pair costs in full batches, and about what time they may take, seconds.
+# Copies of the sample that show the cost of one more pair in full batches, and their time budget, seconds.
 LEAST_COPIES: Final = 2
 MOST_COPIES: Final = 8
 COPIES_S: Final = 1.0
 
-# What the database adds, in units of the seconds that making one piece takes in memory: from full detections of 600 to
-# 5,000 objects with PostgreSQL 15 that changed every row (benchmarks/advice.py). Another scene or disk may make it half
-# of that, or twice.
+# Cost of the database, in units of the seconds for one piece in memory: from full detections of 600 to 5,000 objects
+# with PostgreSQL 15 that changed every row (benchmarks/advice.py). Another scene or disk may halve or double it.
 DATABASE_PER_PIECE: Final = 2.4  # its row in, the marks
 JOIN_PER_PIECE: Final = 2.3  # stage 1; its pairs and pieces out
 TEST_PER_CANDIDATE: Final = 0.04  # stage 2
 WRITE_PER_CONFLICT: Final = 4.5
-# Of a row without a region of the kernel, above all where swept hulls meet and the objects do not: methods that decide
-# nothing report many such pairs, and the database finds the region from the hulls.
+# For a conflict without a region of the kernel, mostly where swept hulls meet and the objects do not: methods that
+# decide nothing report many such pairs, and the database computes the region from the hulls.
 REGION_PER_CONFLICT: Final = 100.0
 FIXED_S: Final = 0.03  # transactions, statistics, temporary tables
 
-_SHORTEST_S: Final = 1e-9  # divides where a clock shows nothing
+_SHORTEST_S: Final = 1e-9  # divisor where the clock shows no time
 
-# Told how many settings are measured, and of how many.
+# Called with the number of settings measured, and of all settings.
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """What each setting would cost for a scene, how wrong it would be, and what follows.
+    """The cost and error of each setting for a scene, with a recommendation.
 
     scene : its settings
     seed : of the draws; the same seed draws the same sample
-    objects, objects_looked_at : of the scene, and of these the ones among which pairs were looked for
-    nearby_m : tolerance at which stage 1 finds the pairs that come near each other
-    pairs : such pairs of objects in the whole scene, estimated
-    sampled_pairs, nlp_pairs : of these the pairs drawn, and of those the ones that method nlp was tried on; larger
-        tolerances have pairs of their own, see `Estimate.sampled_pairs`
-    undecided_pairs : drawn pairs that the truth itself leaves unresolved
-    estimates : by method, earth and tolerance; empty where there is nothing to detect
+    objects, objects_looked_at : of the scene, and of the subset searched for pairs
+    nearby_m : tolerance at which stage 1 finds near pairs
+    pairs : near pairs of objects in the whole scene, estimated
+    sampled_pairs, nlp_pairs : pairs drawn, and those of them tried with method nlp; larger tolerances have pairs of
+        their own, see `Estimate.sampled_pairs`
+    undecided_pairs : drawn pairs that the reference leaves unresolved
+    estimates : by method, earth and tolerance; empty if there is nothing to detect
     recommendation : one or two sentences
     """
 
@@ -132,11 +131,11 @@ def advise(
     progress: Progress | None = None,
     affordable: Affordable = SECONDS,
 ) -> Advice:
-    """Return what each setting would cost for a scene and how wrong it would be.
+    """Return the estimated cost and error of each setting for a scene.
 
-    sample : pairs of objects to draw, 1 or more; fewer where they have very many pieces
+    sample : pairs of objects to draw, at least 1; fewer are drawn if they have very many pieces
     seed : 0 or more; the same objects and seed give the same sample and the same counts, but not the same seconds
-    affordable : what looking for pairs to draw from may cost
+    affordable : limits on the search for pairs
     """
     inputs.count("advise", "sample", sample, 1)
     inputs.count("advise", "seed", seed, 0)
@@ -148,7 +147,7 @@ def advise(
     settings = _settings(scene)
     nearby_m = max(scene.tolerance_m, NEARBY_M)
     rng = np.random.default_rng(seed)
-    # Of all methods exact looks the furthest, where the scene wants closest approaches.
+    # Method exact has the largest reach of all, where the scene asks for closest approaches.
     widest = replace(scene, method=Method.EXACT, tolerance_m=nearby_m)
     draw = _Draw.of(Frame.of(widest, objects, affordable, rng), sample, PIECE_PAIRS, rng)
     if not len(draw.keys):
@@ -202,9 +201,9 @@ def _nobody_meets(objects: Objects, frame: Frame) -> str:
 
 
 def _settings(scene: Scene) -> list[Setting]:
-    """Return what is tried: method by tolerance on the scene's earth, and the other earth at the scene's tolerance.
+    """Return the settings to try: method by tolerance on the scene's earth; the other earth at the scene's tolerance.
 
-    A method that is tried sparingly only with the scene's own: it is dear, and its answers are those of another.
+    Slow methods are tried only at the scene's tolerance: their answers are those of another method.
     """
     tolerances = sorted({scene.tolerance_m, *TOLERANCES_M})
     widely = [method for method in Method if METHODS[method].tried is Tried.WIDELY]
@@ -216,7 +215,7 @@ def _settings(scene: Scene) -> list[Setting]:
     for earth in EarthModel:
         try:
             replace(scene, earth=earth)
-        except InvalidInput:  # the motion does not go with it
+        except InvalidInput:  # the motion excludes that earth
             continue
         if earth != scene.earth:
             tried += [Setting(method, earth, scene.tolerance_m) for method in widely]
@@ -225,21 +224,21 @@ def _settings(scene: Scene) -> list[Setting]:
 
 @dataclass(frozen=True, slots=True)
 class _Draw:
-    """Pairs of objects drawn from a frame: (n,) keys, in the order they were drawn: any first k are a sample too."""
+    """Pairs of objects drawn from a frame: (n,) keys, in the order of drawing; any first k are a sample too."""
 
     frame: Frame
     keys: NDArray[np.int64]
 
     @classmethod
     def of(cls, frame: Frame, sample: int, piece_pairs: int, rng: np.random.Generator) -> "_Draw":
-        """Return so many pairs, or all, or on average as many as have so many pairs of pieces."""
-        # By the mean of all, not by what is drawn: stopping at a pair with many pieces would favour those with few.
+        """Draw `sample` pairs, or all, or fewer to keep pairs of pieces at `piece_pairs` on average."""
+        # Use the mean over all pairs: stopping at a drawn pair with many pieces would favour pairs with few.
         n = min(sample, max(1, int(piece_pairs / frame.pieces_per_pair))) if len(frame.pairs) else 0
         return cls(frame, frame.pairs[rng.permutation(len(frame.pairs))[:n]])
 
 
 class _Measure:
-    """Takes drawn pairs of objects through the stages, setting by setting."""
+    """Runs drawn pairs of objects through the stages, setting by setting."""
 
     def __init__(self, scene: Scene, objects: Objects, draw: _Draw) -> None:
         self._scene, self._objects, self._frame, self._drawn = scene, objects, draw.frame, draw.keys
@@ -250,11 +249,11 @@ class _Measure:
 
     @property
     def undecided(self) -> int:
-        """How many of the drawn pairs the truth leaves unresolved."""
+        """The number of drawn pairs that the reference leaves unresolved."""
         return int(self._truth.is_unresolved.sum())
 
     def estimate(self, setting: Setting, n: int | None = None) -> Estimate:
-        """Return what a setting costs, and how wrong it is, by the drawn pairs or the first n of them."""
+        """Return the cost and error of a setting, from the drawn pairs or the first n of them."""
         n = len(self._drawn) if n is None else n
         reports, done = self._run(setting, n)
         found = self._answer(reports)
@@ -270,7 +269,7 @@ class _Measure:
         )
         of_reported = self._frame.sampling(n, found.pair).share
         of_meeting = self._frame.sampling(n, truth.pair[~truth.is_unresolved]).share
-        # The truth is not wrong against itself, and that nothing is missed on the scene's own earth is proven.
+        # The reference has no errors against itself, and on the scene's own earth it is proven that no pair is missed.
         false_share = Share.certain if setting == self._truth_is else of_reported
         missed_share = Share.certain if setting.earth == self._truth_is.earth else of_meeting
         made_s, pieces = self._frame.piece_s, self._frame.pieces_whole
@@ -300,7 +299,7 @@ class _Measure:
         )
 
     def _run(self, setting: Setting, n: int, *, is_timed: bool = True) -> tuple[Conflicts, "_Pass"]:
-        """Return what a setting makes of the first n drawn pairs, and what that took."""
+        """Run a setting on the first n drawn pairs; return its conflicts and its counts and times."""
         scene = replace(self._scene, method=setting.method, earth=setting.earth, tolerance_m=setting.tolerance_m)
         pieces, a, b = self._stage1(scene)
         drawn = self._number(pieces, a, b)
@@ -312,7 +311,7 @@ class _Measure:
         pairs = intersections(pieces, PieceRows(a[some]), PieceRows(b[some]), regions=regions)
         region_s = time.process_time() - started if regions else 0.0
         conflicts, once, has_region = self._run_stages(scene, pieces, pairs)
-        # Batches of a sample are half empty. Copies of it, as objects of their own, fill them as the whole scene does.
+        # Batches of a sample are half empty. Copies of it, as separate objects, fill them as in the whole scene.
         copies, more = 1, once
         if is_timed and METHODS[scene.method].tried is Tried.WIDELY and len(self._frame.pairs) * self._frame.scale > n:
             copies = int(COPIES_S / max(once.stage3_s + once.stage4_s, _SHORTEST_S))
@@ -331,7 +330,7 @@ class _Measure:
         )
 
     def _run_stages(self, scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[Conflicts, Funnel, NDArray[np.bool_]]:
-        """Return the conflicts of pairs, what was counted, and which conflicts have a region, or need none.
+        """Return the conflicts of pairs, the counts, and which conflicts have a region or need none.
 
         Seconds of stages 3 and 4 are processor time; stage 4 includes the regions.
         """
@@ -342,23 +341,23 @@ class _Measure:
         )
         region = conflicts.where(np.arange(len(conflicts)))
         has_region = (np.diff(region.offset) > 0) | (conflicts.verdict == Verdict.NEAR.code)
-        # It goes by the clock on the wall: only how the time is shared is taken from that.
+        # The funnel has wall-clock times: use only their proportion.
         pace = (time.process_time() - started) / max(funnel.stage3_s + funnel.stage4_s, _SHORTEST_S)
         funnel = replace(funnel, stage3_s=pace * funnel.stage3_s, stage4_s=pace * funnel.stage4_s)
         return conflicts, funnel, has_region
 
     def _stage1(self, scene: Scene) -> tuple[Pieces, PieceRows, PieceRows]:
-        """Return the pieces of the drawn objects and their candidates, made once for all methods of the same reach."""
+        """Return the pieces of the drawn objects and their candidates; cached for methods of the same reach."""
         which = (scene.earth, scene.reach_m)
         if which not in self._candidates:
             pieces = self._objects.pieces(scene, self._objects.members(self._drawn))
             a, b = candidates(pieces)
-            wanted = np.isin(self._objects.pair_keys(pieces, a, b), self._drawn)
-            self._candidates[which] = (pieces, PieceRows(a[wanted]), PieceRows(b[wanted]))
+            is_drawn = np.isin(self._objects.pair_keys(pieces, a, b), self._drawn)
+            self._candidates[which] = (pieces, PieceRows(a[is_drawn]), PieceRows(b[is_drawn]))
         return self._candidates[which]
 
     def _number(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
-        """Return as which number the pair of objects of each pair of pieces was drawn."""
+        """Return the draw number of the pair of objects of each pair of pieces."""
         keys = self._objects.pair_keys(pieces, a, b)
         return self._rank[np.searchsorted(self._drawn, keys, sorter=self._rank)]
 
@@ -368,12 +367,12 @@ class _Measure:
 
 @dataclass(frozen=True, slots=True)
 class _Pass:
-    """What one run of a setting counted and took.
+    """The counts and times of one run of a setting.
 
-    candidates, met, solved : (n,) pairs of pieces after stages 1 and 2, and given to stage 4, of every drawn pair
-    handled : pairs of pieces of those it ran on, after stage 2
+    candidates, met, solved : (n,) pairs of pieces after stages 1 and 2, and given to stage 4, for each drawn pair
+    handled : pairs of pieces after stage 2 in this run
     region_s : processor time of their regions
-    once, more : what was counted of these, and of so many copies of these, in processor time
+    once, more : funnel of these pairs, and of `copies` copies of them, in processor time
     without_region : keys of the reported pairs of objects whose region the kernel leaves to the database
     """
 
@@ -389,7 +388,7 @@ class _Pass:
 
 
 def _copied(pieces: Pieces, pairs: Pairs, copies: int, objects: int) -> tuple[Pieces, Pairs]:
-    """Return pieces and pairs so many times over, the objects of each copy numbered beyond those of the one before."""
+    """Repeat pieces and pairs `copies` times, with new object numbers in each copy."""
     everything = Pieces.concatenate(
         [replace(pieces, object_id=pieces.object_id + copy * objects) for copy in range(copies)]
     )

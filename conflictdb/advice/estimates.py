@@ -1,6 +1,6 @@
-"""The statistics of advice: how wrong one answer is against another, what a sample says of a whole scene, in words.
+"""Compute the statistics of advice: errors of one answer against another, estimates for the whole scene, and sentences.
 
-Arrays and numbers in, numbers and a sentence out; what is sampled, and how, is in `advise`.
+The input is arrays and numbers; `advise` does the sampling.
 """
 
 import math
@@ -18,15 +18,15 @@ from conflictdb.methods import Method
 from conflictdb.model import EarthModel
 from conflictdb.results import Verdict
 
-# What is saved counts from this share of the cost, and from this time: less is within what timing itself varies by.
+# Savings count from this share of the cost, and from this time: less is within the noise of timing.
 WORTH_SHARE: Final = 0.1
 WORTH_S: Final = 0.5
-# A detection that takes longer than this is not waited for at a desk: look first with what takes less than half.
+# A longer detection is too slow to wait for: recommend a first look with a method that takes less than half.
 PATIENCE_S: Final = 60.0
 
-# More pairs cost at least this share of what the first ones did on average: less was chance in the timing.
+# Least cost of one more pair, as a share of the mean cost: less is noise of timing.
 LEAST_SLOPE: Final = 0.1
-# (below so many seconds, the unit to tell a duration in, its seconds)
+# (upper bound of seconds, unit, its seconds)
 _UNITS: Final = (
     (0.9995e-3, "us", 1e-6),
     (0.9995, "ms", 1e-3),
@@ -36,14 +36,14 @@ _UNITS: Final = (
     (math.inf, "d", 86_400.0),
 )
 _MORE_OR_LESS: Final = ("less", "more")
-# How often the intervals that are told hold what the whole scene has, and the standard errors that this is of a mean.
+# Confidence level of the intervals, and the matching number of standard errors of a mean.
 CONFIDENCE: Final = 0.95
 _ERRORS: Final = 1.959964
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A choice of method, earth and tolerance (metres); the rest stays as the scene has it."""
+    """A method, earth and tolerance (metres); all else is as in the scene."""
 
     method: Method
     earth: EarthModel
@@ -52,7 +52,7 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """A number in the whole scene, estimated, and its 95 % interval; all three are one where everything was counted."""
+    """An estimated number in the whole scene and its 95 % interval; all three are equal if all was counted."""
 
     value: float
     low: float
@@ -61,9 +61,9 @@ class Count:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """How many of the sampled pairs that could be so are so, and the 95 % interval of their share in the whole scene.
+    """The number of sampled pairs with a property, and the 95 % interval of their share in the whole scene.
 
-    Where nothing could be so the interval is everything; where all of the scene was counted it is the share itself.
+    Without sampled pairs (`of` is 0) the interval is [0, 1]; if the whole scene was counted it is the share itself.
     """
 
     count: int
@@ -73,21 +73,22 @@ class Share:
 
     @property
     def value(self) -> float:
-        """Share on the sample; NaN where nothing could be so."""
+        """Share in the sample; NaN if the sample is empty."""
         return self.count / self.of if self.of else math.nan
 
     @classmethod
     def certain(cls, count: int, of: int) -> "Share":
-        """Return a share that no sample can change."""
+        """Return a share without sampling error."""
         return cls(count, of, *([count / of] * 2 if of else [0.0, 1.0]))
 
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """How pairs of objects were drawn.
+    """The sampling of pairs of objects.
 
-    fraction : of all such pairs of the scene that were drawn: 1 is all of them
-    effect : pairs that tell as much as one alone, where pairs of a random part of the objects share some (1 or more)
+    fraction : share of the scene's pairs that were drawn; 1: all
+    effect : design effect (1 or more): pairs that share objects of a random subset count as n / effect independent
+        pairs
     """
 
     fraction: float
@@ -95,15 +96,15 @@ class Sampling:
 
     @property
     def narrowing(self) -> float:
-        """By how much intervals are narrower than those of a sample of a scene without end."""
+        """The finite population correction: factor on the width of intervals."""
         return math.sqrt(max(1.0 - self.fraction, 0.0))
 
     def share(self, count: int, of: int) -> Share:
         """Return the share of `count` pairs among `of` drawn ones.
 
-        The exact interval of a binomial share (Clopper and Pearson 1934) for as many pairs as count for one each (Korn
-        and Graubard 1998), narrowed by what was drawn of all: it holds the truth in at least 95 % of all samples, also
-        where none or all of the pairs are so.
+        The exact interval of a binomial share (Clopper and Pearson 1934) for the effective number of pairs (Korn and
+        Graubard 1998), with finite population correction. It contains the truth in at least 95 % of all samples, also
+        if none or all of the pairs have the property.
         """
         if of == 0 or self.fraction >= 1.0:
             return Share.certain(count, of)
@@ -133,17 +134,17 @@ class Cost:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """How an answer on the sampled pairs of objects differs from the true one (`exact` at tolerance 0).
+    """Differences of an answer on the sampled pairs of objects from the reference (`exact` at tolerance 0).
 
     reported : pairs of objects that the answer reports
     false_pairs : of these, pairs that do not meet
     meeting_pairs : pairs that meet
-    missed_pairs : of these, pairs that are not reported: 0 but for another earth
+    missed_pairs : of these, pairs that are not reported; 0 on the scene's own earth
     unresolved : reported pairs that it does not decide
-    slack_median_s, slack_p95_s, slack_worst_s : how much too early pairs that meet start, or too late they end, over
-        both ends of each, seconds; NaN where none meets
-    short_worst_s : how much too late one starts or too early it ends, seconds: 0 but for another earth
-    time_error_s : widest bound that the answer itself states, seconds
+    slack_median_s, slack_p95_s, slack_worst_s : how much too early periods start, or too late they end, over both ends
+        of each meeting pair, seconds; NaN if none meets
+    short_worst_s : how much too late one starts or too early it ends, seconds; 0 on the scene's own earth
+    time_error_s : widest error bound in the answer, seconds
     """
 
     reported: int
@@ -160,13 +161,13 @@ class Errors:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What one setting would cost for the whole scene, and how wrong it is on the sample.
+    """The estimated cost of one setting for the whole scene, and its error on the sample.
 
     sampled_pairs : pairs of objects that it was tried on
     candidate_pairs, intersecting_pairs, solved_pairs : pairs of pieces after stages 1 and 2, and given to stage 4
     conflicts : pairs of objects that would be reported
-    false_share, unresolved_share : of the pairs that it reports, those that do not meet, and those it does not decide
-    missed_share : of the pairs that meet, those that it does not report
+    false_share, unresolved_share : shares of the reported pairs that do not meet, and that it does not decide
+    missed_share : share of the meeting pairs that it does not report
     """
 
     setting: Setting
@@ -184,7 +185,7 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a setting says of n pairs of objects that it reports.
+    """The answer of a setting: the n pairs of objects that it reports.
 
     pair : (n,) numbers of the pairs, each once
     first_us, last_us : (n,) start of the first period and end of the last
@@ -200,7 +201,7 @@ class Answer:
 
     @classmethod
     def of(cls, conflicts: Conflicts, pair: NDArray[np.int64]) -> "Answer":
-        """Return conflicts as an answer; `pair` numbers their pairs of objects. Pairs that only come near are none."""
+        """Return conflicts as an answer, without pairs that are only near; `pair` numbers their pairs of objects."""
         first, after = conflicts.period_offset[:-1], conflicts.period_offset[1:]
         rows = np.flatnonzero(after > first)
         return cls(
@@ -212,18 +213,18 @@ class Answer:
         )
 
     def take(self, rows: NDArray[np.int64]) -> "Answer":
-        """Return what it says of some of its pairs."""
+        """Return the rows of some pairs."""
         return Answer(*(getattr(self, column.name)[rows] for column in fields(self)))
 
     def among(self, pair: NDArray[np.int64]) -> "Answer":
-        """Return what it says of these pairs only."""
+        """Return the rows of these pairs only."""
         return self.take(np.flatnonzero(np.isin(self.pair, pair)))
 
 
 def errors_of(found: Answer, truth: Answer) -> Errors:
-    """Return how `found` differs from `truth`, both on the same pairs of objects.
+    """Return the differences of `found` from `truth`, on the same pairs of objects.
 
-    Pairs that the truth leaves unresolved are neither false nor missed, nor do their periods count.
+    Pairs that the truth leaves unresolved are neither false nor missed, and their periods are not compared.
     """
     meets = truth.take(np.flatnonzero(~truth.is_unresolved))
     _, at, of = np.intersect1d(found.pair, meets.pair, assume_unique=True, return_indices=True)
@@ -247,22 +248,22 @@ def errors_of(found: Answer, truth: Answer) -> Errors:
 
 
 def _later_s(one: NDArray[np.int64], other: NDArray[np.int64]) -> Floats:
-    """Return one - other, seconds; 0 where both are the same end of time, also for ever."""
+    """Return one - other, seconds; 0 where both are equal, also if unbounded."""
     return np.where(one == other, 0.0, (one.astype(np.float64) - other.astype(np.float64)) / 1e6)
 
 
 def whole(of_pair: Floats, all_pairs: float, sampling: Sampling, object_error: float, typical: float) -> Count:
     """Return the total over a scene, from its value for each of some pairs of objects.
 
-    How many pairs have a value at all and how much it is on average are estimated apart, and the errors of both added
-    in squares on either side (Zou and Donner 2008): a total of nothing has an interval too.
+    The share of pairs with a positive value and their mean are estimated separately, and the errors of both are added
+    in squares on either side (Zou and Donner 2008): a total of 0 has an interval too.
 
     Parameters
     ----------
     of_pair : (n,) values of the pairs drawn, 0 or more
-    all_pairs : pairs in the scene of those from which they were drawn
+    all_pairs : number of pairs in the scene from which they were drawn
     object_error : relative standard error of `all_pairs` (see `object_error`)
-    typical : a value, for where all are 0
+    typical : mean to assume if all values are 0
     """
     some = of_pair[of_pair > 0.0]
     share = sampling.share(len(some), len(of_pair))
@@ -279,9 +280,9 @@ def whole(of_pair: Floats, all_pairs: float, sampling: Sampling, object_error: f
 
 
 def object_error(degree: Floats, objects: int) -> float:
-    """Return the relative standard error of a number of pairs that was counted among some of the objects.
+    """Return the relative standard error of a number of pairs counted among a subset of the objects.
 
-    degree : (m,) how many pairs each of the m objects looked at is part of, of `objects` in all
+    degree : (m,) number of pairs of each of the m objects in the subset, of `objects` in all
 
     A mean over pairs of independent objects is a U-statistic of order 2: to first order its error is twice that of the
     mean over objects (Hoeffding 1948).
@@ -294,10 +295,10 @@ def object_error(degree: Floats, objects: int) -> float:
 
 
 def extrapolated_s(once_s: float, copies_s: float, copies: int, pairs: int, whole_pairs: float) -> float:
-    """Return the seconds that `whole_pairs` pairs take, from what some pairs took, and so many copies of them together.
+    """Return the seconds that `whole_pairs` pairs take, from the times of `pairs` pairs and of `copies` copies of them.
 
-    What a batch costs beyond its pairs is paid once: what the copies took more is the cost of more pairs, as far as two
-    timings can be trusted. Without copies cost is proportional.
+    Fixed costs of a batch are paid once: the extra time of the copies is the cost of more pairs, within the trust in
+    two timings. Without copies cost is proportional.
     """
     if pairs == 0:
         return 0.0
@@ -307,7 +308,7 @@ def extrapolated_s(once_s: float, copies_s: float, copies: int, pairs: int, whol
 
 
 def recommendation(estimates: Sequence[Estimate], method: Method, earth: EarthModel, tolerance_m: float) -> str:
-    """Return in one or two sentences what the numbers say to somebody whose scene has these settings."""
+    """Return one or two sentences of advice for a scene with these settings."""
     at = {estimate.setting: estimate for estimate in estimates}
     exact = at[Setting(Method.EXACT, earth, tolerance_m)]
     screen = at[Setting(Method.SCREEN, earth, tolerance_m)]
@@ -324,7 +325,7 @@ def recommendation(estimates: Sequence[Estimate], method: Method, earth: EarthMo
 
 
 def _tolerance_advice(at: dict[Setting, Estimate], exact: Estimate) -> str:
-    """Return a sentence where a smaller tolerance reports fewer pairs that do not meet: the largest that does best."""
+    """Return a sentence if a smaller tolerance reports fewer false pairs: on the largest such that does best."""
     smaller = [
         one
         for setting, one in at.items()
@@ -359,7 +360,7 @@ def _falsehood(one: Estimate) -> str:
 
 
 def percent(share: Share) -> str:
-    """Return the interval of a share in percent, in words; the share itself where it is certain."""
+    """Return the interval of a share in percent, as text; the share itself if it is certain."""
     value, low, high = share.value, share.low, share.high
     if math.isnan(value):
         return "-"
@@ -373,12 +374,12 @@ def percent(share: Share) -> str:
 
 
 def _number(share: float) -> str:
-    """Return percent to two digits, never rounded to what is certain: neither to 0 nor to 100."""
+    """Return percent to two digits, never rounded to 0 or 100."""
     return f"{100.0 * share:.2g}" if share < 0.995 else f"{min(100.0 * share, 99.99):.4g}"
 
 
 def duration(seconds: float) -> str:
-    """Return a duration to two or three digits in the unit that suits it; a dash where there is none."""
+    """Return a duration to two or three digits in a suitable unit; a dash for NaN."""
     if math.isnan(seconds):
         return "-"
     if math.isinf(seconds):

@@ -1,6 +1,6 @@
-"""Objects of a scene, and the pairs of them that come near each other: what samples are drawn from.
+"""Find the objects of a scene and their near pairs, from which samples are drawn.
 
-If all objects would take longer than seconds, pairs are sought in a random subset. Each pair of objects is in it with
+If all objects would take more than seconds, pairs are sought in a random subset. Each pair of objects is in it with
 equal chance, so a count of pairs scales by the ratio of all pairs to the subset's.
 """
 
@@ -26,10 +26,10 @@ from conflictdb.stage1_broad_phase import candidates, hulls_of
 
 @dataclass(frozen=True, slots=True)
 class Affordable:
-    """What a look for pairs may cost.
+    """Limits on the search for pairs.
 
-    objects : all of a scene of so many; of a larger one so many show how many more can be
-    pieces, meetings : of the objects looked at: their pieces, and how often the boxes of these meet in the plane
+    objects : largest scene to search completely; size of the probe that sets the subset of a larger one
+    pieces, meetings : limits on the pieces of the subset, and on overlaps of their boxes in the plane
     """
 
     objects: int = 400
@@ -37,17 +37,17 @@ class Affordable:
     meetings: int = 3_000_000
 
 
-# All seconds of the database follow from what a piece takes. Pieces are made so often, unless that takes longer than
-# this, seconds; the least counts.
+# All estimates of database time follow from the time per piece. Pieces are built this often, within this time, seconds;
+# the shortest time counts.
 TRIES: Final = 3
 TRIES_S: Final = 0.5
-# A few seconds of work.
+# Limits for a few seconds of work.
 SECONDS: Final = Affordable()
 
 
 @dataclass(frozen=True, slots=True)
 class Objects:
-    """All objects of a scene, numbered: areas first, then tracks, each by key, so that their order does not matter."""
+    """All objects of a scene, numbered by key, areas first, so that input order does not matter."""
 
     areas: Sequence[Area]
     tracks: Sequence[Track]
@@ -76,7 +76,7 @@ class Objects:
         return self._keys(pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b])
 
     def keys_of(self, conflicts: Conflicts) -> NDArray[np.int64]:
-        """Return the same number for the pair of each conflict."""
+        """Return the same number for the pair of objects of each conflict."""
         return self._keys(conflicts.a_kind, conflicts.a_id, conflicts.b_kind, conflicts.b_id)
 
     def _keys(
@@ -89,7 +89,7 @@ class Objects:
         return np.minimum(one, other) * len(self) + np.maximum(one, other)
 
     def members(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the objects that occur in pairs."""
+        """Return the objects in some pairs."""
         return np.unique(np.concatenate([keys // len(self), keys % len(self)]))
 
 
@@ -98,12 +98,12 @@ class Frame:
     """The pairs that samples are drawn from.
 
     objects : of the whole scene
-    looked_at : (m,) numbers of the objects among which pairs were looked for
+    looked_at : (m,) numbers of the objects in the subset
     pairs : (f,) keys of pairs of objects, increasing
     owner : (p,) row in `pairs` of each pair of pieces
-    scale : pairs of all objects for one of those looked at
-    object_error : relative standard error of counts that are scaled by it
-    piece_s : seconds of processor time that making one piece takes
+    scale : ratio of all pairs of objects to those of the subset
+    object_error : relative standard error of counts scaled by it
+    piece_s : processor seconds per piece
     pieces_whole : pieces of the whole scene, estimated
     """
 
@@ -118,7 +118,7 @@ class Frame:
 
     @property
     def pieces_per_pair(self) -> float:
-        """Pairs of pieces for a pair of objects, on average; NaN without pairs."""
+        """Pairs of pieces per pair of objects, on average; NaN without pairs."""
         return len(self.owner) / len(self.pairs) if len(self.pairs) else float("nan")
 
     @property
@@ -126,17 +126,17 @@ class Frame:
         """Pairs of the whole scene, estimated."""
         m = len(self.looked_at)
         if not len(self.pairs) and 1 < m < self.objects:
-            # None of all pairs of these objects, each of which is in m - 1 of them.
+            # None of the pairs of these objects was found; each object is in m - 1 of them.
             seen = m * (m - 1) // 2
             return whole(np.zeros(seen), seen * self.scale, Sampling(1.0 / self.scale, 2.0 * m - 3.0), 0.0, 1.0)
         counted = len(self.pairs)
         return whole(np.ones(counted), counted * self.scale, Sampling(1.0, 1.0), self.object_error, 1.0)
 
     def sampling(self, drawn: int, some: NDArray[np.int64]) -> Sampling:
-        """Return how some pairs, given their keys, are among so many that were drawn.
+        """Return the sampling of some pairs, given their keys, among `drawn` drawn ones.
 
-        Of a part of the objects, pairs that share one are taken to be right or wrong together, which is the worst that
-        can be. Of all objects pairs are drawn from a list, and nothing else is left to chance.
+        In a subset of the objects, pairs that share an object count as right or wrong together, which is the worst
+        case. Among all objects pairs are drawn from a list, without further randomness.
         """
         effect = 1.0
         if len(some) and len(self.looked_at) < self.objects:
@@ -151,7 +151,7 @@ class Frame:
 
     @classmethod
     def of(cls, widest: Scene, objects: Objects, affordable: Affordable, rng: np.random.Generator) -> "Frame":
-        """Return the pairs that come near each other at the settings `widest`, among what objects are affordable."""
+        """Return the near pairs at the settings `widest`, among an affordable subset of the objects."""
         order = rng.permutation(len(objects))
         looked_at = order
         if len(objects) > affordable.objects:
@@ -167,7 +167,7 @@ class Frame:
 
 
 def _timed_pieces(widest: Scene, objects: Objects, numbers: NDArray[np.int64]) -> tuple[Pieces, float]:
-    """Return the pieces of some objects, and the least seconds that one of them took in some tries."""
+    """Return the pieces of some objects, and the shortest time per piece over some tries, seconds."""
     least_s, spent_s = np.inf, 0.0
     for _ in range(TRIES):
         started = time.process_time()
@@ -180,7 +180,7 @@ def _timed_pieces(widest: Scene, objects: Objects, numbers: NDArray[np.int64]) -
 
 
 def _affordable_count(widest: Scene, objects: Objects, affordable: Affordable, probe: NDArray[np.int64]) -> int:
-    """Return among how many objects pairs can be looked for, judged by a few of them."""
+    """Return the size of the subset to search, judged by a probe of objects."""
     pieces = objects.pieces(widest, np.sort(probe))
     hulls = hulls_of(pieces)
     meetings = len(shapely.STRtree(hulls).query(hulls)[0])
