@@ -1,6 +1,6 @@
 """The command line: `conflictdb [--dsn DSN] COMMAND`, also `python -m conflictdb`.
 
-This is where the environment is read, where errors become one message and an exit code, and where text is printed.
+This room reads the environment, converts errors to one message and an exit code, and prints text.
 """
 
 import logging
@@ -39,7 +39,7 @@ _CODES: Final = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; usage errors and --help raise SystemExit."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):  # JSON and GeoJSON are UTF-8 whatever the locale says
+        if isinstance(stream, TextIOWrapper):  # JSON and GeoJSON are UTF-8 in every locale
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")
     args = build().parse_args(arguments)
     with _logging(args.debug):
@@ -60,16 +60,16 @@ def _run(args: Namespace) -> int:
     except ConflictDBError as error:
         return _failed(error, next((code for kind, code in _CODES if isinstance(error, kind)), FAILED), args.debug)
     except KeyboardInterrupt as interrupt:
-        is_told = isinstance(interrupt, Terminated)
-        remark("terminated" if is_told else "interrupted")
-        return TERMINATED if is_told else INTERRUPTED
+        is_terminated = isinstance(interrupt, Terminated)
+        remark("terminated" if is_terminated else "interrupted")
+        return TERMINATED if is_terminated else INTERRUPTED
     except BrokenPipeError:
-        # The reader of our output has gone, as `head` does. Python would complain again when it flushes at its end.
+        # The reader of the output has closed it, as `head` does. Avoid a second error when Python flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except OSError as error:
         return _failed(error, FAILED, args.debug)
-    except Exception as error:  # a mistake of this program: say so, and how to see more
+    except Exception as error:  # a bug in this program: report it, and how to see more
         if (known := _database_error(error)) is not None:
             return _failed(error, FAILED, args.debug, str(known))
         name = type(error).__name__
@@ -79,10 +79,10 @@ def _run(args: Namespace) -> int:
 
 @contextmanager
 def _logging(debug: bool) -> Iterator[None]:
-    """With `debug`, everything is logged to stderr; afterwards as it was, for whoever called `main` goes on."""
+    """Log everything to stderr with `debug`; restore logging afterwards for callers of `main`."""
     if not debug:
         if not (driver := logging.getLogger("psycopg")).handlers:
-            # What the driver could not roll back after Ctrl-C is gone with the connection; the error itself is told.
+            # The driver's warnings about a failed rollback after Ctrl-C are noise: the error itself is reported.
             driver.addHandler(logging.NullHandler())
         yield
         return
@@ -100,7 +100,7 @@ def _logging(debug: bool) -> Iterator[None]:
 
 
 def _database_error(error: Exception) -> ConflictDBError | None:
-    """Return an error of psycopg as one of this package, None for any other error."""
+    """Convert an error of psycopg to one of this package; None for any other error."""
     if not type(error).__module__.startswith("psycopg"):
         return None
     from conflictdb.db.store import translated  # imports psycopg, which takes long

@@ -1,4 +1,4 @@
-"""`advise`: what each setting would cost for a scene, and how wrong it would be."""
+"""`advise`: estimated cost and error of each setting for a scene."""
 
 import argparse
 import math
@@ -32,7 +32,7 @@ def _show(done: int, total: int) -> None:
 
 
 def advice_text(advice: Advice) -> str:
-    """Return the advice as tables: cost, then errors_of, then what follows."""
+    """Return the advice as tables: cost, then errors, then the recommendation."""
     scene = advice.scene
     if not advice.estimates:
         return f"{scene.name}: {advice.recommendation}"
@@ -106,14 +106,14 @@ def _count(count: Count) -> str:
 
 
 def _share(share: Share) -> str:
-    """Return how many, and in percent what that is, or may be, of all; nothing more where none are for certain."""
+    """Return a count, and its share of all in percent or its bound; only 0 if the share is certainly 0."""
     if share.high == 0.0:
         return "0"
     return f"{share.count} ({percent(share).replace('at most ', '≤').replace('at least ', '≥')})"
 
 
 def _members(advice: Advice) -> dict[str, Any]:
-    """Return the advice for JSON: the members of `Advice`, with sums, and null for what is not a number."""
+    """Return the advice for JSON: the members of `Advice`, with sums; null for NaN and infinities."""
     members = _finite(asdict(advice))
     for estimate, shown in zip(advice.estimates, members["estimates"], strict=True):
         shown["cost"]["total_s"] = estimate.cost.total_s

@@ -14,12 +14,12 @@ from conflictdb.database import Database
 from conflictdb.db import store
 from conflictdb.model import Scene
 
-# Rows that are told, a screen full.
+# Rows listed: a screen full.
 _MOST_TOLD: Final = 20
 
 
 def attach(args: argparse.Namespace) -> int:
-    """Attach a table, or say what that would do."""
+    """Attach a table, or describe the effect."""
     mapped: dict[str, str] = {}
     for one in args.map:
         check(args, [(field in mapped, f"--map gives {field} twice") for field in one])

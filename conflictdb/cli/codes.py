@@ -11,7 +11,7 @@ NO_SERVER: Final = 5
 LEFT_OUT: Final = 6
 NOT_CURRENT: Final = 7
 CONFLICTS_FOUND: Final = 10
-INTERRUPTED: Final = 130  # as shells report a program that SIGINT ended
+INTERRUPTED: Final = 130  # as shells report a program ended by SIGINT
 TERMINATED: Final = 143  # the same for SIGTERM
 
 MEANING: Final = {

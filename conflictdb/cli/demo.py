@@ -1,4 +1,4 @@
-"""`demo`: a small scene that comes with the program, taken through all stages."""
+"""`demo`: take a small packaged scene through all stages."""
 
 import argparse
 import os
@@ -12,13 +12,13 @@ from conflictdb.cli.session import database, show_progress
 from conflictdb.database import DEMO_SCENE
 from conflictdb.db.detect import Run
 
-# What the scene was made to show, by pair: said only when the detection agrees.
+# Pairs that the scene was designed to show; mentioned only if the detection agrees.
 _FALSE_ALARM: Final = ("CONVOY-1", "CONVOY-2")
 _BELOW: Final = ("SUB-1", "SUB-2")
 
 
 def demo(args: argparse.Namespace) -> int:
-    """Load the scene, detect everything in it, and show what was found and how."""
+    """Load the scene, detect it completely, and show the conflicts and the stages."""
     with database(args) as db:
         db.load_demo()
         run = db.detect(DEMO_SCENE, full=True, progress=show_progress)
@@ -37,7 +37,7 @@ def demo(args: argparse.Namespace) -> int:
     if _BELOW not in pairs:
         out("SUB-1 and SUB-2 cross, but one passes below the other: the first stage told them apart.")
     out()
-    # A database that the environment names needs no naming, and its password no printing.
+    # A database from the environment need not be named, and its password must not be printed.
     given = args.dsn and args.dsn != os.environ.get("CONFLICTDB_DSN")
     command = f"{program()} --dsn {shlex.quote(args.dsn)}" if given else program()
     out("Try next:")
@@ -50,7 +50,7 @@ def demo(args: argparse.Namespace) -> int:
 
 
 def funnel_table(run: Run) -> str:
-    """Return how many pairs of pieces each stage left, and the time it took."""
+    """Return the number of pairs of pieces after each stage, and its time."""
     met = f"they do: {run.conflicts} pairs of objects, with exact times"
     rows = [
         ["1 broad phase", "boxes meet in space, time and height", run.candidate_pairs, _ms(run.stage1_s)],

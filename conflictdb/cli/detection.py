@@ -78,7 +78,7 @@ def detect(args: argparse.Namespace) -> int:
 
 
 def conflicts(args: argparse.Namespace) -> int:
-    """Print the conflicts that are known, or were."""
+    """Print the known conflicts, or those known at an instant."""
     if args.known_at is not None:
         others = args.at is not None or args.wait is not None or args.require_current
         check(args, [(others, "--known-at goes without --at, --wait and --require-current")])
@@ -94,7 +94,7 @@ def conflicts(args: argparse.Namespace) -> int:
 
 
 def approaches(args: argparse.Namespace) -> int:
-    """Print the closest approaches that are known."""
+    """Print the known closest approaches."""
     with database(args) as db:
         _wait(db, args)
         found = db.stream_approaches(args.scene)
@@ -104,7 +104,7 @@ def approaches(args: argparse.Namespace) -> int:
 
 
 def explain(args: argparse.Namespace) -> int:
-    """Print why two objects are in conflict, or are not."""
+    """Print why two objects are in conflict or not."""
     with database(args) as db:
         _wait(db, args)
         require_current(args, db.state(args.scene))

@@ -1,4 +1,4 @@
-"""`server` and `psql`: the embedded database, and a way in."""
+"""`server` and `psql`: run the embedded database, and open a client."""
 
 import argparse
 import os
@@ -53,11 +53,11 @@ def _describe(state: embedded.ServerStatus) -> int:
 
 
 def psql(args: argparse.Namespace) -> int:
-    """Become psql on the database; the embedded one runs until that ends."""
+    """Replace this process by psql on the database; the embedded one runs until psql ends."""
     if args.dsn:
         dsn, found = args.dsn, embedded.find_psql()
     else:
-        connect(say=note).close()  # makes the schema, if need be
+        connect(say=note).close()  # creates the schema if needed
         running = embedded.embedded(say=note)
         dsn, found = running.dsn, embedded.find_psql(running)
         running.stay_through_exec()
@@ -74,8 +74,8 @@ def _become(psql: embedded.Psql, dsn: str, arguments: Sequence[str]) -> NoReturn
     with store.translated():
         parts = conninfo.conninfo_to_dict(dsn)
     if any(argument.startswith(("-U", "--username")) for argument in arguments):
-        del parts["user"]  # which would prevail
-    password = parts.pop("password", None)  # arguments can be read by all users of a machine
+        del parts["user"]  # a user in the DSN would override it
+    password = parts.pop("password", None)  # arguments are visible to all users of a machine
     environ = {**os.environ, **psql.environ, **({"PGPASSWORD": str(password)} if password else {})}
     command = ["psql", "--dbname", conninfo.make_conninfo("", **parts), *arguments]
     os.execve(psql.path, command, environ)  # noqa: S606 (a shell would not help)

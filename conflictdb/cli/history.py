@@ -16,7 +16,7 @@ from conflictdb.results import ConflictEvent
 
 
 def history(args: argparse.Namespace) -> int:
-    """Print what became of conflicts."""
+    """Print the history of conflicts."""
     check(args, [(len(args.keys) > 2, "give the keys of two objects at most")])
     with database(args) as db:
         found = db.conflict_events(args.scene, *args.keys, after=args.after)
@@ -28,7 +28,7 @@ def history(args: argparse.Namespace) -> int:
 
 
 def acknowledge(args: argparse.Namespace) -> int:
-    """Take note of a conflict, or take that back."""
+    """Acknowledge a conflict, or withdraw its acknowledgement."""
     check(args, [(args.undo and args.until is not None, "--until goes with --reason")])
     a_key, b_key = args.keys
     with database(args) as db:

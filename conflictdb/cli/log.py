@@ -1,4 +1,4 @@
-"""What a worker says: one line for each detection, failure and remark, for people or as JSON."""
+"""Log a worker: one line for each detection, failure and remark, as text or JSON."""
 
 import sys
 from collections.abc import Callable
@@ -17,10 +17,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """How a worker tells what it does: as text, what went wrong and remarks on stderr; as JSON, all of it on stdout.
+    """The log of a worker: as text, with failures and remarks on stderr; as JSON, all on stdout.
 
-    report : told of each detection: the scene, the run or the error, and for how long its changes had waited, seconds
-    say : told anything else
+    report : called after each detection with the scene, the run or the error, and the waiting time of its changes,
+        seconds
+    say : called with any other remark
     """
 
     report: "Callable[[str, Run | Exception, float], None]"

@@ -31,7 +31,7 @@ def show(args: argparse.Namespace) -> int:
 
 
 def _write(args: argparse.Namespace) -> int:
-    # Not above: shapely takes longer to import than all else.
+    # Imported here: shapely is slow to import.
     from conflictdb.io import write_lines
     from conflictdb.map.html import page
 
@@ -43,7 +43,7 @@ def _write(args: argparse.Namespace) -> int:
 
 
 def _scene(db: Database, name: str | None) -> str:
-    """Return the name of the scene to show; raises InvalidInput if it is not there. Without one, the demo's is made."""
+    """Return the name of the scene to show; the default, the demo's, is loaded. InvalidInput if it does not exist."""
     if name is None:
         if all(status.scene.name != DEMO_SCENE for status in db.scenes()):
             db.load_demo()

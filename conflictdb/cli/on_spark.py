@@ -1,4 +1,4 @@
-"""`spark`: scenes that outgrow one machine, on Apache Spark."""
+"""`spark`: detect scenes that outgrow one machine, on Apache Spark."""
 
 import argparse
 import math
@@ -33,9 +33,9 @@ from conflictdb.speeds import MAX_SPEED_KN
 if TYPE_CHECKING:
     from pyspark.sql import DataFrame, SparkSession
 
-# Settings that a scene has unless they are given.
+# Settings with defaults in a scene.
 _SETTINGS: Final = ("motion", "earth", "centre", "method", "tolerance_m", "separation_m", "nearest_m")
-# Seconds from one look at the tasks of Spark to the next.
+# Seconds between updates of Spark's progress.
 _EVERY_S: Final = 1.0
 _LEFT_OUT: Final = frozenset({"region", "a_id", "a_version", "b_id", "b_version"})
 
@@ -68,9 +68,9 @@ def detect(args: argparse.Namespace) -> int:
 
 @contextmanager
 def _given(args: argparse.Namespace) -> Iterator["tuple[SparkSession, Scene, DataFrame]"]:
-    """Give a session of Spark, and settings and objects of files, or else of the scene of the database.
+    """Yield a session of Spark, and settings and objects from files or from the scene of the database.
 
-    Raises InvalidInput, before anything is computed, where the output cannot be written.
+    Raises InvalidInput, before anything is computed, if the output cannot be written.
     """
     if args.input:
         with _session(args) as spark:
@@ -87,7 +87,7 @@ def _given(args: argparse.Namespace) -> Iterator["tuple[SparkSession, Scene, Dat
             yield spark, scene, objects
         return
     with database(args) as db:
-        engine.coordinates()  # says what is missing, before anything is read
+        engine.coordinates()  # reports missing packages before anything is read
         from conflictdb.spark.jdbc import is_reached_by_network, scene_objects
 
         by_network = is_reached_by_network(db.connection)
@@ -108,7 +108,7 @@ def _given(args: argparse.Namespace) -> Iterator["tuple[SparkSession, Scene, Dat
 
 
 def _with_options(args: argparse.Namespace, scene: Scene) -> Scene:
-    """Return a scene with the settings that options give."""
+    """Return a scene with the settings in the options."""
     given = {"name": args.scene} | {name: getattr(args, name) for name in _SETTINGS}
     return replace(scene, **{name: value for name, value in given.items() if value is not None})
 
@@ -122,7 +122,7 @@ def _settings_text(scene: Scene) -> str:
 
 @contextmanager
 def _shown_progress(spark: "SparkSession") -> Iterator[Callable[[str], None]]:
-    """Show on a terminal, every second, how many tasks Spark has done; gives what says what it is doing."""
+    """Show Spark's finished tasks on a terminal every second; yields a function that sets the present activity."""
     began_s = time.monotonic()
     doing, ended = ["starting"], Event()
     tracker = spark.sparkContext.statusTracker()
@@ -133,8 +133,8 @@ def _shown_progress(spark: "SparkSession") -> Iterator[Callable[[str], None]]:
                 stages = [tracker.getStageInfo(number) for number in tracker.getActiveStageIds()]
                 done = sum(one.numCompletedTasks for one in stages if one)
                 tasks = sum(one.numTasks for one in stages if one)
-                said = f", {done:,} of {tasks:,} tasks" if tasks else ""
-                progress(f"Spark: {doing[0]}{said}, {time.monotonic() - began_s:.0f} s")
+                tasks_text = f", {done:,} of {tasks:,} tasks" if tasks else ""
+                progress(f"Spark: {doing[0]}{tasks_text}, {time.monotonic() - began_s:.0f} s")
 
     watching = Thread(target=show, daemon=True, name="progress")
     watching.start()
@@ -147,7 +147,7 @@ def _shown_progress(spark: "SparkSession") -> Iterator[Callable[[str], None]]:
 
 
 def _require_here(spark: "SparkSession", scene: str) -> None:
-    """Raise StoreError if executors are on other machines, where they see neither the socket nor what was exported."""
+    """Raise StoreError if executors may be on other machines, without access to the socket and the exported file."""
     master = str(spark.sparkContext.master)
     if not master.startswith("local"):
         raise StoreError(
@@ -175,7 +175,7 @@ def write_back(args: argparse.Namespace) -> int:
 
 
 def demo(args: argparse.Namespace) -> int:
-    """Take the scene that comes with the program through Spark, and hold its answer against that of one machine."""
+    """Take the packaged scene through Spark, and compare its answer with that of one machine."""
     scene, areas, tracks, _ = read(str(files("conflictdb") / "scenes" / f"{DEMO_SCENE}.geojson"))
     scene = scene or Scene(DEMO_SCENE)
     with _session(args) as spark, tempfile.TemporaryDirectory() as directory:
@@ -195,7 +195,7 @@ def demo(args: argparse.Namespace) -> int:
     known = sorted(of_rows(expected).to_pylist(), key=_by_keys)
     out(conflict_table(expected))
     out()
-    if [_told(row) for row in rows] != [_told(row) for row in known]:
+    if [_compared(row) for row in rows] != [_compared(row) for row in known]:
         raise ConflictDBError(f"{where} found another answer than `solve`: {len(rows)} pairs, not {len(known)}")
     out(f"{where} found these {len(rows)} pairs too, and the same times, verdicts and distances to the last digit.")
     return DONE
@@ -205,8 +205,8 @@ def _by_keys(row: dict[str, Any]) -> tuple[bool, bytes, bytes]:
     return row["a_kind"] != Kind.AREA, row["a_key"].encode(), row["b_key"].encode()
 
 
-def _told(row: dict[str, Any]) -> dict[str, Any]:
-    """Return what was found of a pair, without where it is and the numbers of its objects, which `solve` leaves out."""
+def _compared(row: dict[str, Any]) -> dict[str, Any]:
+    """Return a row without region and object numbers, which `solve` does not return."""
     return {name: value for name, value in row.items() if name not in _LEFT_OUT}
 
 

@@ -28,7 +28,7 @@ def work(args: argparse.Namespace) -> int:
             (args.once and args.http is not None, f"--once and --http {both}"),
         ],
     )
-    # Not above: it brings the solvers, which other commands need not wait for.
+    # Imported here: it loads the solvers, which are slow to import.
     from conflictdb.db.worker import EVERY_S, Worker
 
     log = JSON_LOG if args.log == "json" else TEXT_LOG
@@ -113,7 +113,7 @@ def init(args: argparse.Namespace) -> int:
 
 
 def upgrade(args: argparse.Namespace) -> int:
-    """Create the schema, or bring it to this program's revision."""
+    """Create the schema, or upgrade it to this program's revision."""
     with connect(args.dsn, create=True, say=note) as db:
         state = db.status()
         missing = schema.missing_grants(db.connection)

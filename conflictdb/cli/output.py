@@ -1,6 +1,6 @@
-"""What the command line prints: results on stdout; progress and remarks on stderr, progress on a terminal only.
+"""Print results on stdout, remarks and progress on stderr; progress on a terminal only.
 
-Keys, names and messages are shown harmlessly (`printable`); only `data` goes out as it is, for programs to read.
+Keys, names and messages are escaped for terminals (`printable`); only `data` is printed unchanged, for programs.
 """
 
 import logging
@@ -21,7 +21,7 @@ _INSTALL_EXTRA: Final = re.compile(r"pip install 'conflictdb\[(?!spark)[a-z,]+\]
 
 
 class Formatter(logging.Formatter):
-    """Log records as lines that are harmless on a terminal."""
+    """Log records as lines with control characters escaped."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Return a record as text; a traceback keeps its lines."""
@@ -29,21 +29,21 @@ class Formatter(logging.Formatter):
 
 
 def out(text: str = "", *, flush: bool = False) -> None:
-    """Print one line of a result; `flush` for what somebody waits for."""
+    """Print one line of a result; `flush` if somebody waits for it."""
     sys.stdout.write(f"{printable(text, keep=_BREAK)}\n")
     if flush:
         sys.stdout.flush()
 
 
 def program() -> str:
-    """Return what to type for this program: ./run says how it was called, else its name."""
+    """Return the command for this program: as ./run was called, else its name."""
     return shlex.quote(os.environ.get("CONFLICTDB_PROGRAM") or "conflictdb")
 
 
 def as_called(text: str) -> str:
-    """Return a message whose `conflictdb COMMAND` are written as this program was called, so that they can be typed.
+    """Replace `conflictdb COMMAND` in a message by the command as this program was called, so that it can be typed.
 
-    What an extra lacks, ./run installs into its own environment, where no pip of the user's would put it.
+    Under ./run, advice to install an extra with pip becomes `./run extras`, which installs into its own environment.
     """
     if "CONFLICTDB_PROGRAM" in os.environ:
         text = _INSTALL_EXTRA.sub(f"{program()} extras", text)
@@ -51,14 +51,14 @@ def as_called(text: str) -> str:
 
 
 def data(lines: Iterable[str], *, is_json: bool) -> None:
-    """Print what programs read, unchanged; a format that cannot escape is made harmless where a terminal shows it."""
+    """Print data for programs unchanged; on a terminal, escape formats that cannot escape themselves."""
     shows = not is_json and sys.stdout.isatty()
     sys.stdout.writelines(printable(line, keep=_BREAK) if shows else line for line in lines)
 
 
 @contextmanager
 def binary() -> Iterator[IO[bytes]]:
-    """Give the standard output to write what is no text; raises InvalidInput for a terminal."""
+    """Yield standard output for binary data; raises InvalidInput for a terminal."""
     if sys.stdout.isatty():
         raise InvalidInput("standard output", "", "is a terminal, which cannot show GeoParquet: name a file, or > FILE")
     sys.stdout.flush()
@@ -67,19 +67,19 @@ def binary() -> Iterator[IO[bytes]]:
 
 
 def remark(text: str) -> None:
-    """Say something about the work, which is no part of its result."""
+    """Print a remark, which is not part of the result."""
     _end_progress()
     sys.stderr.write(f"conflictdb: {printable(as_called(text), keep=_BREAK)}\n")
 
 
 def note(text: str) -> None:
-    """Say something that only matters to somebody who watches: on a terminal."""
+    """Print a remark only on a terminal."""
     if sys.stderr.isatty():
         remark(text)
 
 
 def progress(text: str) -> None:
-    """Show how far the work is, on one line of a terminal; nothing in a pipe. An empty text takes it away."""
+    """Show progress on one line of a terminal; nothing in a pipe. An empty text removes the line."""
     if sys.stderr.isatty():
         sys.stderr.write(f"{_CLEAR_LINE}{printable(text)}")
         sys.stderr.flush()

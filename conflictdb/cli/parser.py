@@ -1,4 +1,4 @@
-"""A parser of commands, and options that several have. No library is imported here, so that help comes at once."""
+"""Parse commands, and define options of several commands. Imports no library, so that help is fast."""
 
 import argparse
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from conflictdb.methods import METHODS, Method
 from conflictdb.pipeline.memory import MEMORY_MB
 
 FORMATS: Final = ("table", "json", "csv", "geojson")
-METHOD_NAMES: Final = tuple(map(str, Method))  # plain words: usage errors show each choice's repr
+METHOD_NAMES: Final = tuple(map(str, Method))  # plain strings: usage errors show each choice's repr
 METHODS_SAID: Final = ", ".join(f"{method} ({METHODS[method].says})" for method in Method)
 _OF_ALL_COMMANDS: Final = ("--dsn", "--debug", "--version")
 
@@ -19,16 +19,16 @@ _OF_ALL_COMMANDS: Final = ("--dsn", "--debug", "--version")
 class Parser(argparse.ArgumentParser):
     """A parser whose usage errors are one line that names the help.
 
-    hands_on : it only knows --help; everything else becomes `arguments`, as it is, for another program
+    hands_on : it parses only --help; all other arguments are passed unchanged to another program as `arguments`
     """
 
     hands_on = False
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Return the namespace, and the arguments that are not known."""
+        """Return the namespace, and unknown arguments."""
         if not self.hands_on or args in (["-h"], ["--help"]):
             namespace, unknown = super().parse_known_args(args, namespace)
-            if unknown:  # told by the parser of the command, which knows what could have been meant
+            if unknown:  # report it here, where the command's options are known
                 self.error(f"unrecognized arguments: {' '.join(unknown)}{self._meant(unknown[0].partition('=')[0])}")
             return namespace, unknown
         namespace, _ = super().parse_known_args([], namespace)
@@ -36,7 +36,7 @@ class Parser(argparse.ArgumentParser):
         return namespace, []
 
     def _meant(self, option: str) -> str:
-        """Return what to say of the option that an unknown one looks like or is, of another place; often nothing."""
+        """Return a hint for an unknown option: it resembles another one, or goes before the command; may be empty."""
         if option in _OF_ALL_COMMANDS:
             return f"; {option} goes before the command"
         alike = get_close_matches(option, self._option_string_actions, 1) if option.startswith("--") else []
@@ -48,7 +48,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def command(commands: Any, name: str, target: str, summary: str, more: str = "") -> Parser:
-    """Add a command that runs function `target`, written ``module:function``, which is imported when it runs."""
+    """Add a command that runs function `target`, written ``module:function``, imported on demand."""
     module, _, function = target.partition(":")
 
     def run(args: argparse.Namespace) -> int:
@@ -61,7 +61,7 @@ def command(commands: Any, name: str, target: str, summary: str, more: str = "")
 
 
 def action(actions: Any, name: str, summary: str) -> argparse.ArgumentParser:
-    """Add one of the things that a command can do."""
+    """Add an action of a command."""
     parser: argparse.ArgumentParser = actions.add_parser(
         name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False
     )
@@ -92,7 +92,7 @@ def add_fail_on_conflict(parser: Parser) -> None:
 
 
 def add_lock_timeout(parser: Parser, what: str) -> None:
-    """Add `--lock-timeout`; `what` it does is said in its help."""
+    """Add `--lock-timeout`; `what` is its help text."""
     parser.add_argument(
         "--lock-timeout", type=duration_s, metavar="DURATION", help=f"{what}: 30s, 5m (default: no limit)"
     )

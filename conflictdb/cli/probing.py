@@ -23,7 +23,7 @@ _SIZES = ("fore_m", "aft_m", "port_m", "starboard_m")
 
 
 def probe(args: argparse.Namespace) -> int:
-    """Print what plans would be in conflict with."""
+    """Print the conflicts that plans would have."""
     given = [bool(args.files), args.footprint is not None, args.path is not None]
     check(
         args,
@@ -58,7 +58,7 @@ def probe(args: argparse.Namespace) -> int:
 
 
 def _members(one: Conflict, keys: Collection[str]) -> list[str]:
-    """Return the members of a pair that have one of these keys."""
+    """Return the members of a pair with one of these keys."""
     return [key for key in (one.a_key, one.b_key) if key in keys]
 
 
@@ -80,7 +80,7 @@ def _print_changes(
 
 
 def _differs(one: Conflict, other: Conflict) -> bool:
-    """Return whether verdicts, or periods by more than their errors, are not the same."""
+    """Return whether verdicts differ, or periods differ by more than their errors."""
     if one.verdict is not other.verdict or len(one.periods) != len(other.periods):
         return True
     most = timedelta(seconds=one.time_error_s + other.time_error_s, microseconds=2)
@@ -89,7 +89,7 @@ def _differs(one: Conflict, other: Conflict) -> bool:
 
 
 def _plans(args: argparse.Namespace) -> list[Area | Track]:
-    # Not above: usage errors come at once.
+    # Imported here, so that usage errors are fast.
     from conflictdb.io.contents import without_objects
     from conflictdb.io.gather import gather
 

@@ -1,4 +1,4 @@
-"""How results look on a terminal: conflicts, runs, and what was loaded or left out."""
+"""Format results for a terminal: conflicts, runs, and the effects of loading."""
 
 import argparse
 import shlex
@@ -26,9 +26,9 @@ def print_conflicts(
     form: str,
     more: Sequence[conflict_text.MoreColumn] = (),
 ) -> None:
-    """Print conflicts as a table, JSON, CSV, GeoJSON or GeoParquet, and remark what may be missing from the scenes.
+    """Print conflicts as a table, JSON, CSV, GeoJSON or GeoParquet, and remarks on incomplete scenes.
 
-    All but a table, whose columns are as wide as they need to be, are printed as they come.
+    All formats but the table, which needs its column widths, are printed as a stream.
     """
     remark_incomplete(states)
     if form == "table":
@@ -57,20 +57,20 @@ def print_approaches(approaches: Iterable[Approach], states: Sequence[SceneState
 
 
 def remark_incomplete(states: Iterable[SceneState]) -> None:
-    """Say which scenes are not complete, or what else is wrong with them."""
+    """Print which scenes are incomplete, and other remarks on their state."""
     for state in states:
         if state.remark:
             remark(f"{state.scene}: {state.remark if state.is_current else _incomplete(state)}")
 
 
 def require_current(args: argparse.Namespace, state: SceneState) -> None:
-    """Raise NotCurrent if `--require-current` is given, and the scene is not."""
+    """Raise NotCurrent if `--require-current` is given and the scene is not current."""
     if args.require_current and not state.is_current:
         raise NotCurrent(f"{state.scene}: {_incomplete(state)}")
 
 
 def listed(state: SceneState) -> int:
-    """Return the exit code of a list of a scene: that nothing was ever detected is not that there is nothing."""
+    """Return the exit code of a list of a scene; a scene without a detection does not count as empty."""
     return DONE if state.is_current or state.detected_at is not None else NOT_CURRENT
 
 
@@ -123,7 +123,7 @@ def _add_columns(
     conflicts: Sequence[Any],
     more: Sequence[conflict_text.MoreColumn],
 ) -> None:
-    """Put further columns before those of a table."""
+    """Insert further columns before those of a table."""
     header[:0] = [column.name.upper() for column in more]
     for row, conflict in zip(rows, conflicts, strict=True):
         row[:0] = [column.text(conflict) for column in more]
@@ -170,7 +170,7 @@ def moment_text(moment: datetime | None, *, up: bool) -> str:
 
 
 def run_text(scene: str, run: "Run") -> str:
-    """Return in one line what a detection did."""
+    """Return a line on the results of a detection."""
     parts = [f"{run.conflicts} conflict{'' if run.conflicts == 1 else 's'}"]
     if run.unresolved:
         parts.append(f"{run.unresolved} of them unresolved")
@@ -180,7 +180,7 @@ def run_text(scene: str, run: "Run") -> str:
 
 
 def loaded_text(loaded: Loaded) -> str:
-    """Return in one line what loading did to a scene."""
+    """Return a line on the effects of loading on a scene."""
     counts = loaded.counts
     changes = f"{counts.added} added, {counts.updated} updated, {counts.removed} removed, {counts.unchanged} unchanged"
     invalid = len({(one.source, one.key) for one in loaded.invalid})
@@ -188,7 +188,7 @@ def loaded_text(loaded: Loaded) -> str:
 
 
 def remark_loaded(loaded: Iterable[Loaded]) -> None:
-    """Say by name what was left out of files, and why; and what may not be meant as it was taken."""
+    """Print the objects left out of files with reasons, and remarks on unintended input."""
     for one in loaded:
         for line in skipped_text(one.skipped):
             remark(line)
@@ -199,7 +199,7 @@ def remark_loaded(loaded: Iterable[Loaded]) -> None:
 
 
 def skipped_text(skipped: Iterable[Skipped]) -> list[str]:
-    """Return one line per file and reason, with the names of the objects and how many rows of each."""
+    """Return one line per file and reason, with the names of the objects and the number of rows of each."""
     groups: dict[tuple[str, str], list[Skipped]] = defaultdict(list)
     lines = []
     for one in skipped:

@@ -1,4 +1,4 @@
-"""`service`: what has a system keep scenes current, written for this program."""
+"""`service`: print units for systemd, cron or pg_cron that keep scenes current."""
 
 import argparse
 import os
@@ -12,7 +12,7 @@ from typing import Final
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import data, remark
 
-# By the name that a user gives: a file of conflictdb/services.
+# Name for users -> file in conflictdb/services.
 SERVICES: Final = {
     "systemd": "conflictdb-worker.service",
     "systemd-once": "conflictdb-detect.service",
@@ -20,7 +20,7 @@ SERVICES: Final = {
     "cron": "crontab",
     "pg_cron": "pg_cron.sql",
 }
-# As the files call the program; what has other characters than these would have to be quoted, in each its own way.
+# The program's path in these files; other characters would need quoting, differently in each.
 _PROGRAM: Final = "/opt/conflictdb/bin/conflictdb"
 _PLAIN: Final = re.compile(r"[\w./+-]+", re.ASCII)
 # Settings of the units, and the directories that they hide from the program (systemd.exec(5)).
@@ -33,13 +33,13 @@ _HIDDEN: Final = {
 def service(args: argparse.Namespace) -> int:
     """Print a unit of systemd, a line for cron, or jobs of pg_cron.
 
-    A remark names what the printed unit of systemd could not start, and what to do.
+    A remark names paths that the printed systemd unit could not reach, and the remedy.
     """
     program = os.path.abspath(os.environ.get("CONFLICTDB_PROGRAM") or sys.argv[0])  # noqa: PTH100 (links stay)
     text = (files("conflictdb") / "services" / SERVICES[args.what]).read_text()
     data([text.replace(_PROGRAM, program) if _PLAIN.fullmatch(program) else text], is_json=False)
     if "ExecStart=" in text:
-        # A program that is visible may run on an interpreter, or import packages, in a home directory.
+        # A visible program may still use an interpreter or packages in a home directory.
         needed = (program, sys.executable, sys.prefix, sys.base_prefix, str(files("conflictdb")))
         for path, setting, directory in hidden(needed)[:1]:
             remark(
@@ -53,7 +53,7 @@ def hidden(paths: Iterable[str]) -> list[tuple[str, str, str]]:
     """Return (path, setting, directory) of each path that a setting of the units hides, links followed."""
     found = []
     for path in paths:
-        # A link that lies in a hidden directory is hidden, whatever it leads to.
+        # A link in a hidden directory is hidden, whatever its target.
         for place in dict.fromkeys((Path(os.path.abspath(path)), Path(path).resolve())):  # noqa: PTH100 (links stay)
             found += [
                 (str(place), setting, directory)

@@ -1,4 +1,4 @@
-"""The database that a command works on, and the scene that it means."""
+"""Open the database of a command, and load its files."""
 
 import argparse
 import warnings
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 @contextmanager
 def database(args: argparse.Namespace) -> Iterator[Database]:
-    """Open the database of a command, and close it at the end; --lock-timeout holds for all that the command does."""
+    """Open the database of a command, and close it at the end; applies --lock-timeout to everything in between."""
     with warnings.catch_warnings(), connect(args.dsn, say=note) as opened:
-        warnings.simplefilter("ignore", IncompleteWarning)  # commands say so in their own words
+        warnings.simplefilter("ignore", IncompleteWarning)  # commands print their own remarks
         with store.waiting_at_most(opened.connection, getattr(args, "lock_timeout", None)):
             yield opened
 
 
 def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
-    """Load the files of a command as its options say."""
+    """Load the files of a command with its options."""
     return db.load_files(
         args.files,
         args.scene,
@@ -41,9 +41,9 @@ def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
 
 @contextmanager
 def connections(args: argparse.Namespace, named: Callable[[str], str]) -> Iterator[Callable[[], "Connection[Any]"]]:
-    """Give what runs for long its way to connect, again and again, by connection strings that are `named` for it.
+    """Yield a function that connects, repeatedly, for commands that run long; `named` converts the connection string.
 
-    The embedded database is started again if it is gone: whoever uses it keeps it running.
+    Restarts the embedded database if it has ended, and keeps it running.
     """
     in_use: list[EmbeddedServer] = []
 
@@ -64,5 +64,5 @@ def connections(args: argparse.Namespace, named: Callable[[str], str]) -> Iterat
 
 
 def show_progress(done: int, total: int) -> None:
-    """Show how much of the solving is done."""
+    """Show the progress of solving."""
     progress(f"solving: {done:,} of {total:,} pairs" if done < total else "")

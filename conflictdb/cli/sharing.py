@@ -14,9 +14,9 @@ from conflictdb.db import store
 
 
 def share(args: argparse.Namespace) -> int:
-    """Share a scene with a role, or list with whom it is shared."""
+    """Share a scene with a role, or list its shares."""
     check(args, [(args.role is None and args.access is not None, "--access goes with a role")])
-    with _told(args) as db:
+    with _with_notices(args) as db:
         if args.role is None:
             found = db.shares(args.scene)
             out(_table(found) if found else "belongs to nobody, and is shared with nobody")
@@ -27,15 +27,15 @@ def share(args: argparse.Namespace) -> int:
 
 
 def unshare(args: argparse.Namespace) -> int:
-    """Take a share back."""
-    with _told(args) as db:
+    """Withdraw a share."""
+    with _with_notices(args) as db:
         out("taken back" if db.unshare_scene(args.scene, args.role) else "was not shared with it")
     return DONE
 
 
 def protect(args: argparse.Namespace) -> int:
-    """Have scenes seen by those alone whose they are."""
-    with _told(args) as db:
+    """Restrict scenes to their owners and shares, or show all scenes to all again."""
+    with _with_notices(args) as db:
         db.protect_scenes(on=not args.off)
     out("all scenes are open to all roles" if args.off else "scenes are protected")
     return DONE
@@ -50,10 +50,10 @@ def _table(shares: list[store.Share]) -> str:
 
 
 @contextmanager
-def _told(args: argparse.Namespace) -> Iterator[Database]:
-    """Open the database of a command; what it tells on the way is told."""
+def _with_notices(args: argparse.Namespace) -> Iterator[Database]:
+    """Open the database of a command, and print its notices."""
     with database(args) as db:
         db.connection.add_notice_handler(
-            lambda told: remark("; ".join(filter(None, (told.message_primary, told.message_hint))))
+            lambda notice: remark("; ".join(filter(None, (notice.message_primary, notice.message_hint))))
         )
         yield db

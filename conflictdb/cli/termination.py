@@ -1,8 +1,8 @@
-"""SIGTERM ends a command as Ctrl-C does, and within 5 s whatever it is doing.
+"""End a command at SIGTERM as at Ctrl-C, within 5 s in any state.
 
-Python raises in the main thread, and only between two steps of its own: a long step of compiled code and a network that
-does not answer hold that up. So a thread of its own hears of the signal as it arrives, and ends the process if it is
-still there after some seconds. The server notices that nobody is there any more, and rolls back.
+Python raises in the main thread only, and only between its own steps: a long step of compiled code or a dead network
+delays that. A separate thread therefore receives the signal at once, and ends the process if it still runs after some
+seconds. The server notices the lost connection, and rolls back.
 """
 
 import os
@@ -17,17 +17,17 @@ from typing import Final, NoReturn
 
 from conflictdb.cli.codes import TERMINATED
 
-# Within the 5 s that are promised.
+# Less than the promised 5 s.
 _GRACE_S: Final = 4.0
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM; it ends a command as Ctrl-C does: what the database is doing is cancelled, nothing half done stays."""
+    """SIGTERM; it ends a command as Ctrl-C does: the database's work is cancelled, partial work is rolled back."""
 
 
 @contextmanager
 def termination_as_interrupt() -> Iterator[None]:
-    """Raise Terminated at SIGTERM; if what is inside has not ended some seconds later, end the process."""
+    """Raise Terminated at SIGTERM; if the block has not ended some seconds later, end the process."""
 
     def interrupt(number: int, frame: FrameType | None) -> NoReturn:
         raise Terminated
@@ -49,7 +49,7 @@ def termination_as_interrupt() -> Iterator[None]:
 
 
 def interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
-    """Return the interrupt during whose cleanup an error was raised, None if there is none."""
+    """Return the interrupt during whose cleanup an error was raised, None if there was none."""
     behind: BaseException | None = error
     while behind is not None and not isinstance(behind, KeyboardInterrupt):
         behind = behind.__context__
@@ -57,7 +57,7 @@ def interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
 
 
 def _end_late(heard: int) -> None:
-    """End the process some seconds after SIGTERM; return when nobody tells of signals any more."""
+    """End the process some seconds after SIGTERM; return when no more signals can come."""
     end_at_s: float | None = None
     while True:
         left_s = None if end_at_s is None else max(0.0, end_at_s - time.monotonic())

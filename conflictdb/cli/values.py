@@ -1,4 +1,4 @@
-"""What texts of the command line mean: numbers with units, instants, places. Each says the rule it is refused by."""
+"""Parse values of the command line: numbers with units, instants, places. Each error states its rule."""
 
 import argparse
 import re
@@ -9,13 +9,13 @@ from typing import Final
 from conflictdb.methods import REMOVED
 from conflictdb.pipeline.memory import LEAST_MEMORY_MB
 
-_MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a mistake in the unit
-_MOST_S: Final = 1e9  # 31 years: more is a mistake in the unit, and nothing could wait for it
+_MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a wrong unit
+_MOST_S: Final = 1e9  # 31 years: more is a wrong unit
 _UNITS_S: Final = {"": 1.0, "ms": 0.001, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
 def name(text: str) -> str:
-    """Return the name of a scene, as a database can hold it."""
+    """Return a valid name of a scene."""
     try:
         text.encode()
     except UnicodeEncodeError:
@@ -31,7 +31,7 @@ def method(text: str) -> str:
 
 
 def mapping(text: str) -> dict[str, str]:
-    """Return the fields of ``key=id,floor_m=-depth_ft*0.3048``; commas in parentheses and quotes part nothing."""
+    """Return the fields of ``key=id,floor_m=-depth_ft*0.3048``; commas in parentheses and quotes do not separate."""
     parts, depth, quote, start = [], 0, "", 0
     for i, sign in enumerate(text):
         if quote:
@@ -55,7 +55,7 @@ def mapping(text: str) -> dict[str, str]:
 
 
 def option(text: str) -> tuple[str, str]:
-    """Return the name and the value of a setting of Spark, ``spark.driver.memory=8g``."""
+    """Return name and value of an option of Spark, ``spark.driver.memory=8g``."""
     key, equals, value = text.partition("=")
     if not equals or not key.startswith("spark."):
         raise argparse.ArgumentTypeError(
@@ -95,7 +95,7 @@ def megabytes(text: str) -> float:
 
 
 def memory_mb(text: str) -> int:
-    """Return a whole number of megabytes that a detection can do with."""
+    """Return a whole number of megabytes, enough for a detection."""
     if not re.fullmatch(r"\d{1,9}", text) or int(text) < LEAST_MEMORY_MB:
         raise argparse.ArgumentTypeError(f"must be a whole number, {LEAST_MEMORY_MB} or more; got {text!r}")
     return int(text)
@@ -116,7 +116,7 @@ def whole(text: str) -> int:
 
 
 def address(text: str) -> tuple[str, int]:
-    """Return host and port of ``9187``, ``0.0.0.0:9187`` or ``[::1]:9187``; without a host it is this machine alone."""
+    """Return host and port of ``9187``, ``0.0.0.0:9187`` or ``[::1]:9187``; the default host is this machine only."""
     match = re.fullmatch(r"(?:(?P<host>[^:\[\]]+|\[[^\[\]]+\]):)?(?P<port>[0-9]{1,5})", text)
     if not match or int(match["port"]) > 65535:
         raise argparse.ArgumentTypeError(f"must be a port, or HOST:PORT; got {text!r}")
@@ -124,7 +124,7 @@ def address(text: str) -> tuple[str, int]:
 
 
 def port(text: str) -> int:
-    """Return the number of a port, or 0."""
+    """Return a port number, or 0."""
     if not re.fullmatch(r"[0-9]{1,5}", text) or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"must be a whole number from 0 to 65535; got {text!r}")
     return int(text)
@@ -153,7 +153,7 @@ def instant(text: str) -> datetime:
 
 
 def instants(text: str) -> list[datetime]:
-    """Return ISO 8601 instants with offset, parted by commas."""
+    """Return ISO 8601 instants with offset, separated by commas."""
     return [instant(part.strip()) for part in text.split(",")]
 
 

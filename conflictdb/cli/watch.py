@@ -1,4 +1,4 @@
-"""What a worker shows over HTTP: /healthz for whoever supervises it, /metrics for Prometheus."""
+"""Serve a worker's state over HTTP: /healthz for supervisors, /metrics for Prometheus."""
 
 import json
 import socket
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from conflictdb.db.detect import Run
     from conflictdb.db.worker import Report, State
 
-# A worker that has not looked for changes for so much longer than it is to, and detects nothing, is stuck.
+# A worker is stuck if it is this much late in looking for changes, and not detecting.
 _STUCK_S: Final = 60.0
-# A client that says nothing for so long is left.
+# A silent client is disconnected after this time.
 _CLIENT_S: Final = 10.0
 _BUCKETS_S: Final = (0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 300.0, 1800.0)
 
 
 def health(state: "State", every_s: float) -> tuple[bool, dict[str, object]]:
-    """Return whether a worker that looks for changes every so often, seconds, does its work, and what it does."""
+    """Return whether a worker that looks for changes every `every_s` seconds is healthy, and its activity."""
     looked_s_ago = time.monotonic() - state.looked_at_s
     is_stuck = state.scene is None and looked_s_ago > every_s + _STUCK_S
     status = "no database" if not state.is_connected else "stuck" if is_stuck else "ok"
@@ -34,7 +34,7 @@ def health(state: "State", every_s: float) -> tuple[bool, dict[str, object]]:
 
 
 class Metrics:
-    """The metrics of a worker; raises ConflictDBError where prometheus_client is not installed."""
+    """The metrics of a worker; raises ConflictDBError without prometheus_client."""
 
     def __init__(self, state: "State") -> None:
         try:
@@ -68,7 +68,7 @@ class Metrics:
             Gauge(f"conflictdb_{name}", text, registry=self._registry).set_function(value)
 
     def counted(self, report: "Report") -> "Report":
-        """Return what takes note of a detection and then tells `report` of it."""
+        """Return a function that counts a detection and then calls `report`."""
 
         def both(scene: str, outcome: "Run | Exception", waited_s: float) -> None:
             self._runs.labels(scene, "failed" if isinstance(outcome, Exception) else "done").inc()
@@ -80,15 +80,15 @@ class Metrics:
         return both
 
     def text(self) -> bytes:
-        """Return all of it as Prometheus reads it."""
+        """Return all metrics in Prometheus's text format."""
         return self._text(self._registry)
 
 
 @contextmanager
 def served(address: tuple[str, int], state: "State", metrics: Metrics, every_s: float) -> Iterator[int]:
-    """Answer requests at (host, port) until the end of the context; gives the port, which port 0 leaves open.
+    """Serve HTTP at (host, port) during the context; yields the port, which port 0 leaves to the system.
 
-    Raises ConflictDBError if it cannot.
+    Raises ConflictDBError if it cannot listen.
     """
 
     class Handler(BaseHTTPRequestHandler):
@@ -112,7 +112,7 @@ def served(address: tuple[str, int], state: "State", metrics: Metrics, every_s: 
             self.wfile.write(body)
 
         def log_message(self, format: str, *arguments: Any) -> None:  # noqa: A002
-            """Say nothing: the log is of the worker's own work."""
+            """Print nothing: the log is for the worker's own work."""
 
     class Server(ThreadingTCPServer):
         allow_reuse_address = True
@@ -120,7 +120,7 @@ def served(address: tuple[str, int], state: "State", metrics: Metrics, every_s: 
         address_family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
 
         def handle_error(self, request: object, client_address: object) -> None:
-            """Leave a client that has gone."""
+            """Ignore a client that has disconnected."""
 
     try:
         server = Server(address, Handler)

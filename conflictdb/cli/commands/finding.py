@@ -1,4 +1,4 @@
-"""Commands that bring plans in, find conflicts, and tell of them as text."""
+"""Commands that load plans, find conflicts, and print them."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ from conflictdb.cli.values import count, duration_s, height, instant, instants, 
 
 
 def add(commands: Any) -> None:
-    """Add them, in the order in which help lists them."""
+    """Add the commands, in the order of the help."""
     for add_one in (_detect, _load, _export, _conflicts, _approaches, _explain, _advise, _probe):
         add_one(commands)
 

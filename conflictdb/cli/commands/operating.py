@@ -1,4 +1,4 @@
-"""Commands that keep scenes current, and those of the database they are in."""
+"""Commands that keep scenes current, and commands for their database."""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ from conflictdb.cli.values import address, duration_s, mapping, name
 
 
 def add(commands: Any) -> None:
-    """Add them, in the order in which help lists them."""
+    """Add the commands, in the order of the help."""
     for add_one in (_worker, _service, _status, _attach, _share, _schema, _server, _psql, _demo):
         add_one(commands)
 

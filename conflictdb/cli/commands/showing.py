@@ -1,4 +1,4 @@
-"""Commands that draw, and those of what was known and noted of conflicts."""
+"""Commands that draw, and commands for history and acknowledgements."""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ from conflictdb.cli.values import instant, name, port, whole
 
 
 def add(commands: Any) -> None:
-    """Add them, in the order in which help lists them."""
+    """Add the commands, in the order of the help."""
     for add_one in (_map, _plot, _report, _history, _acknowledge):
         add_one(commands)
 
