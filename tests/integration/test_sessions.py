@@ -37,7 +37,7 @@ SETTINGS = {
     "transform_null_equals": "on",
     "search_path": "pg_catalog",
 }
-NUMBERS_AND_TIMES = {"run_id", "found_at", "conflict_id", "changed_at"}
+NUMBERS_AND_TIMES = {"run_id", "found_at", "conflict_id", "changed_at", "a_id", "a_version", "b_id", "b_version"}
 # Not in LATIN1, and not the same bytes in it as in UTF-8.
 KEY, NAME = "Ærø-Ω", "Übung 北"
 GREAT = """{"type": "FeatureCollection", "scene": {"name": "great", "motion": "great_circle", "earth": "sphere",
