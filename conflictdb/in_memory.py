@@ -1,4 +1,4 @@
-"""`solve`: the stages on objects in memory; no database, the same answer."""
+"""Run the stages on objects in memory (`solve`): no database, the same answer."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import tzinfo
@@ -41,21 +41,21 @@ def solve(
 ) -> Results[Conflict]:
     """Return the pairs of tracks and areas that interfere, without a database.
 
-    With the scene's `nearest_m` also those that come near; they have the verdict near and no periods.
-    `Conflict.approach` is how close a pair comes. The rows are in the order of their keys, areas first.
-    The same stages 3 and 4 that a detection in the database runs, and the same answer. Raises InvalidInput for objects
-    that the scene's plane cannot hold, for keys that occur twice, and for anything else than tracks and areas.
+    If the scene has `nearest_m`, near pairs are returned too, with verdict near and without periods.
+    `Conflict.approach` is the closest approach of a pair. Rows are in the order of their keys, areas first. Stages and
+    answer are those of a detection in the database. Raises InvalidInput for objects that do not fit the scene's plane,
+    for duplicate keys, and for other types than tracks and areas.
 
     Parameters
     ----------
     tracks, areas : iterables of Track and Area, or GeoDataFrames; tracks also a TrajectoryCollection of MovingPandas
-        The columns of a GeoDataFrame have the names and units that scene files have; instants are datetimes with a
-        zone. Without a column `id` the index is the key. It must know its reference system; what is not longitude and
-        latitude on WGS84 is transformed. The key of a trajectory is its id.
+        The columns of a GeoDataFrame have the names and units of scene files; instants are datetimes with a zone.
+        Without a column `id` the index is the key. It must have a reference system; systems other than longitude and
+        latitude on WGS84 are transformed. The key of a trajectory is its id.
     haven : mapping, optional
-        How large a track of a frame is whose row does not say: ``{"fore_m": 60, "aft_m": 40, ...}``, as in scene files.
+        Default haven for rows of frames without size columns: ``{"fore_m": 60, "aft_m": 40, ...}``, as in scene files.
     time_zone : str or tzinfo, optional
-        The zone of those instants of frames that have none; by default they are refused.
+        The zone of instants of frames without one; by default they are refused.
     """
     if not isinstance(scene, Scene | None):
         raise InvalidInput("solve", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
@@ -67,7 +67,7 @@ def solve(
             raise InvalidInput(f"object {key!r}", "key", "occurs more than once: keys must be unique")
         seen.add(key)
         try:
-            key.encode()  # as files and the database hold it, and what rows are sorted by
+            key.encode()  # as stored by files and the database, and the order of rows
         except UnicodeEncodeError:
             raise InvalidInput(f"object {key!r}", "key", "contains half of a surrogate pair, no character") from None
     scene = centred(scene, areas, tracks)
@@ -87,7 +87,7 @@ def solve(
 
 
 class _Objects:
-    """What `solve` was given, by key: to draw what it found."""
+    """The input of `solve`, by key, for drawing its conflicts."""
 
     def __init__(self, scene: Scene, objects: Mapping[str, Area | Track]) -> None:
         self._scene, self._objects = scene, objects
@@ -102,7 +102,7 @@ class _Objects:
 def _objects(
     tracks: Any, areas: Any, scene: Scene, haven: Mapping[str, Any] | None, time_zone: str | tzinfo | None
 ) -> tuple[list[Track], list[Area]]:
-    """Return the objects that are given as such, or in frames; raises InvalidInput."""
+    """Return the objects, given directly or in frames; raises InvalidInput."""
     in_frames = from_frames.is_frame(tracks), from_frames.is_frame(areas)
     sizes, zone = from_frames.checked_haven(haven), from_frames.Zone(time_zone)
     if haven is not None and not in_frames[0]:
@@ -118,11 +118,11 @@ def _objects(
 
 
 class _InMemory:
-    """Pieces in memory as a source of pairs; areas are numbered as their footprints (n,) are."""
+    """Pieces in memory as a source of pairs; areas are numbered as their footprints (n,)."""
 
     def __init__(self, pieces: Pieces, footprint: NDArray[np.object_]) -> None:
-        # Copies at the seam beside what they are copies of, as in every source: of contacts that begin together the
-        # first is told.
+        # Put seam copies beside their originals, as every source does: of contacts that begin together the first is
+        # reported.
         order = np.lexsort((-pieces.turn, pieces.part, object_numbers(pieces)))
         self._pieces = pieces.take(order) if pieces.turn.any() else pieces
         self._footprint = footprint

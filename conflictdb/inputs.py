@@ -1,8 +1,8 @@
-"""What programs hand in, as what the model keeps: instants, positions, outlines and footprints of the usual types.
+"""Convert usual input types to those of the model: instants, positions, outlines and footprints.
 
-An instant is an aware datetime (a Timestamp of pandas is one), a datetime64, which is UTC, or a whole number of
-microseconds since 1970. Positions, outlines and footprints are arrays, lists of pairs, or geometries of shapely; a
-third number of a position, a height, is left aside.
+An instant is an aware datetime (or pandas Timestamp), a datetime64, which is UTC, or an integer number of microseconds
+since 1970. Positions, outlines and footprints are arrays, lists of pairs, or shapely geometries; a third number of a
+position, a height, is ignored.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ MICROSECOND: Final = timedelta(microseconds=1)
 
 
 class Arrayed(Protocol):
-    """What knows how to become an array, such as a Series or an index of pandas."""
+    """An object that converts itself to an array, such as a Series or an index of pandas."""
 
     def __array__(self) -> NDArray[Any]:
         """Return the array."""
@@ -37,19 +37,19 @@ Footprint: TypeAlias = Pairs | shapely.Polygon | shapely.MultiPolygon
 
 INSTANT_RULE: Final = "must be an aware datetime, a datetime64 (UTC), or a whole number of microseconds since 1970"
 
-_LONGEST_S: Final = 1e9  # 31 years of waiting, as on the command line: more is a mistake in the unit
+_LONGEST_S: Final = 1e9  # 31 years of waiting, as on the command line: more is a wrong unit
 
-# Whole numbers in these ranges are of the years 2001 to 2128 if they are seconds or milliseconds, but of the first
-# weeks of 1970 if they are microseconds.
+# Integers in these ranges are in the years 2001 to 2128 as seconds or milliseconds, but in the first weeks of 1970 as
+# microseconds.
 _LOW, _HIGH = 10**9, 5 * 10**9
 _MISTAKEN_UNITS: Final = {"seconds": 1, "milliseconds": 1_000}
 
 
 def instants_us(who: str, field: str, given: Instants) -> NDArray[np.int64]:
-    """Return (n,) int64 microseconds since 1970, finer fractions cut off; raises InvalidInput."""
+    """Return (n,) int64 microseconds since 1970, truncated; raises InvalidInput."""
     values: Any = given
     if not isinstance(values, np.ndarray):
-        # A Series of pandas knows how to become an array: of datetime64, or of Timestamps.
+        # A Series of pandas converts to an array of datetime64 or of Timestamps.
         values = np.asarray(values) if hasattr(values, "__array__") else _listed(who, field, values)
     if isinstance(values, np.ndarray) and values.ndim == 1 and values.dtype.kind == "M":
         if np.isnat(values).any():
@@ -68,7 +68,7 @@ def instants_us(who: str, field: str, given: Instants) -> NDArray[np.int64]:
 
 
 def span_us(who: str, start: Instant | None, end: Instant | None) -> tuple[int | None, int | None]:
-    """Return the ends of a span in microseconds since 1970, None where it is unbounded; raises InvalidInput."""
+    """Return the ends of a span in microseconds since 1970, None if unbounded; raises InvalidInput."""
     given = {name: value for name, value in (("start", start), ("end", end)) if value is not None}
     found = {name: _instant_us(who, name, value) for name, value in given.items()}
     if found and all(_is_whole(value) for value in given.values()):
@@ -77,7 +77,7 @@ def span_us(who: str, start: Instant | None, end: Instant | None) -> tuple[int |
 
 
 def moment(who: str, field: str, given: Instant) -> datetime:
-    """Return an instant as an aware datetime, finer fractions cut off; raises InvalidInput."""
+    """Return an instant as an aware datetime, truncated to microseconds; raises InvalidInput."""
     instant_us = _instant_us(who, field, given)
     if _is_whole(given):
         _check_unit(who, field, instant_us, instant_us)
@@ -88,12 +88,12 @@ def moment(who: str, field: str, given: Instant) -> datetime:
 
 
 def certain(instant_us: int | None) -> np.datetime64 | None:
-    """Return microseconds since 1970 as an instant that is not taken for another unit, None for None."""
+    """Return microseconds since 1970 as an instant with its unit, so that no unit check applies; None for None."""
     return None if instant_us is None else np.datetime64(instant_us, "us")
 
 
 def all_certain(instants_us: NDArray[np.int64]) -> NDArray[np.datetime64]:
-    """Return microseconds since 1970 as instants that are not taken for another unit."""
+    """Return microseconds since 1970 as instants with their unit, so that no unit check applies."""
     return instants_us.view("datetime64[us]")
 
 
@@ -124,7 +124,7 @@ def outlines_m(who: str, given: Outlines) -> NDArray[np.float64]:
 
 
 def footprint(who: str, given: Footprint) -> Any:
-    """Return a MultiPolygon, made of a Polygon or of the vertices of a ring; what is neither stays as it is."""
+    """Return a MultiPolygon from a Polygon or the vertices of a ring; other geometries are returned unchanged."""
     if isinstance(given, shapely.Polygon):
         return shapely.MultiPolygon([given])
     if isinstance(given, shapely.Geometry):
@@ -147,7 +147,7 @@ def metres(who: str, field: str, given: float | None) -> float | None:
 
 
 def seconds(who: str, field: str, given: float) -> float:
-    """Return how long to wait, seconds; raises InvalidInput."""
+    """Return a waiting time in seconds; raises InvalidInput."""
     is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
     if not is_number or not 0.0 <= given <= _LONGEST_S:
         raise InvalidInput(who, field, f"must be a number of seconds, 0 to {_LONGEST_S:g}; got {given!r:.60}")
@@ -155,7 +155,7 @@ def seconds(who: str, field: str, given: float) -> float:
 
 
 def count(who: str, field: str, given: int, least: int) -> int:
-    """Return a whole number that is not less than another; raises InvalidInput."""
+    """Return an integer that is at least `least`; raises InvalidInput."""
     if not _is_whole(given) or given < least:
         raise InvalidInput(who, field, f"must be a whole number, {least} or more; got {given!r:.60}")
     return int(given)
@@ -187,7 +187,7 @@ def _is_whole(given: Any) -> bool:
 
 
 def _check_unit(who: str, field: str, first: int, last: int) -> None:
-    """Refuse whole numbers that are too small by a factor of a thousand or a million to be of our time."""
+    """Refuse integers that are probably seconds or milliseconds, not microseconds."""
     for unit, factor in _MISTAKEN_UNITS.items():
         if _LOW * factor <= first and last < _HIGH * factor:
             would_be = (EPOCH + first * MICROSECOND).isoformat(timespec="seconds")

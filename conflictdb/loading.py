@@ -1,4 +1,4 @@
-"""Files into scenes of a database, all or nothing: what `Database.load_files` does."""
+"""Load files into scenes of a database, all or nothing, for `Database.load_files`."""
 
 import dataclasses
 from collections.abc import Iterator, Sequence
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """What loading did to one scene.
+    """The effect of loading on one scene.
 
     counts : objects added, updated, removed, unchanged
     skipped : rows and objects that were left out
-    remarks : what breaks no rule, but may not be meant
+    remarks : valid input that is probably unintended
     """
 
     scene: str
@@ -39,7 +39,7 @@ class Loaded:
 
     @property
     def invalid(self) -> tuple[Skipped, ...]:
-        """The objects of plans that were left out because they are refused, an entry for each mistake."""
+        """The objects of plans that were left out because they are refused, one entry per error."""
         return tuple(one for one in self.skipped if one.is_refused)
 
 
@@ -54,7 +54,7 @@ def load_files(
     skip_invalid: bool,
     max_file_mb: float | None,
 ) -> list[Loaded]:
-    """Load some files, those of one scene as if they were one; return what it did to each scene.
+    """Load files, those of one scene as if they were one; return the result for each scene.
 
     replace : remove the objects of the scene that the files do not contain
     """
@@ -70,9 +70,9 @@ def load_files(
 
 
 def _with_settings(connection: "psycopg.Connection[Any]", plan: Plan, skip_invalid: bool) -> tuple[Plan, Scene]:
-    """Return a plan and the settings of its scene: the file's, else those it has already; checks all objects.
+    """Return a plan and the settings of its scene: the file's, else the stored ones; checks all objects.
 
-    With `skip_invalid`, objects that the scene's plane cannot hold are left out of the plan.
+    With `skip_invalid`, objects that do not fit the scene's plane are left out of the plan.
     """
     settings = centred(_own_settings(connection, plan.name, plan.settings), plan.areas, plan.tracks)
     for source in plan.sources:
@@ -84,14 +84,14 @@ def _with_settings(connection: "psycopg.Connection[Any]", plan: Plan, skip_inval
 
 
 def _own_settings(connection: "psycopg.Connection[Any]", name: str, settings: Scene | None) -> Scene:
-    """Return the settings of a scene: a file's, else those it has already."""
+    """Return the settings of a scene: a file's, else the stored ones."""
     if settings is not None and (settings.motion != Motion.GREAT_CIRCLE or settings.centre is not None):
         return settings
     with store.transaction(connection):
         known = store.scene_settings(connection, name)
     if settings is None:
         return known or Scene(name)
-    # Once there, a centre stays.
+    # A stored centre is kept.
     return settings if known is None else dataclasses.replace(settings, centre=known.centre)
 
 
@@ -103,7 +103,7 @@ def _loaded_by_parts(
     max_speed_kn: float | None,
     max_file_mb: float | None,
 ) -> Loaded:
-    """Load a file whose objects are read some at a time, and held by nobody."""
+    """Load a file in parts, to bound memory."""
     read = partial(read_parts, path, max_speed_kn=max_speed_kn, max_file_mb=max_file_mb)
     with read() as parts:
         name = scene_name(path, parts.settings, scene)
@@ -135,7 +135,7 @@ def _loaded(connection: "psycopg.Connection[Any]", plan: Plan, settings: Scene, 
 
 
 def _centred(settings: Scene, parts: Parts) -> Scene:
-    """Return settings with the middle of all objects of a file for a centre, as `centred` does."""
+    """Return settings with the middle of all objects of a file as centre, as `centred` does."""
     sums = np.zeros(4)
     first: tuple[list[Area], list[Track]] = ([], [])
     for part in parts.each:
@@ -147,9 +147,9 @@ def _centred(settings: Scene, parts: Parts) -> Scene:
 
 
 def _fitting(settings: Scene, parts: Parts) -> Iterator[tuple[list[Area], list[Track]]]:
-    """Yield the parts of a file until there is a mistake; all mistakes are raised in the end.
+    """Yield the parts of a file until the first error; all errors are raised at the end.
 
-    Objects that the scene's plane cannot hold are told of where nothing else is wrong.
+    Objects that do not fit the scene's plane are reported only if there is no other error.
     """
     plane = plane_of(settings)
     misfit: InvalidInput | None = None
@@ -190,7 +190,7 @@ def _require_objects(plan: Plan, replace: bool) -> None:
 
 
 def _refused(settings: Scene, plan: Plan, source: str) -> InvalidInput | None:
-    """Return why the scene's plane cannot hold an object of a file, None if it holds them all."""
+    """Return the error for an object of a file that does not fit the scene's plane, None if all fit."""
     areas = [area for area in plan.areas if plan.source_of[area.key] == source]
     tracks = [track for track in plan.tracks if plan.source_of[track.key] == source]
     try:

@@ -1,4 +1,4 @@
-"""How results look in a notebook: tables of HTML, in which keys are text and nothing else."""
+"""Format results for a notebook as HTML tables, with all keys escaped."""
 
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
@@ -10,13 +10,13 @@ from conflictdb.printable import printable
 if TYPE_CHECKING:
     from conflictdb.results import Approach, Conflict, PairRecord
 
-# More rows make a page that nobody reads, and that is slow to show.
+# More rows make a long page that is slow to show.
 _MOST_ROWS: Final = 50
 _UNITS: Final = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
 
 
 def conflicts_html(conflicts: "Sequence[Conflict]") -> str:
-    """Return conflicts as a table, times in UTC; the first ones, where there are many."""
+    """Return conflicts as a table, times in UTC; only the first of many."""
     header = ["A", "B", "verdict", "first contact (UTC)", "last contact (UTC)", "periods", "each end to", "closest, m"]
     rows = (
         [
@@ -35,7 +35,7 @@ def conflicts_html(conflicts: "Sequence[Conflict]") -> str:
 
 
 def approaches_html(approaches: "Sequence[Approach]") -> str:
-    """Return closest approaches as a table, times in UTC; the first ones, where there are many."""
+    """Return closest approaches as a table, times in UTC; only the first of many."""
     header = ["A", "B", "verdict", "closest (UTC)", "metres"]
     rows = (
         [
@@ -51,22 +51,22 @@ def approaches_html(approaches: "Sequence[Approach]") -> str:
 
 
 def remark_html(remark: str | None) -> str:
-    """Return what is wrong with a list, or nothing."""
+    """Return the remark on a list as HTML, empty if there is none."""
     return f"<p><strong>{text_of(remark)}</strong></p>" if remark else ""
 
 
 def text_html(text: str) -> str:
-    """Return a text of several lines as they are."""
+    """Return preformatted text of several lines."""
     return f"<pre>{escape(printable(text, keep=chr(10)))}</pre>"
 
 
 def text_of(text: str) -> str:
-    """Return text of strangers so that HTML shows it as it is, and does nothing with it."""
+    """Escape untrusted text for HTML."""
     return escape(printable(text))
 
 
 def instant_text(instant: datetime | None) -> str:
-    """Return an instant in UTC to the microsecond, or two dots where a period has no end."""
+    """Return an instant in UTC to the microsecond, or two dots for an unbounded end."""
     return ".." if instant is None else instant.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S.%f").rstrip("0").rstrip(".")
 
 
@@ -78,7 +78,7 @@ def distance_text(pair: "PairRecord") -> str:
 
 
 def bound_text(seconds: float) -> str:
-    """Return a bound on the error of times, rounded up to a digit; times are told to the microsecond."""
+    """Return a bound on the error of times, rounded up to a digit; times have microseconds."""
     if not seconds < float("inf"):
         return "no bound"
     unit, name = next((row for row in _UNITS if seconds >= row[0]), _UNITS[-1])

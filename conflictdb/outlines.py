@@ -1,7 +1,7 @@
-"""Outlines of havens that change: how corners move where every side moves outward, and what stays convex meanwhile.
+"""Compute outlines of changing havens: the motion of corners when every side moves outward, and convexity.
 
 Outlines are rings of (starboard, forward) metres, not closed; one vertex is a point, two are a line. Ragged arrays:
-outline i owns rows [offset[i], offset[i + 1]).
+outline i has rows [offset[i], offset[i + 1]).
 """
 
 import math
@@ -15,25 +15,25 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Offsets = NDArray[np.int64]
 
-# The sharpest corner that may move outward, degrees: its tip runs 1 / sin(half of it) = 115 times as fast as the sides.
+# The sharpest corner that may move outward, degrees: its tip moves 1 / sin(half of it) = 115 times as fast as the
+# sides.
 SHARPEST_CORNER_DEG: Final = 1.0
 FASTEST_TIP: Final = 1.0 / math.sin(math.radians(0.5 * SHARPEST_CORNER_DEG))
 
-# A point or a line is a rectangle without size, its corners in turn: behind and to the right, ahead, ...
+# A point or a line is a degenerate rectangle, its corners in turn: behind and to the right, ahead, ...
 _ALONG: Final = np.array([-1.0, 1.0, 1.0, -1.0])
 _RIGHT: Final = np.array([1.0, 1.0, -1.0, -1.0])
 _END: Final = np.array([0, 1, 1, 0])
 
 
 def mitred(outline_m: Floats, offset: Offsets) -> tuple[Floats, Floats, Offsets]:
-    """Return the corners of outlines, how they move when every side moves outward at speed 1, and their offsets.
+    """Return the corners of outlines, their rates when every side moves outward at speed 1, and their offsets.
 
-    A corner stays where its two sides meet, so that it moves along their bisector, steadily. Vertices that are given
-    twice in a row are one corner. A point becomes the four corners of a square that lies fore and aft, a line those of
-    a rectangle.
+    A corner stays where its two sides meet, so it moves along their bisector at constant speed. Repeated vertices are
+    one corner. A point becomes the four corners of a square aligned fore and aft, a line those of a rectangle.
 
     outline_m : (v, 2), convex; offset : (n + 1,)
-    Returns corners (w, 2) metres, rate (w, 2) metres per metre, offset (n + 1,). The rate is not finite, or beyond
+    Returns corners (w, 2) metres, rate (w, 2) metres per metre, offset (n + 1,). The rate is not finite, or exceeds
     FASTEST_TIP, at corners that are too sharp.
     """
     xy, offset = _without_repeats(outline_m, offset)
@@ -66,8 +66,8 @@ def mitred(outline_m: Floats, offset: Offsets) -> tuple[Floats, Floats, Offsets]
 def stays_convex(start: Sequence[Sequence[float]], end: Sequence[Sequence[float]]) -> bool:
     """Return whether a convex ring stays convex while each vertex moves straight from one outline to the other.
 
-    The turn at a corner, the cross product of its two edges, is a quadratic in time: with a and b the edges at start
-    and end it has the Bernstein coefficients a1 x a2, (a1 x b2 + b1 x a2) / 2 and b1 x b2.
+    The turn at a corner, the cross product of its two edges, is quadratic in time: with a and b the edges at start and
+    end its Bernstein coefficients are a1 x a2, (a1 x b2 + b1 x a2) / 2 and b1 x b2.
     """
     edges = [
         (a2[0] - a1[0], a2[1] - a1[1], b2[0] - b1[0], b2[1] - b1[1])
@@ -79,7 +79,7 @@ def stays_convex(start: Sequence[Sequence[float]], end: Sequence[Sequence[float]
         (ax * ay2 - ay * ax2, ax * by2 - ay * bx2 + bx * ay2 - by * ax2, bx * by2 - by * bx2)
         for (ax, ay, bx, by), (ax2, ay2, bx2, by2) in corners
     ]
-    # Which way round: the way it turns in all, at both ends and half-way.
+    # Orientation: the sign of the total turn, at both ends and half-way.
     way = math.copysign(1.0, sum(5.0 * first + middle + 5.0 * last for first, middle, last in turns))
     slack = 32.0 * sys.float_info.epsilon * max(abs(x) for vertex in (*start, *end) for x in vertex) ** 2
     return all(
@@ -91,7 +91,7 @@ def stays_convex(start: Sequence[Sequence[float]], end: Sequence[Sequence[float]
 
 
 def _without_repeats(outline_m: Floats, offset: Offsets) -> tuple[Floats, Offsets]:
-    """Return outlines without the vertices that equal the one before; one stays of those that are all equal."""
+    """Return outlines without repeated vertices; one remains of vertices that are all equal."""
     before = np.arange(len(outline_m)) - 1
     before[offset[:-1]] = offset[1:] - 1
     kept = (outline_m != outline_m[before]).any(axis=1)

@@ -1,7 +1,7 @@
-"""Text of strangers made harmless for a terminal, a log or an error message.
+"""Escape untrusted text for a terminal, a log or an error message.
 
-Keys and names may hold anything that Unicode has: escape sequences that recolour, move the cursor or retitle a window,
-line breaks that forge a line of their own, marks that turn the direction of reading over.
+Keys and names may contain any Unicode: escape sequences that recolour, move the cursor or retitle a window, line breaks
+that forge a line, marks that reverse the direction of reading.
 """
 
 

@@ -1,4 +1,4 @@
-"""Speeds beyond reason: a leg that is faster than anything moves has a wrong time or a wrong place."""
+"""Check speeds: a leg faster than anything moves has a wrong time or a wrong place."""
 
 from typing import Final
 
@@ -9,34 +9,34 @@ from conflictdb.errors import InvalidInput
 
 MPS_PER_KNOT: Final = 1852.0 / 3600.0
 MAX_SPEED_KN: Final = 2000.0  # faster than any aircraft in service; as in sql/12_checks.sql, _max_speed_kn
-AIS_MAX_SPEED_KN: Final = 102.2  # the highest speed that an AIS message can carry
-# Speeds are judged to this share: the lengths and times of legs are rounded, and the earth may be another.
+AIS_MAX_SPEED_KN: Final = 102.2  # the highest speed in an AIS message
+# Relative tolerance of the check: the lengths and times of legs are rounded, and the scene's earth may differ.
 SPEED_SLACK: Final = 0.01
 _MEAN_RADIUS_M: Final = 6_371_008.8
 
 
 def too_fast(speed_kn: float, max_speed_kn: float) -> str:
-    """Return a speed, the rule that it breaks, and what to do if it is right all the same."""
+    """Return the text on a speed, the rule that it breaks, and the remedy if it is right."""
     speed = f"{speed_kn:,.0f}" if speed_kn < 1e9 else f"{speed_kn:.3g}"
     return f"{speed} kn, beyond {max_speed_kn:g} kn; if that is meant, raise --max-speed-kn (max_speed_kn in Python)"
 
 
 def legs_too_fast(speed_kn: NDArray[np.float64], max_speed_kn: float) -> NDArray[np.intp]:
-    """Return the indices of the legs whose speed is beyond the limit."""
+    """Return the indices of the legs above the speed limit."""
     return np.flatnonzero(speed_kn > (1.0 + SPEED_SLACK) * max_speed_kn)
 
 
 def leg_refused(who: str, leg: int, speed_kn: float, max_speed_kn: float) -> InvalidInput:
-    """Return the error that refuses a leg (from 0): it names the waypoint that the leg leads to, its speed, the limit.
+    """Return the error for a leg (from 0): it names the waypoint at the leg's end, its speed, and the limit.
 
-    who : what the leg is of, such as ``track 'T'``
+    who : the leg's track, such as ``track 'T'``
     """
     rule = f"the leg to this waypoint is travelled at {too_fast(speed_kn, max_speed_kn)}"
     return InvalidInput(who, f"times[{leg + 1}]", rule)
 
 
 def check_speed(who: str, positions_deg: NDArray[np.float64], times_us: NDArray[np.int64], max_speed_kn: float) -> None:
-    """Refuse a course with a leg that even on the shortest way is travelled faster than the limit, knots.
+    """Refuse a track with a leg whose speed exceeds the limit, knots, even along the shortest path.
 
     positions_deg : (n, 2) longitude and latitude
     times_us : (n,) microseconds, increasing
