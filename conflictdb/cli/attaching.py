@@ -43,10 +43,10 @@ def attach(args: argparse.Namespace) -> int:
 
 @contextmanager
 def _warnings_as_remarks() -> Iterator[None]:
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         yield
-    for one in told:
+    for one in caught:
         remark(str(one.message))
 
 

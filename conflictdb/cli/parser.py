@@ -126,7 +126,7 @@ def add_loading(parser: Parser) -> None:
         "--max-file-mb",
         type=megabytes,
         metavar="MB",
-        help="refuse files that hold, or unpack to, more (default 64, GeoParquet 4000, or 400 where it is held whole)",
+        help="refuse files that hold, or unpack to, more (default 64, GeoParquet 4000, or 400 if read as a whole)",
     )
 
 

@@ -32,18 +32,18 @@ def termination_as_interrupt() -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> NoReturn:
         raise Terminated
 
-    heard, told = os.pipe()
-    os.set_blocking(told, False)
+    heard, sink = os.pipe()
+    os.set_blocking(sink, False)
     watchdog = Thread(target=_end_late, args=(heard,), daemon=True, name="termination")
     watchdog.start()
     before = signal.signal(signal.SIGTERM, interrupt)
-    told_before = signal.set_wakeup_fd(told, warn_on_full_buffer=False)
+    sink_before = signal.set_wakeup_fd(sink, warn_on_full_buffer=False)
     try:
         yield
     finally:
-        signal.set_wakeup_fd(told_before)
+        signal.set_wakeup_fd(sink_before)
         signal.signal(signal.SIGTERM, before)
-        os.close(told)
+        os.close(sink)
         watchdog.join()
         os.close(heard)
 

@@ -164,9 +164,9 @@ def _slips(one: str, other: str) -> int:
     for i, letter in enumerate(one, 1):
         before_last, before = before, row
         row = [i]
-        for j, wanted in enumerate(other, 1):
-            cost = min(before[j] + 1, row[j - 1] + 1, before[j - 1] + (letter != wanted))
-            if i > 1 and j > 1 and letter == other[j - 2] and one[i - 2] == wanted:
+        for j, expected in enumerate(other, 1):
+            cost = min(before[j] + 1, row[j - 1] + 1, before[j - 1] + (letter != expected))
+            if i > 1 and j > 1 and letter == other[j - 2] and one[i - 2] == expected:
                 cost = min(cost, before_last[j - 2] + 1)
             row.append(cost)
     return row[-1] if row[-1] <= most else 3

@@ -37,11 +37,11 @@ def main(sink: IO[bytes], most_bytes: int, paths: list[str]) -> None:
                             column if column.type == field.type else column.cast(field.type)
                             for column, field in zip(batch.columns, plain, strict=True)
                         ]
-                        held = pa.RecordBatch.from_arrays(columns, schema=plain)
-                        size += max(held.nbytes, VALUE_BYTES * held.num_rows * held.num_columns)
+                        plain_batch = pa.RecordBatch.from_arrays(columns, schema=plain)
+                        size += max(plain_batch.nbytes, VALUE_BYTES * plain_batch.num_rows * plain_batch.num_columns)
                         if size > most_bytes:
                             raise MemoryError
-                        writer.write_batch(held)
+                        writer.write_batch(plain_batch)
             except MemoryError:
                 raise
             except Exception as error:  # any error is reported with the part's name

@@ -32,10 +32,10 @@ def decoded(values: Iterable[bytes | str | None], first_row: int = 0) -> NDArray
 
     first_row : number of the first row in messages
     """
-    held = [bytes.fromhex(one) if isinstance(one, str) else one for one in values]
-    check(held, first_row)
-    column = np.empty(len(held), dtype=object)
-    column[:] = held
+    as_bytes = [bytes.fromhex(one) if isinstance(one, str) else one for one in values]
+    check(as_bytes, first_row)
+    column = np.empty(len(as_bytes), dtype=object)
+    column[:] = as_bytes
     with np.errstate(invalid="ignore"):  # NaN coordinates are refused later, with their object
         return np.asarray(shapely.from_wkb(column), dtype=object)
 

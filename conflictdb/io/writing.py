@@ -47,10 +47,10 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
         raise InvalidInput(
             "write", "results", f"{rule}, in a list or the like; got {type(results).__name__}", str(path)
         )
-    told = results if isinstance(results, Listing | Stream) else None
+    listing = results if isinstance(results, Listing | Stream) else None
     rows = iter(results)
     first = list(islice(rows, 1))
-    kind = told.kind if told is not None else Approach if first and isinstance(first[0], Approach) else Conflict
+    kind = listing.kind if listing is not None else Approach if first and isinstance(first[0], Approach) else Conflict
     each = _each(chain(first, rows), kind, InvalidInput("write", "results", rule, str(path)))
     if suffix == _PARQUET:
         if kind is Approach:
@@ -67,7 +67,7 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
     elif suffix == ".json":
         lines = as_json(each)
     else:
-        lines = as_geojson(each, [told.state] if told is not None else [])
+        lines = as_geojson(each, [listing.state] if listing is not None else [])
     write_lines(path, lines)
 
 

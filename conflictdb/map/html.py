@@ -61,11 +61,11 @@ def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], s
     _check(scene, len(listed), "conflicts", MOST_CONFLICTS)
     areas, tracks = content.areas(conn, scene), content.tracks(conn, scene)
     shapes = content.shapes(conn, scene, listed)
-    asked = [one.pair for one in listed[:MOST_EXPLAINED]]
-    pairs = [(pair.a, pair.b, content.pair(conn, scene, pair)["explanation"]) for pair in asked]
+    explained = [one.pair for one in listed[:MOST_EXPLAINED]]
+    pairs = [(pair.a, pair.b, content.pair(conn, scene, pair)["explanation"]) for pair in explained]
     now = datetime.now(UTC)
     left_out = "changes since, and acknowledging"
-    if len(listed) > len(asked):
+    if len(listed) > len(explained):
         left_out += f", and why of all but the first {MOST_EXPLAINED:,} conflicts"
     near = _near(shapes)
     return {

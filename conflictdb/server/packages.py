@@ -152,8 +152,8 @@ def _fetched(part: Path, cache: Path, major: int | None) -> Tree:
     complaints = apt.update()
     found = _newest_major(apt, major)
     if found is None:
-        wanted = "postgresql-*-postgis-3" if major is None else f"postgresql-{major}-postgis-3"
-        raise FetchError(f"offers no {wanted}" + (f"; apt says: {complaints}" if complaints else ""))
+        missing_package = "postgresql-*-postgis-3" if major is None else f"postgresql-{major}-postgis-3"
+        raise FetchError(f"offers no {missing_package}" + (f"; apt says: {complaints}" if complaints else ""))
     names = _closure(apt, found)
     apt.unpack(names)
     tree = _finish(part, found)

@@ -78,9 +78,9 @@ def _require_java(home: str | None) -> None:
     if java is None:
         where = f"JAVA_HOME is {home}, where there is none" if home else "there is none on PATH, and no JAVA_HOME"
         raise EngineMissing(f"Spark needs Java: {where}; {remedy}, or set JAVA_HOME")
-    told = subprocess.run([java, "-version"], capture_output=True, text=True, check=False)
-    major = next((word.strip('"').split(".")[0] for word in told.stderr.split() if word.startswith('"')), "")
-    if told.returncode or not major.isdigit() or int(major) != _JAVA:
+    version_run = subprocess.run([java, "-version"], capture_output=True, text=True, check=False)
+    major = next((word.strip('"').split(".")[0] for word in version_run.stderr.split() if word.startswith('"')), "")
+    if version_run.returncode or not major.isdigit() or int(major) != _JAVA:
         found = f"{java} is {major or 'none'}"
         raise EngineMissing(f"Spark 3.5 with Sedona needs Java {_JAVA}; {found}: {remedy}, and set JAVA_HOME")
 

@@ -105,24 +105,24 @@ def _without_unknown_numbers(found: pa.RecordBatch) -> pa.RecordBatch:
 
 def _whole(batches: Iterable[pa.RecordBatch], at_once: int) -> Iterator[pa.Table]:
     """Yield rows in parts of about `at_once` rows or _MOST_BYTES; rows of the same two objects stay together."""
-    held: list[pa.RecordBatch] = []
-    # Rows and bytes in `held`, and the first row of its last pair of objects.
+    queued: list[pa.RecordBatch] = []
+    # Rows and bytes in `queued`, and the first row of its last pair of objects.
     rows = size = last = 0
     for batch in batches:
         if not batch.num_rows:
             continue
-        begin = _last_begin(batch, held[-1] if held else None)
+        begin = _last_begin(batch, queued[-1] if queued else None)
         last = last if begin is None else rows + begin
-        held.append(batch)
+        queued.append(batch)
         rows, size = rows + batch.num_rows, size + batch.get_total_buffer_size()
         if last and (rows >= at_once or size >= _MOST_BYTES):
-            table = pa.Table.from_batches(held)
+            table = pa.Table.from_batches(queued)
             yield table.slice(0, last)
             # Copy: a slice would keep the whole table in memory.
-            held = pa.Table.from_batches(table.slice(last).to_batches()).combine_chunks().to_batches()
-            rows, size, last = rows - last, sum(one.get_total_buffer_size() for one in held), 0
-    if held:
-        yield pa.Table.from_batches(held)
+            queued = pa.Table.from_batches(table.slice(last).to_batches()).combine_chunks().to_batches()
+            rows, size, last = rows - last, sum(one.get_total_buffer_size() for one in queued), 0
+    if queued:
+        yield pa.Table.from_batches(queued)
 
 
 def _last_begin(batch: pa.RecordBatch, before: pa.RecordBatch | None) -> int | None:

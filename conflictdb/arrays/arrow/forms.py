@@ -93,19 +93,19 @@ def metadata_of(who: str, schema: "pa.Schema") -> dict[str, Any]:
     return said
 
 
-def converted(who: str, name: str, column: Array, wanted: "pa.DataType") -> Array:
+def converted(who: str, name: str, column: Array, expected: "pa.DataType") -> Array:
     """Return a column as another type with the same values; raises InvalidInput if that is impossible."""
-    if column.type == wanted:
+    if column.type == expected:
         return column
-    if not _alike(column.type, wanted):
-        got = f"must be {wanted}; got {column.type}"
-        if pa.types.is_timestamp(_innermost(column.type)) and pa.types.is_timestamp(_innermost(wanted)):
+    if not _alike(column.type, expected):
+        got = f"must be {expected}; got {column.type}"
+        if pa.types.is_timestamp(_innermost(column.type)) and pa.types.is_timestamp(_innermost(expected)):
             got += ": instants need a time zone, and are kept in UTC"
         raise InvalidInput(who, name, got)
     try:
-        return column.cast(wanted)
+        return column.cast(expected)
     except pa.ArrowException as error:
-        raise InvalidInput(who, name, f"must be {wanted}; got {column.type}: {error}") from error
+        raise InvalidInput(who, name, f"must be {expected}; got {column.type}: {error}") from error
 
 
 def _alike(one: Any, other: Any) -> bool:

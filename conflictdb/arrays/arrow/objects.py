@@ -341,9 +341,9 @@ def _document(properties: Mapping[str, Any]) -> str | None:
 
 
 def _as_objects(values: Sequence[Any]) -> NDArray[np.object_]:
-    held = np.empty(len(values), dtype=object)
-    held[:] = values
-    return held
+    filled = np.empty(len(values), dtype=object)
+    filled[:] = values
+    return filled
 
 
 def _linestrings(positions_deg: Sequence[NDArray[np.float64]]) -> NDArray[np.object_]:
@@ -361,8 +361,8 @@ def _of_ragged(given: Sequence[NDArray[Any] | None], of: Any) -> Array:
 
 def _of_heights(given: Sequence[NDArray[np.float64] | None]) -> Array:
     items = np.concatenate([np.empty(0), *(one for one in given if one is not None)])
-    held = pa.array(items, mask=np.isinf(items))
-    return of_lists(held, _lengths(given), _missing(given))
+    filled = pa.array(items, mask=np.isinf(items))
+    return of_lists(filled, _lengths(given), _missing(given))
 
 
 def _of_rings(given: Sequence[NDArray[np.float64] | None]) -> Array:

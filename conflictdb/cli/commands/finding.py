@@ -40,9 +40,7 @@ def _detect(commands: Any) -> None:
     )
     parser.add_argument("--method", type=method, choices=METHOD_NAMES, help=f"where to stop: {METHODS_SAID}")
     parser.add_argument("--tolerance-m", type=metres, metavar="M", help="closeness that is too close to call, metres")
-    parser.add_argument(
-        "--separation-m", type=metres, metavar="M", help="minimum distance wanted, metres (0: touching)"
-    )
+    parser.add_argument("--separation-m", type=metres, metavar="M", help="required separation, metres (0: touching)")
     parser.add_argument(
         "--nearest-m",
         type=metres,
@@ -64,7 +62,7 @@ def _load(commands: Any) -> None:
         "load",
         "objects:load",
         "load files, without detecting",
-        "Files of one scene are taken together, as if they were one. All mistakes of all files are told in one go; "
+        "Files of one scene are combined as if they were one. All mistakes of all files are reported together; "
         "if one object of one file is refused, or a file has no objects, nothing is changed.",
     )
     parser.add_argument("files", nargs="+", metavar="FILE", help="scene files, moving features, positions, or areas")

@@ -50,7 +50,7 @@ def add(commands: Any) -> None:
     )
     parser.add_argument("--method", type=method, choices=METHOD_NAMES, help=f"where to stop: {METHODS_SAID}")
     parser.add_argument("--tolerance-m", type=metres, metavar="M", help="closeness that is too close to call, metres")
-    parser.add_argument("--separation-m", type=metres, metavar="M", help="minimum distance wanted, metres")
+    parser.add_argument("--separation-m", type=metres, metavar="M", help="required separation, metres")
     parser.add_argument("--nearest-m", type=metres, metavar="D", help="also report pairs that come within D metres")
     parser.add_argument(
         "--partitions", type=count, metavar="N", help="of pieces and of pairs (default: four per processor)"
@@ -72,7 +72,7 @@ def add(commands: Any) -> None:
         "demo",
         "on_spark:demo",
         "take the scene that comes with the program through Spark, and compare",
-        "Its answer is held against that of one machine; no database is needed.",
+        "Compares the answer with that of one machine; needs no database.",
     )
     _add_spark(parser)
 

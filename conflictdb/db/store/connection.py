@@ -323,9 +323,9 @@ def require_writable(conn: psycopg.Connection[Any]) -> None:
 
 def require_detecting(conn: psycopg.Connection[Any]) -> None:
     """Raise ReadOnlyDatabase if the user of this connection may not write conflicts."""
-    asked = "SELECT has_table_privilege('conflictdb.conflict', 'INSERT'), pg_catalog.quote_ident(current_user)"
+    statement = "SELECT has_table_privilege('conflictdb.conflict', 'INSERT'), pg_catalog.quote_ident(current_user)"
     with translated(), conn.transaction(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
-        row = cursor.execute(asked, prepare=False).fetchone()
+        row = cursor.execute(statement, prepare=False).fetchone()
     if row is not None and not row[0]:
         raise ReadOnlyDatabase(
             f"user {row[1]} may not detect in database {conn.info.dbname!r}; let an administrator run: "

@@ -456,16 +456,16 @@ def _chunks(messages: Iterable[bytes | bytearray | memoryview]) -> Iterator[byte
 
     No row spans two chunks: a message contains whole rows (PostgreSQL documentation, "COPY Operations": one per row).
     """
-    held: list[bytes | bytearray | memoryview] = []
+    parts_of_chunk: list[bytes | bytearray | memoryview] = []
     size, start = 0, len(_HEADER)
     for message in messages:
         # The last message is the trailer. Keep each chunk until another message arrives.
         if size >= _CHUNK_BYTES:
-            yield b"".join(held)[start:]
-            held, size, start = [], 0, 0
-        held.append(message)
+            yield b"".join(parts_of_chunk)[start:]
+            parts_of_chunk, size, start = [], 0, 0
+        parts_of_chunk.append(message)
         size += len(message)
-    yield b"".join(held)[start : -len(_TRAILER)]
+    yield b"".join(parts_of_chunk)[start : -len(_TRAILER)]
 
 
 def _cut(rows: bytes, width: int, strings: dict[str, list[bytes]]) -> bytes:

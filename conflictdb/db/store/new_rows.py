@@ -92,9 +92,9 @@ def begin_new(
 
     Returns None, without effect, where row-level security forbids COPY.
     """
-    asked = copy_binary.array([copy_binary.fixed(objects, "i8")], "bigint")
+    object_array = copy_binary.array([copy_binary.fixed(objects, "i8")], "bigint")
     run_id, at_us, scene, conflict_ids, event_ids, keys, first_versions = call(
-        conn, "_begin_new_rows", scene_id, run_id, run, count, asked
+        conn, "_begin_new_rows", scene_id, run_id, run, count, object_array
     )
     if run_id is None:
         return None

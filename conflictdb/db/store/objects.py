@@ -135,12 +135,12 @@ def read_scene(
 
     keys : keys of the objects to read; None: all
     """
-    wanted = None if keys is None else list(keys)
+    among = None if keys is None else list(keys)
     with transaction(conn):
         number = scene_id(conn, name)
-        sent = copy_binary.receive(conn, "_read_areas", [number, wanted], _AREA_COLUMNS, _AREA_STRINGS)
+        sent = copy_binary.receive(conn, "_read_areas", [number, among], _AREA_COLUMNS, _AREA_STRINGS)
         areas = areas_of(*sent)
-        sent = copy_binary.receive(conn, "_read_tracks", [number, wanted], _TRACK_COLUMNS, _TRACK_STRINGS)
+        sent = copy_binary.receive(conn, "_read_tracks", [number, among], _TRACK_COLUMNS, _TRACK_STRINGS)
         return read_settings(conn, number), areas, tracks_of(*sent)
 
 
