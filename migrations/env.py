@@ -28,6 +28,8 @@ def _migrate(connection: sqlalchemy.Connection) -> None:
     driver = connection.connection.driver_connection
     with connection.begin():
         schema.prepare(driver)
+        if schema.revision(driver) == schema.FORMER:
+            driver.execute(schema.RESTAMP.encode())
         context.config.attributes["upgraded_from"] = schema.revision(driver)
         context.configure(
             connection=connection,

@@ -110,6 +110,7 @@ def files() -> Iterator[tuple[str, str]]:
     for earlier in schema.revisions():
         if earlier < newest:
             yield f"conflictdb--{earlier}--{newest}.sql", _update_script(earlier)
+    yield f"conflictdb--{schema.FORMER}--{newest}.sql", _update_script(schema.revisions()[0], schema.RESTAMP)
 
 
 def build(directory: Path) -> list[Path]:
@@ -153,11 +154,11 @@ def _install_script() -> str:
     return "".join([command, *refusals, _prepare(), structure, _routines(), _DUMP_CONTENTS])
 
 
-def _update_script(earlier: str) -> str:
+def _update_script(earlier: str, first: str = "") -> str:
     command = _ONLY_AS_EXTENSION.format(command=f"ALTER EXTENSION conflictdb UPDATE TO '{version()}'")
     notes = [_NOTES.format(action=action) for action in ("ADD", "DROP")]
     structure = schema.structure_sql(earlier)
-    parts = [_prepare(), structure, notes[0], _routines(), notes[1], schema.marking_sql(earlier), _DUMP_CONTENTS]
+    parts = [_prepare(), first, structure, notes[0], _routines(), notes[1], schema.marking_sql(earlier), _DUMP_CONTENTS]
     return "".join([command, schema.REFUSE_FOREIGN_SCHEMA, *parts])
 
 

@@ -38,7 +38,10 @@ _SAY_AFTER_S: Final = 5.0
 _LOOK_EVERY_S: Final = 0.1
 # Alembic keeps its state in global variables, so one thread at a time. Other processes wait for the database's lock.
 _ALEMBIC: Final = threading.Lock()
-# Revisions made before the first release were squashed into 0001 and 0002: databases at one of them are not upgraded.
+# Revisions made before the first release were squashed into 0001. FORMER was the last of them: its structure is that of
+# 0001, and it is upgraded. Databases at an earlier one are not.
+FORMER: Final = "0028"
+RESTAMP: Final = f"UPDATE conflictdb.alembic_version SET version_num = '0001' WHERE version_num = '{FORMER}';\n"  # noqa: S608
 _FROM_BEFORE_RELEASE: Final = (
     "export its scenes with the program that made it, run DROP SCHEMA conflictdb CASCADE (of the extension: DROP "
     "EXTENSION conflictdb), then `conflictdb init`, and load them"
@@ -523,7 +526,7 @@ def _set_search_path(conn: psycopg.Connection[Any]) -> None:
 
 
 def _check_known(found: str, database: str) -> None:
-    if found not in revisions():
+    if found not in (*revisions(), FORMER):
         raise SchemaTooNew(
             f"the conflictdb schema of database {database!r} is at revision {found}, which this program does not know "
             f"(it knows up to {head()}): install a newer conflictdb, or if the database was made before the first "

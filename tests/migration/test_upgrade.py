@@ -262,9 +262,24 @@ def test_newer_schema_is_refused_and_left_alone(dsn: str) -> None:
         schema.upgrade(dsn)
 
 
-@pytest.mark.parametrize("revision", ["0003", "0028", "0029"])
+def test_the_last_revision_before_the_squash_is_upgraded(empty_dsn: str, other_dsn: str) -> None:
+    """Its structure is that of the present 0001, under the number 0028."""
+    alembic_do(empty_dsn, alembic.command.upgrade, "0001")
+    with psycopg.connect(empty_dsn) as conn:
+        conn.execute("UPDATE conflictdb.alembic_version SET version_num = '0028'")
+        conn.execute("INSERT INTO conflictdb.scene (name, method) VALUES ('old', 'window')")
+    with psycopg.connect(empty_dsn) as conn, pytest.raises(SchemaOutdated, match="run `conflictdb upgrade`"):
+        schema.check(conn)
+    assert schema.upgrade(empty_dsn) == schema.head()
+    schema.upgrade(other_dsn)
+    assert catalog(empty_dsn) == catalog(other_dsn)
+    with psycopg.connect(empty_dsn) as conn:
+        assert conn.execute("SELECT name, method FROM conflictdb.scene").fetchall() == [("old", "exact")]
+
+
+@pytest.mark.parametrize("revision", ["0003", "0027"])
 def test_a_revision_from_before_the_first_release_is_refused(dsn: str, revision: str) -> None:
-    """Revisions 0001 to 0029 of then are 0001 and 0002 now; the message says how to go on."""
+    """Revisions 0001 to 0028 of then are 0001 now; the message says how to go on."""
     with psycopg.connect(dsn) as conn:
         conn.execute("UPDATE conflictdb.alembic_version SET version_num = %s", [revision])
     with pytest.raises(SchemaTooNew, match=r"before the first release, export its scenes .* DROP SCHEMA .* init"):
