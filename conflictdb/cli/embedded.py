@@ -12,6 +12,7 @@ from conflictdb.cli.codes import DONE, FAILED
 from conflictdb.cli.output import as_called, note, out, remark
 from conflictdb.database import connect
 from conflictdb.db import store
+from conflictdb.errors import SchemaError
 
 
 def server(args: argparse.Namespace) -> int:
@@ -57,7 +58,10 @@ def psql(args: argparse.Namespace) -> int:
     if args.dsn:
         dsn, found = args.dsn, embedded.find_psql()
     else:
-        connect(say=note).close()  # creates the schema if needed
+        try:
+            connect(say=note).close()  # creates the schema if needed
+        except SchemaError as error:
+            remark(str(error))  # psql is how to mend it
         running = embedded.embedded(say=note)
         dsn, found = running.dsn, embedded.find_psql(running)
         running.stay_through_exec()

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import psycopg
@@ -14,6 +15,7 @@ from commands import STRAIT, Run, runner
 
 from conflictdb.cli import main
 from conflictdb.db import schema
+from conflictdb.errors import SchemaTooNew
 
 
 @pytest.fixture
@@ -126,6 +128,27 @@ def test_without_psql_says_what_helps(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr("conflictdb.server.packages.unpacked_trees", lambda cache: [])
     assert main(["--dsn", "dbname=plans", "psql"]) == 1
     assert "sudo apt-get install postgresql-client" in capsys.readouterr().err
+
+
+def test_psql_opens_a_database_whose_schema_this_program_does_not_know(
+    dsn: str, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    """The message says to drop the schema: psql is how."""
+
+    def refused(**_: object) -> None:
+        raise SchemaTooNew("run DROP SCHEMA conflictdb CASCADE")
+
+    opened = []
+    running = SimpleNamespace(dsn=dsn, stay_through_exec=lambda: None)
+    found = object()
+    monkeypatch.setattr("conflictdb.cli.embedded.connect", refused)
+    monkeypatch.setattr("conflictdb.server.embedded", lambda **_: running)
+    monkeypatch.setattr("conflictdb.server.find_psql", lambda _: found)
+    monkeypatch.setattr("conflictdb.cli.embedded._become", lambda *arguments: opened.append(arguments))
+    monkeypatch.delenv("CONFLICTDB_DSN", raising=False)
+    main(["psql", "-l"])
+    assert opened == [(found, dsn, ["-l"])]
+    assert "run DROP SCHEMA" in capsys.readouterr().err
 
 
 def psql(*words: str, path: Path) -> "subprocess.CompletedProcess[str]":
