@@ -45,8 +45,8 @@ MAX_GROWTH_MPS: Final = 1e6
 MIN_INSTANT_US: Final = -62_135_596_800_000_000
 MAX_INSTANT_US: Final = 253_402_300_799_999_999
 # Ends of an unbounded span, in arrays of microseconds.
-SINCE_EVER_US: Final = -(2**63)
-FOR_EVER_US: Final = 2**63 - 1
+MINUS_INFINITY_US: Final = -(2**63)
+INFINITY_US: Final = 2**63 - 1
 
 
 class Motion(StrEnum):

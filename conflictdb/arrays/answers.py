@@ -66,12 +66,12 @@ class Conflicts:
 
     a_kind, b_kind : (n,) int8
     a_id, b_id, a_version, b_version : (n,) int64
-    period_us, period_offset : (p, 2) int64, (n + 1,) int64   inclusive, increasing, disjoint; SINCE_EVER_US and
-        FOR_EVER_US where unbounded
+    period_us, period_offset : (p, 2) int64, (n + 1,) int64   inclusive, increasing, disjoint; MINUS_INFINITY_US and
+        INFINITY_US where unbounded
     verdict : (n,) int8            Verdict.code
     first_contact_deg : (n, 2) float64   longitude and latitude of the first contact; NaN if not computed
     time_error_s : (n,) float64    bound on the error of every end of every period, seconds; 0 if exact
-    closest_us : (n,) int64        instant of the closest approach; SINCE_EVER_US if there is none
+    closest_us : (n,) int64        instant of the closest approach; MINUS_INFINITY_US if there is none
     closest_m : (n,) float64       distance then, metres on the earth; NaN if not computed
     closest_error_m : (n,) float64   bound on |closest_m - true least distance|, metres; NaN if not computed
     closest_a_deg, closest_b_deg : (n, 2) float64   longitude and latitude of the nearest points then; NaN if not

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.ragged import offsets, ragged_rows, ragged_take, stacked
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Track
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, Track
 from conflictdb.outlines import mitred
 
 
@@ -21,7 +21,7 @@ class AreaBatch:
 
     area_id, version : (n,) int64
     footprint : (n,) object, shapely MultiPolygon in degrees
-    start_us, end_us : (n,) int64, SINCE_EVER_US and FOR_EVER_US where unbounded
+    start_us, end_us : (n,) int64, MINUS_INFINITY_US and INFINITY_US where unbounded
     floor_m, ceiling_m : (n,) float64, -inf and +inf where unbounded
     """
 
@@ -49,8 +49,8 @@ class AreaBatch:
             np.arange(len(areas), dtype=np.int64),
             np.ones(len(areas), dtype=np.int64),
             footprint,
-            np.array([SINCE_EVER_US if a.start_us is None else a.start_us for a in areas], dtype=np.int64),
-            np.array([FOR_EVER_US if a.end_us is None else a.end_us for a in areas], dtype=np.int64),
+            np.array([MINUS_INFINITY_US if a.start_us is None else a.start_us for a in areas], dtype=np.int64),
+            np.array([INFINITY_US if a.end_us is None else a.end_us for a in areas], dtype=np.int64),
             np.array([-np.inf if a.floor_m is None else a.floor_m for a in areas], dtype=np.float64),
             np.array([np.inf if a.ceiling_m is None else a.ceiling_m for a in areas], dtype=np.float64),
         )

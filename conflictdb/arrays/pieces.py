@@ -26,7 +26,7 @@ class Pieces:
     object_id, version : (n,) int64
     part : (n,) int32             number of the piece within its object, from 0; the seam copy shares it
     turn : (n,) int16             0, or -1, -2, ... for a seam copy: shifted by this many whole turns of longitude
-    start_us, end_us : (n,) int64 SINCE_EVER_US, FOR_EVER_US where unbounded
+    start_us, end_us : (n,) int64 MINUS_INFINITY_US, INFINITY_US where unbounded
     end_inclusive : (n,) bool     whether the instant end_us belongs to the piece (inner slices: yes, the object's
         end: no)
     floor_m, ceiling_m : (n,) float64   -inf, +inf where unbounded

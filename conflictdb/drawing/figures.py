@@ -33,7 +33,7 @@ from conflictdb.drawing.style import (
 )
 from conflictdb.errors import InvalidInput
 from conflictdb.inputs import EPOCH, MICROSECOND
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.notebook import bound_text
 from conflictdb.printable import printable
 from conflictdb.results import Conflict, Verdict
@@ -415,11 +415,11 @@ def _time_that_matters(sketch: Sketch, conflict: Conflict | None) -> tuple[int, 
     """Return from when to when the figure of a pair tells of it; None where they share no time, or all time."""
     spans = [sketch.span_us(number) for number in (0, 1)]
     start, end = max(span[0] for span in spans), min(span[1] for span in spans)
-    if (start == SINCE_EVER_US and end == FOR_EVER_US) or start >= end:
+    if (start == MINUS_INFINITY_US and end == INFINITY_US) or start >= end:
         return None
     day_us = timedelta(days=1) // MICROSECOND
-    start = end - day_us if start == SINCE_EVER_US else start
-    end = start + day_us if end == FOR_EVER_US else end
+    start = end - day_us if start == MINUS_INFINITY_US else start
+    end = start + day_us if end == INFINITY_US else end
     instants = [at for at in (conflict.first_contact, conflict.last_contact) if at] if conflict else []
     if conflict and not instants and conflict.closest_at:
         instants = [conflict.closest_at]

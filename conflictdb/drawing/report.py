@@ -17,7 +17,7 @@ from conflictdb.drawing.pdf import document
 from conflictdb.drawing.section import Section, drawn
 from conflictdb.drawing.style import checked_name, instant, written_whole
 from conflictdb.methods import METHODS
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Motion, Scene, Track
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, Motion, Scene, Track
 from conflictdb.notebook import bound_text, distance_text, instant_text, text_of
 from conflictdb.printable import printable
 from conflictdb.results import Conflict, SceneState, Verdict
@@ -180,7 +180,7 @@ def _settings(scene: Scene) -> Section:
 def _objects(checked: Checked) -> Section:
     starts = [area.start_us for area in checked.areas] + [int(track.times_us[0]) for track in checked.tracks]
     ends = [area.end_us for area in checked.areas] + [int(track.times_us[-1]) for track in checked.tracks]
-    bounded = [us for us in (*starts, *ends) if us is not None and us not in (SINCE_EVER_US, FOR_EVER_US)]
+    bounded = [us for us in (*starts, *ends) if us is not None and us not in (MINUS_INFINITY_US, INFINITY_US)]
     always = sum(start is None or end is None for start, end in zip(starts, ends, strict=True))
     rows = [
         ["Areas", f"{len(checked.areas):,}"],

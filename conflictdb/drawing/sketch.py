@@ -66,7 +66,7 @@ class Sketch:
         return PieceRows(np.flatnonzero(known))
 
     def span_us(self, number: int) -> tuple[int, int]:
-        """Return from when to when an object is there; SINCE_EVER_US, FOR_EVER_US where unbounded."""
+        """Return from when to when an object is there; MINUS_INFINITY_US, INFINITY_US where unbounded."""
         rows = np.flatnonzero(self._owner == number)
         return int(self.pieces.start_us[rows].min()), int(self.pieces.end_us[rows].max())
 

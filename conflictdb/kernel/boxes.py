@@ -33,7 +33,7 @@ class RowBoxes:
 
     boxes : (n, 4) min x, min y, max x, max y, plane metres
     floor_m, ceiling_m : (n,) -inf, inf if unbounded
-    start_us, end_us : (n,) SINCE_EVER_US, FOR_EVER_US if unbounded
+    start_us, end_us : (n,) MINUS_INFINITY_US, INFINITY_US if unbounded
     object : (n,) number of the object
     is_copy : (n,) whether the row is a seam copy
     """

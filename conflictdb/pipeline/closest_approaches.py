@@ -12,7 +12,7 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats
-from conflictdb.model import SINCE_EVER_US, Scene
+from conflictdb.model import MINUS_INFINITY_US, Scene
 from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.object_pairs import numbered, object_keys, ordered_members
 from conflictdb.pipeline.regions import Meetings
@@ -156,7 +156,7 @@ def _without_contact(pieces: Pieces, asked: _Asked, groups: NDArray[np.int64], i
         verdict=np.where(is_lost, Verdict.UNRESOLVED.code, Verdict.NEAR.code).astype(np.int8),
         first_contact_deg=nowhere,
         time_error_s=np.zeros(len(groups)),
-        closest_us=np.full(len(groups), SINCE_EVER_US),
+        closest_us=np.full(len(groups), MINUS_INFINITY_US),
         closest_m=nothing,
         closest_error_m=nothing,
         closest_a_deg=nowhere,

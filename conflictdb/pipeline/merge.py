@@ -12,7 +12,7 @@ from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.whole import Depth
 from conflictdb.methods import METHODS
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.object_pairs import numbered, object_keys, ordered_members
@@ -94,7 +94,7 @@ def merged_by_object(
         verdict=verdict.astype(np.int8),
         first_contact_deg=first_contact_deg,
         time_error_s=time_error_s,
-        closest_us=np.where(is_told, period_us[period_offset[:-1], 0], SINCE_EVER_US),
+        closest_us=np.where(is_told, period_us[period_offset[:-1], 0], MINUS_INFINITY_US),
         closest_m=nothing,
         closest_error_m=nothing,
         closest_a_deg=place,
@@ -174,7 +174,7 @@ def _period_errors(
 
     period : (m,) the number of each contact's period, sorted
     """
-    since_ever, for_ever = period_start == SINCE_EVER_US, period_end == FOR_EVER_US
+    since_ever, for_ever = period_start == MINUS_INFINITY_US, period_end == INFINITY_US
     length = np.where(since_ever | for_ever, np.inf, (period_end - period_start) / 1e6)
     # From an end at infinity all that does not reach it is infinitely far.
     lead = np.where(since_ever[period], np.inf, (start - period_start[period]) / 1e6)
@@ -182,7 +182,7 @@ def _period_errors(
     lead[start == period_start[period]] = 0.0
     tail[end == period_end[period]] = 0.0
     count = np.bincount(period, minlength=len(period_start))
-    whole = np.where((start == SINCE_EVER_US) | (end == FOR_EVER_US), np.inf, (end - start) / 1e6)
+    whole = np.where((start == MINUS_INFINITY_US) | (end == INFINITY_US), np.inf, (end - start) / 1e6)
     # Of a contact that is all of its period the error is known, even where it is in doubt altogether.
     sure = (whole > 2.0 * error) | (count[period] == 1)
     worst = [np.full(len(period_start), np.inf) for _ in (lead, tail)]

@@ -16,7 +16,7 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.earth.geodesy import Floats
 from conflictdb.methods import METHODS
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.motion.contract import Plane
 from conflictdb.pieces.covers import is_covered
 from conflictdb.pipeline.closest_approaches import with_closest_approaches
@@ -208,7 +208,7 @@ def _whole_spans(
 ) -> Contacts:
     """Return the shared spans of some pairs as contacts: the exact time for areas, a safe one for a screening."""
     start, end = pieces.shared_span(PieceRows(pairs.a[rows]), PieceRows(pairs.b[rows]))
-    unbounded = (start == SINCE_EVER_US) | (end == FOR_EVER_US)
+    unbounded = (start == MINUS_INFINITY_US) | (end == INFINITY_US)
     width = np.where(unbounded, np.inf, (end - np.where(unbounded, 0, start)) / 1e6)
     # Of areas it is where that is not known: if they meet, they do so while both are there.
     error = np.where((verdict == Verdict.UNRESOLVED.code) & np.isfinite(width), width, 0.0)

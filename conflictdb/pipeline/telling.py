@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.inputs import EPOCH, MICROSECOND
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.record import MEASURED, Type
 from conflictdb.results import Conflict, Kind, Position, Verdict
 
@@ -51,7 +51,7 @@ def _rank(kind: int, key: str) -> tuple[int, bytes]:
 
 
 def _instant(us: np.int64 | int) -> datetime | None:
-    return None if us in (SINCE_EVER_US, FOR_EVER_US) else EPOCH + int(us) * MICROSECOND
+    return None if us in (MINUS_INFINITY_US, INFINITY_US) else EPOCH + int(us) * MICROSECOND
 
 
 def _number(value: float) -> float | None:

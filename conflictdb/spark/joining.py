@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from pyspark.sql import DataFrame, SparkSession, functions
 
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US
 from conflictdb.spark.crowding import Cells
 from conflictdb.spark.pieces import refusal_of
 
@@ -54,7 +54,7 @@ class Extent:
     @classmethod
     def of(cls, pieces: DataFrame) -> "Extent":
         """Return the extent of pieces, in one pass. Raises InvalidInput if a row is a refused object."""
-        is_bounded = [functions.col("start_us") != SINCE_EVER_US, functions.col("end_us") != FOR_EVER_US]
+        is_bounded = [functions.col("start_us") != MINUS_INFINITY_US, functions.col("end_us") != INFINITY_US]
         start, end = (
             functions.when(bounded, functions.col(name))
             for bounded, name in zip(is_bounded, ("start_us", "end_us"), strict=True)

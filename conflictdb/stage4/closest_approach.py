@@ -10,7 +10,7 @@ from conflictdb.arrays.pairs import PairRows
 from conflictdb.arrays.pieces import PieceRows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.approach import closest
-from conflictdb.model import SINCE_EVER_US
+from conflictdb.model import MINUS_INFINITY_US
 from conflictdb.results import Kind
 
 
@@ -20,7 +20,7 @@ class Approaches:
 
     pair, at_s : (n,) the pair of pieces that comes closest, and the seconds after the start of its shared span; -1
         where none is within what was asked, and where that is not known
-    at_us : (n,) int64, the same in microseconds since 1970; SINCE_EVER_US for areas that are always there
+    at_us : (n,) int64, the same in microseconds since 1970; MINUS_INFINITY_US for areas that are always there
     distance_m : (n,) metres on the earth, 0 where they touch; infinite where they are not within what was asked, NaN
         where that cannot be told, as a piece is of no numbers or the work of distances is used up
     error_m : (n,) bound on how far distance_m is from the least distance, either way, metres
@@ -72,7 +72,7 @@ def approaches(
     low_s, high_s = np.clip(first_s[order], 0.0, span_s), np.clip(last_s[order], 0.0, span_s)
     found = closest(prepared, a, b, start_us, low_s, high_s, offset, wanted_m, aim_m, work, threads)
     known = np.flatnonzero(found.pair >= 0)
-    pair, at_us = np.full(len(wanted_m), -1), np.full(len(wanted_m), SINCE_EVER_US)
+    pair, at_us = np.full(len(wanted_m), -1), np.full(len(wanted_m), MINUS_INFINITY_US)
     pair[known] = order[found.pair[known]]
     at_us[known] = start_us[found.pair[known]] + np.rint(found.at_s[known] * 1e6).astype(np.int64)
     answers = found.distance_m, found.error_m, found.a_deg, found.b_deg

@@ -17,7 +17,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.methods import Method
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, EarthModel, Scene, Track
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.results import Kind, Verdict
@@ -106,7 +106,10 @@ def projected(scene: Scene, areas: list[Area], tracks: list[Track]) -> dict[Pair
         a, b = (f"{'A' if kind == Kind.AREA.code else 'T'}{number}" for kind, number in members)
         low, high = start_us[k] + 1e6 * first_s[k], min(start_us[k] + 1e6 * last_s[k], end_us[k])
         if np.isinf(last_s[k]):  # two areas
-            low, high = -np.inf if start_us[k] == SINCE_EVER_US else low, np.inf if end_us[k] == FOR_EVER_US else high
+            low, high = (
+                -np.inf if start_us[k] == MINUS_INFINITY_US else low,
+                np.inf if end_us[k] == INFINITY_US else high,
+            )
         spans.setdefault((a, b), []).append((low, high))
     return {pair: joined(found) for pair, found in spans.items()}
 

@@ -15,7 +15,7 @@ from conflictdb import Method
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.kernel.regions import joined
-from conflictdb.model import SINCE_EVER_US, Area, EarthModel, Motion, Scene, Track
+from conflictdb.model import MINUS_INFINITY_US, Area, EarthModel, Motion, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline import regions
@@ -80,7 +80,7 @@ def test_regions_hold_all_places_of_contact(workload: Workload, method: Method, 
         lon = shapely.get_parts(region)[0].centroid.x
         around = shapely.union_all([region_in_plane(scene, region, turn, lon) for turn in (-1, 0, 1)]).buffer(ROUNDED_M)
         for start, end in answer.period_us[answer.period_offset[k] : answer.period_offset[k + 1]].tolist():
-            for at in np.linspace(start, end, 4).astype(np.int64).tolist() if start > SINCE_EVER_US else [0]:
+            for at in np.linspace(start, end, 4).astype(np.int64).tolist() if start > MINUS_INFINITY_US else [0]:
                 first, second = (shapely.union_all(oracle.polygons_at(scene, one, at, lon)) for one in pair)
                 common = first.intersection(second)
                 half = np.pi * oracle.Globe.of(earth).a
@@ -123,7 +123,7 @@ def test_regions_on_great_circles_hold_all_places_of_contact(workload: Workload)
             for kind, number in ((answer.a_kind, answer.a_id), (answer.b_kind, answer.b_id))
         ]
         for start, end in answer.period_us[answer.period_offset[k] : answer.period_offset[k + 1]].tolist():
-            for at in np.linspace(start, end, 4).astype(np.int64).tolist() if start > SINCE_EVER_US else [0]:
+            for at in np.linspace(start, end, 4).astype(np.int64).tolist() if start > MINUS_INFINITY_US else [0]:
                 first, second = (
                     shapely.union_all(
                         [

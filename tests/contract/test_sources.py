@@ -13,7 +13,7 @@ from workloads import LOW_LATITUDE, throw
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, EarthModel, Scene, Track
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.run import run_scene
@@ -137,7 +137,7 @@ def rows_of_chunk(opened: Opened, found: Conflicts) -> dict[tuple[str, str], tup
             *(int(found.verdict[k]), periods, float(found.time_error_s[k]), found.first_contact_deg[k]),
             *(found.closest_m[k], found.closest_us[k]),
         )
-        assert all(SINCE_EVER_US <= start <= end <= FOR_EVER_US for start, end in periods)
+        assert all(MINUS_INFINITY_US <= start <= end <= INFINITY_US for start, end in periods)
         assert frozenset((a, b)) not in map(frozenset, answer)
         answer[min(a, b), max(a, b)] = row
     return answer

@@ -11,7 +11,7 @@ import shapely
 from stores import STORES, Answer, Member, Store
 
 from conflictdb.arrays.answers import Conflicts
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track, rectangle_outline_m
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track, rectangle_outline_m
 from conflictdb.results import Conflict, Kind, Position, Verdict
 
 SCENE: Final = Scene("s", nearest_m=1e5)
@@ -93,7 +93,7 @@ def answer(rows: Sequence[Conflict], *, swapped: bool = False) -> Answer:
 
     def numbered(members: dict[str, Member]) -> Conflicts:
         a, b = [members[one.a_key] for one in rows], [members[one.b_key] for one in rows]
-        periods = [(us(start, SINCE_EVER_US), us(end, FOR_EVER_US)) for one in rows for start, end in one.periods]
+        periods = [(us(start, MINUS_INFINITY_US), us(end, INFINITY_US)) for one in rows for start, end in one.periods]
         return Conflicts(
             a_kind=np.array([one.kind for one in a], np.int8),
             a_id=np.array([one.number for one in a], np.int64),
@@ -106,7 +106,7 @@ def answer(rows: Sequence[Conflict], *, swapped: bool = False) -> Answer:
             verdict=np.array([one.verdict.code for one in rows], np.int8),
             first_contact_deg=places([one.first_contact_deg for one in rows]),
             time_error_s=np.array([one.time_error_s for one in rows], np.float64),
-            closest_us=np.array([us(one.closest_at, SINCE_EVER_US) for one in rows], np.int64),
+            closest_us=np.array([us(one.closest_at, MINUS_INFINITY_US) for one in rows], np.int64),
             closest_m=np.array([one.closest_m for one in rows], np.float64),  # NaN for None
             closest_error_m=np.array([one.closest_error_m for one in rows], np.float64),
             closest_a_deg=places([one.closest_a_deg for one in rows]),

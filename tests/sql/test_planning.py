@@ -17,7 +17,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.db.sources import SceneSource
-from conflictdb.model import SINCE_EVER_US, Area, Scene, Track, rectangle_outline_m
+from conflictdb.model import MINUS_INFINITY_US, Area, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
 
@@ -54,7 +54,7 @@ def neighbours(conn: Conn) -> Conflicts:
         verdict=np.zeros(n, np.int8),
         first_contact_deg=np.full((n, 2), np.nan),
         time_error_s=np.zeros(n),
-        closest_us=np.full(n, SINCE_EVER_US),
+        closest_us=np.full(n, MINUS_INFINITY_US),
         closest_m=np.full(n, np.nan),
         closest_error_m=np.full(n, np.nan),
         closest_a_deg=np.full((n, 2), np.nan),

@@ -20,7 +20,7 @@ from conflictdb.db import store
 from conflictdb.db.detect import detect as detect_scene
 from conflictdb.db.store import writing
 from conflictdb.methods import REMOVED, Method
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Scene, Track, rectangle_outline_m
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track, rectangle_outline_m
 from conflictdb.motion.registry import plane_of
 from conflictdb.pipeline.regions import Meetings
 from conflictdb.results import Verdict
@@ -90,7 +90,7 @@ def found(
         verdict=np.full(n, verdict, np.int8),
         first_contact_deg=np.tile(np.array(at or (np.nan, np.nan)), (n, 1)),
         time_error_s=np.full(n, 1e-6),  # less than any two periods below differ by
-        closest_us=np.full(n, SINCE_EVER_US),
+        closest_us=np.full(n, MINUS_INFINITY_US),
         closest_m=np.full(n, np.nan),
         closest_error_m=np.full(n, np.nan),
         closest_a_deg=np.full((n, 2), np.nan),
@@ -117,7 +117,7 @@ def begin(conn: Conn, scene_id: int, lock_timeout_s: float | None = 0.0) -> int:
 
 ONE = [(T0_US, T0_US + 1)]
 TWO = [(T0_US, T0_US + 1), (T0_US + 5, T0_US + 5)]
-ALL = {("T", "A"): ONE, ("U", "T"): TWO, ("B", "A"): [(T0_US, FOR_EVER_US)]}
+ALL = {("T", "A"): ONE, ("U", "T"): TWO, ("B", "A"): [(T0_US, INFINITY_US)]}
 
 
 @pytest.fixture
@@ -135,7 +135,7 @@ def test_area_comes_first_else_the_smaller_key(conn: Conn, scene_id: int) -> Non
 
 
 def test_periods_are_inclusive_exact_and_may_be_unbounded(conn: Conn, scene_id: int) -> None:
-    ever = [(SINCE_EVER_US, T0_US), (T0_US + 1, T0_US + 1), (T0_US + 2, FOR_EVER_US)]
+    ever = [(MINUS_INFINITY_US, T0_US), (T0_US + 1, T0_US + 1), (T0_US + 2, INFINITY_US)]
     detect(conn, scene_id, {("A", "B"): ever, ("T", "U"): TWO}, verdict=1, at=(181.0, 50.0))
     first, second = store.conflicts(conn, "s")
     start = datetime(2026, 3, 1, tzinfo=UTC)

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US
 
 Pairs = set[tuple[int, int]]
 
@@ -24,8 +24,8 @@ def thrown(seed: int, n: int, wide: float, objects: int) -> RowBoxes:
         boxes=np.concatenate([low, low + np.round(rng.random((n, 2)) * wide, 2)], axis=1),
         floor_m=np.where(unbounded, -np.inf, floor),
         ceiling_m=np.where(unbounded, np.inf, floor + 100.0),
-        start_us=np.where(always, SINCE_EVER_US, start),
-        end_us=np.where(always, FOR_EVER_US, end),
+        start_us=np.where(always, MINUS_INFINITY_US, start),
+        end_us=np.where(always, INFINITY_US, end),
         object=rng.integers(0, objects, n),
         is_copy=rng.random(n) < 0.1,
     )

@@ -12,7 +12,7 @@ import shapely
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.copy_binary import Ragged
 from conflictdb.kernel.rows import interleaved
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US
 
 EPOCH_US = 946_684_800_000_000
 
@@ -48,14 +48,14 @@ def test_no_rows_are_no_bytes() -> None:
 
 
 def test_instants_count_from_2000_and_keep_infinities() -> None:
-    us = np.array([0, EPOCH_US, SINCE_EVER_US, FOR_EVER_US, 1_700_000_000_000_001])
+    us = np.array([0, EPOCH_US, MINUS_INFINITY_US, INFINITY_US, 1_700_000_000_000_001])
     sent = copy_binary.instants(us).view(">i8").ravel()
-    assert sent.tolist() == [-EPOCH_US, 0, SINCE_EVER_US, FOR_EVER_US, 1_700_000_000_000_001 - EPOCH_US]
+    assert sent.tolist() == [-EPOCH_US, 0, MINUS_INFINITY_US, INFINITY_US, 1_700_000_000_000_001 - EPOCH_US]
     np.testing.assert_array_equal(copy_binary.microseconds(sent.astype(np.int64)), us)
 
 
 def test_multispans_are_counts_and_spans_with_their_lengths() -> None:
-    bounds = np.array([[EPOCH_US + 1, EPOCH_US + 2], [SINCE_EVER_US, EPOCH_US], [EPOCH_US, FOR_EVER_US]])
+    bounds = np.array([[EPOCH_US + 1, EPOCH_US + 2], [MINUS_INFINITY_US, EPOCH_US], [EPOCH_US, INFINITY_US]])
     one, two, three = strings(copy_binary.spans(bounds[:, 0], bounds[:, 1], np.ones(3, np.bool_)))
     found = strings(copy_binary.multispans(bounds, np.array([0, 0, 1, 3, 3])))
     none = struct.pack(">i", 0)
@@ -87,8 +87,8 @@ def test_strings_are_taken_as_often_as_asked_for() -> None:
 
 
 def test_spans_name_their_bounds() -> None:
-    start = np.array([EPOCH_US + 1, SINCE_EVER_US, EPOCH_US, SINCE_EVER_US])
-    end = np.array([EPOCH_US + 2, EPOCH_US, FOR_EVER_US, FOR_EVER_US])
+    start = np.array([EPOCH_US + 1, MINUS_INFINITY_US, EPOCH_US, MINUS_INFINITY_US])
+    end = np.array([EPOCH_US + 2, EPOCH_US, INFINITY_US, INFINITY_US])
     found = strings(copy_binary.spans(start, end, np.array([True, False, False, True])))
     assert found == [
         struct.pack(">Biqiq", 0x02 | 0x04, 8, 1, 8, 2),

@@ -24,7 +24,7 @@ from conflictdb.advice.estimates import (
     whole,
 )
 from conflictdb.advice.sample import Frame
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, EarthModel, Method
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, EarthModel, Method
 
 HOUR_US = 3_600_000_000
 NO_COST = Cost(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -37,7 +37,7 @@ def answer(*rows: tuple[int, int, int, bool]) -> Answer:
 
 
 def test_an_answer_is_not_wrong_against_itself() -> None:
-    same = answer((3, 0, HOUR_US, False), (7, SINCE_EVER_US, FOR_EVER_US, False))
+    same = answer((3, 0, HOUR_US, False), (7, MINUS_INFINITY_US, INFINITY_US, False))
     wrong = errors_of(same, same)
     assert wrong == Errors(2, 0, 2, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.25)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US
 from conflictdb.pipeline.merge import _periods
 
 # Seconds that stand for no beginning and no end.
@@ -39,8 +39,8 @@ def test_periods_and_their_errors(
     group = np.repeat([0, 1, 2], [1, len(contacts), 1])
     columns = np.array(many, dtype=np.float64).T
     start, end = ((column * 1e6).astype(np.int64) for column in columns[:2])
-    start[columns[0] == EVER[0]], end[columns[1] == EVER[1]] = SINCE_EVER_US, FOR_EVER_US
-    instants = {SINCE_EVER_US: EVER[0], FOR_EVER_US: EVER[1]}
+    start[columns[0] == EVER[0]], end[columns[1] == EVER[1]] = MINUS_INFINITY_US, INFINITY_US
+    instants = {MINUS_INFINITY_US: EVER[0], INFINITY_US: EVER[1]}
     period_us, offset, time_error_s = _periods(group, start, end, columns[2], 3)
     assert offset.tolist() == [0, 1, 1 + len(periods), 2 + len(periods)]
     found = [tuple(instants.get(at, at / 1e6) for at in period) for period in period_us[1:-1].tolist()]

@@ -16,7 +16,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.errors import InvalidInput
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, EarthModel, Motion, Scene, Track
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Motion, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import MAX_SLICES, area_pieces, check_plane, track_pieces
 
@@ -169,8 +169,8 @@ def test_parts_make_up_the_area(workload: Workload, earth: EarthModel) -> None:
         assert shapely.symmetric_difference(shapely.union_all(parts), true).area < 1e-9 * true.area
         for k, ring in zip(own, rings, strict=True):
             assert shapely.covers(hull(pieces, k), shapely.MultiPoint(ring))
-            assert pieces.start_us[k] == (SINCE_EVER_US if area.start_us is None else area.start_us)
-            assert pieces.end_us[k] == (FOR_EVER_US if area.end_us is None else area.end_us)
+            assert pieces.start_us[k] == (MINUS_INFINITY_US if area.start_us is None else area.start_us)
+            assert pieces.end_us[k] == (INFINITY_US if area.end_us is None else area.end_us)
             assert not pieces.end_inclusive[k]
 
 

@@ -1,7 +1,7 @@
 """Convert conflicts of numbered objects to and from Arrow: the columns are the fields of `Conflicts`, and the region.
 
 Periods are flat lists of whole microseconds, start, end, start, end, …; unknown numbers are NaN, and unknown instants
-SINCE_EVER_US, as in the arrays. Regions are EWKB in longitude and latitude, null if unknown.
+MINUS_INFINITY_US, as in the arrays. Regions are EWKB in longitude and latitude, null if unknown.
 """
 
 from typing import Any, Final

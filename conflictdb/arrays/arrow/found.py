@@ -29,7 +29,7 @@ from conflictdb.arrays.arrow.forms import INSTANT, Array, Batch, Form
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.errors import InvalidInput
 from conflictdb.inputs import EPOCH, MICROSECOND
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Scene
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.record import COLUMNS, MEASURED, STATES, Column, Type
 from conflictdb.results import Conflict, Kind, Position, Verdict
 
@@ -101,8 +101,8 @@ def of_found(
     first, last = conflicts.period_offset[:-1], conflicts.period_offset[1:] - 1
     some = last >= first
     for name, side, rows, unbounded_us in (
-        ("first_contact", 0, first, SINCE_EVER_US),
-        ("last_contact", 1, last, FOR_EVER_US),
+        ("first_contact", 0, first, MINUS_INFINITY_US),
+        ("last_contact", 1, last, INFINITY_US),
     ):
         ends = np.full(n, unbounded_us)
         ends[some] = conflicts.period_us[rows[some], side]
@@ -127,7 +127,7 @@ def to_conflicts(given: Batch) -> tuple[Conflicts, Polygons]:
     if starts_and_ends.null_count:
         raise InvalidInput(_WHO, "periods", "must not hold nulls")
     start, end = starts_and_ends.flatten()
-    period_us = np.column_stack([instants(start, SINCE_EVER_US), instants(end, FOR_EVER_US)])
+    period_us = np.column_stack([instants(start, MINUS_INFINITY_US), instants(end, INFINITY_US)])
     measured: dict[str, Any] = {one.array: _array(one, columns[one.name]) for one in (*MEASURED, *STATES)}
     found = Conflicts(
         a_kind=_codes(columns, "a_kind", _KINDS),
@@ -168,7 +168,7 @@ def _point(position_deg: Position | None) -> bytes | None:
 
 
 def _of_periods(period_us: NDArray[np.int64], offset: NDArray[np.int64]) -> Array:
-    ends = [of_instants(period_us[:, 0], SINCE_EVER_US), of_instants(period_us[:, 1], FOR_EVER_US)]
+    ends = [of_instants(period_us[:, 0], MINUS_INFINITY_US), of_instants(period_us[:, 1], INFINITY_US)]
     return of_lists(pa.StructArray.from_arrays(ends, fields=list(_PERIOD)), offset)
 
 
@@ -187,7 +187,7 @@ def _array(column: Column, stored: Array) -> NDArray[Any]:
     if column.type is Type.POINT:
         return _places(stored, column.name)
     if column.type is Type.INSTANT:
-        return instants(stored, SINCE_EVER_US)
+        return instants(stored, MINUS_INFINITY_US)
     return measures(stored, np.nan) if column.type is Type.NUMBER else numbers(stored)
 
 
@@ -225,7 +225,7 @@ def _codes(columns: dict[str, Array], name: str, names: Array) -> NDArray[np.int
 # Columns from the arrays of `Conflicts`.
 _OF_ARRAY: Final[dict[Type, Callable[[NDArray[Any]], Array]]] = {
     Type.NUMBER: lambda values: of_measures(values, np.nan),
-    Type.INSTANT: lambda values_us: of_instants(values_us, SINCE_EVER_US),
+    Type.INSTANT: lambda values_us: of_instants(values_us, MINUS_INFINITY_US),
     Type.WHOLE: of_numbers,
     Type.POINT: _of_points,
 }

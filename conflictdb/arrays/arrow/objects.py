@@ -38,7 +38,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.ragged import offsets, ragged_rows, stacked
 from conflictdb.errors import InvalidInput
 from conflictdb.inputs import all_certain, certain
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, Track
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, Track
 from conflictdb.results import Kind
 
 _METRES: Final = pa.list_(pa.float64())
@@ -136,8 +136,8 @@ def _area_batch(columns: Mapping[str, Array]) -> AreaBatch:
         numbers(columns["object_id"]),
         numbers(columns["version"].fill_null(1)),
         _footprints(columns),
-        instants(columns["start"], SINCE_EVER_US),
-        instants(columns["end"], FOR_EVER_US),
+        instants(columns["start"], MINUS_INFINITY_US),
+        instants(columns["end"], INFINITY_US),
         measures(columns["floor_m"], -np.inf),
         measures(columns["ceiling_m"], np.inf),
     )

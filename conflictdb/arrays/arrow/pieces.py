@@ -1,7 +1,7 @@
 """Convert pieces and pairs of pieces to and from Arrow: the columns are the fields of `Pieces` and `Pairs`.
 
 Vertices are flat lists, x, y, x, y, …; places are two columns; instants are whole microseconds since 1970, as in the
-arrays, unbounded ones SINCE_EVER_US and FOR_EVER_US.
+arrays, unbounded ones MINUS_INFINITY_US and INFINITY_US.
 """
 
 from typing import Any, Final

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.polygons import SRID, Polygons
 from conflictdb.db.store import copy_binary
-from conflictdb.model import SINCE_EVER_US
+from conflictdb.model import MINUS_INFINITY_US
 from conflictdb.record import MEASURED, STATES, Column, Type
 from conflictdb.results import Verdict
 
@@ -33,7 +33,7 @@ def _column(column: Column, values: NDArray[Any]) -> copy_binary.Column:
     if column.type is Type.POINT:
         return copy_binary.points(values, SRID)
     if column.type is Type.INSTANT:
-        return copy_binary.nullable(copy_binary.instants(values), values == SINCE_EVER_US)
+        return copy_binary.nullable(copy_binary.instants(values), values == MINUS_INFINITY_US)
     if column.type is Type.WHOLE:
         return copy_binary.fixed(values, "i8")
     stored = copy_binary.fixed(values, "f8")

@@ -19,7 +19,7 @@ from psycopg.pq.abc import PGresult
 from conflictdb.db.store.connection import call, query_of, translated
 from conflictdb.db.store.parameters import Array, ArrayDumper
 from conflictdb.kernel.rows import Part, interleaved
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US
 
 Bytes = NDArray[np.uint8]
 Offsets = NDArray[np.int64]
@@ -94,21 +94,21 @@ def fixed(values: ArrayLike, dtype: str) -> Bytes:
 
 
 def instants(us: NDArray[np.int64]) -> Bytes:
-    """Return a column of timestamptz; SINCE_EVER_US and FOR_EVER_US become -infinity and infinity."""
+    """Return a column of timestamptz; MINUS_INFINITY_US and INFINITY_US become -infinity and infinity."""
     # PostgreSQL's infinities are the same two numbers.
-    unbounded = (us == SINCE_EVER_US) | (us == FOR_EVER_US)
+    unbounded = (us == MINUS_INFINITY_US) | (us == INFINITY_US)
     return fixed(us - np.where(unbounded, 0, _EPOCH_US), "i8")
 
 
 def microseconds(instant: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return microseconds since 1970 of decoded timestamptz (the reverse of `instants`)."""
-    unbounded = (instant == SINCE_EVER_US) | (instant == FOR_EVER_US)
+    unbounded = (instant == MINUS_INFINITY_US) | (instant == INFINITY_US)
     return np.asarray(instant + np.where(unbounded, 0, _EPOCH_US), dtype=np.int64)
 
 
 def spans(start_us: NDArray[np.int64], end_us: NDArray[np.int64], end_inclusive: NDArray[np.bool_]) -> Ragged:
     """Return a column of tstzrange: [start, end) or [start, end], without a bound where unbounded."""
-    no_start, no_end = start_us == SINCE_EVER_US, end_us == FOR_EVER_US
+    no_start, no_end = start_us == MINUS_INFINITY_US, end_us == INFINITY_US
     flags = np.where(no_start, 0x08, 0x02) | np.where(no_end, 0x10, np.where(end_inclusive, 0x04, 0))
     length = fixed(np.full(len(start_us), 8), "i4")
     whole = np.concatenate(

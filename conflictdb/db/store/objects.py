@@ -18,7 +18,7 @@ from conflictdb.db.store.connection import call, call_many, require_writable, tr
 from conflictdb.errors import InvalidInput
 from conflictdb.inputs import all_certain, certain
 from conflictdb.methods import Method
-from conflictdb.model import FOR_EVER_US, SINCE_EVER_US, Area, EarthModel, Motion, Scene, Track
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Motion, Scene, Track
 
 _AREA_COLUMNS = [
     ("area_id", "i8"),
@@ -198,8 +198,8 @@ def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence
             key=strings["key"][i].decode(),
             footprint=footprints[i],
             name=strings["name"][i].decode() if has_name else None,
-            start_us=certain(None if start[i] == SINCE_EVER_US else start[i]),
-            end_us=certain(None if end[i] == FOR_EVER_US else end[i]),
+            start_us=certain(None if start[i] == MINUS_INFINITY_US else start[i]),
+            end_us=certain(None if end[i] == INFINITY_US else end[i]),
             floor_m=None if math.isinf(floor_m) else floor_m,
             ceiling_m=None if math.isinf(ceiling_m) else ceiling_m,
             properties=json.loads(strings["properties"][i]),
