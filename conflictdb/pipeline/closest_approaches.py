@@ -22,7 +22,7 @@ from conflictdb.stage4.constants import TOUCH_M
 
 
 @dataclass(frozen=True, slots=True)
-class _Asked:
+class _Queries:
     """Pairs of pieces (n,) that are asked how near they come, and when, seconds after the start of what they share.
 
     group : (n,) of which pair of objects each is, not decreasing
@@ -34,12 +34,12 @@ class _Asked:
     last_s: Floats
     group: NDArray[np.int64]
 
-    def and_then(self, more: "_Asked", groups: int) -> "_Asked":
+    def concatenated(self, more: "_Queries", groups: int) -> "_Queries":
         """Return both, the groups of the latter numbered from so many on."""
         ours = self.a, self.b, self.first_s, self.last_s, self.group
         theirs = more.a, more.b, more.first_s, more.last_s, more.group + groups
         a, b, *times, group = (np.concatenate(both) for both in zip(ours, theirs, strict=True))
-        return _Asked(PieceRows(a), PieceRows(b), times[0], times[1], group)
+        return _Queries(PieceRows(a), PieceRows(b), times[0], times[1], group)
 
 
 def with_closest_approaches(
@@ -65,7 +65,7 @@ def with_closest_approaches(
     asked, rows, more = _during_contacts(meetings, decided), decided, 0
     if scene.nearest_m > 0.0 or (is_open & ~is_told).any():
         others, undecided, more = _at_all_times(scene, prepared.pieces, pairs, conflicts, is_open & ~is_told)
-        asked, rows = asked.and_then(others, len(decided)), np.concatenate([decided, undecided])
+        asked, rows = asked.concatenated(others, len(decided)), np.concatenate([decided, undecided])
     groups = len(rows) + more
     if not groups:
         return conflicts
@@ -99,17 +99,17 @@ def with_closest_approaches(
     return Conflicts.concatenate([told, replace(only_near, **columns)])
 
 
-def _during_contacts(meetings: Meetings, rows: NDArray[np.int64]) -> _Asked:
+def _during_contacts(meetings: Meetings, rows: NDArray[np.int64]) -> _Queries:
     """Ask the pairs of objects (k,) during their contacts: at all other times they are further apart than wanted."""
     offset, contacts = ragged_rows(meetings.offset, rows)
     a, b = PieceRows(meetings.a[contacts]), PieceRows(meetings.b[contacts])
     group = np.repeat(np.arange(len(rows)), np.diff(offset))
-    return _Asked(a, b, meetings.start_s[contacts], meetings.end_s[contacts], group)
+    return _Queries(a, b, meetings.start_s[contacts], meetings.end_s[contacts], group)
 
 
 def _at_all_times(
     scene: Scene, pieces: Pieces, pairs: Pairs, conflicts: Conflicts, is_asked: NDArray[np.bool_]
-) -> tuple[_Asked, NDArray[np.int64], int]:
+) -> tuple[_Queries, NDArray[np.int64], int]:
     """Ask the pairs of objects of some conflicts (n,), and those without one if any is asked for that come near.
 
     Return also the rows of these conflicts, which come first, and the number of the others.
@@ -130,10 +130,12 @@ def _at_all_times(
     at_all_times = np.zeros(len(rows)), np.full(len(rows), np.inf)
     # The members in the order of their keys, as everywhere.
     members = PieceRows(pairs.a[rows]), PieceRows(pairs.b[rows])
-    return _Asked(*members, *at_all_times, group[order]), told, len(asked) - len(told)
+    return _Queries(*members, *at_all_times, group[order]), told, len(asked) - len(told)
 
 
-def _without_contact(pieces: Pieces, asked: _Asked, groups: NDArray[np.int64], is_lost: NDArray[np.bool_]) -> Conflicts:
+def _without_contact(
+    pieces: Pieces, asked: _Queries, groups: NDArray[np.int64], is_lost: NDArray[np.bool_]
+) -> Conflicts:
     """Return pairs of objects (k,) that come near each other without conflict, their approaches not yet told.
 
     is_lost : (k,) whose approach is not to be found, so that they may come as near as anything while both are there
