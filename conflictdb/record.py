@@ -63,23 +63,28 @@ COLUMNS: Final = (
     Column(
         "periods",
         Type.PERIODS,
-        "When they interfere: bounds inclusive, rounded outward to the microsecond; no bound where it has none.",
+        "When they conflict: bounds inclusive, rounded outward to the microsecond; a missing bound is unbounded.",
         required=True,
     ),
-    Column("first_contact", Type.INSTANT, "Start of the first period; null if it has none."),
-    Column("last_contact", Type.INSTANT, "End of the last period; null if it has none."),
+    Column("first_contact", Type.INSTANT, "Start of the first period; null if unbounded."),
+    Column("last_contact", Type.INSTANT, "End of the last period; null if unbounded."),
     Column(
         "verdict",
         Type.NAME,
-        "conflict: they meet; grazing: too close to call within the tolerance; unresolved: neither "
-        "proven apart nor decided, periods then say when they might meet.",
+        "conflict: they meet; grazing: within the tolerance of the limit; unresolved: neither proven apart "
+        "nor decided, periods then say when they might meet.",
         required=True,
     ),
-    Column("region", Type.REGION, "Where, longitude and latitude in degrees; cut at the seam.", "deg"),
+    Column(
+        "region",
+        Type.REGION,
+        "Region of the conflict, longitude and latitude in degrees, split at the antimeridian.",
+        "deg",
+    ),
     Column(
         "first_contact_point",
         Type.POINT,
-        "Where they first touch, longitude and latitude in degrees; null if not computed.",
+        "First contact, longitude and latitude in degrees; null if not computed.",
         "deg",
         field="first_contact_deg",
         array="first_contact_deg",
@@ -88,19 +93,18 @@ COLUMNS: Final = (
     Column(
         "time_error_s",
         Type.NUMBER,
-        "Bound on the error of every end of every period, seconds.",
+        "Error bound of every period's start and end, seconds.",
         "s",
         required=True,
         array="time_error_s",
     ),
-    Column("is_current", Type.TRUTH, "Whether neither object, nor the scene's settings, changed since."),
-    Column("run_id", Type.WHOLE, "The run that found it so; later ones found the same."),
-    Column("found_at", Type.INSTANT, "When the pair was first found to interfere."),
+    Column("is_current", Type.TRUTH, "Whether neither the objects nor the scene's settings changed since."),
+    Column("run_id", Type.WHOLE, "Run that found it; later runs confirmed it unchanged."),
+    Column("found_at", Type.INSTANT, "When the pair was first found in conflict."),
     Column(
         "closest_at",
         Type.INSTANT,
-        "Closest approach: when, the first time if they are as close more than once; null if not "
-        "computed, or always so.",
+        "Closest approach: its time, the first if several; null if not computed, or for areas that are always active.",
         array="closest_us",
     ),
     Column(
@@ -113,7 +117,7 @@ COLUMNS: Final = (
     Column(
         "closest_error_m",
         Type.NUMBER,
-        "Closest approach: how far from closest_m the least distance may be, metres; null if not computed.",
+        "Closest approach: error bound of closest_m, metres; null if not computed.",
         "m",
         array="closest_error_m",
     ),
@@ -137,30 +141,26 @@ COLUMNS: Final = (
     Column(
         "scene_is_current",
         Type.TRUTH,
-        "Whether the conflicts of the scene are complete: nothing of it waits for detection (see the view scenes).",
+        "Whether the conflicts of the scene are complete: nothing waits for detection (see the view scenes).",
     ),
-    Column(
-        "conflict_id", Type.WHOLE, "Number of the conflict, the same from opening to closing (see conflict_events)."
-    ),
-    Column("opened_at", Type.INSTANT, "When it opened: found_at, as histories call it."),
+    Column("conflict_id", Type.WHOLE, "Id of the conflict, the same from opening to closing (see conflict_events)."),
+    Column("opened_at", Type.INSTANT, "When it opened; equal to found_at."),
     Column(
         "changed_at",
         Type.INSTANT,
-        "When its periods (by more than they are uncertain by), its verdict or a key last changed; null "
-        "if they never did.",
+        "When its verdict or a key last changed, or its periods by more than their error; null if they never did.",
     ),
     Column(
         "acknowledged_by",
         Type.TEXT,
-        "Who acknowledged it as it is now, or more; null where nobody did, where that is over, and "
-        "where it has grown since.",
+        "User whose acknowledgement holds; null if there is none, or if it has ended, expired or been outgrown.",
     ),
-    Column("acknowledged_at", Type.INSTANT, "When that was; null where acknowledged_by is."),
-    Column("acknowledged_for", Type.TEXT, "Why; null where acknowledged_by is."),
+    Column("acknowledged_at", Type.INSTANT, "When it was acknowledged; null if acknowledged_by is null."),
+    Column("acknowledged_for", Type.TEXT, "Reason given; null if acknowledged_by is null."),
     Column(
         "acknowledged_until",
         Type.INSTANT,
-        "Until when that holds; null: for as long as the conflict lasts, and where acknowledged_by is.",
+        "Expiry of the acknowledgement; null: valid while the conflict lasts, or acknowledged_by is null.",
     ),
 )
 # The objects, and their states, that it was found of: columns of Arrow and GeoParquet only.

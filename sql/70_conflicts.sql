@@ -74,7 +74,7 @@ COMMENT ON COLUMN conflicts.acknowledged_by IS
 'User whose acknowledgement holds; null if there is none, or if it has ended, expired or been outgrown.';
 COMMENT ON COLUMN conflicts.acknowledged_at IS 'When it was acknowledged; null if acknowledged_by is null.';
 COMMENT ON COLUMN conflicts.acknowledged_for IS 'Reason given; null if acknowledged_by is null.';
-COMMENT ON COLUMN conflicts.acknowledged_until IS 
+COMMENT ON COLUMN conflicts.acknowledged_until IS
 'Expiry of the acknowledgement; null: valid while the conflict lasts, or acknowledged_by is null.';
 
 CREATE OR REPLACE VIEW approaches WITH (security_invoker = true) AS

@@ -137,7 +137,8 @@ COMMENT ON COLUMN run.scene_id IS 'Scene.';
 COMMENT ON COLUMN run.started_at IS 'When it started.';
 COMMENT ON COLUMN run.finished_at IS 'When it wrote its results, or failed.';
 COMMENT ON COLUMN run.method IS 'Method (see scene.method).';
-COMMENT ON COLUMN run.settings IS 'All settings of the run, and the work done: projected_pairs counts the pairs of pieces in stage 3.';
+COMMENT ON COLUMN run.settings IS
+'All settings of the run, and the work done: projected_pairs counts the pairs of pieces in stage 3.';
 COMMENT ON COLUMN run.objects IS 'Number of areas and tracks of the scene.';
 COMMENT ON COLUMN run.candidate_pairs IS 'Pairs of pieces after stage 1; null if the run failed.';
 COMMENT ON COLUMN run.intersecting_pairs IS 'Pairs of pieces after stage 2; null if the run failed.';

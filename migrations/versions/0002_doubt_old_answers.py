@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "38bd2f744deb3527ad7a82404b25e440d021f579592f95713f8406c0e27e723e"
+routines_sha256 = "73e8de200051e56fde99bce7844db83fd57aabea915d1e20f91ad6aa516ada49"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

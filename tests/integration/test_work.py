@@ -154,7 +154,7 @@ ONE_CHANGE = {
         "written": 6,
         "statements": 6,
         "commits": 1,
-        "sent": 3593,
+        "sent": 4361,
         "received": 4536,
     },
     "sea": {

@@ -113,8 +113,8 @@ def test_corners_may_dent_alike_whether_they_grow_or_shrink_and_however_they_are
     def may_dent(first: np.ndarray, last: np.ndarray) -> np.ndarray:
         pieces = replace(legs, shape_xy=first * RADIUS_M, shape_to_xy=last * RADIUS_M)
         states = kernel.Scene(plane_of(SCENE).kernel_plane, pieces).states()
-        assert (states != State.CANNOT_BE).all()
-        return states == State.MAY_DENT
+        assert (states != State.INVALID).all()
+        return states == State.NONCONVEX
 
     found = may_dent(start, end)
     assert 0.1 < found.mean() < 0.9
