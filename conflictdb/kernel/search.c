@@ -50,6 +50,14 @@ static Span hull_of(const Intervals *intervals) {
     return hull;
 }
 
+/* Make room: of a list that is too full to be split further, keep the hull. It may contain more, never less. */
+static void make_room(Intervals *intervals) {
+    if (4 * intervals->count <= intervals->most) return;
+    Span hull = hull_of(intervals);
+    intervals->items[0] = (Interval){hull.first, hull.last, 0.5 * (hull.first + hull.last), BORDERLINE};
+    intervals->count = 1;
+}
+
 static Span witnesses_of(const Intervals *intervals, Reason reason) {
     Span seen = NEVER;
     for (int64_t i = 0; i < intervals->count; i++)
@@ -213,6 +221,7 @@ static void add_close(Encounter *pair, const Intervals *intervals, bool touches,
         Interval one = intervals->items[i];
         if (one.reason == BORDERLINE && one.end - one.start > 2.0 * SHORTEST_INTERVAL_S) rest->items[rest->count++] = one;
     }
+    make_room(rest);
     undecided_separation(pair, rest, -pair->margin_m);
     if (rest->count > 0) is_unresolved = true;
     if (pair->separation_m > 0.0) {
@@ -257,6 +266,7 @@ static void search_contacts(Encounter *pair, double low, double high, double bey
     if (!is_seen(seen)) {
         /* Only closeness was found: search those intervals for contact. */
         for (int64_t i = 0; i < undecided->count; i++) deeper->items[deeper->count++] = undecided->items[i];
+        make_room(deeper);
         undecided_separation(pair, deeper, 0.0);
         seen = witnesses_of(deeper, IN_CONTACT);
     }
