@@ -51,12 +51,7 @@ class Column:
 
 COLUMNS: Final = (
     Column("scene", Type.TEXT, "Name of the scene.", required=True),
-    Column(
-        "a_key",
-        Type.TEXT,
-        "Key of the first object.",
-        required=True,
-    ),
+    Column("a_key", Type.TEXT, "Key of the first object.", required=True),
     Column("a_kind", Type.NAME, "area or track.", required=True),
     Column("b_key", Type.TEXT, "Key of the second object.", required=True),
     Column("b_kind", Type.NAME, "area or track.", required=True),

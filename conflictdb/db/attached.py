@@ -1,6 +1,6 @@
 """Follow attached tables: their changed rows become objects of the scene.
 
-Only tables that the connected role attached: a table's map is code of that role, and no other role runs it.
+It follows only tables that the connected role attached: the map is that role's code, and no other role runs it.
 """
 
 import logging

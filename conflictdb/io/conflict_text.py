@@ -214,7 +214,7 @@ class _Form:
         return f"{{{', '.join(members)}}}"
 
     def cells(self, one: Any, more: Sequence[MoreColumn] = ()) -> list[str]:
-        """Return a row as cells, unquoted; what is not known is empty."""
+        """Return a row as unquoted cells; unknown values are empty."""
         row = ["" if value is None else text(value) for text, value in zip(self._csv, self._values(one), strict=True)]
         for column in more:
             value = column.value(one)

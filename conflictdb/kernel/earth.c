@@ -4,8 +4,7 @@
 #include <stdbool.h>
 
 static const double RADIANS = 0x1.1df46a2529d39p-6; /* pi / 180 */
-/* Difference of latitudes, radians, above which psi differs so much that its rounding error is 5e-16 of the difference.
- */
+/* Difference of latitudes, radians. Above it the rounding error of psi is at most 5e-16 of the difference of psi. */
 static const double LONG_WAY = 0.5;
 
 void earth_direction(double bearing_deg, double *east, double *north) {

@@ -305,7 +305,7 @@ KERNEL_API KernelStatus kernel_whole_depths(const KernelScene *scene, const Kern
 
 /* ---- Regions ---------------------------------------------------------------------------------------------------- */
 
-/* What the region of a pair is. */
+/* Kind of the region of a pair. */
 typedef enum {
     KERNEL_REGION_UNKNOWN = 0, /* no region: a piece is invalid, or the region goes around the earth */
     KERNEL_REGION_SWEPT = 1,   /* intersection of the swept hulls: a superset */

@@ -21,7 +21,7 @@ _Ints = NDArray[np.int64]
 
 
 class RegionKind(IntEnum):
-    """What the region of a pair is (KernelRegion).
+    """Kind of the region of a pair (KernelRegion).
 
     UNKNOWN : no region: a piece is invalid, or the region goes around the earth
     SWEPT : intersection of the swept hulls: a superset

@@ -32,8 +32,8 @@ from conflictdb.results import Kind
 WHOLE_LEG_HAVENS: Final = 32.0
 MAX_SLICES: Final = 16
 # Limit of the chord deviation that pads a hull, as a share of the haven's reach; a leg above it is cut into shorter
-# slices, up to so many added per track. Only havens of hundreds of kilometres close to a pole come near it. Beyond it
-# hulls are wider than necessary, and stages 1 and 2 leave more pairs.
+# slices, at most MAX_SLICES_FOR_DEVIATION more per track. Only havens of hundreds of kilometres close to a pole reach
+# that number. Their hulls are wider than necessary, and stages 1 and 2 leave more pairs.
 MAX_DEVIATION_SHARE: Final = 0.25
 MAX_SLICES_FOR_DEVIATION: Final = 1024
 # An object with more pieces is not cut: they would take a gigabyte; real tracks have some thousands.

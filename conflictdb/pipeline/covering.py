@@ -32,9 +32,7 @@ def covering(found: Polygons, place_deg: Floats) -> Polygons:
     at = shapely.buffer(place[left], _WAY_DEG, quad_segs=1)
     world = shapely.box(-180.0, -90.0, 180.0, 90.0)
     result[left] = shapely.intersection(shapely.union_all(np.array([region[left], way, at]), axis=0), world)
-    rest = np.ones(len(found), np.bool_)
-    rest[asked] = False
-    kept = np.flatnonzero(rest)
+    kept = np.setdiff1d(np.arange(len(found)), asked)
     return placed(len(found), (kept, found.take(kept)), (asked, Polygons.of(shapely.set_srid(result, SRID))))
 
 

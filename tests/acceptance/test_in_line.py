@@ -24,7 +24,7 @@ PAIRS = 20  # of a test
 KNOWN = {580: (pytest.mark.xfail(strict=True, reason="a touch in doubt is a period of its own"),)}
 TOLERANCES_M = (0.0, 1e-6, 1e-3, 1.0)
 FURTHEST_LAT = 78.0
-# What two places in degrees are rounded to, metres: a pair may be laid out so much nearer or further than meant.
+# Rounding of two places in degrees, metres: a pair may start this much nearer or further than intended.
 LAYOUT_M = 1e-8
 
 

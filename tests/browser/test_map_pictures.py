@@ -62,7 +62,7 @@ def pixel(page: Page, lon: float, lat: float, of: str) -> list[int]:
 
 @pytest.mark.parametrize("size", [(1280, 800), (390, 844)], ids=["wide", "narrow"])
 def test_havens_are_printed_where_they_are(strait: str, open_page: Open, size: tuple[int, int]) -> None:
-    """On paper the page has another width, and nobody draws anew: all that the map is made of keeps one shape."""
+    """The page has another width on paper and is not drawn again: all canvases of the map keep one shape."""
     page = open_page(strait, size=size)
     # As while it is printed: no frame is drawn between the screen and the paper.
     page.evaluate("""(() => {

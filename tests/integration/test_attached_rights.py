@@ -321,7 +321,7 @@ def test_triggers_of_attached_tables_read_no_temporary_view(conn: Conn, roles: d
 
 
 def test_notes_show_no_other_columns(conn: Conn, roles: dict[str, str]) -> None:
-    """What triggers write down is settled when a table is attached: another editor cannot ask for more of it."""
+    """Attaching fixes the columns that triggers record: another editor cannot add columns."""
     with acting(conn, roles["planner"]), connect(conn) as db:
         number = db.attach("s", "area", "mission.ops", MAP)
     with acting(conn, roles["other"]):

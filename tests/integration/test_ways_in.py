@@ -245,7 +245,7 @@ def test_the_limit_of_speed_is_a_setting_of_sql(db: conflictdb.Database) -> None
     with db.connection.transaction():
         db.connection.execute("SET LOCAL conflictdb.max_speed_kn = 30000")
         db.connection.execute(statement)
-        # What does not change the way is no reason to look at it again.
+        # An update that keeps the path does not check its speed again.
         db.connection.execute("SET LOCAL conflictdb.max_speed_kn = 2000")
         db.connection.execute("UPDATE conflictdb.track SET name = 'fast', floor_m = 1 WHERE key = 'T'")
 
