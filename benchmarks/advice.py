@@ -65,7 +65,7 @@ def main() -> None:
 
 def compare(db, scene, areas, tracks, repeat) -> None:
     """Print one row per method, and the ratios."""
-    foretold = {one.setting: one for one in db.advise(scene.name).estimates}
+    foretold = {one.setting: one for one in db.scene(scene.name).advise().estimates}
     units, made_s = {}, []
     for method, other in zip(METHODS, (METHODS[-1], *METHODS[:-1]), strict=True):
         runs = []

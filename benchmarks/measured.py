@@ -106,7 +106,7 @@ def detect(db: conflictdb.Database, scene: str, *, full: bool = True, **settings
     clock = processor_clock(db.connection)
     began, began_client = time.monotonic(), time.process_time()
     with patch("time.perf_counter", clock or time.perf_counter):
-        run = db.detect(scene, full=full, **settings)
+        run = db.scene(scene).detect(full=full, **settings)
     known = asdict(run)
     known["write_s"] = run.total_s - sum(known[stage] for stage in STAGES[:-1])
     known["cpu_s"] = run.total_s if clock else None

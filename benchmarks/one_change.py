@@ -95,12 +95,12 @@ def measure(dsn: str, objects: int, times: int) -> None:
         changes, clock = Changes(db.connection, times), processor_clock(db.connection) or time.process_time
 
         def detect() -> None:
-            db.detect(SCENE)
+            db.scene(SCENE).detect()
 
-        db.detect(SCENE)
+        db.scene(SCENE).detect()
         medians_ms(changes, detect, WARM_UP, clock)
         print(f"{objects:>7,} objects, library            {medians_ms(changes, detect, times, clock)}", flush=True)
-        db.detect(SCENE, full=True)
+        db.scene(SCENE).detect(full=True)
         print(f"{objects:>7,} objects, right after --full {medians_ms(changes, detect, times, clock)}", flush=True)
         with worker(dsn), psycopg.connect(dsn, autocommit=True) as listener:
             listener.execute("LISTEN conflictdb")

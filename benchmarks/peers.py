@@ -169,7 +169,7 @@ def product(dsn: str, given: Given, turns: int) -> list[Told]:
             name = f"{given.scene.name} {turn}"
             load(db, replace(given.scene, name=name), [(given.areas, given.tracks)])
             found.append(detect(db, name))
-        spans = _spans(db.conflicts(name))
+        spans = _spans(db.scene(name).conflicts())
     whole = Told(
         "conflictdb",
         spans,

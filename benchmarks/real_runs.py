@@ -70,7 +70,7 @@ def measure(db: conflictdb.Database, name: str, flights: int | None, **settings:
     load_s = time.monotonic() - began
     settings["separation_m"] = SEPARATION_M.get(name, 0.0)
     new, same = (detect(db, name, **settings) for _ in range(2))
-    found = db.conflicts(name)
+    found = db.scene(name).conflicts()
     bounds = [c.time_error_s for c in found if c.b_kind == "track"]
     return RealRun(
         name,

@@ -178,12 +178,12 @@ def cluster(directory: Path) -> Iterator[str]:
 def in_postgresql(dsn: str, path: str, jobs: int) -> tuple[Taken, str]:
     """Detect the scene in a file in a database; returns what it took, and the versions of all."""
     with conflictdb.connect(dsn) as db:
-        db.detect(WARM)
+        db.scene(WARM).detect()
         began = time.time()
         file = pq.ParquetFile(path)
         load(db, SCENE, map(to_objects, file.iter_batches(quick_sea.AT_ONCE, columns=OBJECTS.schema.names)))
         loaded = time.time()
-        run = db.detect(SCENE.name, full=True, jobs=jobs)
+        run = db.scene(SCENE.name).detect(full=True, jobs=jobs)
         join_s, solve_s = run.stage1_s + run.stage2_s, run.stage3_s + run.stage4_s
         total_s = time.time() - loaded
         between_s = total_s - run.pieces_s - join_s - solve_s

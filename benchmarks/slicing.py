@@ -52,10 +52,10 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder, conflictdb.connect() as db:
             path = Path(folder, "scene.geojson")
             path.write_text("".join(scene_text(scene, areas, tracks)))
-            name = db.load(path, "slicing", replace=True)
+            name = db.load(path, "slicing", replace=True).name
             for length in LENGTHS:
                 cutting.WHOLE_LEG_HAVENS = length
-                runs = [db.detect(name, full=True, jobs=1) for _ in range(args.runs)]
+                runs = [db.scene(name).detect(full=True, jobs=1) for _ in range(args.runs)]
                 times = [
                     statistics.median(column)
                     for column in zip(

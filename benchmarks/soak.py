@@ -280,7 +280,7 @@ def drift(db: conflictdb.Database) -> int:
         return {repr(row) for rows in found for row in rows}
 
     kept = known()
-    db.detect(SCENE, full=True)
+    db.scene(SCENE).detect(full=True)
     return len(kept ^ known())
 
 
@@ -294,7 +294,7 @@ def measure(dsn: str, objects: int, rate: float, editors: int, workers: int, min
     """Load a scene, have it edited twice for so long, and return what came of it."""
     with conflictdb.connect(dsn) as db, psycopg.connect(dsn, autocommit=True) as conn:
         load(db, Scene(SCENE), sea(objects, 1))
-        db.detect(SCENE)
+        db.scene(SCENE).detect()
         load_before, new = os.getloadavg()[0], sizes(conn)
         first = soak(dsn, rate, editors, workers, 60.0 * minutes)
         before = sizes(conn)

@@ -71,7 +71,7 @@ def measure(dsn: str, series: str, objects: int, turns: int) -> list[dict[str, A
         least_s |= {stage: min(getattr(one, stage) for one in new) for stage in ("stage4_s", "write_s")}
         memory = in_memory(db, name, turns)
         copied = copies(db.connection, name, turns)
-        listed_s = least(turns, db.connection, lambda: db.conflicts(name))
+        listed_s = least(turns, db.connection, lambda: db.scene(name).conflicts())
         everything = f"SELECT * FROM conflictdb.conflicts WHERE scene = '{name}'"
         selected_s = least(turns, db.connection, lambda: copied_out(db.connection, everything))
     again_s = min(one.write_s for one in same)

@@ -3,8 +3,8 @@
 >>> import conflictdb
 >>> with conflictdb.connect() as db:
 ...     scene = db.load("exercise-7.geojson")
-...     run = db.detect(scene, tolerance_m=1.0)
-...     for conflict in db.conflicts(scene):
+...     run = scene.detect(tolerance_m=1.0)
+...     for conflict in scene.conflicts():
 ...         print(conflict.a_key, conflict.b_key, conflict.first_contact, conflict.periods)
 
 Without a database, `read` gives the objects of a file and `solve` runs the same stages on objects in memory. `write`
@@ -34,12 +34,10 @@ if TYPE_CHECKING:
     __version__: str
 
     from conflictdb.advice.advise import Advice
-    from conflictdb.database import Database, connect
     from conflictdb.db.detect import Run
     from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
     from conflictdb.in_memory import solve
     from conflictdb.io import Contents, Remark, Skipped, read, write
-    from conflictdb.loading import Loaded
     from conflictdb.methods import Method
     from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
     from conflictdb.results import (
@@ -54,6 +52,9 @@ if TYPE_CHECKING:
         Stream,
         Verdict,
     )
+    from conflictdb.session.database import Database, connect
+    from conflictdb.session.loading import Loaded
+    from conflictdb.session.scene import StoredScene
 
 __all__ = [
     "Advice",
@@ -89,6 +90,7 @@ __all__ = [
     "ServerError",
     "Skipped",
     "StoreError",
+    "StoredScene",
     "Stream",
     "Track",
     "Verdict",
@@ -106,8 +108,9 @@ __all__ = [
 # Imported when first used: `conflictdb --help` need not wait for numpy, shapely and the database driver.
 _HOME: Final = {
     **dict.fromkeys(("Advice",), "conflictdb.advice.advise"),
-    **dict.fromkeys(("Database", "connect"), "conflictdb.database"),
-    "Loaded": "conflictdb.loading",
+    **dict.fromkeys(("Database", "connect"), "conflictdb.session.database"),
+    "Loaded": "conflictdb.session.loading",
+    "StoredScene": "conflictdb.session.scene",
     **dict.fromkeys(("Run",), "conflictdb.db.detect"),
     **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
     **dict.fromkeys(("Method",), "conflictdb.methods"),

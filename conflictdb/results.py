@@ -115,7 +115,7 @@ class Drawable(PairRecord):
         """
         origin = getattr(self, "_origin", None)
         if origin is None:
-            rule = "has no objects to draw: take it from `solve` or `Database.conflicts`, or use `plot_pair`"
+            rule = "has no objects to draw: take it from `solve` or `StoredScene.conflicts`, or use `plot_pair`"
             raise InvalidInput("conflict", "plot", rule)
         return origin.plot_conflict(cast(Conflict, self))
 

@@ -149,7 +149,7 @@ def python() -> str:
         "Choices": [],
         "Errors and warnings": [],
     }
-    for name in sorted(things, key=lambda name: (name != "connect", name != "Database", name)):
+    for name in sorted(things, key=lambda name: (name != "connect", name != "Database", name != "StoredScene", name)):
         if name in IN_MEMORY:
             continue
         is_class = inspect.isclass(things[name])

@@ -26,7 +26,7 @@ def main() -> None:
     """Write the files."""
     with tempfile.TemporaryDirectory() as folder, conflictdb.connect() as db:
         db.load_demo()
-        db.detect("strait")
+        db.scene("strait").detect()
         file = Path(folder) / "strait.html"
         file.write_text(page_of(db.connection, "strait")[0])
         with sync_playwright() as playwright:

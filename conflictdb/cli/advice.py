@@ -18,7 +18,7 @@ _STAGES = ("pieces_s", "stage1_s", "stage2_s", "stage3_s", "stage4_s", "write_s"
 def advise(args: argparse.Namespace) -> int:
     """Print the advice for a scene; changes nothing."""
     with database(args) as db:
-        advice = db.advise(args.scene, sample=args.sample, seed=args.seed, progress=_show)
+        advice = db.scene(args.scene).advise(sample=args.sample, seed=args.seed, progress=_show)
     progress("")
     if args.format == "json":
         data([dumped(_members(advice), indent=2), "\n"], is_json=True)

@@ -10,9 +10,9 @@ from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import out, remark, table
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
-from conflictdb.database import Database
 from conflictdb.db import store
 from conflictdb.model import Scene
+from conflictdb.session.database import Database
 
 # Rows listed: a screen full.
 _MOST_TOLD: Final = 20
@@ -27,16 +27,16 @@ def attach(args: argparse.Namespace) -> int:
     if args.where is not None:
         check(args, [("where" in mapped, "--map gives where, and so does --where")])
         mapped["where"] = args.where
-    given = (args.scene, args.kind, args.table, mapped)
+    given = (args.kind, args.table, mapped)
     with database(args) as db:
         with db.connection.transaction(force_rollback=args.dry_run), _warnings_as_remarks():
             if all(status.scene.name != args.scene for status in db.scenes()):
                 store.set_scene(db.connection, Scene(args.scene))
             if args.dry_run:
-                _show(db.preview_attachment(*given, every_s=args.every))
+                _show(db.scene(args.scene).preview_attachment(*given, every_s=args.every))
                 return DONE
-            number = db.attach(*given, every_s=args.every)
-        db.follow(args.scene)
+            number = db.scene(args.scene).attach(*given, every_s=args.every)
+        db.scene(args.scene).follow()
         _report(db, args.scene, number)
     return DONE
 
@@ -60,13 +60,13 @@ def _show(preview: store.AttachmentPreview) -> None:
 
 
 def _report(db: Database, scene: str, number: int) -> None:
-    one = next(one for one in db.attachments(scene) if one.attachment_id == number)
+    one = next(one for one in db.scene(scene).attachments() if one.attachment_id == number)
     if one.error:
         remark(f"{one.table} cannot be read: {one.error}")
     left_out = f", {one.unmapped} left out" if one.unmapped else ""
     how = "triggers tell of changes" if one.has_triggers else f"changes are looked for every {one.every}"
     out(f"{scene}: {_counted(one.objects, one.kind)} of {one.table}{left_out}; {how}")
-    for row in db.unmapped(scene)[:_MOST_TOLD]:
+    for row in db.scene(scene).unmapped()[:_MOST_TOLD]:
         if row.attachment_id == number:
             remark(f"left out: {row.identity}: {row.reason}")
 
@@ -78,7 +78,7 @@ def _counted(number: int, what: str) -> str:
 def detach(args: argparse.Namespace) -> int:
     """Detach a table."""
     with database(args) as db:
-        removed = db.detach(args.scene, args.table, keep=args.keep)
+        removed = db.scene(args.scene).detach(args.table, keep=args.keep)
     out(f"{args.scene}: {args.table} is detached, {_counted(removed, 'object')} removed")
     return DONE
 
@@ -86,8 +86,8 @@ def detach(args: argparse.Namespace) -> int:
 def attachments(args: argparse.Namespace) -> int:
     """Show attached tables."""
     with database(args) as db:
-        found = db.attachments(args.scene)
-        rows = [row for scene in sorted({one.scene for one in found}) for row in db.unmapped(scene)]
+        found = db.scene(args.scene).attachments()
+        rows = [row for scene in sorted({one.scene for one in found}) for row in db.scene(scene).unmapped()]
     header = ["SCENE", "TABLE", "KIND", "OBJECTS", "LEFT OUT", "CHANGES BY", "REMARK"]
     lines = [
         [

@@ -9,8 +9,8 @@ from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import out, program, progress, table
 from conflictdb.cli.report import conflict_table
 from conflictdb.cli.session import database, show_progress
-from conflictdb.database import DEMO_SCENE
 from conflictdb.db.detect import Run
+from conflictdb.session.database import DEMO_SCENE
 
 # Pairs that the scene was designed to show; mentioned only if the detection agrees.
 _FALSE_ALARM: Final = ("CONVOY-1", "CONVOY-2")
@@ -21,8 +21,8 @@ def demo(args: argparse.Namespace) -> int:
     """Load the scene, detect it completely, and show the conflicts and the stages."""
     with database(args) as db:
         db.load_demo()
-        run = db.detect(DEMO_SCENE, full=True, progress=show_progress)
-        found = db.conflicts(DEMO_SCENE)
+        run = db.scene(DEMO_SCENE).detect(full=True, progress=show_progress)
+        found = db.scene(DEMO_SCENE).conflicts()
         (state,) = (scene for scene in db.scenes() if scene.scene.name == DEMO_SCENE)
     progress("")
     out(f"A strait on 1 June 2026: {state.areas} closed areas, {state.tracks} moving havens.")

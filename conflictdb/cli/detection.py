@@ -18,7 +18,7 @@ from conflictdb.cli.report import (
     run_text,
 )
 from conflictdb.cli.session import database, load_files, show_progress
-from conflictdb.database import Database
+from conflictdb.session.database import Database
 
 
 def detect(args: argparse.Namespace) -> int:
@@ -46,8 +46,7 @@ def detect(args: argparse.Namespace) -> int:
             is_complete = not any(one.invalid for one in loaded)
         runs = []
         for scene in scenes:
-            run = db.detect(
-                scene,
+            run = db.scene(scene).detect(
                 method=args.method,
                 tolerance_m=args.tolerance_m,
                 separation_m=args.separation_m,
@@ -62,8 +61,8 @@ def detect(args: argparse.Namespace) -> int:
             progress("")
             note(run_text(scene, run))
             runs.append(run)
-        found = [db.stream_conflicts(scene, with_region=_wants_region(args)) for scene in scenes]
-        near = [db.stream_approaches(scene, only_near=True) for scene in scenes]
+        found = [db.scene(scene).stream_conflicts(with_region=_wants_region(args)) for scene in scenes]
+        near = [db.scene(scene).stream_approaches(only_near=True) for scene in scenes]
         states = [one.state for one in found]
         if args.format == "table":
             print_conflicts(chain.from_iterable(found), states, args.format)
@@ -83,11 +82,11 @@ def conflicts(args: argparse.Namespace) -> int:
         others = args.at is not None or args.wait is not None or args.require_current
         check(args, [(others, "--known-at goes without --at, --wait and --require-current")])
         with database(args) as db:
-            print_conflicts(db.conflicts_known_at(args.scene, args.known_at), [], args.format)
+            print_conflicts(db.scene(args.scene).conflicts_known_at(args.known_at), [], args.format)
         return DONE
     with database(args) as db:
         _wait(db, args)
-        found = db.stream_conflicts(args.scene, args.at, with_region=_wants_region(args))
+        found = db.scene(args.scene).stream_conflicts(args.at, with_region=_wants_region(args))
         require_current(args, found.state)
         print_conflicts(found, [found.state], args.format)
     return listed(found.state)
@@ -97,7 +96,7 @@ def approaches(args: argparse.Namespace) -> int:
     """Print the known closest approaches."""
     with database(args) as db:
         _wait(db, args)
-        found = db.stream_approaches(args.scene)
+        found = db.scene(args.scene).stream_approaches()
         require_current(args, found.state)
         print_approaches(found, [found.state], args.format)
     return listed(found.state)
@@ -107,8 +106,8 @@ def explain(args: argparse.Namespace) -> int:
     """Print why two objects are in conflict or not."""
     with database(args) as db:
         _wait(db, args)
-        require_current(args, db.state(args.scene))
-        found = db.explain(args.scene, *args.keys)
+        require_current(args, db.scene(args.scene).state())
+        found = db.scene(args.scene).explain(*args.keys)
     if args.format == "json":
         data([json.dumps(found.facts, indent=2), "\n"], is_json=True)
     else:
@@ -118,7 +117,7 @@ def explain(args: argparse.Namespace) -> int:
 
 def _wait(db: Database, args: argparse.Namespace) -> None:
     if args.wait is not None:
-        db.wait_until_current(args.scene, args.wait)
+        db.scene(args.scene).wait_until_current(args.wait)
 
 
 def _wants_region(args: argparse.Namespace) -> bool:

@@ -10,9 +10,9 @@ from psycopg import conninfo
 from conflictdb import server as embedded
 from conflictdb.cli.codes import DONE, FAILED
 from conflictdb.cli.output import as_called, note, out, remark
-from conflictdb.database import connect
 from conflictdb.db import store
 from conflictdb.errors import SchemaError
+from conflictdb.session.database import connect
 
 
 def server(args: argparse.Namespace) -> int:

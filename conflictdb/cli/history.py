@@ -19,7 +19,7 @@ def history(args: argparse.Namespace) -> int:
     """Print the history of conflicts."""
     check(args, [(len(args.keys) > 2, "give the keys of two objects at most")])
     with database(args) as db:
-        found = db.conflict_events(args.scene, *args.keys, after=args.after)
+        found = db.scene(args.scene).conflict_events(*args.keys, after=args.after)
     if args.format == "json":
         data([json.dumps([_facts(event) for event in found], indent=2), "\n"], is_json=True)
     else:
@@ -33,9 +33,9 @@ def acknowledge(args: argparse.Namespace) -> int:
     a_key, b_key = args.keys
     with database(args) as db:
         if args.undo:
-            out("taken back" if db.unacknowledge(args.scene, a_key, b_key) else "was not acknowledged")
+            out("taken back" if db.scene(args.scene).unacknowledge(a_key, b_key) else "was not acknowledged")
         else:
-            db.acknowledge(args.scene, a_key, b_key, args.reason, args.until)
+            db.scene(args.scene).acknowledge(a_key, b_key, args.reason, args.until)
             out("acknowledged")
     return DONE
 

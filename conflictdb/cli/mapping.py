@@ -6,9 +6,9 @@ from contextlib import suppress
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import note, out
 from conflictdb.cli.session import connections, database
-from conflictdb.database import DEMO_SCENE, Database
 from conflictdb.db import store
 from conflictdb.errors import ConflictDBError
+from conflictdb.session.database import DEMO_SCENE, Database
 
 
 def show(args: argparse.Namespace) -> int:
@@ -47,7 +47,7 @@ def _scene(db: Database, name: str | None) -> str:
     if name is None:
         if all(status.scene.name != DEMO_SCENE for status in db.scenes()):
             db.load_demo()
-            db.detect(DEMO_SCENE)
+            db.scene(DEMO_SCENE).detect()
         return DEMO_SCENE
     store.scene_id(db.connection, name)
     return name

@@ -28,12 +28,12 @@ def export(args: argparse.Namespace) -> int:
     with database(args) as db:
         if args.file == "-" and is_binary:
             with binary() as stream:
-                db.write_geoparquet(args.scene, stream)
+                db.scene(args.scene).write_geoparquet(stream)
         elif is_binary and not is_parquet(args.file):
             with whole_file(args.file) as stream:
-                db.write_geoparquet(args.scene, stream)
+                db.scene(args.scene).write_geoparquet(stream)
         elif args.file == "-":
-            data([db.scene_text(args.scene)], is_json=True)
+            data([db.scene(args.scene).text()], is_json=True)
         else:
-            db.export(args.scene, args.file)
+            db.scene(args.scene).export(args.file)
     return DONE

@@ -19,7 +19,6 @@ from conflictdb.cli.output import note, out, progress, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import conflict_table
 from conflictdb.cli.session import database
-from conflictdb.database import DEMO_SCENE
 from conflictdb.errors import ConflictDBError, StoreError
 from conflictdb.in_memory import solve
 from conflictdb.io.contents import without_objects
@@ -27,6 +26,7 @@ from conflictdb.io.reading import read
 from conflictdb.model import Scene
 from conflictdb.results import Kind
 from conflictdb.server.settings import Settings
+from conflictdb.session.database import DEMO_SCENE
 from conflictdb.spark import engine
 from conflictdb.speeds import MAX_SPEED_KN
 
@@ -102,7 +102,7 @@ def _given(args: argparse.Namespace) -> Iterator["tuple[SparkSession, Scene, Dat
             _require_here(spark, args.scene)
             with tempfile.TemporaryDirectory() as directory:
                 path = str(Path(directory, "objects.parquet"))
-                db.export(args.scene, path)
+                db.scene(args.scene).export(path)
                 settings, objects = read_scene(spark, [path])
                 yield spark, _with_options(args, settings or Scene(args.scene)), objects
 
@@ -160,7 +160,7 @@ def _require_here(spark: "SparkSession", scene: str) -> None:
 def write_back(args: argparse.Namespace) -> int:
     """Write conflicts that Spark computed into the scene of a database."""
     with database(args) as db:
-        done = db.write_back(args.scene, args.file, lock_timeout_s=args.lock_timeout, say=remark)
+        done = db.scene(args.scene).write_back(args.file, lock_timeout_s=args.lock_timeout, say=remark)
     out(
         f"{args.scene}: run {done.run_id}, {done.total_s:.1f} s: {done.conflicts:,} conflicts, "
         f"{done.unresolved:,} unresolved; {done.opened:,} opened, {done.changed:,} changed, {done.closed:,} closed"

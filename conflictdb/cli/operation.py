@@ -11,11 +11,11 @@ from conflictdb.cli.parser import check
 from conflictdb.cli.report import moment_text, remark_incomplete
 from conflictdb.cli.session import connections, database
 from conflictdb.cli.watch import Metrics, served
-from conflictdb.database import Status, connect
 from conflictdb.db import schema, store
 from conflictdb.db.store import SceneStatus
 from conflictdb.io.instants import format_moment
 from conflictdb.io.json_text import dumped
+from conflictdb.session.database import Status, connect
 
 
 def work(args: argparse.Namespace) -> int:
@@ -117,7 +117,7 @@ def upgrade(args: argparse.Namespace) -> int:
     with connect(args.dsn, create=True, say=note) as db:
         state = db.status()
         missing = schema.missing_grants(db.connection)
-        waiting = [db.state(one.scene.name) for one in state.scenes if not one.is_current]
+        waiting = [db.scene(one.scene.name).state() for one in state.scenes if not one.is_current]
     if missing:
         remark(f"the roles of conflictdb cannot read yet; let an administrator run: {missing}")
     out(f"database {state.database}: schema conflictdb is at revision {state.revision}")

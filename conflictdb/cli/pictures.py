@@ -15,11 +15,11 @@ def plot(args: argparse.Namespace) -> int:
     figures.check_name(args.file)
     with database(args) as db:
         if args.wait is not None:
-            db.wait_until_current(args.scene, args.wait)
-        state = db.state(args.scene)
+            db.scene(args.scene).wait_until_current(args.wait)
+        state = db.scene(args.scene).state()
         require_current(args, state)
         remark_incomplete([state])
-        figures.save(db.plot(args.scene, *(args.conflict or ())), args.file)
+        figures.save(db.scene(args.scene).plot(*(args.conflict or ())), args.file)
     note(f"{args.file} is written")
     return DONE
 
@@ -28,10 +28,10 @@ def report(args: argparse.Namespace) -> int:
     """Write a report of a scene."""
     with database(args) as db:
         if args.wait is not None:
-            db.wait_until_current(args.scene, args.wait)
-        state = db.state(args.scene)
+            db.scene(args.scene).wait_until_current(args.wait)
+        state = db.scene(args.scene).state()
         require_current(args, state)
         remark_incomplete([state])
-        db.report(args.scene, args.file)
+        db.scene(args.scene).report(args.file)
     note(f"{args.file} is written")
     return DONE

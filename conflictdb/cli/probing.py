@@ -41,9 +41,9 @@ def probe(args: argparse.Namespace) -> int:
     keys = {plan.key for plan in plans}
     jobs = args.jobs or os.cpu_count() or 1
     with database(args) as db:
-        known = [one for one in db.stream_conflicts(args.scene) if _members(one, keys)] if args.diff else []
-        require_current(args, db.state(args.scene))
-        found = db.probe(args.scene, plans, jobs=jobs, worker_timeout_s=args.worker)
+        known = [one for one in db.scene(args.scene).stream_conflicts() if _members(one, keys)] if args.diff else []
+        require_current(args, db.scene(args.scene).state())
+        found = db.scene(args.scene).probe(plans, jobs=jobs, worker_timeout_s=args.worker)
     named = MoreColumn("plans", lambda one: _members(one, keys))
     conflicts = [one for one in found if one.verdict is not Verdict.NEAR]
     if args.diff:

@@ -11,8 +11,8 @@ from conflictdb.cli.codes import DONE, NOT_CURRENT
 from conflictdb.cli.output import binary, data, out, remark, table
 from conflictdb.errors import MOST_TOLD, NotCurrent
 from conflictdb.io import Skipped, conflict_text
-from conflictdb.loading import Loaded
 from conflictdb.results import Approach, Conflict, SceneState
+from conflictdb.session.loading import Loaded
 
 if TYPE_CHECKING:
     from conflictdb.db.detect import Run

@@ -7,11 +7,11 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from conflictdb.cli.output import note, progress
-from conflictdb.database import Database, connect
 from conflictdb.db import store
 from conflictdb.errors import IncompleteWarning
-from conflictdb.loading import Loaded
 from conflictdb.server import EmbeddedServer, embedded
+from conflictdb.session.database import Database, connect
+from conflictdb.session.loading import Loaded
 
 if TYPE_CHECKING:
     from psycopg import Connection

@@ -9,8 +9,8 @@ from conflictdb.cli.output import out, remark, table
 from conflictdb.cli.parser import check
 from conflictdb.cli.report import moment_text
 from conflictdb.cli.session import database
-from conflictdb.database import Database
 from conflictdb.db import store
+from conflictdb.session.database import Database
 
 
 def share(args: argparse.Namespace) -> int:
@@ -18,10 +18,10 @@ def share(args: argparse.Namespace) -> int:
     check(args, [(args.role is None and args.access is not None, "--access goes with a role")])
     with _with_notices(args) as db:
         if args.role is None:
-            found = db.shares(args.scene)
+            found = db.scene(args.scene).shares()
             out(_table(found) if found else "belongs to nobody, and is shared with nobody")
         else:
-            db.share_scene(args.scene, args.role, args.access or "read")
+            db.scene(args.scene).share(args.role, args.access or "read")
             out(f"{args.scene}: {args.role} may {args.access or 'read'} it")
     return DONE
 
@@ -29,7 +29,7 @@ def share(args: argparse.Namespace) -> int:
 def unshare(args: argparse.Namespace) -> int:
     """Withdraw a share."""
     with _with_notices(args) as db:
-        out("taken back" if db.unshare_scene(args.scene, args.role) else "was not shared with it")
+        out("taken back" if db.scene(args.scene).unshare(args.role) else "was not shared with it")
     return DONE
 
 

@@ -20,7 +20,7 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
 
     Members and columns are those of the views `conflicts` and `approaches`; columns that only a database fills are null
     without one. A CSV file without rows has the columns of conflicts, unless it is an empty answer of
-    `Database.approaches`. The file appears when it is complete; if writing fails, an older file stays.
+    `StoredScene.approaches`. The file appears when it is complete; if writing fails, an older file stays.
 
     Parameters
     ----------

@@ -142,14 +142,14 @@ def faults(
 ) -> Iterator[str]:
     """Yield what is wrong with a scene whose objects were accepted."""
     try:
-        db.detect(scene.name)
+        db.scene(scene.name).detect()
     except Exception as error:  # whatever it is, it stops the scene
         yield f"detection failed: {type(error).__name__}: {error}"
         return
     try:
-        found = db.conflicts(scene.name, with_region=True)
-        db.approaches(scene.name)
-        db.scene_text(scene.name)
+        found = db.scene(scene.name).conflicts(with_region=True)
+        db.scene(scene.name).approaches()
+        db.scene(scene.name).text()
         for routine in ("candidates(%s)", "conflicts_of(%s, 'canary area')", "conflicts_at(%s, to_timestamp(1.7e9))"):
             db.connection.execute(f"SELECT count(*) FROM conflictdb.{routine}".encode(), [scene.name]).fetchall()
         db.connection.commit()

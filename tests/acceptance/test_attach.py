@@ -154,12 +154,12 @@ def test_tables_are_attached_where_postgis_lives_in_another_schema(empty_dsn: st
         with connect(conn) as db:
             conn.execute("SELECT conflictdb.create_scene('s')")
             conn.commit()
-            db.attach("s", "area", "public.zone", {"key": "id", "footprint": "ST_Force2D(shape)"})
-            db.detect("s")
+            db.scene("s").attach("area", "public.zone", {"key": "id", "footprint": "ST_Force2D(shape)"})
+            db.scene("s").detect()
             conn.execute("DELETE FROM public.zone")
             conn.commit()
             assert _objects(conn) == 1
-            db.detect("s")
+            db.scene("s").detect()
             assert _objects(conn) == 0
 
 

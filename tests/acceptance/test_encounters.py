@@ -94,6 +94,6 @@ def test_every_designed_encounter_is_a_conflict_at_its_time(tmp_path: Path) -> N
 def test_encounters_through_the_database(dsn: str, tmp_path: Path, number: str) -> None:
     _, design, generated = next(s for s in situations() if s[0] == number)
     with connect(dsn) as db:
-        name = db.load(write_situation(tmp_path / "scene.geojson", number, generated))
-        db.detect(name, jobs=1)
-        assert not problems(number, design, by_pair(db.conflicts(name)))
+        name = db.load(write_situation(tmp_path / "scene.geojson", number, generated)).name
+        db.scene(name).detect(jobs=1)
+        assert not problems(number, design, by_pair(db.scene(name).conflicts()))

@@ -189,10 +189,10 @@ def test_workers_go_on_and_miss_nothing(site: OwnServer, tmp_path: Any) -> None:
     with conflictdb.connect(site.dsn) as db:
         scenes = [status.scene.name for status in db.scenes()]
         for name in scenes:
-            db.detect(name)
+            db.scene(name).detect()
         kept = conflicts(db)
         for name in scenes:
-            db.detect(name, full=True)
+            db.scene(name).detect(full=True)
         assert kept == conflicts(db)
 
 

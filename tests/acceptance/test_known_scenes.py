@@ -44,8 +44,8 @@ def test_known_answers_through_files_and_the_database(dsn: str, tmp_path: Path) 
     with connect(dsn) as db:
         for known in KNOWN:
             path = write_scene(tmp_path / "scene.geojson", known.scene, known.areas, known.tracks)
-            assert db.load(path) == known.scene.name
-            db.detect(known.scene.name, jobs=1)
-            assert_known(known, by_pair(db.conflicts(known.scene.name)))
-            again = db.detect(known.scene.name, jobs=1)
+            assert db.load(path).name == known.scene.name
+            db.scene(known.scene.name).detect(jobs=1)
+            assert_known(known, by_pair(db.scene(known.scene.name).conflicts()))
+            again = db.scene(known.scene.name).detect(jobs=1)
             assert (again.opened, again.changed, again.closed) == (0, 0, 0)

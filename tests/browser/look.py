@@ -78,16 +78,16 @@ def prepare(db: Database) -> None:
         store.replace_scene(db.connection, scene, areas, tracks, merge=is_merged)
 
     db.load_demo()
-    db.detect("strait")
+    db.scene("strait").detect()
     load(Scene("empty"))
     load(Scene("not detected"), areas=[square("ZONE", 9.0, 57.0)], tracks=[ship("SHIP", (8.5, 57.0), (10.0, 57.2))])
     load(Scene("behind"), areas=[square("ZONE", 9.0, 57.0)], tracks=[ship("SHIP", (8.5, 57.0), (10.0, 57.2))])
-    db.detect("behind")
+    db.scene("behind").detect()
     load(Scene("behind"), areas=[square("LATE", 9.5, 57.0)], is_merged=True)
     random = np.random.default_rng(1)
     ways = [(random.uniform((-6.0, 48.0), (4.0, 56.0)), random.uniform((-6.0, 48.0), (4.0, 56.0))) for _ in range(400)]
     load(Scene("many"), tracks=[ship(f"SHIP-{n}", *way, hours=60.0) for n, way in enumerate(ways)])
-    db.detect("many")
+    db.scene("many").detect()
     load(
         Scene("date line"),
         areas=[square("SEAM", 179.5, 5.0), square("LAGOON", -178.5, 7.0)],
@@ -97,7 +97,7 @@ def prepare(db: Database) -> None:
             ship("NORTH", (179.9, 3.0), (179.9, 9.0)),
         ],
     )
-    db.detect("date line")
+    db.scene("date line").detect()
     load(
         Scene("near pole"),
         areas=[square("ICE", 20.0, 83.5)],
@@ -107,7 +107,7 @@ def prepare(db: Database) -> None:
             ship("POLE-2", (80.0, 86.0), (0.0, 87.5)),
         ],
     )
-    db.detect("near pole")
+    db.scene("near pole").detect()
     long = "A very long key of an object that somebody wrote who wanted to say everything at once, " * 2
     arabic = "\N{ARABIC LETTER SEEN}\N{ARABIC LETTER FEH}\N{ARABIC LETTER YEH}\N{ARABIC LETTER NOON}" * 3
     load(
@@ -115,7 +115,7 @@ def prepare(db: Database) -> None:
         areas=[square(long.strip(), 9.0, 57.0), square(f"{arabic} \N{PARTY POPPER}", 9.3, 57.1)],
         tracks=[ship("<b>SHIP</b> & co.", (8.5, 57.0), (10.0, 57.2)), ship("船-1", (10.0, 57.0), (8.5, 57.2))],
     )
-    db.detect("strange names " * 4)
+    db.scene("strange names " * 4).detect()
     days = START + 3 * timedelta(days=1)
     load(
         Scene("seconds in days"),
@@ -132,7 +132,7 @@ def prepare(db: Database) -> None:
             ),
         ],
     )
-    db.detect("seconds in days")
+    db.scene("seconds in days").detect()
 
 
 def square(key: str, west: float, south: float) -> Area:

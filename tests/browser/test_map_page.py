@@ -33,7 +33,7 @@ HOSTILE = "<img src=x onerror=\"document.title='taken'\">"
 def strait(dsn: str, serve: Serve) -> str:
     with conflictdb.connect(dsn) as db:
         db.load_demo()
-        db.detect("strait")
+        db.scene("strait").detect()
     return serve(dsn, "strait")
 
 
@@ -277,7 +277,7 @@ def test_a_scene_that_is_no_longer_shared_goes_from_the_page(
     guest = f"guest_{conn.info.dbname}"
     with conflictdb.connect(dsn) as db:
         db.load_demo()
-        db.detect("strait")
+        db.scene("strait").detect()
     conn.execute(f"CREATE ROLE {guest} LOGIN IN ROLE conflictdb_reader".encode())
     conn.execute("SELECT conflictdb.protect_scenes()")
     conn.execute("SELECT conflictdb.share_scene('strait', %s)", [guest])

@@ -29,7 +29,7 @@ DRAWN_MS = 500
 def strait(dsn: str, serve: Serve) -> str:
     with conflictdb.connect(dsn) as db:
         db.load_demo()
-        db.detect("strait")
+        db.scene("strait").detect()
     return serve(dsn, "strait")
 
 
@@ -263,7 +263,7 @@ def test_a_file_shows_what_is_stale(
 ) -> None:
     with conflictdb.connect(dsn) as db:
         db.load_demo()
-        db.detect("strait")
+        db.scene("strait").detect()
     moved = "SELECT conflictdb.put_area('strait', 'DIVING', footprint, '(,)') FROM conflictdb.area WHERE key = 'DIVING'"
     conn.execute(moved.encode())
     conn.commit()

@@ -79,23 +79,23 @@ def test_it_changes_nothing(dsn: str, detected: bool) -> None:
     with conflictdb.connect(dsn) as db:
         db.load(STRAIT)
         if detected:
-            db.detect("strait")
+            db.scene("strait").detect()
     before = contents(dsn)
     with conflictdb.connect(f"{dsn} options='-c default_transaction_read_only=on -c role=conflictdb_reader'") as db:
-        assert db.advise("strait").estimates
+        assert db.scene("strait").advise().estimates
     assert contents(dsn) == before
 
 
 def test_where_every_pair_is_sampled_counts_are_those_of_detections(dsn: str) -> None:
     with conflictdb.connect(dsn) as db:
         db.load(STRAIT)
-        advice = db.advise("strait")
+        advice = db.scene("strait").advise()
         assert advice.sampled_pairs == advice.pairs.value
         for estimate in advice.estimates:
             setting = estimate.setting
             if setting.earth != EarthModel.WGS84:
                 continue
-            done = db.detect("strait", method=setting.method, tolerance_m=setting.tolerance_m, full=True)
+            done = db.scene("strait").detect(method=setting.method, tolerance_m=setting.tolerance_m, full=True)
             found = (estimate.candidate_pairs, estimate.intersecting_pairs, estimate.conflicts)
             counted = [done.candidate_pairs, done.intersecting_pairs, done.conflicts]
             assert [count.value for count in found] == pytest.approx(counted, rel=1e-12)
@@ -113,7 +113,7 @@ def test_estimates_are_near_what_a_detection_counts(dsn: str) -> None:
     with conflictdb.connect(dsn) as db:
         store.replace_scene(db.connection, scene, areas, tracks, merge=False)
         for method in (Method.SCREEN, Method.EXACT):
-            done = db.detect(scene.name, method=method, full=True)
+            done = db.scene(scene.name).detect(method=method, full=True)
             estimate = of(advice, method, scene.tolerance_m)
             for count, true in (
                 (estimate.candidate_pairs, done.candidate_pairs),
@@ -141,11 +141,11 @@ def test_cost_counts_the_regions_that_a_detection_leaves_to_the_database(
     left, units, foretold = {}, {}, {}
     with conflictdb.connect(dsn) as db:
         store.replace_scene(db.connection, Scene("sea"), areas, tracks, merge=False)
-        advice = db.advise("sea", sample=10_000)
+        advice = db.scene("sea").advise(sample=10_000)
         assert advice.sampled_pairs == advice.pairs.value
         for method in (Method.SCREEN, Method.EXACT):
             without.clear()
-            done = db.detect("sea", method=method, full=True)
+            done = db.scene("sea").detect(method=method, full=True)
             left[method] = sum(without) / done.conflicts
             units[method] = WRITE_PER_CONFLICT * done.conflicts + REGION_PER_CONFLICT * sum(without)
             foretold[method] = of(advice, method, 1.0).cost.write_s - FIXED_S
@@ -247,10 +247,10 @@ def test_an_empty_scene_and_strangers_need_no_advice(dsn: str) -> None:
         store.replace_scene(db.connection, Scene("empty"), [], [], merge=False)
         store.replace_scene(db.connection, Scene("apart"), [], strangers(3), merge=False)
         store.replace_scene(db.connection, Scene("one"), [], strangers(1), merge=False)
-        assert db.advise("empty").estimates == ()
-        assert "holds no objects" in db.advise("empty").recommendation
+        assert db.scene("empty").advise().estimates == ()
+        assert "holds no objects" in db.scene("empty").advise().recommendation
         for name in ("apart", "one"):
-            advice = db.advise(name)
+            advice = db.scene(name).advise()
             assert (advice.estimates, advice.pairs.value) == ((), 0.0)
             assert "come near each other" in advice.recommendation
 
@@ -266,11 +266,11 @@ def test_strangers_among_some_objects_are_said_to_be_some() -> None:
 def test_wrong_arguments_and_unknown_scenes_are_refused(dsn: str) -> None:
     with conflictdb.connect(dsn) as db:
         with pytest.raises(InvalidInput, match="not in this database"):
-            db.advise("nowhere")
+            db.scene("nowhere").advise()
         db.load(STRAIT)
         for wrong in ({"sample": 0}, {"sample": -3}, {"sample": 1.5}, {"seed": -1}, {"sample": True}):
             with pytest.raises(InvalidInput, match="must be a whole number"):
-                db.advise("strait", **wrong)  # type: ignore[arg-type]
+                db.scene("strait").advise(**wrong)  # type: ignore[arg-type]
 
 
 def test_progress_counts_settings() -> None:

@@ -70,7 +70,7 @@ def keys(conn: Conn) -> list[str]:
 def test_each_role_needs_no_more_than_its_own(conn: Conn, roles: dict[str, str]) -> None:
     """Who writes needs nothing here, who keeps scenes current nothing there, and who plans creates nothing here."""
     with acting(conn, roles["planner"]), connect(conn) as db:
-        db.attach("s", "area", "mission.ops", MAP)
+        db.scene("s").attach("area", "mission.ops", MAP)
     with acting(conn, roles["writer"]):
         conn.execute(f"INSERT INTO mission.ops VALUES (2, {AREA})")
         conn.execute("UPDATE mission.ops SET id = 3 WHERE id = 1")
@@ -85,7 +85,7 @@ def test_each_role_needs_no_more_than_its_own(conn: Conn, roles: dict[str, str])
             conn.execute("CREATE FUNCTION conflictdb.mine() RETURNS int LANGUAGE sql AS 'SELECT 1'")
         conn.rollback()
         with connect(conn) as db:
-            assert db.detach("s", "mission.ops") == 2
+            assert db.scene("s").detach("mission.ops") == 2
     assert conn.execute("SELECT to_regnamespace('conflictdb_attached') IS NULL").fetchone() == (True,)
 
 
@@ -93,7 +93,7 @@ def test_each_role_needs_no_more_than_its_own(conn: Conn, roles: dict[str, str])
 def test_other_roles_pass_a_table_over_and_say_so(conn: Conn, roles: dict[str, str], role: str | None) -> None:
     """A worker, another editor, a superuser: the scene is not current until its role has followed the table."""
     with acting(conn, roles["planner"]), connect(conn) as db:
-        db.attach("s", "area", "mission.ops", MAP)
+        db.scene("s").attach("area", "mission.ops", MAP)
     name = roles[role] if role else str(conn.info.user)
     follow(conn, name)
     assert keys(conn) == []
@@ -115,11 +115,11 @@ def test_other_roles_pass_a_table_over_and_say_so(conn: Conn, roles: dict[str, s
 def test_tables_of_others_are_refused(conn: Conn, roles: dict[str, str]) -> None:
     """Functions of a view, of row-level security and of indexes would run with the rights of who reads."""
     with acting(conn, roles["other"]), connect(conn) as db, pytest.raises(StoreError, match="schema mission"):
-        db.attach("s", "area", "mission.ops", MAP)
+        db.scene("s").attach("area", "mission.ops", MAP)
     with acting(conn, roles["planner"]):
         conn.execute(sql.SQL("GRANT USAGE ON SCHEMA mission TO {}").format(sql.Identifier(roles["other"])))
     with acting(conn, roles["other"]), connect(conn) as db, pytest.raises(InvalidInput, match="cannot be read by role"):
-        db.attach("s", "area", "mission.ops", MAP)
+        db.scene("s").attach("area", "mission.ops", MAP)
     with acting(conn, roles["planner"]):
         conn.execute("CREATE VIEW mission.seen AS SELECT * FROM mission.ops")
         grant = sql.SQL("GRANT SELECT ON mission.ops, mission.seen TO {}")
@@ -127,13 +127,13 @@ def test_tables_of_others_are_refused(conn: Conn, roles: dict[str, str]) -> None
     with acting(conn, roles["other"]), connect(conn) as db:
         for table, every_s in (("mission.ops", None), ("mission.ops", 60.0), ("mission.seen", None)):
             with pytest.raises(InvalidInput, match="must belong to the role that attaches it"):
-                db.attach("s", "area", table, MAP, every_s=every_s)
+                db.scene("s").attach("area", table, MAP, every_s=every_s)
     # A superuser could run code as anybody: its views are as good as one's own.
     conn.execute("CREATE SCHEMA shared; CREATE VIEW shared.seen AS SELECT * FROM mission.ops")
     conn.execute("GRANT USAGE ON SCHEMA shared TO PUBLIC; GRANT SELECT ON shared.seen TO PUBLIC")
     conn.commit()
     with acting(conn, roles["other"]), connect(conn) as db:
-        db.attach("s", "area", "shared.seen", MAP)
+        db.scene("s").attach("area", "shared.seen", MAP)
     follow(conn, roles["other"])
     assert keys(conn) == ["1"]
     # Rights that are taken away are gone here too.
@@ -151,7 +151,7 @@ def test_tables_of_others_are_refused(conn: Conn, roles: dict[str, str]) -> None
 def test_row_level_security_that_hides_rows_is_refused(conn: Conn, roles: dict[str, str]) -> None:
     """Also when it comes later: rows that are hidden are not gone."""
     with acting(conn, roles["planner"]), connect(conn) as db:
-        db.attach("s", "area", "mission.ops", MAP)
+        db.scene("s").attach("area", "mission.ops", MAP)
     follow(conn, roles["planner"])
     with acting(conn, roles["planner"]):
         conn.execute("ALTER TABLE mission.ops ENABLE ROW LEVEL SECURITY")
@@ -166,17 +166,17 @@ def test_row_level_security_that_hides_rows_is_refused(conn: Conn, roles: dict[s
         assert "would be affected by row-level security" in str(db.attachments()[0].error)
     assert keys(conn) == ["2"]
     with acting(conn, roles["planner"]), connect(conn) as db, pytest.raises(InvalidInput, match="hides rows from role"):
-        db.attach("s", "area", "mission.ops", MAP)
+        db.scene("s").attach("area", "mission.ops", MAP)
 
 
 def test_a_table_that_has_another_owner_can_be_detached(conn: Conn, roles: dict[str, str]) -> None:
     with acting(conn, roles["planner"]), connect(conn) as db:
-        db.attach("s", "area", "mission.ops", MAP)
+        db.scene("s").attach("area", "mission.ops", MAP)
         conn.execute(sql.SQL("GRANT USAGE ON SCHEMA mission TO {}").format(sql.Identifier(roles["other"])))
     conn.execute(sql.SQL("ALTER TABLE mission.ops OWNER TO {}").format(sql.Identifier(roles["other"])))
     conn.commit()
     with acting(conn, roles["other"]), connect(conn) as db:
-        db.detach("s", "mission.ops")
+        db.scene("s").detach("mission.ops")
     left = "SELECT count(*) FROM pg_trigger WHERE tgrelid = 'mission.ops'::regclass"
     assert conn.execute(left.encode()).fetchone() == (0,)
 
@@ -190,7 +190,7 @@ def test_what_is_no_table_of_a_mission_is_refused(conn: Conn, table: str) -> Non
     conn.execute("SELECT conflictdb.create_scene('s')")
     conn.commit()
     with connect(conn) as db, pytest.raises(InvalidInput, match=r"table: (is|must be)"):
-        db.attach("s", "area", table, MAP)
+        db.scene("s").attach("area", table, MAP)
 
 
 # Ways to have code of the planner run when the attached relation is read: each notes as whom it ran.
@@ -245,7 +245,7 @@ def test_code_of_who_attached_runs_as_nobody_else(conn: Conn, roles: dict[str, s
     """Whatever the planner makes of the table, the worker and the superuser never run it."""
     planner = roles["planner"]
     with acting(conn, planner), connect(conn) as db:
-        number = db.attach("s", "area", "mission.ops", MAP)
+        number = db.scene("s").attach("area", "mission.ops", MAP)
     follow(conn, planner)
     with acting(conn, planner):
         conn.execute(EVIL)
@@ -278,7 +278,7 @@ def test_code_of_who_attached_runs_as_nobody_else(conn: Conn, roles: dict[str, s
 def test_a_planted_function_of_another_role_is_not_run(conn: Conn, roles: dict[str, str]) -> None:
     """An editor may create functions beside those that read: only one that belongs to the caller is called."""
     with acting(conn, roles["planner"]), connect(conn) as db:
-        number = db.attach("s", "area", "mission.ops", MAP)
+        number = db.scene("s").attach("area", "mission.ops", MAP)
         conn.execute(EVIL)
         conn.execute(f"DROP FUNCTION conflictdb_attached.rows_{number}(text[], text)".encode())
     with acting(conn, roles["other"]):
@@ -290,7 +290,7 @@ def test_a_planted_function_of_another_role_is_not_run(conn: Conn, roles: dict[s
 def test_a_function_that_seems_to_fit_better_is_not_run(conn: Conn, roles: dict[str, str]) -> None:
     """Calls name the types of the function that reads, so that no overload of another editor is taken for it."""
     with acting(conn, roles["planner"]), connect(conn) as db:
-        number = db.attach("s", "area", "mission.ops", MAP)
+        number = db.scene("s").attach("area", "mission.ops", MAP)
         conn.execute(EVIL)
     with acting(conn, roles["other"]):
         for types in ("text, text", "text[], character varying", "anyarray, text", "name[], name"):
@@ -307,7 +307,7 @@ def test_a_function_that_seems_to_fit_better_is_not_run(conn: Conn, roles: dict[
 def test_triggers_of_attached_tables_read_no_temporary_view(conn: Conn, roles: dict[str, str]) -> None:
     """They run as the owner of conflictdb; an editor may put them on another table, without transition tables."""
     with acting(conn, roles["planner"]), connect(conn) as db:
-        number = db.attach("s", "area", "mission.ops", MAP)
+        number = db.scene("s").attach("area", "mission.ops", MAP)
         conn.execute(EVIL)
         conn.execute("CREATE TABLE mission.bait (id integer)")
         conn.execute(
@@ -323,7 +323,7 @@ def test_triggers_of_attached_tables_read_no_temporary_view(conn: Conn, roles: d
 def test_notes_show_no_other_columns(conn: Conn, roles: dict[str, str]) -> None:
     """Attaching fixes the columns that triggers record: another editor cannot add columns."""
     with acting(conn, roles["planner"]), connect(conn) as db:
-        number = db.attach("s", "area", "mission.ops", MAP)
+        number = db.scene("s").attach("area", "mission.ops", MAP)
     with acting(conn, roles["other"]):
         for statement in (
             "UPDATE conflictdb.attachment SET identity_columns = '{shape}'",
@@ -346,7 +346,7 @@ def test_deletes_stay_in_the_scene_of_the_attachment(conn: Conn, roles: dict[str
     conn.execute(f"SELECT conflictdb.put_area('hers', 'A', {AREA}), conflictdb.put_area('hers', '1', {AREA})")
     conn.commit()
     with acting(conn, roles["planner"]), connect(conn) as db:
-        db.attach("s", "area", "mission.ops", MAP)
+        db.scene("s").attach("area", "mission.ops", MAP)
     follow(conn, roles["planner"])
     with acting(conn, roles["planner"]):
         # Its own row, which then goes; and rows that never were.
@@ -376,7 +376,7 @@ def test_deletes_stay_in_the_scene_of_the_attachment(conn: Conn, roles: dict[str
     assert after == before
     assert len(after) == 2
     with acting(conn, roles["planner"]), connect(conn) as db:
-        db.detach("s", "mission.ops")
+        db.scene("s").detach("mission.ops")
     assert conn.execute("SELECT count(*) FROM conflictdb.area WHERE key IN ('A', '1')").fetchone() == (2,)
 
 
@@ -385,7 +385,7 @@ def test_a_function_that_does_not_end_is_given_up(
 ) -> None:
     monkeypatch.setattr("conflictdb.db.store.attached._READ_WITHIN", "200ms")
     with acting(conn, roles["planner"]), connect(conn) as db:
-        number = db.attach("s", "area", "mission.ops", MAP)
+        number = db.scene("s").attach("area", "mission.ops", MAP)
         conn.execute(WAYS["function that reads"].format(n=number).replace("mission.evil()", "pg_sleep(60)").encode())
     follow(conn, roles["planner"])
     with connect(conn) as db:
@@ -403,7 +403,7 @@ CREATE FUNCTION conflictdb_attached.rows_{n}(text, text) RETURNS SETOF conflictd
 def test_a_function_planted_beside_the_one_that_reads_is_not_run(conn: Conn, roles: dict[str, str]) -> None:
     """An untyped literal would fit a parameter of type text better than one of text[]."""
     with acting(conn, roles["planner"]), connect(conn) as db:
-        number = db.attach("s", "area", "mission.ops", MAP)
+        number = db.scene("s").attach("area", "mission.ops", MAP)
         conn.execute(EVIL)
     with acting(conn, roles["other"]):
         for n in (number, number + 1, number + 2):
@@ -412,7 +412,7 @@ def test_a_function_planted_beside_the_one_that_reads_is_not_run(conn: Conn, rol
     with acting(conn, roles["planner"]), connect(conn) as db:
         conn.execute(f"CREATE TABLE mission.more AS SELECT 'm' || id AS id, {AREA}::geometry AS shape FROM mission.ops")
         conn.execute("SELECT * FROM conflictdb.preview_attachment('s', 'area', 'mission.more', %s)", [Jsonb(MAP)])
-        db.attach("s", "area", "mission.more", MAP)
+        db.scene("s").attach("area", "mission.more", MAP)
         conn.execute("UPDATE conflictdb.attachment SET compared_at = NULL")
     follow(conn, roles["planner"])
     assert conn.execute("SELECT * FROM mission.caught").fetchall() == []
@@ -430,7 +430,7 @@ def test_an_old_snapshot_gives_no_hold_on_a_new_attachment(conn: Conn, roles: di
         old.execute("SET check_function_bodies = off")
         old.execute("SELECT FROM conflictdb.scene")  # takes the snapshot
         with acting(conn, roles["planner"]), connect(conn) as db:
-            number = db.attach("s", "area", "mission.ops", MAP)
+            number = db.scene("s").attach("area", "mission.ops", MAP)
         with pytest.raises(psycopg.DatabaseError) as refused:
             old.execute(f"SELECT conflictdb.{statement.format(n=number)}".encode())
         assert refused.value.sqlstate in ("ZC011", "42883")
@@ -448,7 +448,7 @@ def test_who_replaces_a_table_has_nothing_read(conn: Conn, roles: dict[str, str]
     conn.commit()
     with acting(conn, roles["planner"]), connect(conn) as db:
         conn.execute("CREATE TABLE team.ops AS SELECT * FROM mission.ops")
-        db.attach("s", "area", "team.ops", MAP)
+        db.scene("s").attach("area", "team.ops", MAP)
         conn.execute(EVIL)
     follow(conn, roles["planner"])
     assert keys(conn) == ["1"]
@@ -468,7 +468,7 @@ def test_who_replaces_a_table_has_nothing_read(conn: Conn, roles: dict[str, str]
 def test_only_who_attaches_makes_notes(conn: Conn, roles: dict[str, str]) -> None:
     """Another editor would keep the scene from being current."""
     with acting(conn, roles["planner"]), connect(conn) as db:
-        number = db.attach("s", "area", "mission.ops", MAP)
+        number = db.scene("s").attach("area", "mission.ops", MAP)
     with acting(conn, roles["other"]):
         conn.execute("SELECT conflictdb.create_scene('own')")
         conn.execute("CREATE TEMPORARY TABLE bait (id integer)")
@@ -489,7 +489,7 @@ def test_members_of_the_owner_make_partitions(conn: Conn, roles: dict[str, str])
     with acting(conn, roles["writer"]):
         conn.execute("CREATE TABLE mission.parted (id integer, shape geometry) PARTITION BY RANGE (id)")
     with acting(conn, roles["planner"]), connect(conn) as db:
-        db.attach("s", "area", "mission.parted", MAP)
+        db.scene("s").attach("area", "mission.parted", MAP)
     with acting(conn, roles["writer"]):
         conn.execute("CREATE TABLE mission.part PARTITION OF mission.parted FOR VALUES FROM (0) TO (10)")
         conn.execute(f"INSERT INTO mission.parted VALUES (3, {AREA})")
@@ -508,7 +508,7 @@ def test_keys_of_any_size_fail_no_write(conn: Conn, roles: dict[str, str], kind:
     """The texts of 100 keys, or of one, may be longer than any text can be."""
     with acting(conn, roles["planner"]), connect(conn) as db:
         conn.execute(f"CREATE TABLE mission.long (id {kind}, shape geometry)".encode())
-        number = db.attach("s", "area", "mission.long", {"key": "left(id::text, 9)", "footprint": "shape"})
+        number = db.scene("s").attach("area", "mission.long", {"key": "left(id::text, 9)", "footprint": "shape"})
         conn.execute("DELETE FROM conflictdb.attached_change")
         conn.execute(f"INSERT INTO mission.long {values}".encode())
         notes = conn.execute("SELECT attachment_id, identities FROM conflictdb.attached_change").fetchall()
@@ -517,11 +517,11 @@ def test_keys_of_any_size_fail_no_write(conn: Conn, roles: dict[str, str], kind:
 
 def test_views_of_others_do_not_keep_a_table_attached(conn: Conn, roles: dict[str, str]) -> None:
     with acting(conn, roles["planner"]), connect(conn) as db:
-        number = db.attach("s", "area", "mission.ops", MAP)
+        number = db.scene("s").attach("area", "mission.ops", MAP)
     with acting(conn, roles["other"]):
         conn.execute(
             f"CREATE TEMPORARY VIEW mine AS SELECT * FROM conflictdb_attached.rows_{number}(NULL, '')".encode()
         )
     with acting(conn, roles["planner"]), connect(conn) as db:
-        db.detach("s", "mission.ops")
+        db.scene("s").detach("mission.ops")
         assert db.attachments() == []

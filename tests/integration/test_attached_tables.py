@@ -10,9 +10,9 @@ import psycopg
 import pytest
 
 from conflictdb import connect
-from conflictdb.database import Database
 from conflictdb.db import store
 from conflictdb.errors import InvalidInput
+from conflictdb.session.database import Database
 
 OPS = """
 CREATE SCHEMA mission;
@@ -69,15 +69,17 @@ def keys(db: Database, kind: str = "area") -> list[str]:
 
 
 def reasons(db: Database) -> list[tuple[str, str]]:
-    return [(row.identity, row.reason) for row in db.unmapped("s")]
+    return [(row.identity, row.reason) for row in db.scene("s").unmapped()]
 
 
 def test_rows_become_areas_in_longitude_and_latitude(db: Database) -> None:
-    db.attach("s", "area", "mission.ops", {**OPS_MAP, "name": "'op ' || id", "properties": "to_jsonb(t) - 'shape'"})
+    db.scene("s").attach(
+        "area", "mission.ops", {**OPS_MAP, "name": "'op ' || id", "properties": "to_jsonb(t) - 'shape'"}
+    )
     assert keys(db) == []
     assert not db.connection.execute("SELECT is_current FROM conflictdb.scenes").fetchone()[0]  # type: ignore[index]
     db.connection.rollback()
-    db.follow("s")
+    db.scene("s").follow()
     assert ask(
         db,
         """SELECT key, name, active_span::text, round(floor_m::numeric, 3)::text, properties ->> 'depth_ft',
@@ -86,7 +88,7 @@ def test_rows_become_areas_in_longitude_and_latitude(db: Database) -> None:
     ) == [("1", "op 1", '["2026-03-01 06:00:00+00","2026-03-01 18:00:00+00")', "-30.480", "100", True)]
     assert keys(db) == ["1", "2", "3"]
     assert reasons(db) == []
-    (one,) = db.attachments("s")
+    (one,) = db.scene("s").attachments()
     assert (one.table, one.kind, one.objects, one.is_waiting, one.remark) == ("mission.ops", "area", 3, False, None)
 
 
@@ -99,13 +101,13 @@ def test_only_rows_that_count_are_objects(db: Database, every_s: float | None) -
         "UPDATE mission.ops SET state = NULL WHERE id = 2",
     )
     mapped = {**OPS_MAP, "where": "state = 'approved' AND depth_ft / nullif(id, 9) > 0"}
-    assert len(db.preview_attachment("s", "area", "mission.ops", mapped).objects) == 2
-    db.attach("s", "area", "mission.ops", mapped, every_s=every_s)
+    assert len(db.scene("s").preview_attachment("area", "mission.ops", mapped).objects) == 2
+    db.scene("s").attach("area", "mission.ops", mapped, every_s=every_s)
 
     def follow() -> list[str]:
         if every_s is not None:
             do(db, "UPDATE conflictdb.attachment SET compared_at = NULL")
-        db.follow("s")
+        db.scene("s").follow()
         return keys(db)
 
     assert follow() == ["1", "3"]
@@ -126,18 +128,18 @@ def test_only_rows_that_count_are_objects(db: Database, every_s: float | None) -
     assert [identity for identity, _ in reasons(db)] == ["{5}"]
     do(db, "UPDATE mission.ops SET state = 'draft'")
     assert (follow(), reasons(db)) == ([], [])
-    db.detach("s", "mission.ops")
+    db.scene("s").detach("mission.ops")
     for wrong, rule in (("id", "must be of type boolean"), ("random() > 1", "volatile"), ("no", "cannot be used")):
         with pytest.raises(InvalidInput, match=rule):
-            db.attach("s", "area", "mission.ops", {**OPS_MAP, "where": wrong})
+            db.scene("s").attach("area", "mission.ops", {**OPS_MAP, "where": wrong})
         db.connection.rollback()
 
 
 def test_rows_of_waypoints_become_tracks(db: Database) -> None:
     """Also an outline that changes, and heights that differ along the way."""
-    db.attach("s", "track", "mission.fix", {**FIX_MAP, "floor_m": "-draught", "ceiling_m": "30"})
+    db.scene("s").attach("track", "mission.fix", {**FIX_MAP, "floor_m": "-draught", "ceiling_m": "30"})
     do(db, "UPDATE mission.fix SET draught = 8, beam = 40 WHERE voyage = 'V2' AND at >= '2026-03-01 07:00Z'")
-    db.follow("s")
+    db.scene("s").follow()
     assert ask(
         db,
         """SELECT key, ST_AsText(ST_Force2D(ST_SnapToGrid(path, 1e-6))), ST_M(ST_StartPoint(path)),
@@ -162,9 +164,9 @@ def test_paths_with_measures_and_paths_with_times_become_tracks(db: Database) ->
                ('none', 'SRID=4326;LINESTRING (8 57, 9 57)', NULL)""",
     )
     haven = {"key": "id", "path": "way", "outline": "conflictdb.rectangle_outline(10, 10, 5, 5)"}
-    db.attach("s", "track", "mission.leg", haven)
-    db.attach("s", "track", "mission.plan", {**haven, "times": "times"})
-    db.follow("s")
+    db.scene("s").attach("track", "mission.leg", haven)
+    db.scene("s").attach("track", "mission.plan", {**haven, "times": "times"})
+    db.scene("s").follow()
     assert ask(
         db, "SELECT key, ST_AsText(ST_SnapToGrid(path, 0, 0, 1e-6, 1e-6)) FROM conflictdb.track ORDER BY key"
     ) == [(key, "LINESTRING M (8 57 1772341200,9 57 1772344800)") for key in "mt"]
@@ -172,8 +174,8 @@ def test_paths_with_measures_and_paths_with_times_become_tracks(db: Database) ->
 
 
 def test_changes_are_followed(db: Database) -> None:
-    db.attach("s", "area", "mission.ops", OPS_MAP)
-    db.follow("s")
+    db.scene("s").attach("area", "mission.ops", OPS_MAP)
+    db.scene("s").follow()
     before = dict(ask(db, "SELECT key, version FROM conflictdb.area"))
     do(
         db,
@@ -182,7 +184,7 @@ def test_changes_are_followed(db: Database) -> None:
         "INSERT INTO mission.ops SELECT 4, shape, valid, 1 FROM mission.ops WHERE id = 1",
     )
     assert [len(one) for one in ask(db, "SELECT identities FROM conflictdb.attached_change")] == [2, 1, 1]
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db) == ["1", "3", "4"]
     after = dict(ask(db, "SELECT key, version FROM conflictdb.area"))
     assert after["1"] > before["1"]
@@ -192,22 +194,22 @@ def test_changes_are_followed(db: Database) -> None:
 
 @pytest.mark.filterwarnings("ignore:attachment of mission.ops. areas are there at all times")
 def test_what_does_not_change_an_object_leaves_no_mark(db: Database) -> None:
-    db.attach("s", "area", "mission.ops", {"key": "id", "footprint": "shape"})
-    db.detect("s")
+    db.scene("s").attach("area", "mission.ops", {"key": "id", "footprint": "shape"})
+    db.scene("s").detect()
     do(db, "UPDATE mission.ops SET depth_ft = 5", "UPDATE mission.ops SET depth_ft = 6 WHERE false")
     assert ask(db, "SELECT count(*) FROM conflictdb.attached_change") == [1]
-    db.follow("s")
+    db.scene("s").follow()
     assert ask(db, "SELECT is_current FROM conflictdb.scenes") == [True]
 
 
 def test_other_keys_truncate_copy_and_large_statements_are_followed(db: Database) -> None:
-    db.attach("s", "area", "mission.ops", OPS_MAP)
-    db.follow("s")
+    db.scene("s").attach("area", "mission.ops", OPS_MAP)
+    db.scene("s").follow()
     do(db, "UPDATE mission.ops SET id = id + 10")
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db) == ["11", "12", "13"]
     do(db, "UPDATE mission.ops SET id = 24 - id")  # 11 and 13 change places, 12 stays
-    db.follow("s")
+    db.scene("s").follow()
     assert ask(db, "SELECT key, round(ST_XMin(footprint)) FROM conflictdb.area ORDER BY key") == [
         ("11", 11.0),
         ("12", 10.0),
@@ -218,20 +220,20 @@ def test_other_keys_truncate_copy_and_large_statements_are_followed(db: Database
         "INSERT INTO mission.ops SELECT i, shape, valid, 1 FROM mission.ops, generate_series(100, 400) i WHERE id = 11",
     )
     assert ask(db, "SELECT identities FROM conflictdb.attached_change") == [None]
-    db.follow("s")
+    db.scene("s").follow()
     assert len(keys(db)) == 304
     do(db, "TRUNCATE mission.ops")
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db) == []
     with psycopg.connect(db.connection.info.dsn) as other, other.cursor().copy("COPY mission.ops FROM STDIN") as copy:
         copy.write(b"7\tSRID=25832;POLYGON((5e5 6e6,5.1e5 6e6,5.1e5 6.1e6,5e5 6e6))\t\\N\t1\n")
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db) == ["7"]
 
 
 def test_changes_that_arrive_as_replicas_are_followed(db: Database) -> None:
-    db.attach("s", "area", "mission.ops", OPS_MAP)
-    db.follow("s")
+    db.scene("s").attach("area", "mission.ops", OPS_MAP)
+    db.scene("s").follow()
     do(
         db,
         "SET session_replication_role = replica",
@@ -239,10 +241,10 @@ def test_changes_that_arrive_as_replicas_are_followed(db: Database) -> None:
         "UPDATE mission.ops SET id = 20 WHERE id = 2",
         "INSERT INTO mission.ops SELECT 4, shape, valid, 1 FROM mission.ops WHERE id = 3",
     )
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db) == ["20", "3", "4"]
     do(db, "SET session_replication_role = replica", "TRUNCATE mission.ops")
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db) == []
 
 
@@ -255,27 +257,27 @@ def test_partitions_are_followed(db: Database) -> None:
         "CREATE TABLE mission.day1 PARTITION OF mission.day FOR VALUES FROM ('2026-01-01') TO ('2026-02-01')",
         "INSERT INTO mission.day VALUES (1, '2026-01-05', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')",
     )
-    db.attach("s", "area", "mission.day", {"key": "id", "footprint": "shape"})
-    db.follow("s")
+    db.scene("s").attach("area", "mission.day", {"key": "id", "footprint": "shape"})
+    db.scene("s").follow()
     do(
         db,
         "INSERT INTO mission.day1 VALUES (2, '2026-01-05', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')",
         "UPDATE mission.day SET id = 3 WHERE id = 1",
     )
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db) == ["2", "3"]
     do(
         db,
         "CREATE TABLE mission.day2 PARTITION OF mission.day FOR VALUES FROM ('2026-02-01') TO ('2026-03-01')",
         "INSERT INTO mission.day2 VALUES (4, '2026-02-05', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')",
     )
-    (one,) = db.attachments("s")
+    (one,) = db.scene("s").attachments()
     assert "triggers are missing" in str(one.remark)
     do(db, "UPDATE conflictdb.attachment SET compared_at = compared_at - interval '1 hour'")
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db) == ["2", "3", "4"]
     do(db, "ALTER TABLE mission.day DETACH PARTITION mission.day1")
-    db.detach("s", "mission.day")
+    db.scene("s").detach("mission.day")
     assert (
         ask(db, "SELECT tgname FROM pg_trigger WHERE tgname LIKE 'conflictdb%' AND tgrelid::regclass::text ~ 'day'")
         == []
@@ -289,8 +291,8 @@ def test_a_row_that_cannot_be_mapped_says_why_and_stops_no_other(db: Database) -
                (11, ST_GeomFromText('POLYGON((0 0, 9 9, 9 0, 0 9, 0 0))', 25832), NULL, 1),
                (12, NULL, NULL, 1), (13, NULL, 'empty', 0)""",
     )
-    db.attach("s", "area", "mission.ops", {**OPS_MAP, "floor_m": "100 / depth_ft - 1000"})
-    db.follow("s")
+    db.scene("s").attach("area", "mission.ops", {**OPS_MAP, "floor_m": "100 / depth_ft - 1000"})
+    db.scene("s").follow()
     assert keys(db) == ["1", "2", "3"]
     assert [(identity, reason.partition("[")[0]) for identity, reason in reasons(db)] == [
         ("{11}", "area '11': footprint: must be a valid polygon: Self-intersection"),
@@ -303,15 +305,15 @@ def test_a_row_that_cannot_be_mapped_says_why_and_stops_no_other(db: Database) -
         "UPDATE mission.ops SET shape = (SELECT shape FROM mission.ops WHERE id = 1) WHERE id = 12",
         "DELETE FROM mission.ops WHERE id = 11",
     )
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db) == ["1", "12", "2", "3"]
-    assert [(row.identity, row.is_kept) for row in db.unmapped("s")] == [("{13}", False), ("{1}", True)]
+    assert [(row.identity, row.is_kept) for row in db.scene("s").unmapped()] == [("{13}", False), ("{1}", True)]
     assert ask(db, "SELECT unmapped FROM conflictdb.scenes") == [2]
     do(db, "UPDATE mission.ops SET depth_ft = 5 WHERE id = 1")
-    db.follow("s")
-    assert [row.identity for row in db.unmapped("s")] == ["{13}"]
+    db.scene("s").follow()
+    assert [row.identity for row in db.scene("s").unmapped()] == ["{13}"]
     do(db, "DELETE FROM mission.ops WHERE id = 1")
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db) == ["12", "2", "3"]
 
 
@@ -321,9 +323,9 @@ def test_many_rows_that_cannot_be_mapped_are_told_one_by_one(db: Database) -> No
         """INSERT INTO mission.ops SELECT i, CASE WHEN i % 7 > 0 THEN o.shape END, o.valid, 1
            FROM mission.ops o, generate_series(101, 800) i WHERE o.id = 1""",
     )
-    db.attach("s", "area", "mission.ops", OPS_MAP)
-    db.follow("s")
-    assert (len(keys(db)), len(db.unmapped("s"))) == (603, 100)
+    db.scene("s").attach("area", "mission.ops", OPS_MAP)
+    db.scene("s").follow()
+    assert (len(keys(db)), len(db.scene("s").unmapped())) == (603, 100)
 
 
 def test_null_keys_and_keys_twice_are_told(db: Database) -> None:
@@ -333,8 +335,8 @@ def test_null_keys_and_keys_twice_are_told(db: Database) -> None:
         """INSERT INTO mission.zone SELECT c.code, c.part, 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))'
            FROM (VALUES ('a', 1), ('a', 1), ('b', NULL), (NULL, 1), ('c', 2), ('C', 3)) c (code, part)""",
     )
-    db.attach("s", "area", "mission.zone", {"key": "upper(code)", "footprint": "shape", "name": "part::text"})
-    db.follow("s")
+    db.scene("s").attach("area", "mission.zone", {"key": "upper(code)", "footprint": "shape", "name": "part::text"})
+    db.scene("s").follow()
     assert keys(db) == ["B", "C"]
     told = dict(reasons(db))
     assert told == {
@@ -343,46 +345,46 @@ def test_null_keys_and_keys_twice_are_told(db: Database) -> None:
         "{c}": "key: another row of the table has it too",
     }
     do(db, "DELETE FROM mission.zone WHERE code = 'C'", "UPDATE mission.zone SET code = 'd' WHERE code IS NULL")
-    db.follow("s")
+    db.scene("s").follow()
     assert (keys(db), [identity for identity, _ in reasons(db)]) == (["B", "C", "D"], ["{a}"])
     do(db, "UPDATE mission.zone SET part = 2 WHERE ctid = (SELECT min(ctid) FROM mission.zone WHERE code = 'a')")
-    db.detach("s", "mission.zone")
-    db.attach("s", "area", "mission.zone", {"key": "code || part", "footprint": "shape"})
-    db.follow("s")
+    db.scene("s").detach("mission.zone")
+    db.scene("s").attach("area", "mission.zone", {"key": "code || part", "footprint": "shape"})
+    db.scene("s").follow()
     assert keys(db) == ["a1", "a2", "c2", "d1"]
 
 
 def test_of_two_tables_with_one_key_the_first_has_it(db: Database) -> None:
     """When it gives the key up, the other one gets it."""
     do(db, "CREATE TABLE mission.more AS SELECT * FROM mission.ops WHERE id < 3")
-    db.attach("s", "area", "mission.ops", OPS_MAP)
-    db.follow("s")
-    db.attach("s", "area", "mission.more", OPS_MAP)
+    db.scene("s").attach("area", "mission.ops", OPS_MAP)
+    db.scene("s").follow()
+    db.scene("s").attach("area", "mission.more", OPS_MAP)
     with db.connection.transaction():
         db.connection.execute("SELECT conflictdb.put_area('s', 'mine', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')")
     do(db, "UPDATE mission.more SET depth_ft = 1")
-    db.follow("s")
+    db.scene("s").follow()
     assert reasons(db) == [(f"{{{i}}}", "key: is taken by a row of mission.ops") for i in (1, 2)]
     do(db, "DELETE FROM mission.ops WHERE id = 1")
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db) == ["1", "2", "3", "mine"]
     assert ask(db, "SELECT floor_m FROM conflictdb.area WHERE key = '1'") == [pytest.approx(-0.3048)]
-    assert db.detach("s", "mission.ops") == 2
-    db.follow("s")
+    assert db.scene("s").detach("mission.ops") == 2
+    db.scene("s").follow()
     assert keys(db) == ["1", "2", "mine"]
     assert reasons(db) == []
 
 
 def test_what_others_change_of_attached_objects_is_brought_back(db: Database) -> None:
-    db.attach("s", "area", "mission.ops", OPS_MAP)
-    db.detect("s")
+    db.scene("s").attach("area", "mission.ops", OPS_MAP)
+    db.scene("s").detect()
     do(
         db,
         "SELECT conflictdb.remove_object('s', '1')",
         "UPDATE conflictdb.area SET floor_m = -1 WHERE key = '2'",
         "SELECT conflictdb.request_detection('s', true)",
     )
-    db.detect("s")
+    db.scene("s").detect()
     assert ask(db, "SELECT key, round(floor_m) FROM conflictdb.area ORDER BY key") == [
         ("1", -30.0),
         ("2", -61.0),
@@ -393,8 +395,8 @@ def test_what_others_change_of_attached_objects_is_brought_back(db: Database) ->
 
 def test_views_are_compared_now_and_then(db: Database) -> None:
     do(db, "CREATE VIEW mission.deep AS SELECT *, depth_ft > 150 AS is_deep FROM mission.ops WHERE depth_ft > 150")
-    db.attach("s", "area", "mission.deep", OPS_MAP)
-    db.follow("s")
+    db.scene("s").attach("area", "mission.deep", OPS_MAP)
+    db.scene("s").follow()
     assert keys(db) == ["2", "3"]
     do(
         db,
@@ -402,12 +404,12 @@ def test_views_are_compared_now_and_then(db: Database) -> None:
         "UPDATE mission.ops SET depth_ft = 5 WHERE id = 2",
         "UPDATE mission.ops SET depth_ft = 600 WHERE id = 3",
     )
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db) == ["2", "3"], "not yet"
     do(db, "UPDATE conflictdb.attachment SET compared_at = compared_at - interval '1 minute'")
-    db.follow("s")
+    db.scene("s").follow()
     assert ask(db, "SELECT key, round(floor_m) FROM conflictdb.area ORDER BY key") == [("1", -152.0), ("3", -183.0)]
-    (one,) = db.attachments("s")
+    (one,) = db.scene("s").attachments()
     assert (one.has_triggers, one.every.total_seconds()) == (False, 60.0)
 
 
@@ -423,40 +425,40 @@ def test_foreign_tables_are_compared_now_and_then(db: Database) -> None:
         "CREATE SCHEMA abroad",
         "IMPORT FOREIGN SCHEMA mission LIMIT TO (ops) FROM SERVER elsewhere INTO abroad",
     )
-    db.attach("s", "area", "abroad.ops", OPS_MAP, every_s=1.0)
-    db.follow("s")
+    db.scene("s").attach("area", "abroad.ops", OPS_MAP, every_s=1.0)
+    db.scene("s").follow()
     assert keys(db) == ["1", "2", "3"]
     do(db, "DELETE FROM mission.ops WHERE id = 2")
     do(db, "UPDATE conflictdb.attachment SET compared_at = compared_at - interval '1 minute'")
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db) == ["1", "3"]
 
 
 def test_columns_and_tables_may_change_as_if_not_attached(db: Database) -> None:
     """Writes go on; what cannot be read any more is told, and its objects stay."""
-    db.attach("s", "area", "mission.ops", OPS_MAP)
-    db.follow("s")
+    db.scene("s").attach("area", "mission.ops", OPS_MAP)
+    db.scene("s").follow()
     do(db, "ALTER TABLE mission.ops RENAME id TO nr", "UPDATE mission.ops SET nr = nr + 1", "DELETE FROM mission.ops")
-    db.follow("s")
-    (one,) = db.attachments("s")
+    db.scene("s").follow()
+    (one,) = db.scene("s").attachments()
     assert "column t.id does not exist" in str(one.error)
     assert keys(db) == ["1", "2", "3"]
     assert ask(db, "SELECT is_current FROM conflictdb.scenes") == [False]
     assert list(store.waiting_scenes(db.connection)) == ["s"], "of marks; the table is left alone for a minute"
     do(db, "ALTER TABLE mission.ops RENAME nr TO id", "ALTER TABLE mission.ops ALTER id TYPE bigint")
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db) == []
-    assert db.attachments("s")[0].error is None
+    assert db.scene("s").attachments()[0].error is None
     do(db, "ALTER TABLE mission.ops DROP COLUMN depth_ft", "DROP TABLE mission.ops")
-    assert "the table no longer exists" in str(db.attachments("s")[0].remark)
-    assert db.detach("s", "mission.ops") == 0
+    assert "the table no longer exists" in str(db.scene("s").attachments()[0].remark)
+    assert db.scene("s").detach("mission.ops") == 0
     assert ask(db, "SELECT to_regnamespace('conflictdb_attached') IS NULL") == [True]
 
 
 def test_dropping_the_schema_leaves_the_tables_as_they_were(db: Database) -> None:
-    db.attach("s", "area", "mission.ops", OPS_MAP)
-    db.attach("s", "track", "mission.fix", FIX_MAP)
-    db.follow("s")
+    db.scene("s").attach("area", "mission.ops", OPS_MAP)
+    db.scene("s").attach("track", "mission.fix", FIX_MAP)
+    db.scene("s").follow()
     do(db, "DROP SCHEMA conflictdb CASCADE")
     do(
         db,
@@ -482,19 +484,19 @@ def test_names_of_any_characters(db: Database) -> None:
                ('%', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))', NULL, 1, E'\\u2028', NULL)""",
     )
     name = '"Ünï ""q"" %s"."select; --"'
-    db.attach(
-        "s", "area", name, {"key": """"order" || '|' || "a""b\"""", "footprint": "sh'ape", "name": "order", "end": "t"}
+    db.scene("s").attach(
+        "area", name, {"key": """"order" || '|' || "a""b\"""", "footprint": "sh'ape", "name": "order", "end": "t"}
     )
-    db.follow("s")
+    db.scene("s").follow()
     assert sorted(keys(db)) == sorted(['{x,"y"}|NULL', "|\\ '", "%|\u2028"])
     do(
         db,
         f"UPDATE {name} SET \"order\" = 'z' WHERE \"order\" = ''",
         f'UPDATE {name} SET "a""b" = \'w\' WHERE "order" = \'%\'',
     )
-    db.follow("s")
+    db.scene("s").follow()
     assert sorted(keys(db)) == sorted(['{x,"y"}|NULL', "z|\\ '", "%|w"])
-    db.detach("s", name)
+    db.scene("s").detach(name)
     assert keys(db) == []
 
 
@@ -507,8 +509,8 @@ def test_areas_across_the_seam_stay_whole(db: Database) -> None:
                (2, ST_Transform(ST_MakeEnvelope(-170, 0, 170, 10, 4326), 3857)),
                (3, ST_Transform(ST_MakeEnvelope(-10, 0, 10, 10, 4326), 3857))""",
     )
-    db.attach("s", "area", "mission.far", {"key": "id", "footprint": "shape"})
-    db.follow("s")
+    db.scene("s").attach("area", "mission.far", {"key": "id", "footprint": "shape"})
+    db.scene("s").follow()
     assert ask(
         db,
         "SELECT key, round(ST_XMin(footprint)), round(ST_XMax(footprint)) FROM conflictdb.area ORDER BY key",
@@ -517,8 +519,8 @@ def test_areas_across_the_seam_stay_whole(db: Database) -> None:
 
 def test_sessions_that_follow_at_the_same_time_take_turns(db: Database, dsn: str) -> None:
     """The second waits for the first, and then reads the table as it is."""
-    db.attach("s", "area", "mission.ops", OPS_MAP)
-    db.follow("s")
+    db.scene("s").attach("area", "mission.ops", OPS_MAP)
+    db.scene("s").follow()
     do(db, "UPDATE mission.ops SET depth_ft = 1 WHERE id = 1")
     with store.connect(dsn) as other, ThreadPoolExecutor(1) as pool:
         other.execute("SELECT * FROM conflictdb.follow_attached('s')")
@@ -537,21 +539,21 @@ def test_sessions_that_follow_at_the_same_time_take_turns(db: Database, dsn: str
 
 def test_other_settings_of_the_scene_give_refused_rows_another_chance(db: Database) -> None:
     do(db, "INSERT INTO mission.ops VALUES (9, ST_Transform(ST_MakeEnvelope(8, 89.2, 9, 89.5, 4326), 25832), NULL, 1)")
-    db.attach("s", "area", "mission.ops", OPS_MAP)
-    db.follow("s")
+    db.scene("s").attach("area", "mission.ops", OPS_MAP)
+    db.scene("s").follow()
     assert [identity for identity, _ in reasons(db)] == ["{9}"]
     do(db, "SELECT conflictdb.create_scene('s', 'great_circle')")
-    db.follow("s")
+    db.scene("s").follow()
     assert reasons(db) == []
 
 
 def test_a_scene_cannot_go_while_tables_are_attached(db: Database) -> None:
-    db.attach("s", "area", "mission.ops", OPS_MAP)
-    db.follow("s")
+    db.scene("s").attach("area", "mission.ops", OPS_MAP)
+    db.scene("s").follow()
     with pytest.raises(psycopg.DatabaseError, match=r"tables: are attached to it: mission\.ops") as refused:
         do(db, "DELETE FROM conflictdb.scene")
     assert refused.value.sqlstate == "ZC009"
-    assert db.detach("s", "mission.ops", keep=True) == 0
+    assert db.scene("s").detach("mission.ops", keep=True) == 0
     assert keys(db) == ["1", "2", "3"]
     do(db, "UPDATE mission.ops SET depth_ft = 9", "DELETE FROM conflictdb.scene")
 
@@ -565,8 +567,8 @@ def test_columns_may_have_any_name_and_a_map_depends_on_the_row_alone(db: Databa
         "INSERT INTO mission.odd VALUES ('B', 'b', 'c', '2026-03-01T06:00:00Z', NULL)",
     )
     mapped = {"key": "conflictdb_value", "footprint": "shape", "name": "conflictdb_one || failure"}
-    db.attach("s", "area", "mission.odd", mapped)
-    db.follow("s")
+    db.scene("s").attach("area", "mission.odd", mapped)
+    db.scene("s").follow()
     assert ask(db, "SELECT key || name FROM conflictdb.area") == ["Abc"]
     assert [identity for identity, _ in reasons(db)] == ["{B}"]
     for field, wrong, rule in (
@@ -580,23 +582,23 @@ def test_columns_may_have_any_name_and_a_map_depends_on_the_row_alone(db: Databa
         ("name", "tableoid::regclass::text", "system columns"),
     ):
         with pytest.raises(InvalidInput, match=rule):
-            db.attach("s", "area", "mission.odd", {**mapped, field: wrong})
+            db.scene("s").attach("area", "mission.odd", {**mapped, field: wrong})
     # The function that reads fixes the settings.
-    db.detach("s", "mission.odd")
+    db.scene("s").detach("mission.odd")
     do(
         db,
         "DELETE FROM mission.odd WHERE t = 'now'",
         "UPDATE mission.odd SET shape = ST_MakeEnvelope(0, 0, 1, 1, 4326)",
     )
-    db.attach("s", "area", "mission.odd", {**mapped, "start": "conflictdb.instant(t.t) + interval '1 day'"})
-    db.follow("s")
+    db.scene("s").attach("area", "mission.odd", {**mapped, "start": "conflictdb.instant(t.t) + interval '1 day'"})
+    db.scene("s").follow()
     assert ask(db, "SELECT lower(active_span) = '2026-03-02 06:00Z' FROM conflictdb.area") == [True]
 
 
 @pytest.mark.parametrize("harm", ["DISABLE TRIGGER ALL", "RENAME TO other", "DROP"])
 def test_a_scene_is_not_current_while_changes_go_unnoticed(db: Database, harm: str) -> None:
-    db.attach("s", "area", "mission.ops", OPS_MAP)
-    db.detect("s")
+    db.scene("s").attach("area", "mission.ops", OPS_MAP)
+    db.scene("s").detect()
     assert db.scenes()[0].is_current
     do(db, "DROP TABLE mission.ops" if harm == "DROP" else f"ALTER TABLE mission.ops {harm}")
     (state,) = db.scenes()
@@ -625,8 +627,8 @@ LEG_MAP = {"key": "voyage", "position": "place", "time": "at"} | dict.fromkeys(
 def test_waypoints_in_an_order_must_have_times_that_increase(db: Database) -> None:
     """Sorted by time alone, a wrong time of arrival makes another route without a remark."""
     do(db, ORDERED)
-    db.attach("s", "track", "mission.leg", {**LEG_MAP, "order": "nr"})
-    db.follow("s")
+    db.scene("s").attach("track", "mission.leg", {**LEG_MAP, "order": "nr"})
+    db.scene("s").follow()
     assert keys(db, "track") == ["STEADY"]
     found = dict(reasons(db))
     assert re.fullmatch(
@@ -639,14 +641,14 @@ def test_waypoints_in_an_order_must_have_times_that_increase(db: Database) -> No
         "{TWICE}": "order: 1 is given twice",
     }
     do(db, "UPDATE mission.leg SET at = '2026-03-01 07:00Z' WHERE voyage = 'LATE' AND nr = 2")
-    db.follow("s")
+    db.scene("s").follow()
     assert keys(db, "track") == ["LATE", "STEADY"]
 
 
 def test_without_an_order_waypoints_are_sorted_by_time(db: Database) -> None:
     do(db, ORDERED)
-    db.attach("s", "track", "mission.leg", {**LEG_MAP, "where": "voyage = 'LATE'"})
-    db.follow("s")
+    db.scene("s").attach("track", "mission.leg", {**LEG_MAP, "where": "voyage = 'LATE'"})
+    db.scene("s").follow()
     assert ask(db, "SELECT ST_X(ST_StartPoint(path)) FROM conflictdb.track") == [8.4]
 
 
@@ -660,4 +662,4 @@ def test_without_an_order_waypoints_are_sorted_by_time(db: Database) -> None:
 def test_an_order_that_cannot_be_is_refused(db: Database, mapped: dict[str, str], rule: str) -> None:
     do(db, ORDERED)
     with pytest.raises(InvalidInput, match=rule):
-        db.attach("s", "track", "mission.leg", LEG_MAP | mapped if "path" not in mapped else mapped)
+        db.scene("s").attach("track", "mission.leg", LEG_MAP | mapped if "path" not in mapped else mapped)

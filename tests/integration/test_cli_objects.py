@@ -341,4 +341,4 @@ def test_skip_invalid_loads_the_rest_and_names_what_it_leaves_out(run: Run, dsn:
     assert run("detect", path, "--skip-invalid", "--fail-on-conflict").code == 10
     assert run("detect", "--scene", "strait", "--skip-invalid").code == 2
     with conflictdb.connect(dsn) as db, pytest.warns(UserWarning, match="left out area"):
-        assert db.load(path, skip_invalid=True) == "strait"
+        assert db.load(path, skip_invalid=True).name == "strait"

@@ -161,7 +161,7 @@ def test_a_mistake_of_the_program_is_one_message_too(run: Run, monkeypatch: pyte
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr("conflictdb.database.Database.status", broken)
+    monkeypatch.setattr("conflictdb.session.database.Database.status", broken)
     done = run("status")
     assert (done.code, done.err.count("\n")) == (1, 1)
     assert "ZeroDivisionError" in done.err

@@ -75,14 +75,14 @@ def test_a_report_tells_of_the_last_run(run: Run, tmp_path: Path) -> None:
 
 def test_conflicts_of_a_database_draw_themselves(run: Run, dsn: str) -> None:
     with conflictdb.connect(dsn) as db:
-        conflict = db.conflicts("strait")[0]
+        conflict = db.scene("strait").conflicts()[0]
         assert conflict.plot().axes
         # The objects are drawn as they are now.
         db.connection.execute("SELECT conflictdb.remove_object('strait', 'RESERVE')")
         texts = [one.get_text() for one in conflict.plot().findobj(Text)]
         assert any("NOT COMPLETE" in text for text in texts)
         with pytest.raises(conflictdb.InvalidInput, match="b_key: is needed with a_key"):
-            db.plot("strait", "TOW")
+            db.scene("strait").plot("TOW")
 
 
 def test_a_figure_of_a_pair_reads_the_pair_alone(run: Run, dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,11 +103,11 @@ def test_a_figure_of_a_pair_reads_the_pair_alone(run: Run, dsn: str, monkeypatch
     monkeypatch.setattr(store, "read_scene", objects)
     monkeypatch.setattr(reading, "call_each", rows)
     with conflictdb.connect(dsn) as db:
-        db.detect("strait", nearest_m=100_000.0)
-        (conflict,) = [one for one in db.conflicts("strait") if (one.a_key, one.b_key) == ("FERRY", "TOW")]
+        db.scene("strait").detect(nearest_m=100_000.0)
+        (conflict,) = [one for one in db.scene("strait").conflicts() if (one.a_key, one.b_key) == ("FERRY", "TOW")]
         for draw, count in [
-            (lambda: db.plot("strait", "TOW", "FERRY"), 3),
-            (lambda: db.plot("strait", "RESERVE", "FERRY"), 3),
+            (lambda: db.scene("strait").plot("TOW", "FERRY"), 3),
+            (lambda: db.scene("strait").plot("RESERVE", "FERRY"), 3),
             (conflict.plot, 2),
         ]:
             read.clear()

@@ -112,11 +112,11 @@ def test_what_was_known_before_the_first_detection_is_not_nothing(run: Run, dsn:
     assert (done.code, done.out) == (4, "")
     assert "is before the first detection of the scene, which ended at" in done.err
     with conflictdb.connect(dsn) as db:
-        ended = db.state("strait").detected_at
+        ended = db.scene("strait").state().detected_at
         assert ended is not None
-        assert len(db.conflicts_known_at("strait", ended)) == 7
+        assert len(db.scene("strait").conflicts_known_at(ended)) == 7
         with pytest.raises(InvalidInput, match="is before the first detection"):
-            db.conflicts_known_at("strait", ended - timedelta(microseconds=1))
+            db.scene("strait").conflicts_known_at(ended - timedelta(microseconds=1))
 
 
 def test_attached_changes_that_wait_are_pending(run: Run, dsn: str, change: Callable[[str], None]) -> None:
@@ -127,14 +127,14 @@ def test_attached_changes_that_wait_are_pending(run: Run, dsn: str, change: Call
     assert run("attach", "area", "--scene", "strait", "--table", "op", "--map", "key=id,footprint=shape").code == 0
     run("detect", "--scene", "strait")
     with conflictdb.connect(dsn) as db:
-        assert db.state("strait").pending == 0
+        assert db.scene("strait").state().pending == 0
         change("UPDATE op SET shape = ST_Translate(shape, 0, 1) WHERE id < 3")
-        state = db.state("strait")
+        state = db.scene("strait").state()
         assert (state.pending, state.is_current, [one.pending for one in db.scenes()]) == (2, False, [2])
-        db.follow("strait")
-        assert db.state("strait").pending == 2
-        db.detect("strait")
-        assert db.state("strait").pending == 0
+        db.scene("strait").follow()
+        assert db.scene("strait").state().pending == 2
+        db.scene("strait").detect()
+        assert db.scene("strait").state().pending == 0
 
 
 @pytest.mark.parametrize("command", ["conflicts", "approaches"])
@@ -183,7 +183,7 @@ def test_waiting_for_a_worker(run: Run, dsn: str) -> None:
 
     def work() -> None:
         with conflictdb.connect(dsn) as db:
-            db.detect("strait")
+            db.scene("strait").detect()
 
     with ThreadPoolExecutor(1) as pool:
         working = pool.submit(work)
@@ -203,17 +203,17 @@ def test_python_knows_whether_a_list_is_complete(dsn: str, change: Callable[[str
             assert told[0].filename == __file__
             assert (found, found.is_current, found.state.pending) == ([], False, 11)
         with pytest.raises(NotCurrent, match="is not current after"):
-            db.wait_until_current("strait", timeout_s=0.1)
-        db.detect("strait")
-        db.wait_until_current("strait", timeout_s=0.1)
-        found = db.conflicts("strait")
+            db.scene("strait").wait_until_current(timeout_s=0.1)
+        db.scene("strait").detect()
+        db.scene("strait").wait_until_current(timeout_s=0.1)
+        found = db.scene("strait").conflicts()
         assert (len(found), found.is_current, found.state.remark) == (7, True, None)
         change(PUT)
         with pytest.warns(IncompleteWarning, match="1 object waits"):
-            found = db.conflicts("strait")
+            found = db.scene("strait").conflicts()
         assert (len(found), found.is_current, found[0].is_current, found[0].scene_is_current) == (7, False, True, False)
         with pytest.raises(InvalidInput, match="'nowhere'"):
-            db.wait_until_current("nowhere")
+            db.scene("nowhere").wait_until_current()
 
 
 def test_python_does_not_wait_where_it_cannot_see_anything(dsn: str) -> None:
@@ -222,7 +222,7 @@ def test_python_does_not_wait_where_it_cannot_see_anything(dsn: str) -> None:
         connection.commit()
         connection.isolation_level = psycopg.IsolationLevel.REPEATABLE_READ
         with pytest.raises(StoreError, match="REPEATABLE READ"):
-            db.wait_until_current("strait")
+            db.scene("strait").wait_until_current()
 
 
 def test_a_list_is_never_called_complete_that_a_detection_overtook(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -236,6 +236,6 @@ def test_a_list_is_never_called_complete_that_a_detection_overtook(dsn: str, mon
     with conflictdb.connect(dsn) as db, warnings.catch_warnings():
         warnings.simplefilter("ignore", IncompleteWarning)
         db.load(STRAIT)
-        db.conflicts("strait")
-        db.approaches("strait")
+        db.scene("strait").conflicts()
+        db.scene("strait").approaches()
     assert order == ["_scene_state", "_conflicts", "_scene_state", "_approaches"]

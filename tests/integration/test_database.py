@@ -29,10 +29,10 @@ from conflictdb.results import Verdict
 
 def test_a_dsn_is_opened_and_closed(dsn: str) -> None:
     with conflictdb.connect(dsn) as db:
-        assert db.load(STRAIT) == "strait"
-        run = db.detect("strait", tolerance_m=2.0)
+        assert db.load(STRAIT).name == "strait"
+        run = db.scene("strait").detect(tolerance_m=2.0)
         assert (run.conflicts, run.opened, run.closed, run.unresolved) == (7, 7, 0, 0)
-        conflicts = db.conflicts("strait")
+        conflicts = db.scene("strait").conflicts()
         assert {conflict.scene for conflict in conflicts} == {"strait"}
         assert [scene.scene.tolerance_m for scene in db.scenes()] == [2.0]
     assert db.connection.closed
@@ -42,56 +42,56 @@ def test_a_dsn_is_opened_and_closed(dsn: str) -> None:
 def test_a_second_detection_without_changes_changes_nothing(dsn: str) -> None:
     with conflictdb.connect(dsn) as db:
         db.load(STRAIT)
-        db.detect("strait")
-        before = db.conflicts("strait")
-        run = db.detect("strait")
+        db.scene("strait").detect()
+        before = db.scene("strait").conflicts()
+        run = db.scene("strait").detect()
         assert (run.candidate_pairs, run.opened, run.changed, run.closed, run.conflicts) == (0, 0, 0, 0, 7)
-        assert db.conflicts("strait") == before
+        assert db.scene("strait").conflicts() == before
 
 
 def test_what_became_of_conflicts_and_what_was_known(dsn: str) -> None:
     with conflictdb.connect(dsn) as db:
         db.load(STRAIT)
-        db.detect("strait")
-        then = db.conflicts("strait")
+        db.scene("strait").detect()
+        then = db.scene("strait").conflicts()
         known_at = datetime.now(UTC)
         with db.connection.transaction():
             db.connection.execute("SELECT conflictdb.remove_object('strait', 'DIVING')")
-        run = db.detect("strait")
-        known = db.conflicts_known_at("strait", known_at)
+        run = db.scene("strait").detect()
+        known = db.scene("strait").conflicts_known_at(known_at)
         told = ("a_key", "b_key", "a_kind", "b_kind", "periods", "verdict", "method", "time_error_s", "closest_at")
         for name in (*told, "closest_m", "closest_error_m", "run_id", "found_at", "conflict_id", "opened_at"):
             assert [getattr(one, name) for one in known] == [getattr(one, name) for one in then]
         with pytest.raises(InvalidInput, match="is before the first detection of the scene"):
-            db.conflicts_known_at("strait", known_at - timedelta(days=1))
-        opened, closed = db.conflict_events("strait", "FERRY", "DIVING")
+            db.scene("strait").conflicts_known_at(known_at - timedelta(days=1))
+        opened, closed = db.scene("strait").conflict_events("FERRY", "DIVING")
         assert (opened.kind, closed.kind, closed.run_id) == ("opened", "closed", run.run_id)
         assert (opened.conflict_id, opened.periods) == (closed.conflict_id, closed.periods)
         assert opened.closed_at is None
         assert opened.at == closed.opened_at < known_at < closed.at == closed.closed_at
-        assert len(db.conflict_events("strait")) == len(then) + run.closed
-        assert len(db.conflict_events("strait", after=opened.event, most=3)) == 3
-        number = db.acknowledge("strait", "FERRY", "FIRING", "agreed", datetime.now(UTC) + timedelta(hours=1))
-        assert number == db.conflict_events("strait", "FIRING", "FERRY")[0].conflict_id
-        for rows in (db.conflicts("strait"), db.conflicts_known_at("strait", datetime.now(UTC))):
+        assert len(db.scene("strait").conflict_events()) == len(then) + run.closed
+        assert len(db.scene("strait").conflict_events(after=opened.event, most=3)) == 3
+        number = db.scene("strait").acknowledge("FERRY", "FIRING", "agreed", datetime.now(UTC) + timedelta(hours=1))
+        assert number == db.scene("strait").conflict_events("FIRING", "FERRY")[0].conflict_id
+        for rows in (db.scene("strait").conflicts(), db.scene("strait").conflicts_known_at(datetime.now(UTC))):
             noted = next(one for one in rows if one.conflict_id == number)
             assert (noted.acknowledged_by, noted.acknowledged_for) == (db.connection.info.user, "agreed")
             assert noted.acknowledged_at
             assert noted.acknowledged_until
             assert noted.acknowledged_until - noted.acknowledged_at > timedelta(minutes=59)
             assert [one.acknowledged_by for one in rows if one is not noted] == [None] * (len(rows) - 1)
-        assert db.unacknowledge("strait", "FIRING", "FERRY")
-        assert not db.unacknowledge("strait", "FIRING", "FERRY")
+        assert db.scene("strait").unacknowledge("FIRING", "FERRY")
+        assert not db.scene("strait").unacknowledge("FIRING", "FERRY")
         with pytest.raises(InvalidInput, match="between 'FERRY' and 'DIVING' is not known"):
-            db.acknowledge("strait", "FERRY", "DIVING", "agreed")
+            db.scene("strait").acknowledge("FERRY", "DIVING", "agreed")
 
 
 def test_a_connection_of_the_caller_stays_open(dsn: str) -> None:
     with psycopg.connect(dsn, row_factory=dict_row, options="-c timezone=Asia/Tokyo") as connection:
         with conflictdb.connect(connection) as db:
             db.load(STRAIT)
-            db.detect("strait")
-            first = db.conflicts("strait")[0].first_contact
+            db.scene("strait").detect()
+            first = db.scene("strait").conflicts()[0].first_contact
             assert first is not None
             assert first.tzinfo is UTC
         assert not connection.closed
@@ -104,7 +104,7 @@ def test_reading_and_loading_take_part_in_the_callers_transaction(dsn: str) -> N
         db.load(STRAIT)
         assert len(db.scenes()) == 1
         with pytest.raises(StoreError, match="without an open transaction"):
-            db.detect("strait")
+            db.scene("strait").detect()
         connection.rollback()
         assert db.scenes() == []
 
@@ -112,7 +112,7 @@ def test_reading_and_loading_take_part_in_the_callers_transaction(dsn: str) -> N
 def test_a_connection_in_autocommit_will_do(dsn: str) -> None:
     with psycopg.connect(dsn, autocommit=True) as connection, conflictdb.connect(connection) as db:
         db.load(STRAIT)
-        assert db.detect("strait").conflicts == 7
+        assert db.scene("strait").detect().conflicts == 7
         assert connection.autocommit
 
 
@@ -124,7 +124,7 @@ def test_an_engine_lends_a_connection(dsn: str) -> None:
         for _ in range(2):
             with conflictdb.connect(engine) as db:
                 db.load(STRAIT)
-                assert db.detect("strait").conflicts == 7
+                assert db.scene("strait").detect().conflicts == 7
         with engine.connect() as connection:
             assert connection.execute(sqlalchemy.text("SELECT count(*) FROM conflictdb.conflicts")).scalar() == 7
     finally:
@@ -159,7 +159,7 @@ def test_the_embedded_database_is_there_without_anything(dsn: str) -> None:
     said: list[str] = []
     with conflictdb.connect(say=said.append) as db:
         db.load(STRAIT, "embedded")
-        assert db.detect("embedded").conflicts == 7
+        assert db.scene("embedded").detect().conflicts == 7
     with conflictdb.connect() as db:
         assert [scene.scene.name for scene in db.scenes()] == ["embedded"]
     assert any("PostgreSQL" in line for line in said)
@@ -172,11 +172,11 @@ def test_unknown_scenes_and_naive_instants_are_refused(dsn: str) -> None:
                 call("nowhere")
         db.load(STRAIT)
         with pytest.raises(InvalidInput, match="offset"):
-            db.conflicts("strait", datetime(2026, 6, 1))
+            db.scene("strait").conflicts(datetime(2026, 6, 1))
         with pytest.raises(InvalidInput, match="method: must be one of"):
-            db.detect("strait", method="guess")
+            db.scene("strait").detect(method="guess")
         with pytest.warns(conflictdb.IncompleteWarning):
-            assert len(db.conflicts("strait")) == 0
+            assert len(db.scene("strait").conflicts()) == 0
 
 
 def test_what_is_no_instant_duration_or_count_is_refused_before_anything_is_changed(dsn: str) -> None:
@@ -185,15 +185,15 @@ def test_what_is_no_instant_duration_or_count_is_refused_before_anything_is_chan
         anything: Any = db
         for at in ("2026-06-01T09:10:00Z", date(2026, 6, 1), 1_780_000_000, 10**30, 9.5):
             with pytest.raises(InvalidInput, match=r"^conflicts: at: "):
-                anything.conflicts("strait", at)
+                anything.scene("strait").conflicts(at)
         for timeout_s in (-1, float("nan"), float("inf"), 1e12, "1s", timedelta(seconds=1), True):
             with pytest.raises(InvalidInput, match=r"^wait_until_current: timeout_s: must be a number of seconds"):
-                anything.wait_until_current("strait", timeout_s)
+                anything.scene("strait").wait_until_current(timeout_s)
             with pytest.raises(InvalidInput, match=r"^detect: lock_timeout_s: must be a number of seconds"):
-                anything.detect("strait", tolerance_m=2.0, lock_timeout_s=timeout_s)
+                anything.scene("strait").detect(tolerance_m=2.0, lock_timeout_s=timeout_s)
         for jobs in (0, -1, "2", 1.5):
             with pytest.raises(InvalidInput, match=r"^detect: jobs: must be a whole number"):
-                anything.detect("strait", tolerance_m=2.0, jobs=jobs)
+                anything.scene("strait").detect(tolerance_m=2.0, jobs=jobs)
         [state] = db.scenes()
         assert state.scene.tolerance_m == 1.0
         assert state.run_id is None
@@ -203,18 +203,18 @@ def test_an_instant_may_be_any_that_objects_take(dsn: str) -> None:
     nine = datetime(2026, 6, 1, 9, 10, tzinfo=UTC)
     with conflictdb.connect(dsn) as db:
         db.load(STRAIT)
-        db.detect("strait")
-        wanted = db.conflicts("strait", nine)
+        db.scene("strait").detect()
+        wanted = db.scene("strait").conflicts(nine)
         assert wanted
         for at in (np.datetime64("2026-06-01T09:10"), int(nine.timestamp()) * 1_000_000):
-            assert db.conflicts("strait", at) == wanted
+            assert db.scene("strait").conflicts(at) == wanted
 
 
 def test_a_file_that_cannot_be_written_is_named(dsn: str, tmp_path: Path) -> None:
     with conflictdb.connect(dsn) as db:
         db.load(STRAIT)
         with pytest.raises(FileNotFoundError) as failed:
-            db.export("strait", tmp_path / "nowhere" / "x.geojson")
+            db.scene("strait").export(tmp_path / "nowhere" / "x.geojson")
         assert failed.value.filename == str(tmp_path / "nowhere" / "x.geojson")
 
 
@@ -222,23 +222,23 @@ def test_conflicts_can_be_read_as_they_are_asked_for(dsn: str, tmp_path: Path) -
     """The same rows, a cursor's worth at a time; what is not read to its end is closed."""
     with conflictdb.connect(dsn) as db:
         db.load(STRAIT)
-        db.detect("strait", nearest_m=5_000.0)
-        listed = db.conflicts("strait", with_region=True)
+        db.scene("strait").detect(nearest_m=5_000.0)
+        listed = db.scene("strait").conflicts(with_region=True)
         with patch("conflictdb.db.store.connection._ROWS_AT_ONCE", 2):
-            assert list(db.stream_conflicts("strait", with_region=True)) == listed
-            stream = db.stream_conflicts("strait", with_region=True)
+            assert list(db.scene("strait").stream_conflicts(with_region=True)) == listed
+            stream = db.scene("strait").stream_conflicts(with_region=True)
             assert (stream.is_current, next(stream)) == (True, listed[0])
             assert db.connection.execute("SELECT count(*) FROM pg_cursors").fetchall() == [(1,)]
             stream.close()
             assert db.connection.info.transaction_status == TransactionStatus.IDLE
-        near = [one for one in db.approaches("strait") if one.verdict is Verdict.NEAR]
-        assert list(db.stream_approaches("strait", only_near=True)) == near
+        near = [one for one in db.scene("strait").approaches() if one.verdict is Verdict.NEAR]
+        assert list(db.scene("strait").stream_approaches(only_near=True)) == near
         for suffix in (".json", ".csv", ".geojson"):
             conflictdb.write(listed, tmp_path / f"listed{suffix}")
-            conflictdb.write(db.stream_conflicts("strait", with_region=True), tmp_path / f"streamed{suffix}")
+            conflictdb.write(db.scene("strait").stream_conflicts(with_region=True), tmp_path / f"streamed{suffix}")
             assert (tmp_path / f"streamed{suffix}").read_bytes() == (tmp_path / f"listed{suffix}").read_bytes()
         with pytest.raises(InvalidInput, match="'elsewhere'"):
-            db.stream_conflicts("elsewhere")
+            db.scene("elsewhere").stream_conflicts()
 
 
 @pytest.mark.parametrize(
@@ -267,9 +267,9 @@ def test_solving_in_memory_gives_what_the_database_gives(dsn: str, tmp_path: Pat
     _, areas, tracks, _ = conflictdb.read(STRAIT)
     with conflictdb.connect(dsn) as db:
         db.load(STRAIT)
-        db.detect("strait", nearest_m=5_000.0)
+        db.scene("strait").detect(nearest_m=5_000.0)
         scene = db._settings("strait")
-        found, near = db.conflicts("strait", with_region=True), db.approaches("strait")
+        found, near = db.scene("strait").conflicts(with_region=True), db.scene("strait").approaches()
     solved = sorted(conflictdb.solve(tracks, areas, scene), key=lambda one: (one.a_key, one.b_key))
     conflicts = [one for one in solved if one.verdict is not Verdict.NEAR]
     assert 0 < len(conflicts) < len(solved)
@@ -301,7 +301,7 @@ def test_any_scene_comes_back_from_the_database_as_it_was(
     with conflictdb.connect(dsn) as db:
         loaded = db.load_files([path], replace=True, max_speed_kn=math.inf)[0]  # random ones have no reason
         assert loaded.scene == content[0].name
-        db.export(loaded.scene, path)
+        db.scene(loaded.scene).export(path)
         assert db.load_files([path], replace=True, max_speed_kn=math.inf)[0].counts == LoadCounts(
             0, 0, 0, len(content[1]) + len(content[2])
         )
@@ -318,5 +318,5 @@ def test_objects_of_1970_come_back_from_the_database(dsn: str, tmp_path: Path) -
     track = Track("T", [[9.0, 57.0], [9.1, 57.0]], [early, early + timedelta(minutes=20)], [[0.0, 0.0]])
     with conflictdb.connect(dsn) as db:
         replace_scene(db.connection, Scene("early"), [area], [track], merge=False)
-        db.export("early", tmp_path / "early.geojson")
+        db.scene("early").export(tmp_path / "early.geojson")
         assert "1970-01-01T00:50:00Z" in (tmp_path / "early.geojson").read_text()

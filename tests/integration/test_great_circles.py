@@ -37,9 +37,9 @@ POLAR = {
 def test_a_polar_plan_from_file_to_file(dsn: str, tmp_path: Path) -> None:
     path = write(tmp_path / "polar.geojson", {"motion": "great_circle", "tolerance_m": 0.0}, POLAR)
     with connect(dsn) as db:
-        assert db.load(path) == "polar"
-        db.detect("polar")
-        found = {(c.a_key, c.b_key): c for c in db.conflicts("polar", with_region=True)}
+        assert db.load(path).name == "polar"
+        db.scene("polar").detect()
+        found = {(c.a_key, c.b_key): c for c in db.scene("polar").conflicts(with_region=True)}
         assert set(found) == {("CAP", "EAST"), ("CAP", "WEST"), ("EAST", "WEST")}
         for conflict in found.values():
             assert conflict.verdict == "conflict"
@@ -51,20 +51,20 @@ def test_a_polar_plan_from_file_to_file(dsn: str, tmp_path: Path) -> None:
             assert conflict.first_contact_deg is not None
             assert conflict.first_contact_deg[1] > 86.0
         out = tmp_path / "out.geojson"
-        db.export("polar", out)
-        first = db.scene_text("polar")
+        db.scene("polar").export(out)
+        first = db.scene("polar").text()
         settings = read(out).scene
         assert settings is not None
         assert settings.motion is Motion.GREAT_CIRCLE
         assert settings.centre is not None
         assert settings.centre[1] > 80.0
-        assert db.load(out, "again") == "again"
-        assert db.scene_text("again") == first.replace('"name": "polar"', '"name": "again"')
+        assert db.load(out, "again").name == "again"
+        assert db.scene("again").text() == first.replace('"name": "polar"', '"name": "again"')
         assert db.load_files([path])[0].counts.unchanged == 4
-        again = db.detect("polar")
+        again = db.scene("polar").detect()
         assert (again.opened, again.changed, again.closed) == (0, 0, 0)
-        screen = db.detect("polar", method="screen")
-        nlp = db.detect("polar", method="nlp")
+        screen = db.scene("polar").detect(method="screen")
+        nlp = db.scene("polar").detect(method="nlp")
         assert screen.conflicts >= nlp.conflicts == 3
 
 
@@ -90,19 +90,19 @@ def test_what_is_too_far_is_named_before_anything_is_written(dsn: str, tmp_path:
             db.load(path)
         assert db.scenes() == []
         db.load(write(tmp_path / "near.geojson", scene, near))
-        before = db.scene_text("s")
+        before = db.scene("s").text()
         for replace in (False, True):
             with pytest.raises(InvalidInput, match="give the scene a 'centre'"):
                 db.load(write(tmp_path / "far.geojson", scene, far), replace=replace)
-            assert db.scene_text("s") == before
+            assert db.scene("s").text() == before
         # Another motion, but objects stay that it cannot hold.
         db.load(write(tmp_path / "polar.geojson", {"name": "p", "motion": "great_circle"}, POLAR))
         with pytest.raises(InvalidInput, match="89"):
             db.load(write(tmp_path / "rhumb.geojson", {"name": "p", "motion": "rhumb"}, near))
         assert len(read_back(db, "p")) == 4
         db.load(write(tmp_path / "rhumb.geojson", {"name": "p", "motion": "rhumb"}, near), replace=True)
-        assert db.scene_text("p").count('"Feature"') == 1
+        assert db.scene("p").text().count('"Feature"') == 1
 
 
 def read_back(db: Any, scene: str) -> list[Any]:
-    return json.loads(db.scene_text(scene))["features"]
+    return json.loads(db.scene(scene).text())["features"]

@@ -101,10 +101,10 @@ def test_what_a_program_opens_has_a_limit(dsn: str, filled: Conn, other: Conn, m
     other.execute("LOCK TABLE conflictdb.scene")
     with connect(dsn) as db:
         for work in (
-            lambda: db.state("s"),
-            lambda: list(db.stream_conflicts("s")),
+            lambda: db.scene("s").state(),
+            lambda: list(db.scene("s").stream_conflicts()),
             lambda: store.list_scenes(db.connection),
-            lambda: db.detect("s"),
+            lambda: db.scene("s").detect(),
         ):
             with pytest.raises(LockTimeout, match="locked by: process"):
                 work()

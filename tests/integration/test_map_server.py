@@ -58,7 +58,7 @@ def killed_at_last(process: subprocess.Popen[str]) -> Iterator[None]:
 def strait(dsn: str) -> Iterator[Client]:
     with conflictdb.connect(dsn) as db:
         db.load_demo()
-        db.detect("strait")
+        db.scene("strait").detect()
     with served_page(dsn, "strait") as address:
         yield Client(address)
 
@@ -68,7 +68,7 @@ def test_page_reads_the_scene(strait: Client, dsn: str) -> None:
     assert (scene["scene"], scene["motion"], scene["objects"], scene["is_current"]) == ("strait", "rhumb", 11, True)
     rows = strait.conflicts()
     with conflictdb.connect(dsn) as db:
-        known = db.conflicts("strait")
+        known = db.scene("strait").conflicts()
         boxes = db.connection.execute("SELECT conflict_id, Box2D(region)::box3d FROM conflictdb.conflicts").fetchall()
     assert [(row["a"], row["b"], row["verdict"]) for row in rows] == [(c.a_key, c.b_key, str(c.verdict)) for c in known]
     for row, conflict in zip(rows, known, strict=True):
@@ -242,7 +242,7 @@ def test_who_only_reads_cannot_acknowledge(dsn: str, conn: psycopg.Connection[An
     """The page says so; and if it asked all the same, the database would refuse."""
     with conflictdb.connect(dsn) as db:
         db.load_demo()
-        db.detect("strait")
+        db.scene("strait").detect()
     conn.execute("CREATE ROLE map_reader LOGIN IN ROLE conflictdb_reader")
     conn.commit()
     try:

@@ -124,7 +124,7 @@ def test_python_is_told_the_same(user: Callable[..., User], run: Run) -> None:
                 db.load(STRAIT)
             assert [one.scene.name for one in db.scenes()] == ["strait"]
         with pytest.raises(NotPermitted, match="GRANT conflictdb_worker") as caught:
-            db.detect("strait")
+            db.scene("strait").detect()
         assert isinstance(caught.value.__cause__, psycopg.errors.InsufficientPrivilege)
 
 

@@ -73,7 +73,7 @@ def test_no_view_has_a_null_that_its_model_has_not(engine: sqlalchemy.Engine) ->
     """Rows of a scene that is detected, waits again, has closest approaches and an acknowledgement."""
     with conflictdb.connect(engine) as db:
         db.load(STRAIT)
-        db.detect("strait", nearest_m=20_000)
+        db.scene("strait").detect(nearest_m=20_000)
     with Session(engine) as session:
         found = session.scalars(select(models.Conflict)).first()
         assert found is not None
@@ -100,7 +100,7 @@ def test_objects_are_added_changed_and_detected(engine: sqlalchemy.Engine) -> No
             session.add(models.Area(scene_id=scene.scene_id, key=key, footprint=footprint))
         session.commit()
         with conflictdb.connect(engine) as db:
-            db.detect("plan")
+            db.scene("plan").detect()
         (found,) = session.scalars(select(models.Conflict).where(models.Conflict.scene == "plan"))
         assert (found.a_key, found.b_key, found.verdict) == ("A", "B", "conflict")
         assert found.first_contact is None
@@ -132,7 +132,7 @@ def test_a_transaction_of_sqlalchemy_is_the_callers(engine: sqlalchemy.Engine, k
                 db.load(STRAIT)
                 assert [one.scene.name for one in db.scenes()] == ["strait"]
                 with pytest.raises(StoreError, match="without an open transaction: commit or roll back first"):
-                    db.detect("strait")
+                    db.scene("strait").detect()
                 assert count() == 0
                 if is_kept:
                     lender.commit()
@@ -143,7 +143,7 @@ def test_a_transaction_of_sqlalchemy_is_the_callers(engine: sqlalchemy.Engine, k
 def test_a_connection_of_sqlalchemy_without_transaction_detects(engine: sqlalchemy.Engine) -> None:
     with engine.connect() as lender, conflictdb.connect(lender) as db:
         db.load(STRAIT)
-        assert db.detect("strait").conflicts == 7
+        assert db.scene("strait").detect().conflicts == 7
         assert lender.scalar(select(func.count()).select_from(models.Conflict)) == 7
 
 

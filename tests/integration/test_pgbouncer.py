@@ -113,8 +113,8 @@ def test_a_detection_leaves_no_lock_in_the_pool(dsn: str, pooled: str) -> None:
             third.rollback()
             third.execute("SELECT 1")
             first, second = (one, two) if turn % 2 else (two, one)
-            assert first.detect("strait", full=True, lock_timeout_s=5.0).conflicts == 7
-            assert second.detect("strait", full=True, lock_timeout_s=5.0).conflicts == 7
+            assert first.scene("strait").detect(full=True, lock_timeout_s=5.0).conflicts == 7
+            assert second.scene("strait").detect(full=True, lock_timeout_s=5.0).conflicts == 7
             with psycopg.connect(dsn, autocommit=True) as direct:
                 # The server has databases of other tests, too.
                 held = "SELECT pid FROM pg_locks l JOIN pg_database d ON d.oid = l.database AND d.datname = %s"
@@ -156,8 +156,8 @@ def test_all_commands_work(empty_dsn: str, capsys: pytest.CaptureFixture[str], t
                 busy.rollback()
                 if turn % 2:
                     busy.execute("SELECT 1")
-                assert len(db.conflicts("strait")) == 7
-                db.detect("strait", full=turn % 4 == 0)
+                assert len(db.scene("strait").conflicts()) == 7
+                db.scene("strait").detect(full=turn % 4 == 0)
 
 
 @pytest.mark.parametrize("how", ["connection", "engine"])
@@ -173,8 +173,8 @@ def test_a_connection_of_the_caller_works_as_it_is(pooled: str, how: str) -> Non
                     busy.rollback()
                     if turn % 2:
                         busy.execute("SELECT 1")
-                    assert db.detect("strait", full=turn % 4 == 0).conflicts == 7
-                    assert len(db.conflicts("strait")) == 7
+                    assert db.scene("strait").detect(full=turn % 4 == 0).conflicts == 7
+                    assert len(db.scene("strait").conflicts()) == 7
         finally:
             engine.dispose()
             if how == "connection":

@@ -37,8 +37,8 @@ def prepared() -> Iterator[OwnServer]:
             conn.execute(f"INSERT INTO mission.ops VALUES (1, {AREA})".encode())
             conn.execute(f"SELECT conflictdb.create_scene('s'), conflictdb.put_area('s', 'A', {AREA})".encode())
         with connect(server.dsn) as db:
-            db.attach("s", "area", "mission.ops", {"key": "id", "footprint": "shape"})
-            assert db.detect("s").conflicts == 1
+            db.scene("s").attach("area", "mission.ops", {"key": "id", "footprint": "shape"})
+            assert db.scene("s").detect().conflicts == 1
         yield server
 
 
@@ -55,7 +55,7 @@ def test_workers_find_changes_that_nobody_told_them_of(prepared: OwnServer) -> N
     """Also those of a transaction that was prepared long before it is committed."""
     last = "SELECT max(run_id) FROM conflictdb.run"
     with connect(prepared.dsn) as db, psycopg.connect(prepared.dsn, autocommit=True) as other:
-        db.detect("s")
+        db.scene("s").detect()
         before = other.execute(last.encode()).fetchone()
         with psycopg.connect(prepared.dsn) as conn:
             conn.tpc_begin(conn.xid(1, "mission", "later"))
@@ -73,4 +73,4 @@ def test_workers_find_changes_that_nobody_told_them_of(prepared: OwnServer) -> N
             finally:
                 worker.kill()
                 worker.wait()
-        assert {(c.a_key, c.b_key) for c in db.conflicts("s")} == {("1", "3"), ("1", "A"), ("3", "A")}
+        assert {(c.a_key, c.b_key) for c in db.scene("s").conflicts()} == {("1", "3"), ("1", "A"), ("3", "A")}

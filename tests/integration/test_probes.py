@@ -65,12 +65,12 @@ def test_a_probe_finds_what_a_detection_finds(conn: Conn, workload: Any) -> None
     load(conn, scene, areas, tracks)
     detect.detect(conn, scene.name, jobs=1)
     with connect(conn) as db:
-        known = db.conflicts(scene.name)
+        known = db.scene(scene.name).conflicts()
         conn.commit()
         assert known
         met = 0
         for plan in (*areas, *tracks):
-            found = said(list(db.probe(scene.name, plan)))
+            found = said(list(db.scene(scene.name).probe(plan)))
             assert same(found, said([one for one in known if plan.key in (one.a_key, one.b_key)]))
             met += len(found)
         assert met == 2 * len(known)
@@ -80,25 +80,25 @@ def test_a_probe_writes_nothing_and_says_what_is_not_current(conn: Conn) -> None
     load(conn, Scene("s"), [box("A", 0.4, -0.1, 0.6, 0.1)], [])
     detect.detect(conn, "s", jobs=1)
     with connect(conn) as db:
-        (one,) = db.probe("s", track("new", (0.0, 0.0), (1.0, 0.0)))
+        (one,) = db.scene("s").probe(track("new", (0.0, 0.0), (1.0, 0.0)))
         assert (one.a_key, one.b_key, one.verdict) == ("A", "new", "conflict")
-        assert db.probe("s", track("new", (0.0, 5.0), (1.0, 5.0))) == []
-        assert db.probe("s", box("A", 0.4, -0.1, 0.6, 0.1)) == []  # it would replace itself
+        assert db.scene("s").probe(track("new", (0.0, 5.0), (1.0, 5.0))) == []
+        assert db.scene("s").probe(box("A", 0.4, -0.1, 0.6, 0.1)) == []  # it would replace itself
         store.replace_scene(conn, Scene("s"), [box("B", 2.0, 2.0, 3.0, 3.0)], [], merge=True)
         conn.execute("SET default_transaction_read_only = on")
         conn.commit()
         with pytest.warns(IncompleteWarning, match="1 object waits"):
-            assert len(db.probe("s", track("new", (0.0, 0.0), (1.0, 0.0)))) == 1
+            assert len(db.scene("s").probe(track("new", (0.0, 0.0), (1.0, 0.0)))) == 1
         conn.execute("SELECT 1")
         with pytest.raises(StoreError, match="open transaction"):
-            db.probe("s", box("new", 0.0, 0.0, 1.0, 1.0))
+            db.scene("s").probe(box("new", 0.0, 0.0, 1.0, 1.0))
         conn.rollback()
         with pytest.raises(InvalidInput, match="89"):
-            db.probe("s", track("new", (0.0, 89.5), (1.0, 89.5)))
+            db.scene("s").probe(track("new", (0.0, 89.5), (1.0, 89.5)))
         with pytest.raises(InvalidInput, match="must be an Area or a Track"):
-            db.probe("s", "A")  # type: ignore[arg-type]
+            db.scene("s").probe("A")  # type: ignore[arg-type]
         with pytest.raises(InvalidInput, match="nowhere"):
-            db.probe("nowhere", box("new", 0.0, 0.0, 1.0, 1.0))
+            db.scene("nowhere").probe(box("new", 0.0, 0.0, 1.0, 1.0))
 
 
 def test_several_plans_replace_their_namesakes_together(conn: Conn, dsn: str) -> None:
@@ -108,13 +108,13 @@ def test_several_plans_replace_their_namesakes_together(conn: Conn, dsn: str) ->
     detect.detect(conn, "s", jobs=1)
     plans = [box("A", 2.5, 0.0, 2.6, 0.3), box("B", 2.4, 0.2, 2.6, 0.4), track("P", (0.5, -1.0), (0.5, 1.0))]
     with connect(conn) as db:
-        here = db.probe("s", plans)
+        here = db.scene("s").probe(plans)
         assert [(one.a_key, one.b_key) for one in here] == [("A", "B"), ("A", "T")]
         for given, rule in (([], "got none"), ([plans[0], plans[0]], "occurs more than once"), ([1], "got int")):
             with pytest.raises(InvalidInput, match=rule):
-                db.probe("s", given)
+                db.scene("s").probe(given)
     with answering(dsn), connect(dsn) as db:
-        told = db.probe("s", plans, worker_timeout_s=60.0)
+        told = db.scene("s").probe(plans, worker_timeout_s=60.0)
         assert [(one.a_key, one.b_key, one.periods) for one in told] == [
             (one.a_key, one.b_key, one.periods) for one in here
         ]
@@ -204,19 +204,21 @@ def test_workers_are_asked_from_python_and_say_the_same(conn: Conn, dsn: str) ->
     ]
     with answering(dsn), connect(dsn) as db:
         for plan in plans:
-            here = [replace(one, closest_a_deg=None, closest_b_deg=None) for one in said(list(db.probe("s", plan)))]
-            told = db.probe("s", plan, worker_timeout_s=60.0)
+            here = [
+                replace(one, closest_a_deg=None, closest_b_deg=None) for one in said(list(db.scene("s").probe(plan)))
+            ]
+            told = db.scene("s").probe(plan, worker_timeout_s=60.0)
             assert (said(list(told)), told.is_current) == (here, True)
             assert here
         changing = replace(crossing, outlines_m=np.array([crossing.outline_m, 2.0 * crossing.outline_m]))
         with pytest.raises(InvalidInput, match="which a worker cannot be asked about"):
-            db.probe("s", changing, worker_timeout_s=60.0)
-        assert db.probe("s", changing)
+            db.scene("s").probe(changing, worker_timeout_s=60.0)
+        assert db.scene("s").probe(changing)
     with connect(dsn) as db:
         with pytest.raises(NotCurrent, match="is not answered after"):
-            db.probe("s", crossing, worker_timeout_s=0.05)
+            db.scene("s").probe(crossing, worker_timeout_s=0.05)
         with db.connection.transaction(), pytest.raises(StoreError, match="without an open transaction"):
-            db.probe("s", crossing, worker_timeout_s=1.0)
+            db.scene("s").probe(crossing, worker_timeout_s=1.0)
 
 
 def test_what_can_be_no_plan_is_refused_at_once(conn: Conn) -> None:

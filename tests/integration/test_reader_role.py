@@ -17,7 +17,7 @@ def reader_dsn(dsn: str) -> Iterator[str]:
     """How to connect to a database with a detected scene, as a user who may read."""
     with connect(dsn) as db:
         db.load(STRAIT)
-        db.detect("strait")
+        db.scene("strait").detect()
     name = f"reader_of_{conninfo.conninfo_to_dict(dsn)['dbname']}"
     user = sql.Identifier(name)
     with psycopg.connect(dsn, autocommit=True) as conn:

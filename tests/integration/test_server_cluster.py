@@ -445,7 +445,7 @@ def test_its_everyday_user_is_no_superuser(home: Path, monkeypatch: pytest.Monke
         for _ in range(2):
             with connect() as db:
                 db.load(STRAIT)
-                assert db.detect("strait").conflicts == 7
+                assert db.scene("strait").detect().conflicts == 7
         with psycopg.connect(embedded.dsn) as conn:
             query = (
                 "SELECT rolname, rolsuper OR rolcreaterole OR rolbypassrls FROM pg_roles WHERE rolname = current_user"

@@ -85,7 +85,7 @@ def test_jobs_of_pg_cron_ask_for_detections(dsn: str) -> None:
     """As a role that may no more than edit."""
     with connect(dsn) as db:
         db.load(STRAIT, "strait")
-        db.detect("strait")
+        db.scene("strait").detect()
     waiting, everything = (statement for _, statement in jobs().values())
     with psycopg.connect(dsn) as conn:
         conn.execute("SET ROLE conflictdb_editor")

@@ -58,14 +58,14 @@ def everything(db: Database, tmp_path: Path) -> list[object]:
     store.replace_scene(db.connection, Scene("s"), [replace(area, key=KEY, name=NAME, start_us=T0_US)], [], merge=True)
     found: list[object] = []
     for scene in ("strait", "great", "s"):
-        db.detect(scene, nearest_m=None if scene == "strait" else 2000.0)
-        for one in [*db.conflicts(scene, with_region=True), *db.approaches(scene)]:
+        db.scene(scene).detect(nearest_m=None if scene == "strait" else 2000.0)
+        for one in [*db.scene(scene).conflicts(with_region=True), *db.scene(scene).approaches()]:
             found.append({name: value for name, value in asdict(one).items() if name not in NUMBERS_AND_TIMES})
-        found.append(db.scene_text(scene))
+        found.append(db.scene(scene).text())
         found.append([(run.conflicts, run.objects, run.error) for run in store.runs(db.connection, scene, 9)])
     found.append([(s.scene, s.areas, s.tracks, s.pending, s.conflicts, s.error) for s in db.scenes()])
     with pytest.raises(conflictdb.InvalidInput, match="known: 'great', 's', 'strait'"):
-        db.conflicts(NAME)
+        db.scene(NAME).conflicts()
     assert db.status().worker_count == 0
     return found
 
@@ -143,14 +143,14 @@ def test_environment_of_libpq_changes_nothing(
         shown = db.connection.execute("SELECT now(), '1 day'::interval").fetchone()
         assert shown is not None, "what users ask for on our connection comes, too"
     with psycopg.connect(dsn) as conn, connect(conn) as db:
-        assert db.conflicts("strait")
+        assert db.scene("strait").conflicts()
 
 
 def test_a_connection_whose_transactions_are_read_only(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Reading works; what writes says in one line why it does not."""
     with connect(dsn) as db:
         db.load(STRAIT)
-        db.detect("strait")
+        db.scene("strait").detect()
         db.connection.execute(
             f"ALTER DATABASE {db.connection.info.dbname} SET default_transaction_read_only = on".encode()
         )
@@ -167,7 +167,7 @@ def test_a_connection_whose_transactions_are_read_only(dsn: str, capsys: pytest.
         conn.commit()
         conn.read_only = True
         with pytest.raises(ReadOnlyDatabase, match="takes no changes in this transaction: cannot execute"):
-            db.detect("strait")
+            db.scene("strait").detect()
         with pytest.raises(ReadOnlyDatabase, match="takes no changes in this transaction: cannot execute"):
             db.load(STRAIT)
 
@@ -186,7 +186,7 @@ def standby() -> Iterator[tuple[str, str]]:
         with server.embedded(home / "db") as embedded:
             with connect(embedded.admin_dsn, create=True) as db:
                 db.load(STRAIT)
-                db.detect("strait")
+                db.scene("strait").detect()
             with psycopg.connect(embedded.admin_dsn, autocommit=True) as conn:
                 conn.execute("CREATE DATABASE empty")
         await_stop(home / "db")

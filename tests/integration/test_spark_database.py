@@ -151,7 +151,7 @@ def test_a_scene_goes_through_spark_and_back(
 def test_readers_see_the_state_that_is_shared(dsn: str) -> None:
     """Others read the very objects that there were, by parts; rows of another state are refused."""
     with connect(dsn) as db, psycopg.connect(dsn) as reader, psycopg.connect(dsn, autocommit=True) as editor:
-        name = db.load(STRAIT)
+        name = db.load(STRAIT).name
         number = store.scene_id(db.connection, name)
         with store.snapshot(db.connection):
             before = [to_rows(one) for one in store.each_object(db.connection, number)]

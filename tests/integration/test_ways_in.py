@@ -116,7 +116,7 @@ def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
 def db(dsn: str) -> Iterator[conflictdb.Database]:
     with conflictdb.connect(dsn) as db:
         db.load(STRAIT)
-        db.detect("strait")
+        db.scene("strait").detect()
         yield db
 
 
@@ -130,7 +130,7 @@ def test_commands_and_python_refuse_the_file(run: Run, dsn: str, files: Path, na
     with conflictdb.connect(dsn) as db:
         with pytest.raises(InvalidInput, match=FILES[name]):
             db.load(files / name, "strait")
-        state = db.state("strait")
+        state = db.scene("strait").state()
         assert (state.objects, state.is_current) == (11, True)
 
 
@@ -189,7 +189,7 @@ def test_a_track_may_be_fast_if_that_is_said(db: conflictdb.Database, tmp_path: 
     with pytest.raises(InvalidInput, match="beyond 2000 kn"):
         db.load(tmp_path / "fast.geojson")
     db.load(tmp_path / "fast.geojson", max_speed_kn=math.inf)
-    db.export("fast", tmp_path / "again.geojson")
+    db.scene("fast").export(tmp_path / "again.geojson")
     assert len(conflictdb.read(tmp_path / "again.geojson", max_speed_kn=math.inf).tracks) == 1
     # The limit of the load was its own.
     with pytest.raises(psycopg.Error, match="beyond 2000 kn"):
@@ -297,8 +297,8 @@ def test_attach_in_python_warns_of_times_that_are_not_read(db: conflictdb.Databa
     db.connection.execute(ATTACHED)
     mapped = {"key": "id", "footprint": "shape"}
     with pytest.warns(UserWarning, match="valid_from look like times and are not read") as told:
-        db.attach("strait", "area", "plan", mapped)
+        db.scene("strait").attach("area", "plan", mapped)
     assert told[0].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        db.preview_attachment("strait", "area", "plan", {**mapped, "start": "valid_from"})
+        db.scene("strait").preview_attachment("area", "plan", {**mapped, "start": "valid_from"})

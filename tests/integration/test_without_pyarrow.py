@@ -15,7 +15,7 @@ def test_without_pyarrow_every_command_that_needs_it_names_the_extra(dsn: str, t
         (tmp_path / name).write_bytes(b"PAR1")
     with connect(dsn) as db:
         db.load_demo()
-        db.detect("strait")
+        db.scene("strait").detect()
     environ = {name: value for name, value in os.environ.items() if name != "CONFLICTDB_PROGRAM"}
     for command in (
         "load file.parquet",

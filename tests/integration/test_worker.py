@@ -200,7 +200,7 @@ def test_a_change_wakes_the_worker_and_a_signal_ends_it(dsn: str, number: signal
             until(lambda: pending(dsn) == {"strait": 0})
             with db.connection.transaction():
                 db.connection.execute("UPDATE conflictdb.area SET ceiling_m = 9 WHERE key = 'DIVING'")
-            until(lambda: pending(dsn) == {"strait": 0} and len(db.conflicts("strait")) == 7)
+            until(lambda: pending(dsn) == {"strait": 0} and len(db.scene("strait").conflicts()) == 7)
         worker.send_signal(number)
         out, err = worker.communicate(timeout=WAIT_S)
         assert (worker.returncode, err) == (0, "")
@@ -306,7 +306,7 @@ def test_several_workers_do_the_work_once(dsn: str, tmp_path: Path) -> None:
     ]
     assert [worker.wait(WAIT_S) for worker in workers] == [0, 0]
     with connect(dsn) as db:
-        found = {name: [(c.a_key, c.b_key, c.periods) for c in db.conflicts(name)] for name in ("a", "b", "c")}
+        found = {name: [(c.a_key, c.b_key, c.periods) for c in db.scene(name).conflicts()] for name in ("a", "b", "c")}
     assert found["a"] == found["b"] == found["c"]
     assert len(found["a"]) == 7
     assert json.dumps(pending(dsn)) == '{"a": 0, "b": 0, "c": 0}'
@@ -413,7 +413,7 @@ def test_what_another_has_done_meanwhile_is_no_run(dsn: str, monkeypatch: pytest
 def test_a_scene_that_is_current_is_left_alone(dsn: str) -> None:
     with connect(dsn) as db:
         db.load(STRAIT, "strait")
-        db.detect("strait")
+        db.scene("strait").detect()
         assert detect.detect_pending(db.connection, "strait") is None
         assert len(store.runs(db.connection, "strait", 9)) == 1
 

@@ -313,7 +313,7 @@ def test_digests_of_the_database_are_those_of_what_was_exported(dsn: str, tmp_pa
     scene, file = replace(settings, name="thrown"), tmp_path / "thrown.parquet"
     with connect(dsn) as db:
         store.replace_scene(db.connection, scene, areas, [*tracks[::2], *legs[1::2]], merge=False)
-        db.export("thrown", file)
+        db.scene("thrown").export(file)
         known = store.object_states(db.connection, store.scene_id(db.connection, "thrown"))
     of = read_computed(computed(file, tmp_path / "found", scene))
     exported = dict(zip(of.key.tolist(), of.digest.tolist(), strict=True))

@@ -17,9 +17,9 @@ from installations import own_installation
 from psycopg import conninfo, sql
 
 from conflictdb import connect
-from conflictdb.database import Database
 from conflictdb.db import extension, schema
 from conflictdb.errors import IncompleteWarning, SchemaMissing, SchemaOutdated
+from conflictdb.session.database import Database
 
 NUMBERS = count(1)
 CREATE = "CREATE EXTENSION conflictdb CASCADE"
@@ -83,7 +83,7 @@ def rows(dsn: str, query: str) -> list[tuple[Any, ...]]:
 
 
 def answer(db: Database) -> list[tuple[Any, ...]]:
-    return [(c.a_key, c.b_key, c.periods, c.region) for c in db.conflicts("strait")]
+    return [(c.a_key, c.b_key, c.periods, c.region) for c in db.scene("strait").conflicts()]
 
 
 def restored(server: tuple[Path, str], dsn: str) -> str:
@@ -132,7 +132,7 @@ def test_dump_and_restore_keep_everything(server: tuple[Path, str], installed: s
         db.load(STRAIT)
         db.connection.execute(ATTACH.encode(), ["strait"])
         db.connection.commit()
-        db.detect("strait")
+        db.scene("strait").detect()
         db.connection.execute("SELECT conflictdb.acknowledge('strait', a_key, b_key, 'seen') FROM conflictdb.conflicts")
         before = answer(db)
         db.connection.execute("GRANT SELECT ON conflictdb.conflicts TO pg_monitor")
@@ -154,15 +154,15 @@ def test_dump_and_restore_keep_everything(server: tuple[Path, str], installed: s
         # What comes back through triggers is marked, and computed again.
         with pytest.warns(IncompleteWarning, match="12 objects wait for detection"):
             assert answer(db) == before
-        run = db.detect("strait")
+        run = db.scene("strait").detect()
         assert (run.opened, run.changed, run.closed) == (0, 0, 0), "each conflict keeps its number"
         assert answer(db) == before
-        assert {conflict.acknowledged_for for conflict in db.conflicts("strait")} == {"seen"}
+        assert {conflict.acknowledged_for for conflict in db.scene("strait").conflicts()} == {"seen"}
         # Numbers go on where they were, and attached tables are followed.
         db.load(STRAIT, "another")
         db.connection.execute("UPDATE public.op SET id = 'OTHER'")
         db.connection.commit()
-        db.detect("strait")
+        db.scene("strait").detect()
     assert rows(copy, "SELECT key FROM conflictdb.area WHERE key LIKE 'O%'") == [("OTHER",)]
 
 
@@ -175,7 +175,7 @@ def test_updates_take_the_data_along(
         db.load(STRAIT)
         db.connection.execute(ATTACH.encode(), ["strait"])
         db.connection.commit()
-        db.detect("strait")
+        db.scene("strait").detect()
         before = answer(db)
     former = schema.head()
     request.getfixturevalue("next_release")
@@ -190,7 +190,7 @@ def test_updates_take_the_data_along(
         assert answer(db) == before
         db.connection.execute("UPDATE public.op SET id = 'OTHER'")
         db.connection.commit()
-        db.detect("strait")
+        db.scene("strait").detect()
     assert rows(database, "SELECT key FROM conflictdb.area WHERE key LIKE 'O%'") == [("OTHER",)]
     assert rows(database, "SELECT conflictdb.scene_note('strait')") == [("none: 100% :x",)]
     assert rows(database, STRAY) == [("_note_1",)]
@@ -222,7 +222,7 @@ def test_who_may_create_schemas_may_create_it_and_is_told_what_to_grant(installe
     assert said == [f"the roles of conflictdb cannot use PostGIS yet: Run: {READABLE}"]
     with connect(conninfo.make_conninfo(database, options="-c role=plain")) as db:
         db.load(STRAIT)
-        assert db.detect("strait").conflicts == 7
+        assert db.scene("strait").detect().conflicts == 7
     assert rows(database, """SELECT FROM pg_init_privs WHERE objoid = '"My GIS"'::regnamespace""") == []
 
 

@@ -144,8 +144,8 @@ def test_after_an_upgrade_that_changes_answers_everything_is_detected_again(
         assert conn.execute(state).fetchall() == [(False, 2, 2)]
     assert schema.upgrade(empty_dsn) == schema.head()
     with connect(empty_dsn) as db:
-        db.detect("s")
-        assert [(one.a_key, one.b_key) for one in db.conflicts("s")] == [("A1", "A2")]
+        db.scene("s").detect()
+        assert [(one.a_key, one.b_key) for one in db.scene("s").conflicts()] == [("A1", "A2")]
         assert db.connection.execute(state).fetchall() == [(True, 2, 0)]
 
 
@@ -169,7 +169,7 @@ def test_scenes_of_the_method_window_become_exact(dsn: str) -> None:
     ((areas, tracks),) = sea(40, 1)
     with connect(dsn) as db:
         store.replace_scene(db.connection, Scene("s", method=Method.SCREEN), areas, tracks, merge=False)
-        db.detect("s")
+        db.scene("s").detect()
         screened = store.conflicts(db.connection, "s")
     assert any(one.verdict is Verdict.UNRESOLVED for one in screened)
     with psycopg.connect(dsn) as conn:
@@ -186,10 +186,10 @@ def test_scenes_of_the_method_window_become_exact(dsn: str) -> None:
     with connect(dsn) as db:
         still = store.conflicts(db.connection, "s")
         assert [replace(one, is_current=True, scene_is_current=True) for one in still] == screened
-        db.detect("s")
-        assert db.conflicts("s")
-        assert {one.method for one in db.conflicts("s")} == {Method.EXACT}
-        assert all(one.verdict is not Verdict.UNRESOLVED for one in db.conflicts("s"))
+        db.scene("s").detect()
+        assert db.scene("s").conflicts()
+        assert {one.method for one in db.scene("s").conflicts()} == {Method.EXACT}
+        assert all(one.verdict is not Verdict.UNRESOLVED for one in db.scene("s").conflicts())
 
 
 @pytest.mark.parametrize("changes", [True, False])

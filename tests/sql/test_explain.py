@@ -69,7 +69,7 @@ def test_pairs_are_decided_by_what_keeps_them_apart(conn: Conn, case: str) -> No
     assert (facts["closest"] is not None) == (verdict in ("conflict", "near"))
     conn.rollback()
     with connect(conn) as db:
-        told = db.explain("s", "X", "T")
+        told = db.scene("s").explain("X", "T")
     assert (told.facts["closest"] is None) == (by in ("time", "height"))
     assert told.facts["are_never_together"] == (told.facts["closest"] is None)
     assert told.facts == facts | {"closest": told.facts["closest"], "are_never_together": told.facts["closest"] is None}
@@ -96,16 +96,17 @@ def test_every_pair_is_explained_as_it_is_reported(conn: Conn, method: Method) -
     load(conn, scene, areas, tracks)
     detect.detect(conn, "s", jobs=1)
     with connect(conn) as db:
-        found = {frozenset((one.a_key, one.b_key)): one.verdict for one in db.conflicts("s")}
+        found = {frozenset((one.a_key, one.b_key)): one.verdict for one in db.scene("s").conflicts()}
         decides = method is not Method.SCREEN
         assert all(
-            (one.verdict != Verdict.UNRESOLVED) == (decides or one.b_kind == "area") for one in db.conflicts("s")
+            (one.verdict != Verdict.UNRESOLVED) == (decides or one.b_kind == "area")
+            for one in db.scene("s").conflicts()
         )
         keys = [one.key for one in (*areas, *tracks)]
         apart_by = set()
         for i, a in enumerate(keys):
             for b in keys[:i]:
-                facts = db.explain("s", a, b).facts
+                facts = db.scene("s").explain(a, b).facts
                 assert facts["verdict"] == found.get(frozenset((a, b)), "apart")
                 left = [facts["stages"][k]["left"] for k in (0, 1)]
                 if facts["verdict"] == "apart":

@@ -101,10 +101,10 @@ def test_conflicts_follow_the_heights_of_legs(dsn: str, tmp_path: Any) -> None:
         conn.execute(f"SELECT put_area('s', 'high', {WHOLE}, NULL, 150, 250)".encode())
         conn.execute(f"SELECT put_area('s', 'between', {WHOLE}, NULL, 100, 200)".encode())
     with connect(dsn) as db:
-        db.detect("s", method="exact")
+        db.scene("s").detect(method="exact")
         found = {
             c.a_key: [(a.isoformat()[11:16], b.isoformat()[11:16]) for a, b in c.periods]
-            for c in db.conflicts("s")
+            for c in db.scene("s").conflicts()
             if c.b_key == "T"
         }
         assert {key: starts[0][0] for key, starts in found.items() if starts} == {"low": "00:00", "high": "01:00"}
@@ -115,10 +115,10 @@ def test_conflicts_follow_the_heights_of_legs(dsn: str, tmp_path: Any) -> None:
         # One leg climbs: only then are its pairs other ones.
         db.connection.execute("UPDATE conflictdb.track SET floors_m = '{400, 200}', ceilings_m = '{500, 300}'")
         db.connection.commit()
-        run = db.detect("s")
+        run = db.scene("s").detect()
         assert (run.opened, run.closed) == (0, 1)
         path = tmp_path / "out.geojson"
-        db.export("s", path)
+        db.scene("s").export(path)
         assert db.load_files([path])[0].counts == store.LoadCounts(0, 0, 0, 4)
         _, _, (track,) = store.read_scene(db.connection, "s")
         assert np.array_equal(track.floors_m, [400.0, 200.0])

@@ -10,9 +10,9 @@ import pytest
 import shapely
 
 from conflictdb import model
-from conflictdb.database import connect
 from conflictdb.errors import InvalidInput
 from conflictdb.model import MAX_POINTS, Area, Track
+from conflictdb.session.database import connect
 
 Conn = psycopg.Connection[Any]
 SQUARE = "SRID=4326;POLYGON((0 0, 0 1, 1 1, 1 0, 0 0))"
@@ -137,9 +137,9 @@ def test_rows_of_attached_tables_are_held_to_it_without_failing(dsn: str) -> Non
         conn.execute("INSERT INTO ops VALUES ('small', 'SRID=4326;POLYGON((0 0, 0 1, 1 1, 0 0))')")
         conn.execute(LOWER.encode())
     with connect(dsn) as db:
-        db.attach("s", "area", "ops", {"key": "id", "footprint": "shape"})
-        db.follow("s")
+        db.scene("s").attach("area", "ops", {"key": "id", "footprint": "shape"})
+        db.scene("s").follow()
         assert db.connection.execute("SELECT key FROM conflictdb.area").fetchall() == [("small",)]
         db.connection.rollback()
-        (row,) = db.unmapped("s")
+        (row,) = db.scene("s").unmapped()
         assert "must have at most 4 vertices; got 5" in row.reason

@@ -131,10 +131,10 @@ def test_reader_queries_and_changes_nothing(acting: Any, scene: Scene, tmp_path:
         conn.execute(asked.format(function, more).encode(), [scene.name])
     conn.commit()
     with connect(conn) as db:
-        db.export(scene.name, tmp_path / "scene.geojson")
-        assert db.advise(scene.name, sample=5).estimates
-        assert db.approaches(scene.name)
-        assert db.status().scenes[0].conflicts == len(db.conflicts(scene.name))
+        db.scene(scene.name).export(tmp_path / "scene.geojson")
+        assert db.scene(scene.name).advise(sample=5).estimates
+        assert db.scene(scene.name).approaches()
+        assert db.status().scenes[0].conflicts == len(db.scene(scene.name).conflicts())
     for statement in EDITS + DERIVED + KEPT_BY_TRIGGERS:
         refused(conn, statement)
 

@@ -20,30 +20,30 @@ def by_database(connection: psycopg.Connection[tuple[object, ...]], engine: sqla
             assert_type(db, conflictdb.Database)
     with conflictdb.connect() as db:
         scene = db.load("exercise-7.geojson", replace=True)
-        assert_type(scene, str)
-        run = db.detect(scene, method="nlp", tolerance_m=1.0, separation_m=0.0, full=True, jobs=2)
+        assert_type(scene, conflictdb.StoredScene)
+        run = scene.detect(method="nlp", tolerance_m=1.0, separation_m=0.0, full=True, jobs=2)
         assert_type(run, conflictdb.Run)
         assert_type(run.conflicts, int)
-        for conflict in db.conflicts(scene, at, with_region=True):
+        for conflict in scene.conflicts(at, with_region=True):
             assert_type(conflict, conflictdb.Conflict)
             assert_type(conflict.a_key, str)
             assert_type(conflict.first_contact, datetime | None)
             assert_type(conflict.verdict, conflictdb.Verdict)
             assert_type(conflict.approach, conflictdb.Approach | None)
             assert_type(conflict.periods, tuple[tuple[datetime | None, datetime | None], ...])
-        found = db.conflicts(scene)
+        found = scene.conflicts()
         assert_type(found, conflictdb.Listing[conflictdb.Conflict])
         assert_type(found.is_current, bool)
         conflictdb.write(found, "found.geojson")
-        conflictdb.write(db.approaches(scene), "near.csv")
+        conflictdb.write(scene.approaches(), "near.csv")
         assert_type(found.state, conflictdb.SceneState)
-        db.wait_until_current(scene, timeout_s=5.0)
+        scene.wait_until_current(timeout_s=5.0)
         assert_type(db.load_files(["a.csv", "b.gpkg"], "s"), list[conflictdb.Loaded])
-        advice = db.advise(scene, sample=200, seed=1)
+        advice = scene.advise(sample=200, seed=1)
         assert_type(advice, conflictdb.Advice)
         assert_type(advice.recommendation, str)
         assert_type(advice.estimates[0].cost.total_s, float)
-        db.export(scene, "out.geojson")
+        scene.export("out.geojson")
 
 
 def by_models(session: Session) -> None:

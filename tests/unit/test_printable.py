@@ -17,10 +17,10 @@ from conflictdb.db.store import LoadCounts
 from conflictdb.errors import InvalidInput
 from conflictdb.io import Skipped, conflict_text
 from conflictdb.io.json_text import dumped
-from conflictdb.loading import Loaded
 from conflictdb.methods import Method
 from conflictdb.printable import printable
 from conflictdb.results import Conflict, Kind, Verdict
+from conflictdb.session.loading import Loaded
 
 TITLE = "\x1b]0;owned\x07"
 ATTACKS = [

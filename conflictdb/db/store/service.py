@@ -38,6 +38,9 @@ class Service:
     postgis_version: str
     worker_count: int
 
+    def __str__(self) -> str:
+        return f"PostgreSQL {self.server_version}, PostGIS {self.postgis_version}"
+
 
 def service(conn: psycopg.Connection[Any]) -> Service:
     """Return the state of the server."""

@@ -1,0 +1,1 @@
+"""Sessions with a database, and its scenes."""
