@@ -524,7 +524,7 @@ def test_sessions_that_follow_at_the_same_time_take_turns(db: Database, dsn: str
     do(db, "UPDATE mission.ops SET depth_ft = 1 WHERE id = 1")
     with store.connect(dsn) as other, ThreadPoolExecutor(1) as pool:
         other.execute("SELECT * FROM conflictdb.follow_attached('s')")
-        waiting = pool.submit(db.follow, "s")
+        waiting = pool.submit(db.scene("s").follow)
         do(db, "UPDATE mission.ops SET depth_ft = 2 WHERE id = 1")
         waits = "SELECT EXISTS (SELECT FROM pg_locks WHERE NOT granted AND pid = %s)"
         until_s = time.monotonic() + 30

@@ -196,10 +196,10 @@ def test_waiting_for_a_worker(run: Run, dsn: str) -> None:
 
 def test_python_knows_whether_a_list_is_complete(dsn: str, change: Callable[[str], None]) -> None:
     with conflictdb.connect(dsn) as db:
-        db.load(STRAIT)
-        for call in (db.conflicts, db.approaches):
+        scene = db.load(STRAIT)
+        for call in (scene.conflicts, scene.approaches):
             with pytest.warns(IncompleteWarning, match="scene 'strait': never detected: 11 objects wait") as told:
-                found: Any = call("strait")
+                found: Any = call()
             assert told[0].filename == __file__
             assert (found, found.is_current, found.state.pending) == ([], False, 11)
         with pytest.raises(NotCurrent, match="is not current after"):

@@ -167,9 +167,10 @@ def test_the_embedded_database_is_there_without_anything(dsn: str) -> None:
 
 def test_unknown_scenes_and_naive_instants_are_refused(dsn: str) -> None:
     with conflictdb.connect(dsn) as db:
-        for call in (db.conflicts, db.detect, db.scene_text):
+        nowhere = db.scene("nowhere")
+        for call in (nowhere.conflicts, nowhere.detect, nowhere.text, nowhere.settings):
             with pytest.raises(InvalidInput, match="'nowhere'"):
-                call("nowhere")
+                call()
         db.load(STRAIT)
         with pytest.raises(InvalidInput, match="offset"):
             db.scene("strait").conflicts(datetime(2026, 6, 1))
@@ -268,7 +269,7 @@ def test_solving_in_memory_gives_what_the_database_gives(dsn: str, tmp_path: Pat
     with conflictdb.connect(dsn) as db:
         db.load(STRAIT)
         db.scene("strait").detect(nearest_m=5_000.0)
-        scene = db._settings("strait")
+        scene = db.scene("strait").settings()
         found, near = db.scene("strait").conflicts(with_region=True), db.scene("strait").approaches()
     solved = sorted(conflictdb.solve(tracks, areas, scene), key=lambda one: (one.a_key, one.b_key))
     conflicts = [one for one in solved if one.verdict is not Verdict.NEAR]
