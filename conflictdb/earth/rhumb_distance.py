@@ -1,7 +1,7 @@
 """Bound the error of the kernel's distances on the earth between polygons whose edges are rhumb lines.
 
 On the ellipsoid a distance is at most that along the great circle of the conformal sphere. It is shorter by the saving
-of paths through smaller radii. `kernel/mercator.c` computes the distances.
+of paths through smaller radii. `kernel/planes/mercator.c` computes the distances.
 """
 
 from typing import Final

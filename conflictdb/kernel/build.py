@@ -19,7 +19,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 # No floating-point operation may be fused or reordered: the proofs rely on infinities, NaN and the last digit.
-FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")
+FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", f"-I{HERE}")
 # Only functions marked KERNEL_API are exported (kernel.h).
 EXPORTS = "-fvisibility=hidden"
 SHARED = ("-shared", "-fPIC", "-lm")
@@ -29,8 +29,15 @@ BASELINE = {"x86_64": "-march=x86-64", "aarch64": "-march=armv8-a", "arm64": "-m
 
 
 def sources() -> list[Path]:
-    """Return the C files and headers."""
-    return sorted(path for path in HERE.iterdir() if path.suffix in (".c", ".h"))
+    """Return the C files and headers: those beside this file, then those of its folders."""
+    folders = (HERE, *sorted(path for path in HERE.iterdir() if path.is_dir() and path.name.isidentifier()))
+    return [path for folder in folders for path in sorted(folder.glob("*.[ch]"))]
+
+
+def source(name: str) -> Path:
+    """Return the C file of a name."""
+    [found] = (path for path in sources() if path.name == f"{name}.c")
+    return found
 
 
 def here() -> str:

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 
 #include "draw.h"
-#include "runs.h"
+#include "narrow/runs.h"
 
 enum { MOST = 2000, KINDS = 8 };
 

@@ -1,8 +1,8 @@
 /* What the kernel's bounds say of the distance of pairs during their times, for tests: linked with the kernel. */
 #include <stdlib.h>
 
-#include "approach.h"
-#include "border.h"
+#include "narrow/approach.h"
+#include "narrow/border.h"
 
 /* middle, bound, box : (count,) metres, as approach_during and approach_at_least tell; NaN where a piece cannot be. */
 int floors(const KernelScene *scene, const KernelPairs *pairs, double *middle, double *bound, double *box) {

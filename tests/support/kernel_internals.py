@@ -16,6 +16,6 @@ def internals() -> Any:
     with TemporaryDirectory() as directory:
         made = Path(directory) / "internals.so"
         files = [Path(__file__).with_name("floors.c"), *(path for path in build.sources() if path.suffix == ".c")]
-        command = ["cc", *build.FLAGS, f"-I{build.HERE}", "-o", made, *files, *build.SHARED]
+        command = ["cc", *build.FLAGS, "-o", made, *files, *build.SHARED]
         subprocess.run(command, check=True, timeout=120)
         return ctypes.CDLL(str(made))

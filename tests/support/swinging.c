@@ -3,8 +3,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "answers.h"
-#include "search.h"
+#include "narrow/answers.h"
+#include "narrow/search.h"
 
 static const double SIDE_M = 1.0, BY_M = 50.0, RATE = 0x1.921fb54442d18p2 / 100.0;
 enum { INTERVALS = 8192, ROOM = 64 };

@@ -25,7 +25,7 @@ from conflictdb.stage4.contacts import GRAZING, contacts
 
 T0_US = 1_700_000_000_000_000
 MINUTE_US = 60_000_000
-# As conflictdb/kernel/contacts.c has it: intervals looked at for two objects, in each step of their search.
+# As conflictdb/kernel/narrow/contacts.c has it: intervals looked at for two objects, in each step of their search.
 MAX_INTERVALS = 131_072
 
 

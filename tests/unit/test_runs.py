@@ -12,14 +12,14 @@ from conflictdb.kernel import build
 from conflictdb.kernel.library import shared
 
 SUPPORT = Path(__file__).parents[1] / "support"
-SOURCES = [build.HERE / "polygon.c", build.HERE / "runs.c"]
+SOURCES = [build.source("polygon"), build.source("runs")]
 
 
 @pytest.mark.parametrize("sanitizers", [(), ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")])
 def test_runs_find_what_all_sides_and_vertices_show(tmp_path: Path, sanitizers: tuple[str, ...]) -> None:
     """Of ellipses, slivers, sides of many vertices, hulls, dents, repeated vertices, lines and points, moved."""
     program = tmp_path / "compare_runs"
-    command = ["cc", *build.FLAGS, "-g", *sanitizers, f"-I{build.HERE}", "-o", program, SUPPORT / "compare_runs.c"]
+    command = ["cc", *build.FLAGS, "-g", *sanitizers, "-o", program, SUPPORT / "compare_runs.c"]
     compiled = subprocess.run([*command, *SOURCES, "-lm"], capture_output=True, text=True, timeout=120, check=False)
     if compiled.returncode and sanitizers:
         pytest.skip("the compiler here has no sanitizers")
@@ -41,7 +41,7 @@ def test_steps_grow_as_the_number_of_vertices_does(tmp_path: Path) -> None:
     """Two circles, apart: blocks of the program that are run, which are the same on every machine."""
     counter, counted = tmp_path / "counter.c", tmp_path / "counted.so"
     counter.write_text(
-        """#include "polygon.h"
+        """#include "narrow/polygon.h"
            long long steps, sizes[] = {sizeof(Polygon), sizeof(Gap)};
            void __sanitizer_cov_trace_pc(void) { steps++; }"""
     )

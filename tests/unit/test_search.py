@@ -31,8 +31,8 @@ CONFLICT, GRAZING, UNRESOLVED = (one.code for one in (Verdict.CONFLICT, Verdict.
 def _swinging() -> Any:
     with tempfile.TemporaryDirectory() as directory:
         made = Path(directory) / "swinging.so"
-        files = [build.HERE / f"{name}.c" for name in (*FILES, *MORE_FILES)]
-        flags = [*build.FLAGS, f"-I{build.HERE}", "-shared", "-fPIC"]
+        files = [build.source(name) for name in (*FILES, *MORE_FILES)]
+        flags = [*build.FLAGS, "-shared", "-fPIC"]
         subprocess.run(["cc", *flags, "-o", made, SUPPORT / "swinging.c", *files, "-lm"], check=True)
         library = ctypes.CDLL(str(made))
     library.swings.argtypes = [ctypes.c_void_p, *[ctypes.c_double] * 5, ctypes.c_void_p]

@@ -1,0 +1,214 @@
+/* Broad phase in memory: rows whose bounding boxes overlap in space, height and time (stage 1 of a whole scene).
+ *
+ * `kernel_box_order` sorts rows into a packed k-d tree: each half of the order is split along the axis (x, y, time or
+ * height) that separates its boxes best. `kernel_box_pairs` builds the bounding boxes of that tree, and looks up each
+ * row from the top.
+ */
+#include <math.h>
+#include <stdlib.h>
+
+#include "kernel.h"
+#include "planes/plane.h"
+
+/* Most rows of a leaf. Larger: more rows compared in vain. Smaller: more tree nodes to inspect. */
+enum { LEAF = 8, AXES = 4 };
+
+typedef struct {
+    double middle[AXES], extent[AXES];
+    int64_t row;
+} Centre;
+
+static double finite_or_zero(double x) { return isfinite(x) ? x : 0.0; }
+
+static Centre centre_of(const KernelBoxes *rows, int64_t i) {
+    const double *box = rows->boxes + 4 * i, start = (double)rows->start_us[i], end = (double)rows->end_us[i];
+    double floor_m = rows->floor_m[i], ceiling_m = rows->ceiling_m[i];
+    return (Centre){
+        .middle = {finite_or_zero(0.5 * box[0] + 0.5 * box[2]), finite_or_zero(0.5 * box[1] + 0.5 * box[3]),
+                   0.5 * start + 0.5 * end, finite_or_zero(0.5 * floor_m + 0.5 * ceiling_m)},
+        /* Unbounded heights are infinite: that axis separates nothing. */
+        .extent = {finite_or_zero(box[2] - box[0]), finite_or_zero(box[3] - box[1]), end - start, ceiling_m - floor_m},
+        .row = i,
+    };
+}
+
+/* The axis along which the spread of the centres is the largest multiple of the mean extent; -1 if all centres are
+ * equal. */
+static int best_axis(const Centre *centres, int64_t count) {
+    int best = -1;
+    double most_boxes = 0.0;
+    for (int axis = 0; axis < AXES; axis++) {
+        double low = INFINITY, high = -INFINITY, extent = 0.0;
+        for (int64_t i = 0; i < count; i++) {
+            low = least(low, centres[i].middle[axis]), high = most(high, centres[i].middle[axis]);
+            extent += centres[i].extent[axis];
+        }
+        double boxes = (high - low) / most(extent / (double)count, 1e-300);
+        if (boxes > most_boxes) best = axis, most_boxes = boxes;
+    }
+    return best;
+}
+
+/* Move the `middle` smallest centres along an axis to the front (Hoare's selection). */
+static void select_middle(Centre *centres, int64_t count, int64_t middle, int axis) {
+    int64_t low = 0, high = count - 1;
+    while (low < high) {
+        double pivot = centres[low + (high - low) / 2].middle[axis];
+        int64_t i = low, j = high;
+        while (i <= j) {
+            while (centres[i].middle[axis] < pivot) i++;
+            while (centres[j].middle[axis] > pivot) j--;
+            if (i > j) break;
+            Centre swapped = centres[i];
+            centres[i++] = centres[j], centres[j--] = swapped;
+        }
+        if (middle <= j) high = j;
+        else if (middle >= i) low = i;
+        else return;
+    }
+}
+
+static void order_halves(Centre *centres, int64_t count) {
+    if (count <= LEAF) return;
+    int axis = best_axis(centres, count);
+    if (axis < 0) return;
+    int64_t middle = count / 2;
+    select_middle(centres, count, middle, axis);
+    order_halves(centres, middle);
+    order_halves(centres + middle, count - middle);
+}
+
+static KernelStatus check_boxes(const KernelBoxes *rows) {
+    if (!rows) return KERNEL_NULL;
+    if (rows->count < 0) return KERNEL_BAD_COUNT;
+    bool is_whole = rows->boxes && rows->floor_m && rows->ceiling_m && rows->start_us && rows->end_us;
+    return rows->count == 0 || (is_whole && rows->object && rows->is_copy) ? KERNEL_OK : KERNEL_NULL;
+}
+
+KernelStatus kernel_box_order(const KernelBoxes *rows, int64_t *order) {
+    KernelStatus status = check_boxes(rows);
+    if (status != KERNEL_OK || rows->count == 0) return status;
+    if (!order) return KERNEL_NULL;
+    Centre *centres = malloc((size_t)rows->count * sizeof *centres);
+    if (!centres) return KERNEL_NO_MEMORY;
+    for (int64_t i = 0; i < rows->count; i++) centres[i] = centre_of(rows, i);
+    order_halves(centres, rows->count);
+    for (int64_t i = 0; i < rows->count; i++) order[i] = centres[i].row;
+    free(centres);
+    return KERNEL_OK;
+}
+
+/* Tree node: bounds of the rows [first, end). next: the node after its subtree. */
+typedef struct {
+    double low_x, low_y, high_x, high_y, floor_m, ceiling_m;
+    int64_t start_us, end_us, object; /* largest number of an object */
+    int64_t first, end, next;
+    bool is_copy; /* whether all rows are copies */
+} Node;
+
+static Node alone(const KernelBoxes *rows, int64_t i) {
+    const double *box = rows->boxes + 4 * i;
+    return (Node){
+        .low_x = box[0],
+        .low_y = box[1],
+        .high_x = box[2],
+        .high_y = box[3],
+        .floor_m = rows->floor_m[i],
+        .ceiling_m = rows->ceiling_m[i],
+        .start_us = rows->start_us[i],
+        .end_us = rows->end_us[i],
+        .object = rows->object[i],
+        .first = i,
+        .end = i + 1,
+        .next = 0,
+        .is_copy = rows->is_copy[i] != 0,
+    };
+}
+
+/* Union of two nodes. fmin and fmax skip NaN: a row of NaN intersects nothing, and leaves the bounds of its node valid.
+ */
+static Node joined(Node a, Node b) {
+    return (Node){
+        .low_x = fmin(a.low_x, b.low_x),
+        .low_y = fmin(a.low_y, b.low_y),
+        .high_x = fmax(a.high_x, b.high_x),
+        .high_y = fmax(a.high_y, b.high_y),
+        .floor_m = fmin(a.floor_m, b.floor_m),
+        .ceiling_m = fmax(a.ceiling_m, b.ceiling_m),
+        .start_us = a.start_us < b.start_us ? a.start_us : b.start_us,
+        .end_us = a.end_us > b.end_us ? a.end_us : b.end_us,
+        .object = a.object > b.object ? a.object : b.object,
+        .first = a.first,
+        .end = b.end,
+        .next = 0,
+        .is_copy = a.is_copy && b.is_copy,
+    };
+}
+
+/* Build the subtree of rows [first, end) at node `at`, each node before its children; returns the number after its last
+ * node. */
+static int64_t make_nodes(const KernelBoxes *rows, Node *nodes, int64_t at, int64_t first, int64_t end) {
+    int64_t next = at + 1;
+    if (end - first <= LEAF) {
+        Node whole = alone(rows, first);
+        for (int64_t i = first + 1; i < end; i++) whole = joined(whole, alone(rows, i));
+        nodes[at] = whole;
+    } else {
+        int64_t middle = first + (end - first) / 2, right = make_nodes(rows, nodes, next, first, middle);
+        next = make_nodes(rows, nodes, right, middle, end);
+        nodes[at] = joined(nodes[at + 1], nodes[right]);
+    }
+    nodes[at].next = next;
+    return next;
+}
+
+/* Whether a row may form a pair with rows of a node: boxes intersect, an object number is larger, not all are seam
+ * copies. */
+static bool meet(const Node *row, const Node *some) {
+    return row->low_x <= some->high_x && some->low_x <= row->high_x && row->low_y <= some->high_y &&
+           some->low_y <= row->high_y && row->start_us <= some->end_us && some->start_us <= row->end_us &&
+           row->floor_m < some->ceiling_m && some->floor_m < row->ceiling_m && row->object < some->object &&
+           !(row->is_copy && some->is_copy);
+}
+
+KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_t wanted, int64_t *first, int64_t *second,
+                              int64_t room, int64_t *done, int64_t *found, int64_t *looked_at) {
+    KernelStatus status = check_boxes(rows);
+    if (status != KERNEL_OK) return status;
+    if (!done || !found || !looked_at || (wanted > 0 && !of) || (room > 0 && (!first || !second))) return KERNEL_NULL;
+    if (wanted < 0 || room < 0) return KERNEL_BAD_COUNT;
+    for (int64_t k = 0; k < wanted; k++)
+        if (of[k] < 0 || of[k] >= rows->count) return KERNEL_BAD_PIECE;
+    /* Leaves hold at least LEAF / 2 rows, unless there is one leaf only; inner nodes are fewer than leaves. */
+    Node *nodes = malloc((size_t)(4 * rows->count / LEAF + 2) * sizeof *nodes);
+    if (!nodes) return KERNEL_NO_MEMORY;
+    int64_t count = rows->count > 0 ? make_nodes(rows, nodes, 0, 0, rows->count) : 0, pairs = 0;
+    *done = *found = *looked_at = 0;
+    for (int64_t k = 0; k < wanted; k++) {
+        const Node row = alone(rows, of[k]);
+        if (k > 0 && rows->object[of[k - 1]] != row.object) *done = k, *found = pairs;
+        for (int64_t n = 0; n < count;) {
+            const Node *node = nodes + n;
+            ++*looked_at;
+            if (!meet(&row, node)) {
+                n = node->next;
+                continue;
+            }
+            n++;
+            if (node->next > n) continue;
+            *looked_at += node->end - node->first;
+            for (int64_t j = node->first; j < node->end; j++) {
+                const Node other = alone(rows, j);
+                if (!meet(&row, &other)) continue;
+                if (pairs == room) {
+                    free(nodes);
+                    return KERNEL_OK;
+                }
+                first[pairs] = of[k], second[pairs++] = j;
+            }
+        }
+    }
+    *done = wanted, *found = pairs;
+    free(nodes);
+    return KERNEL_OK;
+}

@@ -1,0 +1,86 @@
+/* kernel_contacts: allocate the memory of the search, divide work budgets, and collect the contacts. */
+#include <stdlib.h>
+
+#include "narrow/answers.h"
+#include "narrow/border.h"
+#include "narrow/search.h"
+
+/* Work budget of the search. Two objects may inspect MAX_INTERVALS intervals, divided among their pairs of pieces. One
+ * step of a pair's search may inspect its share, within [MIN, MAX]_INTERVALS_PER_PAIR; all its steps together its
+ * share, but at least MAX_INTERVALS_PER_PAIR. A pair that exhausts its budget is left undecided. */
+enum { MAX_INTERVALS = 131072, MIN_INTERVALS_PER_PAIR = 256, MAX_INTERVALS_PER_PAIR = 8192 };
+/* Smallest budget of a pair for bisections of sides in distances, whatever its share of PLANE_MAX_PARTS: twice the most
+ * seen within five degrees of a pole. Smaller: pairs with a large separation near poles are unresolved. */
+enum { MIN_PARTS_PER_PAIR = 65536 };
+
+/* Divide the memory of the search among its lists. */
+static void lay_out_intervals(Encounter *pair, Interval *memory) {
+    pair->undecided.items = memory;
+    pair->deeper.items = memory + MAX_INTERVALS_PER_PAIR;
+    pair->spare_time.items = memory + 2 * MAX_INTERVALS_PER_PAIR;
+}
+
+/* Set the work budget of a pair. */
+static void share_work(Encounter *pair, int64_t pairs_of_objects) {
+    int64_t share = MAX_INTERVALS / (pairs_of_objects > 1 ? pairs_of_objects : 1), most = share;
+    most = most < MIN_INTERVALS_PER_PAIR   ? MIN_INTERVALS_PER_PAIR
+           : most > MAX_INTERVALS_PER_PAIR ? MAX_INTERVALS_PER_PAIR
+                                           : most;
+    pair->undecided.most = pair->deeper.most = pair->spare_time.most = most;
+    pair->looks_left = share < MAX_INTERVALS_PER_PAIR ? MAX_INTERVALS_PER_PAIR : share;
+    int64_t parts = PLANE_MAX_PARTS / (pairs_of_objects > 1 ? pairs_of_objects : 1);
+    pair->parts_left = parts < MIN_PARTS_PER_PAIR ? MIN_PARTS_PER_PAIR : parts;
+}
+
+void answers_add(Answers *answers, double start, double end, double error, KernelVerdict verdict, bool touches) {
+    if (answers->count == answers->room) {
+        int64_t room = answers->room > 0 ? 2 * answers->room : 64;
+        KernelContact *items = realloc(answers->items, (size_t)room * sizeof *items);
+        if (!items) {
+            answers->is_full = true;
+            return;
+        }
+        answers->items = items, answers->room = room;
+    }
+    answers->items[answers->count++] = (KernelContact){answers->pair, start, end, error, verdict, touches};
+}
+
+KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs, const KernelQuestion *question,
+                             KernelContact **contacts, int64_t *count, KernelWork *work) {
+    if (!question || !contacts || !count || !work) return KERNEL_NULL;
+    double *memory;
+    Encounter pair = {.separation_m = question->separation_m, .margin_m = question->tolerance_m, .work = work};
+    *contacts = NULL, *count = 0, *work = (KernelWork){0};
+    KernelStatus status = border_begin(scene, pairs, &pair, &memory);
+    if (status != KERNEL_OK) return status;
+    Interval *intervals = malloc(3 * MAX_INTERVALS_PER_PAIR * sizeof *intervals);
+    Answers answers = {.is_full = !intervals};
+    encounter_ask(&pair, question->separation_m, question->tolerance_m);
+    if (intervals) lay_out_intervals(&pair, intervals);
+    double began_s = encounter_clock_s();
+    for (int64_t i = 0; i < pairs->count && !answers.is_full; i++) {
+        double low = pairs->low_s[i], high = pairs->high_s[i], beyond = question->beyond_s ? question->beyond_s[i] : INFINITY;
+        Guess guess = {question->guess, question->guess_of, i};
+        int64_t before = answers.count;
+        answers.pair = i;
+        share_work(&pair, question->pairs_of_objects ? question->pairs_of_objects[i] : 1);
+        bool is_told = low <= high && border_meet(scene, pairs, i, &pair);
+        if (is_told) find_contacts(&pair, low, high, beyond, &guess, &answers);
+        if (is_told && pair.parts_left >= 0) continue;
+        /* Contacts found without all distances are invalid. */
+        answers.count = before;
+        answers_add(&answers, low, high, high - low, KERNEL_UNRESOLVED, true);
+    }
+    encounter_set_closed_form(&pair, false);
+    work->contacts_s = encounter_clock_s() - began_s;
+    free(memory);
+    free(intervals);
+    if (answers.is_full) {
+        free(answers.items);
+        return KERNEL_NO_MEMORY;
+    }
+    *contacts = answers.items, *count = answers.count;
+    return KERNEL_OK;
+}
+
+void kernel_contacts_free(KernelContact *contacts) { free(contacts); }
