@@ -4,14 +4,16 @@ import ctypes
 import weakref
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.geodesy import MEAN_RADIUS_M, Earth
 from conflictdb.kernel.library import Held, check, fields_of, library
+
+if TYPE_CHECKING:
+    from conflictdb.earth.geodesy import Earth
 
 _MERCATOR, _GNOMONIC = 0, 1
 
@@ -36,7 +38,7 @@ class Plane(ctypes.Structure):
     )
 
     @classmethod
-    def mercator(cls, earth: Earth) -> "Plane":
+    def mercator(cls, earth: "Earth") -> "Plane":
         """Return the Mercator plane of a figure of the earth."""
         plane = cls(_MERCATOR, max(len(earth.to_rectifying), len(earth.to_conformal)), earth.radius_m)
         plane.rectifying_m, plane.eccentricity = earth.rectifying_m, earth.eccentricity
@@ -47,10 +49,10 @@ class Plane(ctypes.Structure):
         return plane
 
     @classmethod
-    def gnomonic(cls, centre_lon_deg: float, centre_lat_deg: float) -> "Plane":
+    def gnomonic(cls, radius_m: float, centre_lon_deg: float, centre_lat_deg: float) -> "Plane":
         """Return the gnomonic plane about a centre, which touches the sphere there."""
-        plane = cls(_GNOMONIC, 0, MEAN_RADIUS_M, MEAN_RADIUS_M)
-        plane.conformal_radius[0] = MEAN_RADIUS_M
+        plane = cls(_GNOMONIC, 0, radius_m, radius_m)
+        plane.conformal_radius[0] = radius_m
         plane.centre_lon_deg, plane.centre_lat_deg = centre_lon_deg, centre_lat_deg
         return plane
 
