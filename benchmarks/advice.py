@@ -1,4 +1,4 @@
-"""What `advise` foretells against what full detections then take: pairs, conflicts and seconds, and the ratios behind.
+"""Compare the estimates of `advise` with full detections: pairs, conflicts and seconds, and the ratios behind.
 
     ./run server start; ./.venv/bin/python benchmarks/advice.py [--dsn DSN] [--objects 40 300 1500] [--repeat 3]
 
@@ -75,27 +75,26 @@ def compare(db, scene, areas, tracks, repeat) -> None:
             made_s.append((time.perf_counter() - started) / len(pieces))
             detect(db, scene.name, method=other, jobs=1)
             runs.append(detect(db, scene.name, method=method, jobs=1))
-        run, one = medians(runs), foretold[Setting(method, scene.earth, scene.tolerance_m)]
+        run, one = medians(runs), foretold[Setting(method, scene.tolerance_m)]
         seconds = run.cpu_s or run.total_s
         print(
             ROW.format(
                 scene.name,
                 method.value,
                 run.candidate_pairs,
-                f"{one.candidate_pairs.value:.0f}",
+                f"{one.candidate_pairs:.0f}",
                 run.conflicts,
                 f"{one.conflicts.value:.0f}",
                 f"{one.conflicts.low:.0f}-{one.conflicts.high:.0f}",
                 f"{seconds:.2f}",
-                f"{one.cost.total_s:.2f}",
-                f"{one.cost.total_s / seconds:.2f}",
+                f"{one.seconds:.2f}",
+                f"{one.seconds / seconds:.2f}",
             ),
             flush=True,
         )
         unit = median(made_s)
         units[method] = {
-            "per piece": run.pieces_s / len(pieces) / unit - 1.0,
-            "join per piece": run.stage1_s / len(pieces) / unit,
+            "per piece": (run.pieces_s + run.stage1_s) / len(pieces) / unit - 1.0,
             "test per candidate": run.stage2_s / run.candidate_pairs / unit,
             "write per conflict": run.write_s / run.conflicts / unit,
         }

@@ -28,24 +28,15 @@ class Solver(Enum):
     PROGRAMS = auto()  # the published linear and nonlinear programs say where to look
 
 
-class Tried(Enum):
-    """How `advise` tries a method."""
-
-    WIDELY = auto()  # at all tolerances, and on the other earth
-    SPARINGLY = auto()  # with the scene's own settings and on few pairs
-
-
 @dataclass(frozen=True, slots=True)
 class MethodSpec:
     """What a method does, costs and promises.
 
     solver : of stage 4; None: the method stops after stage 2, and finds neither places nor closest approaches
-    tried : by `advise`
     says, promises, costs : as users read it (the command line, docs/explanation/accuracy.md, the catalog)
     """
 
     solver: Solver | None
-    tried: Tried
     says: str
     promises: str
     costs: str
@@ -60,14 +51,12 @@ METHODS: Final[Mapping[Method, MethodSpec]] = MappingProxyType(
     {
         Method.SCREEN: MethodSpec(
             solver=None,
-            tried=Tried.WIDELY,
             says="who might meet",
             promises="no conflict is missed; periods are the time that swept hulls share",
             costs="stages 1 and 2 alone",
         ),
         Method.EXACT: MethodSpec(
             solver=Solver.CERTIFIED,
-            tried=Tried.WIDELY,
             says="certified times",
             promises="no conflict is missed and none is false, up to `tolerance_m`; every period is proven to be "
             "contact throughout, and holds the true one, which is shorter by at most `time_error_s` at either end",
@@ -75,7 +64,6 @@ METHODS: Final[Mapping[Method, MethodSpec]] = MappingProxyType(
         ),
         Method.NLP: MethodSpec(
             solver=Solver.PROGRAMS,
-            tried=Tried.SPARINGLY,
             says="certified times, found by the published program",
             promises="the same as `exact`",
             costs="300 to 600 times `exact`",

@@ -438,7 +438,7 @@ class StoredScene:
         with store.transaction(self.connection):
             return store.shares(self.connection, self.name)
 
-    def advise(self, *, sample: int | None = None, seed: int = 0, progress: "Progress | None" = None) -> "Advice":
+    def advise(self, *, sample: int | None = None, seed: int = 0) -> "Advice":
         """Return the cost and the error of each setting, estimated from a sample; changes nothing.
 
         Parameters
@@ -447,16 +447,12 @@ class StoredScene:
             Pairs of objects to try the settings on; by default as many as take seconds.
         seed : int
             Seed of the sample: the same seed draws the same sample.
-        progress : callable, optional
-            Called with the number of settings measured, and of all settings.
         """
         settings, areas, tracks = self._read()
         # Imported here: the solvers import scipy, which is slow.
         from conflictdb.advice import advise
 
-        return advise.advise(
-            settings, areas, tracks, sample=advise.SAMPLE if sample is None else sample, seed=seed, progress=progress
-        )
+        return advise.advise(settings, areas, tracks, sample=advise.SAMPLE if sample is None else sample, seed=seed)
 
     def plot(self, a_key: str | None = None, b_key: str | None = None) -> "Figure":
         """Return a matplotlib figure of the conflicts in place and time, or of two of its objects.

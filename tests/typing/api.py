@@ -42,7 +42,7 @@ def by_database(connection: psycopg.Connection[tuple[object, ...]], engine: sqla
         advice = scene.advise(sample=200, seed=1)
         assert_type(advice, conflictdb.Advice)
         assert_type(advice.recommendation, str)
-        assert_type(advice.estimates[0].cost.total_s, float)
+        assert_type(advice.estimates[0].seconds, float)
         scene.export("out.geojson")
 
 

@@ -242,10 +242,10 @@ def test_scenes_near_and_far_from_their_centre_give_one_answer() -> None:
 
 
 def test_advice_about_great_circles() -> None:
-    """On the only earth they are on, and about the middle of the objects if the scene has no centre yet."""
+    """About the middle of the objects if the scene has no centre yet."""
     scene, areas, tracks = throw(OCEAN, 3, 8, 8)
     for centre in (scene.centre, None):
         advice = advise(replace(scene, centre=centre), areas, tracks, sample=10)
-        assert {estimate.setting.earth for estimate in advice.estimates} == {EarthModel.SPHERE}
+        assert advice.estimates
         assert advice.scene.centre is not None
         assert advice.sampled_pairs > 0

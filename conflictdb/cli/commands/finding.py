@@ -134,8 +134,8 @@ def _advise(commands: Any) -> None:
         "advise",
         "advice:advise",
         "estimate what each setting would cost for a scene, and how wrong it would be",
-        "Tries methods, tolerances and earths on a sample of the scene's own pairs, in memory. It takes seconds, needs "
-        "no detection before it, and changes nothing.",
+        "Solves a sample of the scene's own pairs with screen and exact at several tolerances, in memory. It takes "
+        "seconds, needs no detection before it, and changes nothing.",
     )
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to advise on")
     parser.add_argument(
