@@ -56,8 +56,8 @@ from conflictdb.model import METRES_PER_NMI, EarthModel
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.run import run_stages
+from conflictdb.published.stage3_projection import windows
 from conflictdb.results import Kind
-from conflictdb.stage3_projection import windows
 
 
 @dataclass(frozen=True)

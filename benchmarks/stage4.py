@@ -34,12 +34,12 @@ from conflictdb.kernel import Questions, Work
 from conflictdb.model import EarthModel, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
+from conflictdb.published.encounters import Encounters
+from conflictdb.published.nonlinear_program import extreme_contact
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
 from conflictdb.stage4.constants import PAIRS_AT_ONCE
 from conflictdb.stage4.contacts import contacts
-from conflictdb.stage4.encounters import Encounters
-from conflictdb.stage4.published.nonlinear_program import extreme_contact
 
 ROUNDS = 5
 TOLERANCES_M = (1, 10, 100, 1000)

@@ -35,10 +35,10 @@ from conflictdb.earth.geodesy import Floats
 from conflictdb.motion.contract import Plane
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
+from conflictdb.published.stage3_projection import windows
 from conflictdb.results import Kind as ObjectKind
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
-from conflictdb.stage3_projection import windows
 from conflictdb.stage4.contacts import contacts
 
 METHODS: Final = (Method.EXACT, Method.NLP)

@@ -16,10 +16,10 @@ from conflictdb.kernel.movement import Movement
 from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.covers import COVER, pieces_of
+from conflictdb.published.stage3_projection import windows
 from conflictdb.results import Kind
 from conflictdb.stage1_broad_phase import candidates, hulls_of
 from conflictdb.stage2_intersection import intersections
-from conflictdb.stage3_projection import windows
 
 _Ints = NDArray[np.int64]
 _TURN_DEG: Final = 360.0

@@ -25,9 +25,9 @@ from conflictdb.pipeline.merge import merged_by_object
 from conflictdb.pipeline.object_pairs import company_of
 from conflictdb.pipeline.source import PairSource
 from conflictdb.pipeline.whole_areas import Footprints
+from conflictdb.published.stage3_projection import windows
 from conflictdb.results import Kind, Verdict
 from conflictdb.stage2_intersection import intersections
-from conflictdb.stage3_projection import windows
 from conflictdb.stage4.contacts import contacts, static_verdicts
 
 _SHORTEST_S: Final = 1e-9  # divides where a clock shows nothing

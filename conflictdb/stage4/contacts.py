@@ -63,7 +63,7 @@ def contacts(
         guesses = None
         if solver is Solver.PROGRAMS:
             # scipy takes half a second to import.
-            from conflictdb.stage4.published.guesses import Guesses, reproducible
+            from conflictdb.published.guesses import Guesses, reproducible
 
             held.enter_context(reproducible())
             guesses = Guesses(plane, scene.separation_m, prepared, pairs, questions.zero_us, effort.programs)

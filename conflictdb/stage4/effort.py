@@ -3,15 +3,7 @@
 from dataclasses import asdict, dataclass, field
 
 from conflictdb import kernel
-
-
-@dataclass(slots=True)
-class Programs:
-    """Calls of each program, and calls that found nothing although a contact was there."""
-
-    lp_calls: int = 0
-    nlp_calls: int = 0
-    failed_calls: int = 0
+from conflictdb.published.calls import Programs
 
 
 @dataclass(slots=True)

@@ -42,11 +42,11 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 # fmt: off
 MODULES: Final = (
     "earth.geodesy", "motion.mercator", "motion.gnomonic",
-    "motion.contract", "stage4.encounters", "earth.rhumb_distance", "pieces.cutting",
+    "motion.contract", "published.encounters", "earth.rhumb_distance", "pieces.cutting",
     "pieces.convex", "outlines", "arrays.ragged", "arrays.objects", "arrays.pieces", "arrays.pairs",
     "arrays.answers", "pipeline.run", "pipeline.merge", "pipeline.whole_areas",
-    "pipeline.closest_approaches", "pipeline.object_pairs", "stage3_projection", "stage4.contacts",
-    "stage4.closest_approach", "stage4.published.linear_program", "stage4.published.nonlinear_program",
+    "pipeline.closest_approaches", "pipeline.object_pairs", "published.stage3_projection", "stage4.contacts",
+    "stage4.closest_approach", "published.linear_program", "published.nonlinear_program",
     "advice.estimates",
 )
 # fmt: on

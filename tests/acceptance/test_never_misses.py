@@ -20,10 +20,10 @@ from conflictdb.methods import Method
 from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
+from conflictdb.published.stage3_projection import windows
 from conflictdb.results import Kind, Verdict
 from conflictdb.stage1_broad_phase import candidates
 from conflictdb.stage2_intersection import intersections
-from conflictdb.stage3_projection import windows
 
 OBJECTS = 8  # areas, and as many tracks, per scene
 WORST_S = 10.0  # bound on an end of any pair: some random pairs hardly touch

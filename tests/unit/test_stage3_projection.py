@@ -12,7 +12,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
-from conflictdb.stage3_projection import windows
+from conflictdb.published.stage3_projection import windows
 
 
 def met(scene: Scene, areas: list[Area], tracks: list[Track]) -> tuple[Pieces, Pairs]:

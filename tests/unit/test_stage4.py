@@ -17,9 +17,9 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.model import Area, EarthModel, Method, Scene, Track
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.cutting import area_pieces, track_pieces
+from conflictdb.published import linear_program, nonlinear_program
+from conflictdb.published.encounters import Encounters
 from conflictdb.results import Verdict
-from conflictdb.stage4.encounters import Encounters
-from conflictdb.stage4.published import linear_program, nonlinear_program
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
 SCENE = Scene("s", earth=EarthModel.SPHERE)

@@ -16,9 +16,9 @@ from threadpoolctl import threadpool_limits
 from conflictdb import kernel
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.motion.contract import Plane
-from conflictdb.stage4.effort import Programs
-from conflictdb.stage4.encounters import Encounters
-from conflictdb.stage4.published import linear_program, nonlinear_program
+from conflictdb.published import linear_program, nonlinear_program
+from conflictdb.published.calls import Programs
+from conflictdb.published.encounters import Encounters
 
 _log = logging.getLogger(__name__)
 

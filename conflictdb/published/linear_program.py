@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.movement import Movement
-from conflictdb.stage4.encounters import Encounters
+from conflictdb.published.encounters import Encounters
 
 # A pair is given to the linear program if no vertex is further than this from uniform motion in its window, plane
 # metres. The answer is a guess, refined on the true motion: this decides the cost, not the accuracy.

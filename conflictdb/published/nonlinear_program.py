@@ -18,7 +18,7 @@ import numpy as np
 import scipy.optimize
 
 from conflictdb.earth.geodesy import Floats
-from conflictdb.stage4.encounters import Encounters
+from conflictdb.published.encounters import Encounters
 
 # Fractions of the window from which the solver starts, in order, until one start succeeds.
 STARTS: Final = (0.5, 0.1, 0.9)

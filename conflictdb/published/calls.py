@@ -1,0 +1,12 @@
+"""Count the calls of the published programs."""
+
+from dataclasses import dataclass
+
+
+@dataclass(slots=True)
+class Programs:
+    """Calls of each program, and calls that found nothing although a contact was there."""
+
+    lp_calls: int = 0
+    nlp_calls: int = 0
+    failed_calls: int = 0

@@ -1,1 +1,0 @@
-"""The method `nlp`: the published linear and nonlinear programs."""
