@@ -1,4 +1,4 @@
-"""The Arrow form of objects, pieces, pairs and answers: bit by bit, and one error for what does not fit."""
+"""The Arrow form of objects and conflicts: bit by bit, and one error for what does not fit."""
 
 import subprocess
 import sys
@@ -17,14 +17,10 @@ from workloads import GROWING, LOW_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import InvalidInput, solve
 from conflictdb.arrays.answers import Conflicts
-from conflictdb.arrays.arrow.answers import CONFLICTS, of_conflicts, to_conflicts
-from conflictdb.arrays.arrow.found import FOUND, of_found, of_rows
-from conflictdb.arrays.arrow.found import to_conflicts as found_again
+from conflictdb.arrays.arrow.found import FOUND, of_found, of_rows, to_conflicts
 from conflictdb.arrays.arrow.objects import OBJECTS, of_objects, to_batches, to_objects
-from conflictdb.arrays.arrow.pieces import PAIRS, PIECES, of_pairs, of_pieces, to_pairs, to_pieces
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.registry import plane_of
@@ -95,46 +91,19 @@ def test_some_rows_of_a_table_are_those_objects(objects: Objects, data: st.DataO
 
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, GROWING, SEAM], ids=lambda one: one.name)
-def test_pieces_come_back_as_they_were(workload: Workload) -> None:
-    _, _, pieces = pieces_thrown(workload)
-    assert pieces.changes == (workload is GROWING)
-    back = to_pieces(of_pieces(pieces))
-    same_arrays(pieces, back)
-    assert back.changes == pieces.changes
-    some = to_pieces(of_pieces(pieces).slice(3, len(pieces) - 5))
-    same_arrays(pieces.take(np.arange(3, len(pieces) - 2)), some)
-
-
-def test_pieces_share_their_memory_with_arrow() -> None:
-    _, _, pieces = pieces_thrown(LOW_LATITUDE)
-    batch = of_pieces(pieces)
-    back = to_pieces(batch)
-    for name in ("object_id", "start_us", "floor_m", "hull_xy", "shape_xy"):
-        assert np.shares_memory(getattr(pieces, name), getattr(back, name)), name
-
-
-@pytest.mark.parametrize("workload", [LOW_LATITUDE, GROWING, SEAM], ids=lambda one: one.name)
-def test_answers_are_the_same_through_arrow(workload: Workload) -> None:
-    """Pieces and pairs through Arrow give the conflicts of the arrays, which come back as they were."""
+def test_conflicts_come_back_as_they_were(workload: Workload) -> None:
+    """All rows, and rows of a slice."""
     scene, areas, pieces = pieces_thrown(workload)
-    plane = plane_of(scene)
-    a, b = candidates(pieces)
-    pairs = intersections(pieces, a, b, regions=True)
-    answers = []
-    for given_pieces, given_pairs in ((pieces, pairs), (to_pieces(of_pieces(pieces)), to_pairs(of_pairs(pairs)))):
-        found, _ = run_stages(scene, plane, given_pieces, given_pairs, lambda ids: areas.footprint[ids])
-        answers.append(of_conflicts(found))
-    assert len(answers[0])
-    assert answers[0].equals(answers[1])
-    back, region = to_conflicts(answers[0])
-    same_arrays(found, back)
-    same_arrays(found.where(np.arange(len(found))), region)
+    pairs = intersections(pieces, *candidates(pieces), regions=True)
+    found, _ = run_stages(scene, plane_of(scene), pieces, pairs, lambda ids: areas.footprint[ids])
+    region = found.where(np.arange(len(found)))
+    assert len(found)
     keys = [f"K{k}" for k in range(len(found))]
     as_users_see_it = of_found(scene, found, region, keys, keys)
-    again, its_region = found_again(as_users_see_it)
+    again, its_region = to_conflicts(as_users_see_it)
     same_arrays(found, again)
     assert its_region.geometries().tolist() == region.geometries().tolist()
-    later, its_region = to_conflicts(answers[0].slice(1))
+    later, its_region = to_conflicts(as_users_see_it.slice(1))
     same_arrays(found.take(np.arange(1, len(found))), later)
     assert its_region.geometries().tolist() == region.geometries().tolist()[1:]
 
@@ -164,13 +133,7 @@ def test_rows_are_told_alike_from_arrays_and_by_solve(workload: Workload) -> Non
 
 
 def test_nothing_comes_back_as_nothing() -> None:
-    _, _, pieces = pieces_thrown(LOW_LATITUDE)
-    none = pieces.take(np.empty(0, np.int64))
-    assert len(to_pieces(of_pieces(none))) == 0
-    assert len(to_pieces(PIECES.schema.empty_table())) == 0
-    rows = PieceRows(np.empty(0, np.int64))
-    assert len(to_pairs(of_pairs(Pairs(rows, rows, np.empty((0, 2)), np.zeros(1, np.int64))))) == 0
-    found, region = to_conflicts(CONFLICTS.schema.empty_table())
+    found, region = to_conflicts(FOUND.schema.empty_table())
     assert isinstance(found, Conflicts)
     assert (len(found), len(region)) == (0, 0)
     assert to_objects(OBJECTS.schema.empty_table()) == ([], [])
@@ -179,10 +142,10 @@ def test_nothing_comes_back_as_nothing() -> None:
 
 def test_a_region_that_is_not_known_stays_so() -> None:
     scene, areas, pieces = pieces_thrown(LOW_LATITUDE)
-    a, b = candidates(pieces)
-    pairs = intersections(pieces, a, b, regions=False)
+    pairs = intersections(pieces, *candidates(pieces), regions=False)
     found, _ = run_stages(scene, plane_of(scene), pieces, pairs, lambda ids: areas.footprint[ids])
-    batch = of_conflicts(found, Polygons.none(len(found)))
+    keys = [f"K{k}" for k in range(len(found))]
+    batch = of_found(scene, found, Polygons.none(len(found)), keys, keys)
     assert batch["region"].null_count == len(found)
     assert not len(to_conflicts(batch)[1].data)
 
@@ -267,10 +230,9 @@ def test_the_page_shows_what_runs_and_lists_every_column() -> None:
     made: dict[str, Any] = {}
     exec(page.split("```python\n")[1].split("```")[0], made)  # noqa: S102
     assert made["tracks"][0].key == "T1"
-    parts = dict(zip(("objects", "pieces", "pairs", "conflicts", "found"), page.split("\n## ")[1:], strict=True))
-    for form in (OBJECTS, PIECES, PAIRS, CONFLICTS, FOUND):
-        told = parts[form.name].replace("…", "`closest_a_lat_deg`, `closest_b_lon_deg`,")
-        assert [name for name in form.schema.names if f"`{name}`" not in told] == []
+    parts = dict(zip(("objects", "found"), page.split("\n## ")[1:], strict=True))
+    for form in (OBJECTS, FOUND):
+        assert [name for name in form.schema.names if f"`{name}`" not in parts[form.name]] == []
 
 
 def test_without_pyarrow_the_extra_is_named() -> None:

@@ -1,4 +1,4 @@
-"""Convert objects, pieces, pairs and answers to and from Arrow, for other engines, processes and files.
+"""Convert objects and conflicts to and from Arrow, for other engines, processes and files.
 
 Needs the extra `parquet`: ``pip install 'conflictdb[parquet]'``; without it importing this raises ConflictDBError.
 Numbers are converted bit by bit, most of them without copying. docs/reference/arrow.md lists the columns.

@@ -10,7 +10,6 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from conflictdb.arrays.arrow.forms import INSTANT, Array
-from conflictdb.arrays.polygons import Polygons
 from conflictdb.arrays.ragged import offsets
 from conflictdb.errors import InvalidInput
 
@@ -71,34 +70,3 @@ def of_lists(items: NDArray[Any] | Array, offset: NDArray[np.int64], is_null: ND
 def lists(column: Array) -> tuple[Array, NDArray[np.int64]]:
     """Return the concatenated items of a column of lists, and their offsets (n + 1,); a null has no items."""
     return column.flatten(), offsets(numbers(_filled(column.value_lengths(), 0)))
-
-
-def pairs(column: Array, who: str, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return a column of flat lists of pairs of numbers as (k, 2), and the offsets of pairs (n + 1,)."""
-    items, offset = lists(column)
-    if (offset % 2).any() or items.null_count:
-        raise InvalidInput(who, name, "must be lists of an even number of numbers, none of them null")
-    return numbers(items).reshape(-1, 2), offset // 2
-
-
-def of_polygons(polygons: Polygons) -> Array:
-    """Return polygons (n,) as a column of bytes, null if unknown."""
-    if len(polygons.data) > _MOST_ITEMS:
-        raise InvalidInput("Arrow", "region", f"must have at most {_MOST_ITEMS} bytes in a batch; make smaller batches")
-    is_known = np.packbits(np.diff(polygons.offset) > 0, bitorder="little")
-    offset = polygons.offset.astype(np.int32)
-    buffers = [pa.py_buffer(np.ascontiguousarray(one)) for one in (is_known, offset, polygons.data)]
-    return pa.Array.from_buffers(pa.binary(), len(polygons), buffers)
-
-
-def polygons(column: Array) -> Polygons:
-    """Return a column of bytes as polygons (n,); nulls are unknown."""
-    if column.null_count:
-        column = column.fill_null(b"")
-    _, bounds, data = column.buffers()
-    if bounds is None or not len(column):
-        return Polygons.none(len(column))
-    first = column.offset
-    offset = np.frombuffer(bounds, np.int32)[first : first + len(column) + 1].astype(np.int64)
-    data_bytes = np.empty(0, np.uint8) if data is None else np.frombuffer(data, np.uint8)
-    return Polygons(data_bytes[offset[0] : offset[-1]], offset - offset[0])
