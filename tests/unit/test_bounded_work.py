@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from verdicts import periods_us
-from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload, throw
+from workloads import GROWING, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, OCEAN, Workload, throw
 
 from conflictdb import Area, Scene, Track, Verdict, kernel, rectangle_outline_m, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -143,3 +143,30 @@ def test_pairs_of_pieces_share_with_those_of_the_same_objects() -> None:
     pieces = track_pieces(scene, plane_of(scene), TrackBatch.of(tracks))
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     assert company_of(pieces, pairs).tolist() == [len(pairs)] * len(pairs)
+
+
+# Evaluations of two polygons at an instant, for each pair of pieces after stage 2, when the limits were last set: for
+# conflicts alone, with a separation of 500 m, with closest approaches within 5 km.
+EVALUATIONS = {
+    LOW_LATITUDE: (3.23, 103.0, 160.9),
+    HIGH_LATITUDE: (3.44, 20.4, 158.8),
+    LONG_LEGS: (2.84, 19.6, 101.1),
+    HARBOUR: (1.61, 32.8, 13.2),
+    GROWING: (7.57, 34.6, 14.5),
+    OCEAN: (3.28, 21.8, 7.46),
+}
+
+
+@pytest.mark.parametrize("workload", EVALUATIONS, ids=lambda one: one.name)
+def test_evaluations_per_pair_do_not_grow(workload: Workload) -> None:
+    """By more than a twentieth; lower the limits after they shrink."""
+    scene, areas, tracks = throw(workload, 1, 20, 20)
+    plane, batch = plane_of(scene), AreaBatch.of(areas)
+    for (separation_m, nearest_m), limit in zip(
+        ((0.0, 0.0), (500.0, 0.0), (0.0, 5000.0)), EVALUATIONS[workload], strict=True
+    ):
+        scene = replace(scene, separation_m=separation_m, nearest_m=nearest_m)
+        pieces = pieces_of(scene, plane, batch, TrackBatch.of(tracks))
+        pairs = intersections(pieces, *candidates(pieces), regions=False)
+        _, funnel = run_stages(scene, plane, pieces, pairs, lambda ids: batch.footprint[ids])
+        assert funnel.effort.exact.evaluations < 1.05 * limit * len(pairs), (separation_m, nearest_m)
