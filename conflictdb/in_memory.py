@@ -19,6 +19,7 @@ from conflictdb.pieces.cutting import check_plane
 from conflictdb.pipeline.memory import DEFAULT_MEMORY
 from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.pipeline.run import run_scene
+from conflictdb.pipeline.source import Chunk
 from conflictdb.pipeline.telling import told
 from conflictdb.results import Conflict, Kind, Results
 from conflictdb.stage1_broad_phase import candidates
@@ -127,11 +128,11 @@ class _InMemory:
         self._pieces = pieces.take(order) if pieces.turn.any() else pieces
         self._footprint = footprint
 
-    def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
+    def candidates(self) -> Iterator[Chunk]:
         a, b = candidates(self._pieces)
         number = object_numbers(self._pieces)
         for rows in chunks_of_objects(number[a], number[b], DEFAULT_MEMORY.pairs):
-            yield self._pieces, PieceRows(a[rows]), PieceRows(b[rows])
+            yield Chunk(self._pieces, PieceRows(a[rows]), PieceRows(b[rows]))
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         return self._footprint[area_ids]

@@ -1,4 +1,7 @@
-"""Stage 2: the candidates of stage 1 whose hulls meet, and where. May over-report, never misses (see stage 1)."""
+"""Stage 2: the candidates of stage 1 whose hulls meet, and where. May over-report, never misses (see stage 1).
+
+The client's form of `sql/21_stage2_intersection.sql`; it also confirms the pairs that come from there.
+"""
 
 import numpy as np
 import shapely

@@ -3,8 +3,8 @@
 --
 -- One self-join on the GiST index piece_scene_id_hull_span_gist; its columns must stand alone on one side of &&. A row
 -- may bundle several pieces; the client then compares the boxes of the pieces inside. The client also runs the later
--- stages. If all boxes of a scene fit its memory, it reads them (_row_boxes) and makes the same join in a tenth of the
--- time.
+-- stages (stage 2 of few pieces: 21_stage2_intersection.sql). If all boxes of a scene fit its memory, it reads them
+-- (_row_boxes) and makes the same join in a tenth of the time.
 --
 -- An object number is the kind above the id, so that numbers sort like (object_kind, object_id).
 

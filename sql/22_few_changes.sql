@@ -97,8 +97,8 @@ COMMENT ON FUNCTION _some_tracks(bigint, bigint[]) IS
 'Tracks of a scene by id, ids not in the scene are skipped; columns of _track_row, ordered by id.';
 
 CREATE OR REPLACE FUNCTION _put_pieces(
-    p_scene_id bigint, p_most bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[],
-    p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[],
+    p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[],
+    p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[],
     p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[],
     p_leg_start timestamptz[], p_leg_end timestamptz[], p_start_lon_deg double precision[],
     p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[],
@@ -110,7 +110,8 @@ CREATE OR REPLACE FUNCTION _put_pieces(
     OUT leg_start timestamptz, OUT leg_end timestamptz, OUT start_lon_deg double precision,
     OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision,
     OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea,
-    OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT met bytea
+    OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea,
+    OUT candidate_pairs bigint, OUT stage2_us bigint
 ) RETURNS SETOF record
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
@@ -120,7 +121,13 @@ DECLARE
     v_numbers bigint[];
     v_a bigint[];
     v_b bigint[];
+    v_a_parts integer[];
+    v_b_parts integer[];
     v_met bigint[];
+    v_compared bigint;
+    v_candidates bigint := -1;
+    v_began timestamptz;
+    v_stage2_us bigint := 0;
 BEGIN
     -- The arrays contain the pieces of a bundle from index p_first on; each slice ends where the next one starts.
     WITH made AS (
@@ -148,8 +155,8 @@ BEGIN
     SELECT array_agg(m.piece_id), array_agg(DISTINCT _object_number(m.object_kind, m.object_id))
         INTO v_made, v_numbers FROM made m;
     -- The same condition as in _candidates. OFFSET 0 forces an index lookup per piece.
-    SELECT array_agg(c.a), array_agg(c.b) INTO v_a, v_b
-        FROM (SELECT a.piece_id AS a, b.piece_id AS b
+    SELECT array_agg(c.a), array_agg(c.b), coalesce(sum(c.pairs), 0) INTO v_a, v_b, v_compared
+        FROM (SELECT a.piece_id AS a, b.piece_id AS b, a.pieces::bigint * b.pieces AS pairs
               FROM (SELECT p.* FROM piece p WHERE p.piece_id = ANY (v_made)) a
               CROSS JOIN LATERAL (SELECT p.* FROM piece p
                                   WHERE p.scene_id = a.scene_id AND p.hull && a.hull AND p.span && a.span
@@ -161,18 +168,48 @@ BEGIN
                  OR _object_number(b.object_kind, b.object_id) <> ALL (v_numbers)
               LIMIT p_most) c;
     v_met := ARRAY(SELECT unnest(v_a) UNION SELECT unnest(v_b));
+    IF v_compared <= p_most_compared AND cardinality(coalesce(v_a, '{}')) < p_most THEN
+        v_began := clock_timestamp();
+        -- The rest of stage 1, for the pieces of bundles, and stage 2. Each row is unpacked once. Boxes are compared as
+        -- the client compares them; && would round them outward.
+        WITH one AS MATERIALIZED (
+            SELECT p.piece_id, u.part, u.hull, u.span, ST_XMin(u.hull) AS low_x, ST_XMax(u.hull) AS high_x,
+                   ST_YMin(u.hull) AS low_y, ST_YMax(u.hull) AS high_y
+            FROM unnest(v_met) n
+            CROSS JOIN LATERAL (SELECT p.* FROM piece p WHERE p.piece_id = n OFFSET 0) p
+            CROSS JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes, p.cuts) u
+        )
+        SELECT count(*), array_agg(m.a) FILTER (WHERE m.meets), array_agg(m.b) FILTER (WHERE m.meets),
+               array_agg(m.a_part) FILTER (WHERE m.meets), array_agg(m.b_part) FILTER (WHERE m.meets)
+            INTO v_candidates, v_a, v_b, v_a_parts, v_b_parts
+            FROM (SELECT a.piece_id AS a, b.piece_id AS b, a.part AS a_part, b.part AS b_part,
+                         _hulls_meet(a.hull, b.hull) AS meets
+                  FROM unnest(v_a, v_b) c (a, b) JOIN one a ON a.piece_id = c.a
+                  JOIN one b ON b.piece_id = c.b AND a.low_x <= b.high_x AND b.low_x <= a.high_x
+                                AND a.low_y <= b.high_y AND b.low_y <= a.high_y AND b.span && a.span OFFSET 0) m;
+        v_met := ARRAY(SELECT unnest(v_a) UNION SELECT unnest(v_b));
+        v_stage2_us := 1e6 * extract(epoch FROM clock_timestamp() - v_began);
+    END IF;
+    -- The counts are returned even if no piece is.
     RETURN QUERY
-        SELECT p.*, coalesce(array_send(m.b), '')
-        FROM _pieces(p_scene_id, v_met) p
-        LEFT JOIN (SELECT c.a, array_agg(c.b) AS b FROM unnest(v_a, v_b) c (a, b) GROUP BY c.a) m ON m.a = p.piece_id
+        SELECT p.*, coalesce(array_send(m.b), ''), coalesce(array_send(m.a_parts), ''),
+               coalesce(array_send(m.b_parts), ''), v_candidates, v_stage2_us
+        FROM (SELECT) always
+        LEFT JOIN _pieces(p_scene_id, v_met) p ON true
+        LEFT JOIN (SELECT c.a, array_agg(c.b) AS b, array_agg(c.a_part) AS a_parts, array_agg(c.b_part) AS b_parts
+                   FROM unnest(v_a, v_b, v_a_parts, v_b_parts) c (a, b, a_part, b_part) GROUP BY c.a) m
+            ON m.a = p.piece_id
         ORDER BY p.rank;
 END
 $$;
 COMMENT ON FUNCTION _put_pieces(
-    bigint, bigint, smallint[], bigint[], bigint[], integer[], integer[], smallint[], bytea[], tstzrange[],
+    bigint, bigint, bigint, smallint[], bigint[], bigint[], integer[], integer[], smallint[], bytea[], tstzrange[],
     double precision[], double precision[], bytea[], bytea[], timestamptz[], timestamptz[], double precision[],
     double precision[], double precision[], double precision[], double precision[], integer[], bytea[], bytea[],
     integer[], timestamptz[], timestamptz[], double precision[]) IS
-'Stores the pieces of the objects from _begin_detection and runs stage 1 for them: returns all rows of pieces that are '
-'in a candidate pair, with the columns of _pieces, in order of rank. met: ids of the candidates of a stored row '
-'(array_send); a pair of two stored rows is listed once. At most p_most pairs.';
+'Stores the pieces of the objects from _begin_detection and runs stage 1 for them, at most p_most pairs of rows; also '
+'stage 2 if they contain at most p_most_compared pairs of pieces. Returns all rows of pieces that are in a pair left, '
+'with the columns of _pieces, in order of rank; one row without a piece if there is none. met: ids of the rows that a '
+'stored row is paired with (array_send); a pair of two stored rows is listed once. own_parts, met_parts: the parts of '
+'the two pieces of each pair; nulls if stage 2 has not run. candidate_pairs: pairs of pieces before stage 2; -1 if it '
+'has not run. stage2_us: its microseconds, with the comparison of boxes inside bundles.';

@@ -281,7 +281,7 @@ BEGIN ATOMIC
                                   WHERE o.hull && a.hull AND o.span && a.span
                               )
                               SELECT m.span * n.span AS span, ST_Intersection(m.hull, n.hull) AS part
-                              FROM m JOIN n ON n.span && m.span AND ST_Intersects(m.hull, n.hull)
+                              FROM m JOIN n ON n.span && m.span AND _hulls_meet(m.hull, n.hull)
                               OFFSET 0) m
           WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
             AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
@@ -297,4 +297,5 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION candidates(text) IS
 'Pairs of objects of a scene that might conflict: stages 1 and 2 on the pieces of the last detection, a superset of '
-'the truth. spans: when both are active; region: intersection of what both sweep, longitude and latitude in degrees.';
+'the truth. spans: when both are active; region: intersection of what both sweep, longitude and latitude in degrees; '
+'null if they only come within a micrometre.';

@@ -135,11 +135,11 @@ BEGIN
            (jsonb_agg(jsonb_build_object('a', m.a_part, 'b', m.b_part, 'from', lower(m.span), 'to', upper(m.span))
                       ORDER BY m.span, m.a_part, m.b_part) FILTER (WHERE m.meets)) AS pieces
         INTO v_left
-        FROM (SELECT m.part AS a_part, n.part AS b_part, m.span * n.span AS span, ST_Intersects(m.hull, n.hull) AS meets
+        FROM (SELECT m.part AS a_part, n.part AS b_part, m.span * n.span AS span, _hulls_meet(m.hull, n.hull) AS meets
               FROM piece o JOIN piece p ON p.hull && o.hull AND p.span && o.span
               CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) m
               JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes, p.cuts) n
-                  ON n.hull && m.hull AND n.span && m.span
+                  ON n.hull && m.hull AND n.span && m.span AND _boxes_meet(n.hull, m.hull)
               WHERE o.scene_id + 0 = v_scene.scene_id AND o.object_kind = a.kind AND o.object_id = a.id
                 AND p.scene_id + 0 = v_scene.scene_id AND p.object_kind = b.kind AND p.object_id = b.id
                 AND o.floor_m < p.ceiling_m AND p.floor_m < o.ceiling_m AND (o.turn = 0 OR p.turn = 0)) m;

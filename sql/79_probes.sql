@@ -12,33 +12,49 @@ COMMENT ON FUNCTION _instant_of(bigint) IS
 'Converts microseconds since 1970 to an instant; null (unbounded) from 9e18 on.';
 
 CREATE OR REPLACE FUNCTION _pieces_meeting(
-    p_scene_id bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[],
-    p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[]
-) RETURNS TABLE (n bigint, piece_id bigint, pieces integer, object_number bigint)
+    p_scene_id bigint, p_most_compared bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[],
+    p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[]
+) RETURNS TABLE (n bigint, piece_id bigint, pieces integer, object_number bigint, part integer)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 -- Forces the index join, as in _candidates.
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
 SET jit = off AS $$
 BEGIN
     RETURN QUERY
-        SELECT q.n - 1, p.piece_id, p.pieces, _object_number(p.object_kind, p.object_id)
-        FROM (SELECT u.*, ST_GeomFromWKB(u.wkb, (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon,
-                                                                           s.centre_lat))
-                                                 FROM scene s WHERE s.scene_id = p_scene_id)) AS hull,
-                     tstzrange(_instant_of(u.start_us), _instant_of(u.end_us),
-                               CASE WHEN u.is_inclusive THEN '[]' ELSE '[)' END) AS span
-              FROM unnest(p_hulls, p_starts_us, p_ends_us, p_inclusive, p_floors_m, p_ceilings_m, p_turns)
-                   WITH ORDINALITY u (wkb, start_us, end_us, is_inclusive, floor_m, ceiling_m, turn, n) OFFSET 0) q
-        JOIN piece p ON p.hull && q.hull AND p.span && q.span AND p.scene_id = p_scene_id
-        WHERE p.floor_m < q.ceiling_m AND q.floor_m < p.ceiling_m AND (p.turn = 0 OR q.turn = 0)
-          AND NOT EXISTS (SELECT FROM area a WHERE p.object_kind = 0 AND a.area_id = p.object_id AND a.key = p_key)
-          AND NOT EXISTS (SELECT FROM track t WHERE p.object_kind = 1 AND t.track_id = p.object_id AND t.key = p_key);
+        WITH near AS MATERIALIZED (
+            SELECT q.n, q.hull, q.span, p.piece_id, p.pieces, p.object_kind, p.object_id
+            FROM (SELECT u.n, u.floor_m, u.ceiling_m, u.turn,
+                         ST_GeomFromWKB(u.wkb, (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon,
+                                                                          s.centre_lat))
+                                                FROM scene s WHERE s.scene_id = p_scene_id)) AS hull,
+                         tstzrange(_instant_of(u.start_us), _instant_of(u.end_us),
+                                   CASE WHEN u.is_inclusive THEN '[]' ELSE '[)' END) AS span
+                  FROM unnest(p_hulls, p_starts_us, p_ends_us, p_inclusive, p_floors_m, p_ceilings_m, p_turns)
+                       WITH ORDINALITY u (wkb, start_us, end_us, is_inclusive, floor_m, ceiling_m, turn, n)
+                  OFFSET 0) q
+            JOIN piece p ON p.hull && q.hull AND p.span && q.span AND p.scene_id = p_scene_id
+            WHERE p.floor_m < q.ceiling_m AND q.floor_m < p.ceiling_m AND (p.turn = 0 OR q.turn = 0)
+              AND NOT EXISTS (SELECT FROM area a
+                              WHERE p.object_kind = 0 AND a.area_id = p.object_id AND a.key = p_key)
+              AND NOT EXISTS (SELECT FROM track t
+                              WHERE p.object_kind = 1 AND t.track_id = p.object_id AND t.key = p_key)
+        )
+        SELECT m.n - 1, m.piece_id, m.pieces, _object_number(m.object_kind, m.object_id), u.part
+        FROM near m
+        CROSS JOIN (SELECT coalesce(sum(c.pieces), 0) <= p_most_compared AS is_few FROM near c) f
+        LEFT JOIN LATERAL (SELECT u.part FROM piece p
+                           CROSS JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes,
+                                                         p.cuts) u
+                           WHERE f.is_few AND p.piece_id = m.piece_id AND u.hull && m.hull AND u.span && m.span
+                             AND _boxes_meet(u.hull, m.hull) AND _hulls_meet(u.hull, m.hull) OFFSET 0) u ON true
+        WHERE NOT f.is_few OR u.part IS NOT NULL;
 END
 $$;
-COMMENT ON FUNCTION _pieces_meeting(bigint, text, bytea[], bigint[], bigint[], boolean[], double precision[],
+COMMENT ON FUNCTION _pieces_meeting(bigint, bigint, text, bytea[], bigint[], bigint[], boolean[], double precision[],
                                     double precision[], integer[]) IS
-'Stage 1 for pieces that are not stored: pairs of a given piece (n, from 0) and a row of pieces of the scene whose '
-'boxes overlap in space, time and height. Skips the object p_key.';
+'Stages 1 and 2 for pieces that are not stored: pairs of a given piece (n, from 0) and a piece (row and part) of the '
+'scene, which overlap in time and height and whose hulls meet. If more than p_most_compared pairs of pieces are to be '
+'compared, stage 1 only: pairs of a given piece and a row, without part. Skips the object p_key.';
 
 CREATE OR REPLACE FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
 RETURNS TABLE (kind smallint, id bigint, key text)

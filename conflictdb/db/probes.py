@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
+from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db import store
-from conflictdb.db.sources import pairs_of_rows
+from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
 from conflictdb.errors import InvalidInput
 from conflictdb.in_memory import solve
 from conflictdb.model import Area, Scene, Track
@@ -28,6 +28,7 @@ from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.pipeline.memory import MEMORY_MB, Memory
 from conflictdb.pipeline.run import run_scene
+from conflictdb.pipeline.source import Chunk
 from conflictdb.pipeline.telling import told
 from conflictdb.results import Conflict, Kind, Listing
 
@@ -153,7 +154,10 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory) -> boo
 
 
 class _PlanSource:
-    """A source of pairs: the pieces of a plan with the pieces of a scene that they may meet."""
+    """A source of pairs: the pieces of a plan with the pieces of a scene that they may meet.
+
+    most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
+    """
 
     def __init__(
         self,
@@ -163,13 +167,20 @@ class _PlanSource:
         replaced: str | None,
         pieces: Pieces,
         memory: Memory,
+        most_compared: int = MOST_COMPARED,
     ) -> None:
-        self._conn, self._scene_id, self._memory = conn, scene_id, memory
+        self._conn, self._scene_id, self._memory, self._most_compared = conn, scene_id, memory, most_compared
         self._plan, self._replaced, self._pieces = plan, replaced, pieces
 
-    def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
-        near = store.pieces_meeting(self._conn, self._scene_id, self._pieces, self._replaced)
-        if len(near):
+    def candidates(self) -> Iterator[Chunk]:
+        near, parts = store.pieces_meeting(
+            self._conn, self._scene_id, self._pieces, self._replaced, self._most_compared
+        )
+        if not len(near):
+            return
+        if parts is not None:
+            yield pairs_of_parts(*self._with_plan(np.unique(near.b)), near.a, near.b, parts)
+        else:
             yield from pairs_of_rows(near, self._with_plan, self._memory)
 
     def _with_plan(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:

@@ -55,11 +55,11 @@ def run_scene(
         chunk = next(chunks, None)
         if chunk is None:
             return
-        pieces, a, b = chunk
-        stage1_s = time.perf_counter() - clock
+        pieces, a, b, candidate_pairs, stage2_s = chunk
+        stage1_s = time.perf_counter() - clock - stage2_s
         clock = time.perf_counter()
         pairs = intersections(pieces, a, b, regions=METHODS[scene.method].needs_regions)
-        stage2_s = time.perf_counter() - clock
+        stage2_s += time.perf_counter() - clock
         found, funnel = run_stages(
             scene,
             plane,
@@ -69,7 +69,8 @@ def run_scene(
             jobs=jobs,
             progress=_after(decided, progress),
         )
-        funnel.candidate_pairs, funnel.intersecting_pairs = len(a), len(pairs)
+        funnel.candidate_pairs = len(a) if candidate_pairs is None else candidate_pairs
+        funnel.intersecting_pairs = len(pairs)
         funnel.stage1_s, funnel.stage2_s = stage1_s, stage2_s
         decided += funnel.solved_pairs + funnel.effort.exact.closed_forms
         # Not kept while the next one is made.

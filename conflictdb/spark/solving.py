@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays.arrow.found import FOUND, of_found
 from conflictdb.arrays.packed import PART, TURN, WORD, begins_in, unpacked
-from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
+from conflictdb.arrays.pieces import Bundles, PieceRows
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.kernel.bundles import bundled_pairs
 from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pipeline.run import run_scene
+from conflictdb.pipeline.source import Chunk
 from conflictdb.spark.pieces import NO_NUMBER
 from conflictdb.spark.pieces import SCHEMA as PIECES
 
@@ -176,8 +177,8 @@ class _Batch:
         order = np.lexsort((b, a))
         self._pairs = PieceRows(a[order]), PieceRows(b[order])
 
-    def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
-        yield self._pieces, *self._pairs
+    def candidates(self) -> Iterator[Chunk]:
+        yield Chunk(self._pieces, *self._pairs)
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         carried: dict[str, bytes] = {}

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "73e8de200051e56fde99bce7844db83fd57aabea915d1e20f91ad6aa516ada49"
+routines_sha256 = "27e36f3d904617de3a99effcc944119c408ccc945503af54a01f774fbbcbd153"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
@@ -17,6 +17,16 @@ changes_answers = True
 REPLACED_ROUTINES = (
     "_approaches(text, boolean, text[])",
     "_conflicts(text, timestamptz, boolean, text[])",
+    (
+        "_pieces_meeting(bigint, text, bytea[], bigint[], bigint[], boolean[], double precision[], double precision[], "
+        "integer[])"
+    ),
+    (
+        "_put_pieces(bigint, bigint, smallint[], bigint[], bigint[], integer[], integer[], smallint[], bytea[], "
+        "tstzrange[], double precision[], double precision[], bytea[], bytea[], timestamptz[], timestamptz[], "
+        "double precision[], double precision[], double precision[], double precision[], double precision[], "
+        "integer[], bytea[], bytea[], integer[], timestamptz[], timestamptz[], double precision[])"
+    ),
     "_scene_state(text)",
 )
 

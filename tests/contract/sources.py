@@ -8,14 +8,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final, Self
+from typing import Any, Final, Self
 
 import piecework
 import psycopg
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
-from conflictdb.db.sources import SceneSource
+from conflictdb.db.sources import FewSource, SceneSource
 from conflictdb.in_memory import _InMemory
 from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.contract import Plane
@@ -80,10 +80,38 @@ def in_the_database(
         conn.rollback()
 
 
+@contextmanager
+def of_few_changes(
+    dsn: str, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], most_compared: int
+) -> Iterator[Opened]:
+    """All objects changed; stage 2 runs in the database for at most so many pairs of pieces."""
+    with psycopg.connect(dsn, options="-c timezone=UTC") as conn:
+        piecework.load(conn, scene, list(areas), list(tracks))
+        conn.commit()
+        yield few_changes(conn, scene.name, most_compared)
+        conn.rollback()
+
+
+def few_changes(conn: psycopg.Connection[Any], scene: str, most_compared: int) -> Opened:
+    """Open the changed objects of a scene, in a transaction that stays open."""
+    begun = store.begin_detection(conn, scene, 10_000, None, print, None)
+    few, settings = begun.few, begun.settings
+    assert few is not None
+    areas = store.some_areas(conn, begun.scene_id, few.area_ids)
+    tracks = store.some_tracks(conn, begun.scene_id, few.track_ids)
+    pieces = pieces_of(settings, plane_of(settings), areas, tracks)
+    key = {(0, number): name for number, name in conn.execute("SELECT area_id, key FROM conflictdb.area")}
+    key |= {(1, number): name for number, name in conn.execute("SELECT track_id, key FROM conflictdb.track")}
+    source = FewSource(conn, begun.scene_id, DEFAULT_MEMORY, few.srid, pieces, most_compared)
+    return Opened(source, settings, key)
+
+
 SOURCES: Final[dict[str, Open]] = {
     "in memory": in_memory,
     "in the database": in_the_database,
     "joined by the database": partial(in_the_database, memory=replace(DEFAULT_MEMORY, boxes=0)),
     "joined by the database, some at a time": partial(in_the_database, memory=Memory(pairs=7, pieces=5, boxes=0)),
+    "few changes, stage 2 in the database": partial(of_few_changes, most_compared=10**9),
+    "few changes, stage 2 at the client": partial(of_few_changes, most_compared=-1),
     "in the database, some at a time": partial(in_the_database, memory=Memory(pairs=7, pieces=5, boxes=10_000)),
 }

@@ -27,6 +27,7 @@ from conflictdb.model import Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.run import run_scene
+from conflictdb.pipeline.source import Chunk
 from conflictdb.spark import pieces
 from conflictdb.stage1_broad_phase import candidates
 
@@ -48,11 +49,11 @@ class Elsewhere:
     def __init__(self, pieces: Pieces, footprint: dict[int, Any]) -> None:
         self._pieces, self._footprint = pieces, footprint
 
-    def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
+    def candidates(self) -> Iterator[Chunk]:
         a, b = candidates(self._pieces)
         a, b = np.minimum(a, b), np.maximum(a, b)  # in the order of their keys, as everywhere
         order = np.lexsort((b, a))
-        yield self._pieces, PieceRows(a[order]), PieceRows(b[order])
+        yield Chunk(self._pieces, PieceRows(a[order]), PieceRows(b[order]))
 
     def footprints(self, ids: np.ndarray) -> np.ndarray:
         found = np.empty(len(ids), object)

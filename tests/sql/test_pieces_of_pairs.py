@@ -24,7 +24,7 @@ PLAIN = Scene("plain", earth=EarthModel.SPHERE, tolerance_m=0.0)
 
 def intersecting(conn: Conn, scene_id: int, *, regions: bool = True) -> tuple[Pieces, Pairs]:
     store.begin_snapshot(conn)
-    ((pieces, a, b),) = SceneSource(conn, scene_id).candidates()
+    ((pieces, a, b, *_),) = SceneSource(conn, scene_id).candidates()
     return pieces, intersections(pieces, a, b, regions=regions)
 
 

@@ -20,6 +20,7 @@ from conflictdb.model import EarthModel, Scene
 from conflictdb.motion.registry import plane_of
 from conflictdb.pieces.covers import pieces_of
 from conflictdb.pipeline.run import Funnel, PairSource, run_scene
+from conflictdb.pipeline.source import Chunk
 from conflictdb.stage1_broad_phase import candidates
 
 SCENE, AREAS, TRACKS = throw(LOW_LATITUDE, 3, 6, 6)
@@ -34,12 +35,12 @@ class Chunked:
     footprint: NDArray[np.object_]
     chunks: int
 
-    def candidates(self) -> Iterator[tuple[Pieces, PieceRows, PieceRows]]:
+    def candidates(self) -> Iterator[Chunk]:
         a, b = candidates(self.pieces)
         objects = self.pieces.object_id[a] + self.pieces.object_id[b]
         for chunk in range(self.chunks):
             rows = np.flatnonzero(objects % self.chunks == chunk)
-            yield self.pieces, PieceRows(a[rows]), PieceRows(b[rows])
+            yield Chunk(self.pieces, PieceRows(a[rows]), PieceRows(b[rows]))
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         return self.footprint[area_ids]

@@ -58,7 +58,7 @@ from conflictdb.db.store.objects import (
     set_scene,
     waiting_scenes,
 )
-from conflictdb.db.store.pairs import Candidates, boxes, bundles, candidates
+from conflictdb.db.store.pairs import Candidates, Parts, boxes, bundles, candidates
 from conflictdb.db.store.parts import Shared, firsts, numbered, query, require_state, shared_snapshot
 from conflictdb.db.store.probes import (
     ProbeRequest,
@@ -136,6 +136,7 @@ __all__ = [
     "LoadCounts",
     "Numbered",
     "ObjectStates",
+    "Parts",
     "Pending",
     "ProbeRequest",
     "RunOutcome",

@@ -202,6 +202,11 @@ def array_values(sent: Iterable[bytes], kind: str) -> NDArray[Any]:
     return _native(np.frombuffer(data, [("length", ">i4"), ("value", f">{kind}")])["value"])
 
 
+def array_length(sent: bytes, kind: str) -> int:
+    """Return the number of values of an array in the format of array_send, without nulls; 0 for no bytes."""
+    return max(len(sent) - _ARRAY_HEADER, 0) // (4 + np.dtype(kind).itemsize)
+
+
 def int8_array(sent: bytes) -> NDArray[np.int64]:
     """Return the numbers of a one-dimensional array in the format of array_send, without nulls."""
     # The header, then each number after its length.

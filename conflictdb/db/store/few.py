@@ -35,6 +35,7 @@ from conflictdb.db.store.detection import (
 )
 from conflictdb.db.store.locking import Say, begin_taking
 from conflictdb.db.store.objects import scene_of
+from conflictdb.db.store.pairs import Parts
 from conflictdb.model import Scene
 from conflictdb.pieces.bundles import bundles_of
 from conflictdb.results import Kind
@@ -61,6 +62,11 @@ _TYPES: Final = {
     "end_lat_deg": "double precision",
     "bearing_deg": "double precision",
 }
+
+
+# What _put_pieces returns besides PIECE_COLUMNS and PIECE_STRINGS.
+_MET: Final = ["met", "own_parts", "met_parts"]
+_COUNTS: Final = ["candidate_pairs", "stage2_us"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,13 +148,33 @@ def some_tracks(conn: psycopg.Connection[Any], scene_id: int, track_ids: list[in
     return track_batch(*copy_binary.few(conn, "_some_tracks", [scene_id, track_ids], TRACK_COLUMNS, TRACK_STRINGS))
 
 
-def put_pieces(
-    conn: psycopg.Connection[Any], scene_id: int, srid: int, pieces: Pieces, most: int
-) -> tuple[Bundles, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Store the pieces of the changed objects, and return their candidates.
+@dataclass(frozen=True, slots=True)
+class Met:
+    """The pairs of the changed objects' pieces, after stage 2 if few pieces are involved.
 
-    Returns all rows of pieces among these, the rank of each piece (`pairs.bundles`), and at most `most` pairs: ids of
-    rows a, b (n,).
+    bundles, place : all rows of pieces in a pair, and the rank of each piece (`pairs.bundles`)
+    a, b : (n,) ids of rows
+    parts : of the pieces in the pairs; None: stage 2 has not run, and the pairs are rows whose boxes overlap
+    candidate_pairs : pairs of pieces before stage 2, if it has run
+    stage2_s : its seconds
+    """
+
+    bundles: Bundles
+    place: NDArray[np.int64]
+    a: NDArray[np.int64]
+    b: NDArray[np.int64]
+    parts: Parts | None
+    candidate_pairs: int
+    stage2_s: float
+
+
+def put_pieces(
+    conn: psycopg.Connection[Any], scene_id: int, srid: int, pieces: Pieces, most: int, most_compared: int
+) -> Met:
+    """Store the pieces of the changed objects, and return their pairs.
+
+    most : the largest number of pairs of rows to return
+    most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
     """
     stored = bundles_of(pieces)
     of_rows, size = scalars(stored, srid), np.diff(stored.offset)
@@ -171,8 +197,17 @@ def put_pieces(
     ]
     arrays = [copy_binary.array([column], of) for column, of in columns]
     found, strings = copy_binary.few(
-        conn, "_put_pieces", [scene_id, most, *arrays], PIECE_COLUMNS, [*PIECE_STRINGS, "met"]
+        conn, "_put_pieces", [scene_id, most, most_compared, *arrays], PIECE_COLUMNS, [*PIECE_STRINGS, *_MET, *_COUNTS]
     )
-    met = [copy_binary.int8_array(sent) if sent else np.empty(0, np.int64) for sent in strings.pop("met")]
-    a = np.repeat(found["piece_id"], [len(one) for one in met])
-    return *decoded(found, strings), a, np.concatenate([np.empty(0, np.int64), *met])
+    candidate_pairs, stage2_us = (int.from_bytes(strings.pop(name)[0], signed=True) for name in _COUNTS)
+    # The only row may be one without a piece.
+    rows = slice(len(found["piece_id"]))
+    strings = {name: column[rows] for name, column in strings.items()}
+    met, *sent = (strings.pop(name) for name in _MET)
+    b = copy_binary.array_values(met, "i8")
+    a = np.repeat(found["piece_id"], [copy_binary.array_length(one, "i8") for one in met])
+    parts = None
+    if candidate_pairs >= 0:
+        own, other = (copy_binary.array_values(one, "i4").astype(np.int64) for one in sent)
+        parts = own, other
+    return Met(*decoded(found, strings), a, b, parts, candidate_pairs, stage2_us / 1e6)

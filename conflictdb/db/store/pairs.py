@@ -29,6 +29,10 @@ _BOX_COLUMNS: Final = [
 ]  # fmt: skip
 
 
+# The parts (n,), (n,) of the two pieces of each pair.
+Parts = tuple[NDArray[np.int64], NDArray[np.int64]]
+
+
 @dataclass(frozen=True, slots=True)
 class Candidates:
     """n pairs of rows of pieces (bundles or not) whose boxes overlap; pairs of the same two objects are adjacent.

@@ -16,7 +16,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_by_name, call_many, transaction
 from conflictdb.db.store.objects import decode_paths, decode_rings
-from conflictdb.db.store.pairs import Candidates
+from conflictdb.db.store.pairs import Candidates, Parts
 from conflictdb.db.store.reading import decode_periods
 from conflictdb.errors import InvalidInput
 from conflictdb.inputs import all_certain, certain
@@ -46,17 +46,27 @@ class ProbeRequest:
     ceiling_m: float | None
 
 
-def pieces_meeting(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces, key: str | None) -> Candidates:
-    """Return the rows of pieces of a scene whose boxes overlap those of one object's pieces in space, time and height.
+def pieces_meeting(
+    conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces, key: str | None, most_compared: int
+) -> tuple[Candidates, Parts | None]:
+    """Return the pairs of one object's pieces with those of a scene, after stage 2 if few pieces are involved.
 
-    Leaves out the object `key`. The given pieces, which are in no row, are numbered -1, -2, ....
+    Returns ids of rows, and the parts of the pieces; None: stage 2 has not run, and the pairs are rows whose boxes
+    overlap in space, time and height. Leaves out the object `key`. The given pieces, which are in no row, are numbered
+    -1, -2, ....
+
+    most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
     """
     columns = (pieces.start_us, pieces.end_us, pieces.end_inclusive, pieces.floor_m, pieces.ceiling_m, pieces.turn)
     hulls = list(shapely.to_wkb(hulls_of(pieces)))
-    rows = call_many(conn, "_pieces_meeting", scene_id, key, hulls, *(column.tolist() for column in columns))
-    found = np.array(rows, dtype=np.int64).reshape(-1, 4)
-    row, piece_id, count, number = found[np.argsort(found[:, 3], kind="stable")].T
-    return Candidates(-1 - row, piece_id, np.ones_like(row), count, number)
+    rows = call_many(
+        conn, "_pieces_meeting", scene_id, most_compared, key, hulls, *(column.tolist() for column in columns)
+    )
+    is_compared = not rows or rows[0][4] is not None
+    found = np.array([row if is_compared else row[:4] for row in rows], dtype=np.int64).reshape(-1, 4 + is_compared)
+    row, piece_id, count, number, *part = found[np.argsort(found[:, 3], kind="stable")].T
+    near = Candidates(-1 - row, piece_id, np.ones_like(row), count, number)
+    return near, (pieces.part[row].astype(np.int64), part[0]) if is_compared else None
 
 
 def keys_of(conn: psycopg.Connection[Any], scene_id: int, found: Conflicts) -> dict[tuple[int, int], str]:
