@@ -229,28 +229,28 @@ def test_other_routines_at_the_same_revision_are_outdated_and_upgraded(dsn: str)
         conn.execute("SELECT conflictdb._footprints('{}')")
 
 
-def test_parameters_get_other_names_under_views_of_users(dsn: str) -> None:
-    """A routine that is replaced because its parameter has another name takes nothing with it."""
+def test_views_of_users_survive_when_routines_are_retired(dsn: str, other_dsn: str, next_release: Path) -> None:
+    """A routine with other parameters, of the same types, replaces the old one; a routine that is gone is dropped."""
     with psycopg.connect(dsn) as conn:
         conn.execute("CREATE VIEW public.mine AS SELECT a_key, region FROM conflictdb.conflicts")
         conn.execute(
             """UPDATE pg_proc SET proargnames = array_replace(proargnames, 'p_plane', 'p_earth')
-               WHERE pronamespace = 'conflictdb'::regnamespace AND proname IN (
-                   '_radius_m', '_plane_srid', '_to_plane', '_from_plane', '_check_planar', '_conflict_region')"""
+               WHERE pronamespace = 'conflictdb'::regnamespace AND proname = '_from_plane'"""
         )
-        conn.execute("COMMENT ON TABLE conflictdb.alembic_version IS 'Routines: SHA-256 0'")
+        conn.execute("CREATE FUNCTION conflictdb._gone(p_a text) RETURNS SETOF text LANGUAGE sql AS 'SELECT p_a'")
+        conn.execute("CREATE FUNCTION conflictdb._gone(p_b integer) RETURNS integer LANGUAGE sql AS 'SELECT p_b'")
+    retired = next_release / "sql" / "06_retired.sql"
+    assert "'{}'" in retired.read_text()
+    names = "ARRAY['_from_plane(p_geometry, p_earth)', '_gone(p_a)']"
+    retired.write_text(retired.read_text().replace("'{}'", names))
     schema.upgrade(dsn)
-    assert catalog(dsn)[0] == SNAPSHOT.read_text()
     with psycopg.connect(dsn) as conn:
         assert conn.execute("SELECT * FROM public.mine").fetchall() == []
-
-
-def test_a_routine_that_got_another_name_goes(dsn: str) -> None:
-    with psycopg.connect(dsn) as conn:
-        conn.execute("ALTER FUNCTION conflictdb._ensure_centre RENAME TO _settle_centre")
-        conn.execute("COMMENT ON TABLE conflictdb.alembic_version IS 'Routines: SHA-256 0'")
-    schema.upgrade(dsn)
-    assert catalog(dsn)[0] == SNAPSHOT.read_text()
+        # Only the routine that is listed goes.
+        conn.execute("DROP FUNCTION conflictdb._gone(integer)")
+        conn.execute("DROP VIEW public.mine")
+    schema.upgrade(other_dsn)
+    assert catalog(dsn) == catalog(other_dsn)
 
 
 def test_newer_schema_is_refused_and_left_alone(dsn: str) -> None:

@@ -4,7 +4,6 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from piecework import load
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.methods import Method
-from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
+from conflictdb.model import Area, EarthModel, Scene, Track, rectangle_outline_m
 from conflictdb.pipeline import regions
 
 Conn = psycopg.Connection[Any]
@@ -210,33 +209,6 @@ def test_all_conflicts_have_a_valid_region(conn: Conn, method: Method) -> None:
         "SELECT GeometryType(region), ST_IsValid(region), ST_SRID(region) FROM conflictdb.conflict"
     ).fetchall()
     assert {*rows} == {("POLYGON", True, 4326), ("MULTIPOLYGON", True, 4326)}
-
-
-@pytest.mark.parametrize("motion", Motion)
-def test_older_conflicts_without_a_region_wait_for_a_detection_after_an_upgrade(conn: Conn, motion: Motion) -> None:
-    """They are not taken for conflicts that are nowhere, nor does an upgrade compute for minutes."""
-    areas = [area for area in AREAS if motion is Motion.RHUMB or not area.key.startswith("SEAM")]
-    centre = None if motion is Motion.RHUMB else (5.0, 57.0)
-    earth = EarthModel.WGS84 if motion is Motion.RHUMB else EarthModel.SPHERE
-    load(conn, Scene("s", motion=motion, earth=earth, centre=centre), areas, TRACKS[:1])
-    load(conn, Scene("other"), areas[:2], [])
-    for name in ("s", "other"):
-        detect(conn, name, jobs=1)
-    before = {(c.a_key, c.b_key): (c.region, c.found_at) for c in store.conflicts(conn, "s", with_region=True)}
-    assert before
-    scene_id = store.scene_id(conn, "s")
-    conn.execute("UPDATE conflictdb.conflict SET region = NULL, digest = 0 WHERE scene_id = %s", [scene_id])
-    conn.execute("SET LOCAL search_path = conflictdb, public")
-    conn.execute((Path(__file__).parents[2] / "sql" / "92_regions.sql").read_bytes())
-    conn.commit()
-    waiting = store.conflicts(conn, "s", with_region=True)
-    assert [(c.region, c.is_current, c.scene_is_current) for c in waiting] == [(None, False, False)] * len(before)
-    assert store.conflicts(conn, "other").is_current
-    run = detect(conn, "s", jobs=1)
-    assert (run.opened, run.closed) == (0, 0)
-    found = store.conflicts(conn, "s", with_region=True)
-    assert found.is_current
-    assert {(c.a_key, c.b_key): (c.region, c.found_at) for c in found} == before
 
 
 @pytest.mark.parametrize(
