@@ -18,7 +18,7 @@ from conflictdb.pieces.covers import pieces_of
 from conflictdb.pieces.cutting import check_plane
 from conflictdb.pipeline.memory import DEFAULT_MEMORY
 from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers
-from conflictdb.pipeline.run import run_scene
+from conflictdb.pipeline.run import Funnel, run_scene
 from conflictdb.pipeline.source import Chunk
 from conflictdb.pipeline.telling import told
 from conflictdb.results import Conflict, Kind, Results
@@ -72,19 +72,29 @@ def solve(
         except UnicodeEncodeError:
             raise InvalidInput(f"object {key!r}", "key", "contains half of a surrogate pair, no character") from None
     scene = centred(scene, areas, tracks)
-    plane = plane_of(scene)
-    check_plane(plane, areas, tracks)
+    check_plane(plane_of(scene), areas, tracks)
     # Numbered by key, as in the database: the answer does not depend on the order of the objects.
     areas = sorted(areas, key=lambda area: area.key.encode())
     tracks = sorted(tracks, key=lambda track: track.key.encode())
-    batch = AreaBatch.of(areas)
-    pieces = pieces_of(scene, plane, batch, TrackBatch.of(tracks))
-    found = run_scene(scene, plane, _InMemory(pieces, batch.footprint))
     keys = {(Kind.AREA.code, n): area.key for n, area in enumerate(areas)}
     keys |= {(Kind.TRACK.code, n): track.key for n, track in enumerate(tracks)}
     origin = _Objects(scene, {one.key: one for one in [*areas, *tracks]})
-    rows = told(scene, keys, Conflicts.concatenate([conflicts for conflicts, _ in found]))
+    rows = told(scene, keys, Conflicts.concatenate([conflicts for conflicts, _ in _run(scene, areas, tracks)]))
     return Results((conflict.found_by(origin) for conflict in rows), Conflict)
+
+
+def counts(scene: Scene, areas: list[Area], tracks: list[Track]) -> Funnel:
+    """Return what the stages count on the objects of a stored scene."""
+    total = Funnel()
+    for _, funnel in _run(scene, areas, tracks):
+        total.add(funnel)
+    return total
+
+
+def _run(scene: Scene, areas: list[Area], tracks: list[Track]) -> Iterator[tuple[Conflicts, Funnel]]:
+    batch, plane = AreaBatch.of(areas), plane_of(scene)
+    pieces = pieces_of(scene, plane, batch, TrackBatch.of(tracks))
+    return run_scene(scene, plane, _InMemory(pieces, batch.footprint))
 
 
 class _Objects:

@@ -6,7 +6,7 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb.db import store
-from conflictdb.in_memory import solve
+from conflictdb.in_memory import counts, solve
 from conflictdb.io.instants import format_moment
 from conflictdb.methods import Method
 from conflictdb.results import Conflict, Explanation, Position
@@ -18,10 +18,13 @@ _FURTHEST_M: Final = 20_000_000.0
 def explain(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> Explanation:
     """Return why two objects are in conflict or not; InvalidInput if the scene or one of them does not exist.
 
-    A closest approach that is not stored is computed from the pair alone. Runs in the caller's transaction if one is
+    A closest approach that is not stored is computed from the pair alone, and so is whether stage 3 decided: the
+    database stores neither. Runs in the caller's transaction if one is
     open; beside concurrent writers it should be a snapshot.
     """
     facts = store.explain_conflict(conn, scene, a_key, b_key)
+    if facts["is_current"] and (facts["decided_by"] or {}).get("stage") == 4 and facts["run"]["method"] == Method.EXACT:
+        _say_closed_forms(conn, scene, facts)
     if facts["closest"] is None and facts["verdict"] != "unknown" and not facts["are_never_together"]:
         found = _closest(conn, scene, facts["a"]["key"], facts["b"]["key"])
         if found is None:
@@ -35,6 +38,18 @@ def explain(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -
                 "b": _coordinates(found.closest_b_deg),
             }
     return Explanation(facts, store.explained_text(conn, facts))
+
+
+def _say_closed_forms(conn: psycopg.Connection[Any], scene: str, facts: dict[str, Any]) -> None:
+    """Say in the facts of a pair what stage 3 decided: the pairs of its pieces in closed form."""
+    counted = counts(*store.read_scene(conn, scene, (facts["a"]["key"], facts["b"]["key"])))
+    closed = counted.effort.exact.closed_forms
+    if closed:
+        facts["stages"][2]["says"] = f"{closed} of {counted.intersecting_pairs} pairs of pieces decided in closed form"
+        # How near they come is found by stage 4.
+        if closed == counted.intersecting_pairs and facts["verdict"] != "near":
+            facts["decided_by"]["stage"] = 3
+            facts["stages"][3]["says"] = "not asked: nothing was left"
 
 
 def _closest(conn: psycopg.Connection[Any], scene: str, *keys: str) -> Conflict | None:
