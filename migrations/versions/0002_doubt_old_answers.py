@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "27e36f3d904617de3a99effcc944119c408ccc945503af54a01f774fbbcbd153"
+routines_sha256 = "631ec4982b5e55c66ab8c5419fe88ff579a78e196c51d752ef32cd66e8a135ac"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
