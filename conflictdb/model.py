@@ -7,7 +7,7 @@ Units: metres, degrees for longitude and latitude, whole microseconds since 1970
 import math
 import sys
 from collections.abc import Mapping
-from dataclasses import InitVar, dataclass, field, fields
+from dataclasses import InitVar, dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final, cast
 
@@ -19,6 +19,9 @@ from conflictdb import inputs
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.methods import METHODS, REMOVED, Method
 from conflictdb.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
+from conflictdb.settings import MOST_M, NAMES, SETTINGS, Setting, Type
+from conflictdb.settings import EarthModel as EarthModel
+from conflictdb.settings import Motion as Motion
 from conflictdb.speeds import MAX_SPEED_KN, check_speed
 
 METRES_PER_NMI: Final = 1852.0  # exact, by definition
@@ -28,8 +31,7 @@ MAX_LATITUDE_DEG: Final = 90.0
 MAX_RHUMB_LATITUDE_DEG: Final = 89.0  # the Mercator plane stretches without limit towards the poles
 MAX_FROM_CENTRE_DEG: Final = 60.0  # the gnomonic plane stretches by 4 there, and without limit towards 90
 
-# Half the way around the earth: no two places are further apart, and no bound on distances reaches further, metres.
-MAX_DISTANCE_M: Final = 20_000_000.0
+MAX_DISTANCE_M: Final = MOST_M
 
 # Half round the equator; no haven reaches further from its reference point.
 MAX_HAVEN_M: Final = 20_037_508
@@ -47,20 +49,6 @@ MAX_INSTANT_US: Final = 253_402_300_799_999_999
 # Ends of an unbounded span, in arrays of microseconds.
 MINUS_INFINITY_US: Final = -(2**63)
 INFINITY_US: Final = 2**63 - 1
-
-
-class Motion(StrEnum):
-    """How tracks and edges run between their points."""
-
-    RHUMB = "rhumb"  # at constant bearing
-    GREAT_CIRCLE = "great_circle"  # the shortest way, on the sphere
-
-
-class EarthModel(StrEnum):
-    """Figure of the earth."""
-
-    WGS84 = "wgs84"
-    SPHERE = "sphere"
 
 
 # A scene that does not say gets the earth of its motion.
@@ -96,22 +84,9 @@ class Scene:
         if self.earth is _BY_MOTION:
             is_round = self.motion == Motion.GREAT_CIRCLE
             object.__setattr__(self, "earth", EarthModel.SPHERE if is_round else EarthModel.WGS84)
-        for name, choices in (("motion", Motion), ("earth", EarthModel), ("method", Method)):
-            try:
-                object.__setattr__(self, name, choices(getattr(self, name)))
-            except ValueError:
-                known, value = ", ".join(choice.value for choice in choices), getattr(self, name)
-                removed = REMOVED.get(value) if name == "method" and isinstance(value, str) else None
-                rule = f"must be one of {known}; got {value!r}"
-                raise InvalidInput(who, name, f"{rule}, which {removed}" if removed else rule) from None
-        for name in ("tolerance_m", "separation_m", "nearest_m"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < np.inf:
-                raise InvalidInput(who, name, f"must be a finite number of metres, 0 or more; got {value!r}")
-            if value > MAX_DISTANCE_M:
-                rule = f"must be at most {MAX_DISTANCE_M:.0f} metres, half the way around the earth"
-                raise InvalidInput(who, name, f"{rule}; got {value!r} (is it in metres?)")
-            object.__setattr__(self, name, float(value))
+        for setting in SETTINGS:
+            if setting.type is not Type.PLACE:
+                object.__setattr__(self, setting.name, _checked(who, setting, getattr(self, setting.name)))
         if self.motion == Motion.GREAT_CIRCLE and self.earth != EarthModel.SPHERE:
             raise InvalidInput(
                 who, "earth", f"must be 'sphere' with motion 'great_circle', or left out; got {self.earth.value!r}"
@@ -133,14 +108,30 @@ class Scene:
 
     def differing(self, other: "Scene") -> list[str]:
         """Return the names of the settings that another scene has others of; its name is none."""
-        names = [one.name for one in fields(self) if one.name != "name"]
-        return [name for name in names if getattr(self, name) != getattr(other, name)]
+        return [name for name in NAMES if getattr(self, name) != getattr(other, name)]
 
     @property
     def reach_m(self) -> float:
         """How close two polygons must come to be of any interest, metres."""
         conflict_m = self.tolerance_m + self.separation_m
         return conflict_m if METHODS[self.method].solver is None else max(conflict_m, self.nearest_m)
+
+
+def _checked(who: str, setting: Setting, value: Any) -> StrEnum | float:
+    """Return a choice or distance by the rule of its setting; raises InvalidInput."""
+    if setting.choices is not None:
+        try:
+            return setting.choices(value)
+        except ValueError:
+            removed = REMOVED.get(value) if setting.choices is Method and isinstance(value, str) else None
+            rule = f"must be one of {', '.join(setting.choices)}; got {value!r}"
+            raise InvalidInput(who, setting.name, f"{rule}, which {removed}" if removed else rule) from None
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < np.inf:
+        raise InvalidInput(who, setting.name, f"must be a finite number of metres, 0 or more; got {value!r}")
+    if value > MAX_DISTANCE_M:
+        rule = f"must be at most {MAX_DISTANCE_M:.0f} metres, half the way around the earth"
+        raise InvalidInput(who, setting.name, f"{rule}; got {value!r} (is it in metres?)")
+    return float(value)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,17 @@
 -- Rules of single objects, identical to conflictdb.model and conflictdb.pieces.cutting.check_plane. 13_validation.sql
 -- calls them.
 
+-- Its parameter is no scene, nor is it LANGUAGE sql: either would keep revisions from adding columns. With
+-- extra_float_digits, numbers keep all digits whatever the session's own setting is.
+CREATE OR REPLACE FUNCTION _settings_of(p_scene anyelement) RETURNS jsonb
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
+BEGIN
+    RETURN to_jsonb(p_scene) - '{scene_id,history_kept,owner}'::text[];
+END
+$$;
+COMMENT ON FUNCTION _settings_of(anyelement) IS
+'Name and settings of a scene by the columns of its row: all but its id, the age of its history, and its owner.';
+
 CREATE OR REPLACE FUNCTION _half_open(p_span tstzrange) RETURNS tstzrange
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC

@@ -268,6 +268,8 @@ CREATE OR REPLACE FUNCTION _scene_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_who text := format('scene %L', NEW.name);
+    v_name text;
+    v_metres double precision;
 BEGIN
     IF NEW.name IS NULL OR btrim(NEW.name) = '' OR octet_length(NEW.name) > 1000 THEN
         PERFORM _refuse('ZC008', 'scene', 'name', 'must be a non-empty text of at most 1000 bytes',
@@ -321,33 +323,18 @@ BEGIN
                                    ', which was removed: use exact, which is quicker and decides' ELSE '' END),
                         'scene_method_known');
     END IF;
-    IF (NEW.tolerance_m >= 0 AND NEW.tolerance_m < 'infinity') IS NOT TRUE THEN
-        PERFORM _refuse('ZC009', v_who, 'tolerance_m', 'must be a finite number of metres, 0 or more',
-                        'scene_tolerance_finite');
-    END IF;
-    IF NEW.tolerance_m > 20000000 THEN
-        PERFORM _refuse('ZC009', v_who, 'tolerance_m',
-                        format('must be at most 20000000 metres, half the way around the earth; got %s '
-                               '(is it in metres?)', NEW.tolerance_m), 'scene_tolerance_on_earth');
-    END IF;
-    IF (NEW.separation_m >= 0 AND NEW.separation_m < 'infinity') IS NOT TRUE THEN
-        PERFORM _refuse('ZC009', v_who, 'separation_m', 'must be a finite number of metres, 0 or more',
-                        'scene_separation_finite');
-    END IF;
-    IF NEW.separation_m > 20000000 THEN
-        PERFORM _refuse('ZC009', v_who, 'separation_m',
-                        format('must be at most 20000000 metres, half the way around the earth; got %s '
-                               '(is it in metres?)', NEW.separation_m), 'scene_separation_on_earth');
-    END IF;
-    IF (NEW.nearest_m >= 0 AND NEW.nearest_m < 'infinity') IS NOT TRUE THEN
-        PERFORM _refuse('ZC009', v_who, 'nearest_m', 'must be a finite number of metres, 0 or more',
-                        'scene_nearest_finite');
-    END IF;
-    IF NEW.nearest_m > 20000000 THEN
-        PERFORM _refuse('ZC009', v_who, 'nearest_m',
-                        format('must be at most 20000000 metres, half the way around the earth; got %s '
-                               '(is it in metres?)', NEW.nearest_m), 'scene_nearest_on_earth');
-    END IF;
+    -- Settings whose names end in _m are distances.
+    FOR v_name, v_metres IN SELECT j.key, j.value FROM jsonb_each_text(_settings_of(NEW)) j WHERE j.key LIKE '%\_m' LOOP
+        IF (v_metres >= 0 AND v_metres < 'infinity') IS NOT TRUE THEN
+            PERFORM _refuse('ZC009', v_who, v_name, 'must be a finite number of metres, 0 or more',
+                            format('scene_%s_finite', left(v_name, -2)));
+        END IF;
+        IF v_metres > 20000000 THEN
+            PERFORM _refuse('ZC009', v_who, v_name,
+                            format('must be at most 20000000 metres, half the way around the earth; got %s '
+                                   '(is it in metres?)', v_metres), format('scene_%s_on_earth', left(v_name, -2)));
+        END IF;
+    END LOOP;
     RETURN NEW;
 END
 $$;

@@ -199,10 +199,7 @@ ALTER TABLE object_key ENABLE ALWAYS TRIGGER object_key_restored;
 
 CREATE OR REPLACE TRIGGER scene_changed AFTER UPDATE ON scene
     FOR EACH ROW
-    WHEN ((OLD.motion, OLD.earth, OLD.method, OLD.tolerance_m, OLD.separation_m, OLD.nearest_m, OLD.centre_lon,
-           OLD.centre_lat)
-          IS DISTINCT FROM (NEW.motion, NEW.earth, NEW.method, NEW.tolerance_m, NEW.separation_m, NEW.nearest_m,
-                            NEW.centre_lon, NEW.centre_lat))
+    WHEN (_settings_of(OLD) - 'name' IS DISTINCT FROM _settings_of(NEW) - 'name')
     EXECUTE FUNCTION _after_scene_change();
 ALTER TABLE scene ENABLE ALWAYS TRIGGER scene_changed;
 

@@ -1,33 +1,27 @@
 -- Adding, replacing and removing scenes, areas and tracks. All are upserts by scene and key; without a change they
 -- leave no mark. The triggers of 13_validation.sql check the rows.
 
-CREATE OR REPLACE FUNCTION _set_scene(
-    p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision,
-    p_separation_m double precision, p_nearest_m double precision, p_centre_lon double precision,
-    p_centre_lat double precision
-) RETURNS bigint
+CREATE OR REPLACE FUNCTION _set_scene(p_name text, p_settings jsonb) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     -- Great circles are defined on the sphere only.
-    v_earth text := coalesce(p_earth, CASE p_motion WHEN 'great_circle' THEN 'sphere' END);
+    v_settings jsonb := CASE p_settings ->> 'motion' WHEN 'great_circle' THEN '{"earth": "sphere"}' ELSE '{}' END::jsonb
+                        || jsonb_strip_nulls(p_settings);
+    v_columns text;
+    v_values text;
     v_scene_id bigint;
     v_turns integer := 0;
 BEGIN
+    SELECT string_agg(format('%I', k.key), ', '), string_agg(format('(n.given).%I', k.key), ', ')
+        INTO v_columns, v_values FROM jsonb_object_keys(v_settings) k (key);
     LOOP
-        UPDATE scene s SET motion = n.motion, earth = n.earth, method = n.method, tolerance_m = n.tolerance_m,
-                           separation_m = n.separation_m, nearest_m = n.nearest_m, centre_lon = n.centre_lon,
-                           centre_lat = n.centre_lat
-            FROM (SELECT o.scene_id, coalesce(p_motion, o.motion) AS motion, coalesce(v_earth, o.earth) AS earth,
-                         coalesce(p_method, o.method) AS method, coalesce(p_tolerance_m, o.tolerance_m) AS tolerance_m,
-                         coalesce(p_separation_m, o.separation_m) AS separation_m,
-                         coalesce(p_nearest_m, o.nearest_m) AS nearest_m,
-                         coalesce(p_centre_lon, o.centre_lon) AS centre_lon,
-                         coalesce(p_centre_lat, o.centre_lat) AS centre_lat
-                  FROM scene o WHERE o.name = p_name) n
-            WHERE s.scene_id = n.scene_id
-              AND (s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m, s.centre_lon, s.centre_lat)
-                  IS DISTINCT FROM
-                  (n.motion, n.earth, n.method, n.tolerance_m, n.separation_m, n.nearest_m, n.centre_lon, n.centre_lat);
+        IF v_columns IS NOT NULL THEN
+            EXECUTE format('UPDATE scene s SET (%s) = ROW (%s)
+                            FROM (SELECT o.scene_id, jsonb_populate_record(o, $2) AS given
+                                  FROM scene o WHERE o.name = $1) n
+                            WHERE s.scene_id = n.scene_id AND s.* IS DISTINCT FROM n.given', v_columns, v_values)
+                USING p_name, v_settings;
+        END IF;
         SELECT s.scene_id INTO v_scene_id FROM scene s WHERE s.name = p_name;
         IF FOUND THEN
             -- Under row-level security UPDATE silently skips a scene that is only readable.
@@ -39,21 +33,34 @@ BEGIN
                             format('is used by a scene that role %I may not read', current_user), 'scene_name_unique');
         END IF;
         v_turns := v_turns + 1;
-        INSERT INTO scene (name, motion, earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat)
-            VALUES (p_name, coalesce(p_motion, 'rhumb'), coalesce(v_earth, 'wgs84'), coalesce(p_method, 'exact'),
-                    coalesce(p_tolerance_m, 1.0), coalesce(p_separation_m, 0.0), coalesce(p_nearest_m, 0.0),
-                    p_centre_lon, p_centre_lat)
-            ON CONFLICT (name) DO NOTHING RETURNING scene_id INTO v_scene_id;
-        IF FOUND THEN
+        -- Settings that are not given get the defaults of the table.
+        EXECUTE format('INSERT INTO scene (%s)
+                        SELECT %s FROM (SELECT jsonb_populate_record(NULL::scene, $2) AS given) n
+                        ON CONFLICT (name) DO NOTHING RETURNING scene_id',
+                       concat_ws(', ', 'name', v_columns), concat_ws(', ', '$1', v_values))
+            INTO v_scene_id USING p_name, v_settings;
+        IF v_scene_id IS NOT NULL THEN
             RETURN v_scene_id;
         END IF;
         -- Another session has just created it; the next turn finds it.
     END LOOP;
 END
 $$;
-COMMENT ON FUNCTION _set_scene(text, text, text, text, double precision, double precision, double precision,
-                               double precision, double precision) IS
-'As create_scene, but checks only at commit whether objects fit the settings, so that objects may be changed too.';
+COMMENT ON FUNCTION _set_scene(text, jsonb) IS
+'As _put_scene, but checks only at commit whether objects fit the settings, so that objects may be changed too.';
+
+CREATE OR REPLACE FUNCTION _put_scene(p_name text, p_settings jsonb) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _set_scene(p_name, p_settings);
+BEGIN
+    SET CONSTRAINTS scene_holds_objects IMMEDIATE;
+    SET CONSTRAINTS scene_holds_objects DEFERRED;
+    RETURN v_scene_id;
+END
+$$;
+COMMENT ON FUNCTION _put_scene(text, jsonb) IS
+'As create_scene. p_settings: by the columns of the table scene; null, and what is left out: as it is, or the default.';
 
 CREATE OR REPLACE FUNCTION create_scene(
     p_name text, p_motion text DEFAULT NULL, p_earth text DEFAULT NULL, p_method text DEFAULT NULL,
@@ -61,14 +68,13 @@ CREATE OR REPLACE FUNCTION create_scene(
     p_nearest_m double precision DEFAULT NULL, p_centre_lon double precision DEFAULT NULL,
     p_centre_lat double precision DEFAULT NULL
 ) RETURNS bigint
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
-DECLARE
-    v_scene_id bigint := _set_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m,
-                                    p_centre_lon, p_centre_lat);
+-- With extra_float_digits, numbers keep all digits.
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
 BEGIN
-    SET CONSTRAINTS scene_holds_objects IMMEDIATE;
-    SET CONSTRAINTS scene_holds_objects DEFERRED;
-    RETURN v_scene_id;
+    RETURN _put_scene(p_name, jsonb_build_object(
+        'motion', p_motion, 'earth', p_earth, 'method', p_method, 'tolerance_m', p_tolerance_m,
+        'separation_m', p_separation_m, 'nearest_m', p_nearest_m, 'centre_lon', p_centre_lon,
+        'centre_lat', p_centre_lat));
 END
 $$;
 COMMENT ON FUNCTION create_scene(text, text, text, text, double precision, double precision, double precision,

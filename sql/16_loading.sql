@@ -21,9 +21,7 @@ COMMENT ON FUNCTION _begin_load() IS
 'Infinite heights (metres) and instants mean unbounded.';
 
 CREATE OR REPLACE FUNCTION _load(
-    p_name text, p_motion text, p_earth text, p_method text, p_tolerance_m double precision,
-    p_separation_m double precision, p_nearest_m double precision, p_centre_lon double precision,
-    p_centre_lat double precision, p_merge boolean,
+    p_name text, p_settings jsonb, p_merge boolean,
     OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
@@ -31,8 +29,7 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET enable_nestloop = off SET jit = off AS $$
 DECLARE
     v_max_speed_kn text := current_setting('conflictdb.max_speed_kn', true);
-    v_scene_id bigint := _set_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m,
-                                    p_centre_lon, p_centre_lat);
+    v_scene_id bigint := _set_scene(p_name, p_settings);
     v_rows bigint;
     v_key text;
     v_total bigint;
@@ -113,8 +110,7 @@ BEGIN
     SET CONSTRAINTS scene_holds_objects DEFERRED;
 END
 $$;
-COMMENT ON FUNCTION _load(text, text, text, text, double precision, double precision, double precision,
-                          double precision, double precision, boolean) IS
+COMMENT ON FUNCTION _load(text, jsonb, boolean) IS
 'Applies the staged tables to a scene; returns numbers of objects. Without p_merge, deletes objects not staged.';
 
 -- Reading objects back, bit for bit. WKB is little-endian on every machine; infinite means unbounded.

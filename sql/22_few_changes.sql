@@ -4,10 +4,8 @@
 
 CREATE OR REPLACE FUNCTION _begin_detection(
     p_scene text, p_wait_s double precision, p_few integer, p_try_again boolean,
-    OUT scene_id bigint, OUT taken bigint, OUT is_behind boolean, OUT motion text, OUT earth text, OUT method text,
-    OUT tolerance_m double precision, OUT separation_m double precision, OUT nearest_m double precision,
-    OUT centre_lon double precision, OUT centre_lat double precision, OUT srid integer, OUT area_ids bigint[],
-    OUT track_ids bigint[], OUT known_objects bigint
+    OUT scene_id bigint, OUT taken bigint, OUT is_behind boolean, OUT settings jsonb, OUT srid integer,
+    OUT area_ids bigint[], OUT track_ids bigint[], OUT known_objects bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
@@ -24,9 +22,7 @@ BEGIN
     is_behind := p_try_again IS NOT NULL
                  AND EXISTS (SELECT FROM attachment a WHERE a.scene_id = _begin_detection.scene_id)
                  AND EXISTS (SELECT FROM _attachments_to_follow(p_scene, p_try_again));
-    SELECT s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m, s.centre_lon, s.centre_lat,
-           _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat))
-        INTO motion, earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat, srid
+    SELECT _settings_of(s), _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat)) INTO settings, srid
         FROM scene s WHERE s.scene_id = _begin_detection.scene_id;
     IF is_behind OR p_few < 0 THEN
         RETURN;

@@ -53,12 +53,15 @@ LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.sc
 COMMENT ON VIEW scenes IS 'Scenes with their settings, contents and state.';
 COMMENT ON COLUMN scenes.scene IS 'Name of the scene.';
 COMMENT ON COLUMN scenes.motion IS 'Shape of tracks and edges between their points: rhumb or great_circle.';
-COMMENT ON COLUMN scenes.earth IS 'Figure of the earth: wgs84, or sphere.';
+COMMENT ON COLUMN scenes.earth IS 'Figure of the earth: wgs84, or sphere (mean radius 6371008.771415 m).';
 COMMENT ON COLUMN scenes.centre_lon IS
-'great_circle: longitude of the centre, degrees; null for rhumb, and until it is given or the first object sets it.';
+'great_circle: longitude of the gnomonic plane''s centre, degrees; all objects lie within 60 degrees of it. Null for '
+'rhumb, and until it is given or the first object sets it.';
 COMMENT ON COLUMN scenes.centre_lat IS
-'great_circle: latitude of the centre, degrees; null for rhumb, and until it is given or the first object sets it.';
-COMMENT ON COLUMN scenes.method IS 'Where a detection stops: screen, exact or nlp.';
+'great_circle: latitude of the centre, degrees. Null for rhumb, and until it is given or the first object sets it.';
+COMMENT ON COLUMN scenes.method IS
+'Where a detection stops: screen (who might meet), exact (certified times), '
+'nlp (certified times, found by the published program).';
 COMMENT ON COLUMN scenes.tolerance_m IS
 'Tolerance, metres: pairs whose clearance is within it may be reported as grazing.';
 COMMENT ON COLUMN scenes.separation_m IS
@@ -77,6 +80,21 @@ COMMENT ON COLUMN scenes.is_current IS
 'tables are recorded.';
 COMMENT ON COLUMN scenes.unmapped IS
 'Number of rows of attached tables whose current values do not make an object (view unmapped).';
+
+-- The settings in the table have the comments of the view.
+DO $$
+DECLARE
+    v_column record;
+BEGIN
+    FOR v_column IN
+        SELECT t.attname, col_description('scenes'::regclass, v.attnum) AS said
+        FROM pg_catalog.pg_attribute v JOIN pg_catalog.pg_attribute t USING (attname)
+        WHERE v.attrelid = 'scenes'::regclass AND v.attnum > 0 AND t.attrelid = 'scene'::regclass
+    LOOP
+        EXECUTE format('COMMENT ON COLUMN scene.%I IS %L', v_column.attname, v_column.said);
+    END LOOP;
+END
+$$;
 
 CREATE OR REPLACE VIEW queue WITH (security_invoker = true) AS
 SELECT s.name AS scene, w.waiting_since, w.changes, w.attached_changes, h.pid AS worker_pid, h.application AS worker,

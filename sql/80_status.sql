@@ -104,15 +104,12 @@ COMMENT ON FUNCTION _approaches(text, boolean, text[]) IS
 'objects; p_keys: only among these objects.';
 
 CREATE OR REPLACE FUNCTION _scenes() RETURNS TABLE (
-    scene_id bigint, name text, motion text, earth text, method text, tolerance_m double precision,
-    separation_m double precision, nearest_m double precision, centre_lon double precision,
-    centre_lat double precision, areas bigint, tracks bigint, pending bigint, conflicts bigint,
+    scene_id bigint, settings jsonb, areas bigint, tracks bigint, pending bigint, conflicts bigint,
     run_id bigint, finished_at timestamptz, error text, is_current boolean
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT s.scene_id, s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m,
-           s.centre_lon, s.centre_lat,
+    SELECT s.scene_id, _settings_of(s),
            (SELECT count(*) FROM area a WHERE a.scene_id = s.scene_id),
            (SELECT count(*) FROM track t WHERE t.scene_id = s.scene_id), v.pending,
            (SELECT count(*) FROM conflict c WHERE c.scene_id = s.scene_id AND c.verdict <> 'near'),
@@ -130,27 +127,19 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _runs(text, integer) IS 'The last p_limit runs of a scene, newest first.';
 
-CREATE OR REPLACE FUNCTION _scene(p_scene_id bigint) RETURNS TABLE (
-    name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision,
-    nearest_m double precision, centre_lon double precision, centre_lat double precision
-)
+CREATE OR REPLACE FUNCTION _scene(p_scene_id bigint) RETURNS TABLE (settings jsonb)
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m, s.centre_lon, s.centre_lat
-    FROM scene s WHERE s.scene_id = p_scene_id;
+    SELECT _settings_of(s) FROM scene s WHERE s.scene_id = p_scene_id;
 END;
-COMMENT ON FUNCTION _scene(bigint) IS 'The settings of a scene.';
+COMMENT ON FUNCTION _scene(bigint) IS 'Name and settings of a scene.';
 
-CREATE OR REPLACE FUNCTION _scene_named(p_scene text) RETURNS TABLE (
-    name text, motion text, earth text, method text, tolerance_m double precision, separation_m double precision,
-    nearest_m double precision, centre_lon double precision, centre_lat double precision
-)
+CREATE OR REPLACE FUNCTION _scene_named(p_scene text) RETURNS TABLE (settings jsonb)
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT s.name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m, s.centre_lon, s.centre_lat
-    FROM scene s WHERE s.name = p_scene;
+    SELECT _settings_of(s) FROM scene s WHERE s.name = p_scene;
 END;
-COMMENT ON FUNCTION _scene_named(text) IS 'The settings of a scene; no row for an unknown name.';
+COMMENT ON FUNCTION _scene_named(text) IS 'Name and settings of a scene; no row for an unknown name.';
 
 CREATE OR REPLACE FUNCTION _waiting_scenes() RETURNS TABLE (scene text, waited_s double precision)
 LANGUAGE sql STABLE PARALLEL SAFE

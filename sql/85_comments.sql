@@ -7,23 +7,7 @@ COMMENT ON SEQUENCE version_seq IS 'Versions of objects and of marks; never reus
 COMMENT ON TABLE scene IS 'Objects that are detected together, and their settings. Input.';
 COMMENT ON COLUMN scene.scene_id IS 'Id within this database.';
 COMMENT ON COLUMN scene.name IS 'Unique name.';
-COMMENT ON COLUMN scene.motion IS 'Shape of tracks and edges between their points: rhumb or great_circle.';
-COMMENT ON COLUMN scene.earth IS 'Figure of the earth: wgs84, or sphere (mean radius 6371008.771415 m).';
-COMMENT ON COLUMN scene.centre_lon IS
-'great_circle: longitude of the gnomonic plane''s centre, degrees; all objects lie within 60 degrees of it. Null for '
-'rhumb, and until it is given or the first object sets it.';
-COMMENT ON COLUMN scene.centre_lat IS
-'great_circle: latitude of the centre, degrees. Null for rhumb, and until it is given or the first object sets it.';
-COMMENT ON COLUMN scene.method IS
-'Where a detection stops: screen (who might meet), exact (certified times), '
-'nlp (certified times, found by the published program).';
-COMMENT ON COLUMN scene.tolerance_m IS
-'Tolerance, metres: pairs whose clearance is within it may be reported as grazing.';
-COMMENT ON COLUMN scene.separation_m IS
-'Required separation between polygons, metres; 0: they conflict if they touch.';
-
-COMMENT ON COLUMN scene.nearest_m IS
-'Pairs without conflict that come within this distance (metres) are stored with their closest approach; 0: none.';
+-- Comments of the settings: sql/65_scenes.sql.
 
 COMMENT ON TABLE area IS 'Polygons that are closed for a time. Input.';
 COMMENT ON COLUMN area.area_id IS 'Id within this database.';

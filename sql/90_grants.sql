@@ -91,7 +91,7 @@ BEGIN
     END LOOP;
 END
 $$;
-GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, remove_object, request_detection, _set_scene,
+GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, remove_object, request_detection, _set_scene, _put_scene,
                           _ensure_centre, _first_version, _begin_load, _load, _mark_all, share_scene, unshare_scene,
                           give_scene
     TO conflictdb_editor;

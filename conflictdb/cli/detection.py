@@ -19,6 +19,7 @@ from conflictdb.cli.report import (
 )
 from conflictdb.cli.session import database, load_files, show_progress
 from conflictdb.session.database import Database
+from conflictdb.settings import STORED_BY_DETECT, given
 
 
 def detect(args: argparse.Namespace) -> int:
@@ -47,16 +48,13 @@ def detect(args: argparse.Namespace) -> int:
         runs = []
         for scene in scenes:
             run = db.scene(scene).detect(
-                method=args.method,
-                tolerance_m=args.tolerance_m,
-                separation_m=args.separation_m,
-                nearest_m=args.nearest_m,
                 full=args.full,
                 jobs=args.jobs,
                 memory_mb=args.memory_mb,
                 progress=show_progress,
                 lock_timeout_s=args.lock_timeout,
                 say=remark,
+                **given(args, STORED_BY_DETECT),
             )
             progress("")
             note(run_text(scene, run))

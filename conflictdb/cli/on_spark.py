@@ -27,14 +27,13 @@ from conflictdb.model import Scene
 from conflictdb.results import Kind
 from conflictdb.server.settings import Settings
 from conflictdb.session.database import DEMO_SCENE
+from conflictdb.settings import METRES, given
 from conflictdb.spark import engine
 from conflictdb.speeds import MAX_SPEED_KN
 
 if TYPE_CHECKING:
     from pyspark.sql import DataFrame, SparkSession
 
-# Settings with defaults in a scene.
-_SETTINGS: Final = ("motion", "earth", "centre", "method", "tolerance_m", "separation_m", "nearest_m")
 # Seconds between updates of Spark's progress.
 _EVERY_S: Final = 1.0
 _LEFT_OUT: Final = frozenset({"region", "a_id", "a_version", "b_id", "b_version"})
@@ -109,15 +108,13 @@ def _given(args: argparse.Namespace) -> Iterator["tuple[SparkSession, Scene, Dat
 
 def _with_options(args: argparse.Namespace, scene: Scene) -> Scene:
     """Return a scene with the settings in the options."""
-    given = {"name": args.scene} | {name: getattr(args, name) for name in _SETTINGS}
-    return replace(scene, **{name: value for name, value in given.items() if value is not None})
+    return replace(scene, **given(args), **({} if args.scene is None else {"name": args.scene}))
 
 
 def _settings_text(scene: Scene) -> str:
-    return (
-        f"{scene.motion}, {scene.earth}, separation {scene.separation_m:g} m, tolerance {scene.tolerance_m:g} m, "
-        f"nearest {scene.nearest_m:g} m"
-    )
+    parts = [str(scene.motion), str(scene.earth)]
+    parts += [f"{name.removesuffix('_m').replace('_', ' ')} {getattr(scene, name):g} m" for name in METRES]
+    return ", ".join(parts)
 
 
 @contextmanager

@@ -1,18 +1,17 @@
 """Parse commands, and define options of several commands. Imports no library, so that help is fast."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from importlib import import_module
 from typing import Any, Final, NoReturn
 
-from conflictdb.cli.values import count, duration_s, megabytes, memory_mb, speed_kn
-from conflictdb.methods import METHODS, Method
+from conflictdb.cli.values import count, duration_s, megabytes, memory_mb, method, metres, place, speed_kn
+from conflictdb.methods import Method
 from conflictdb.pipeline.memory import MEMORY_MB
+from conflictdb.settings import Setting, Type
 
 FORMATS: Final = ("table", "json", "csv", "geojson")
-METHOD_NAMES: Final = tuple(map(str, Method))  # plain strings: usage errors show each choice's repr
-METHODS_SAID: Final = ", ".join(f"{method} ({METHODS[method].says})" for method in Method)
 _OF_ALL_COMMANDS: Final = ("--dsn", "--debug", "--version")
 
 
@@ -66,6 +65,17 @@ def action(actions: Any, name: str, summary: str) -> argparse.ArgumentParser:
         name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False
     )
     return parser
+
+
+def add_settings(parser: argparse.ArgumentParser, settings: Iterable[Setting]) -> None:
+    """Add an option for each setting of a scene."""
+    for one in settings:
+        if one.choices is not None:
+            names = tuple(map(str, one.choices))  # plain strings: usage errors show each choice's repr
+            parser.add_argument(one.option, type=method if one.choices is Method else str, choices=names, help=one.help)
+        else:
+            value, metavar = (metres, "M") if one.type is Type.METRES else (place, "LON,LAT")
+            parser.add_argument(one.option, type=value, metavar=metavar, help=one.help)
 
 
 def add_memory(parser: argparse.ArgumentParser) -> None:

@@ -21,6 +21,7 @@ from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, Motion, Scene
 from conflictdb.notebook import bound_text, distance_text, instant_text, text_of
 from conflictdb.printable import printable
 from conflictdb.results import Conflict, SceneState, Verdict
+from conflictdb.settings import SETTINGS
 
 # What a reader goes through; `conflictdb conflicts --format csv` has all of it.
 _MOST_CONFLICTS: Final = 500
@@ -170,10 +171,11 @@ def _settings(scene: Scene) -> Section:
         ["Tracks and edges run along", ways[scene.motion]],
         ["Earth", str(scene.earth)],
         ["Method", f"{scene.method}: {METHODS[scene.method].promises.replace('`', '')}"],
-        ["Tolerance", f"{scene.tolerance_m:g} m: closer to touching than that is too close to call"],
-        ["Separation wanted", f"{scene.separation_m:g} m" if scene.separation_m else "none: they must touch"],
-        ["Near is", f"within {scene.nearest_m:g} m" if scene.nearest_m else "not reported"],
     ]
+    for setting in (one for one in SETTINGS if one.label):
+        value = getattr(scene, setting.name)
+        says = setting.says if value or not setting.says_zero else setting.says_zero
+        rows.append([setting.label, says.format(value)])
     return Section("Settings", rows=rows)
 
 

@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
+from conflictdb.settings import METRES
 
 # Words at either end of a name that only qualify it: unit, datum, kind.
 _QUALIFIER: Final = re.compile(
@@ -35,7 +36,7 @@ SYNONYMS: Final = {
 }
 # Settings of a scene that a feature or column must not seem to set. `motion`, `earth`, `centre` and `method` are common
 # words, which objects may use freely.
-SETTINGS: Final = ("separation_m", "tolerance_m", "nearest_m")
+SETTINGS: Final = METRES
 SETTING_RULE: Final = 'is a setting of the whole scene: put it into the member "scene" of a scene file'
 RENAME_MEMBER: Final = 'Rename it, or name it in the file\'s member "foreign" if it means nothing here'
 RENAME_COLUMN: Final = "Rename the column"

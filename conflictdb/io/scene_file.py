@@ -5,7 +5,6 @@ OGC Moving Features JSON uses the same reader: a feature with a `temporalGeometr
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import fields as members_of
 from dataclasses import replace
 from typing import Any, Final
 
@@ -20,10 +19,11 @@ from conflictdb.io.geometry import TRACK_TYPE, geometry_type
 from conflictdb.io.json_text import dumped, parse
 from conflictdb.io.speeds import within_speed
 from conflictdb.model import Area, Scene, Track
+from conflictdb.settings import NAMES
 
-_SETTINGS: Final = tuple(member.name for member in members_of(Scene))
+_SETTINGS: Final = ("name", *NAMES)
 # Rules for members at the wrong place.
-_OF_SCENE: Final = dict.fromkeys(set(_SETTINGS) - {"name"}, 'is a setting: put it into the member "scene"')
+_OF_SCENE: Final = dict.fromkeys(NAMES, 'is a setting: put it into the member "scene"')
 _OF_FEATURE: Final = dict.fromkeys(
     (objects.AREA_MEMBERS | objects.TRACK_MEMBERS) - {"kind", "name"}, "belongs into the properties of a feature"
 )

@@ -9,6 +9,7 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb.db import store
+from conflictdb.settings import SETTINGS, Type
 
 _LENGTH: Final = struct.Struct("<I")
 # A conflict in the numbers of routine _map_conflicts, without its periods, each of which is two 8-byte numbers.
@@ -48,11 +49,7 @@ def settings(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
         state = store.scene_state(conn, scene)
     return {
         "scene": scene,
-        "motion": str(own.motion),
-        "earth": str(own.earth),
-        "method": str(own.method),
-        "tolerance_m": own.tolerance_m,
-        "separation_m": own.separation_m,
+        **{one.name: getattr(own, one.name) for one in SETTINGS if one.type is not Type.PLACE},
         "objects": state.objects,
         "is_current": state.is_current,
         "remark": state.remark,

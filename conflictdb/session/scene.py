@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, Unpack
 
 import psycopg
 
@@ -17,10 +17,10 @@ from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.io import scene_text, write_lines
 from conflictdb.io.reading import is_parquet
 from conflictdb.io.whole_files import whole_file
-from conflictdb.methods import Method
 from conflictdb.model import Area, Scene, Track
 from conflictdb.pipeline.memory import LEAST_MEMORY_MB, MEMORY_MB
 from conflictdb.results import Approach, Conflict, ConflictEvent, Explanation, Kind, Listing, SceneState, Stream
+from conflictdb.settings import STORED_BY_DETECT, Changes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -58,23 +58,18 @@ class StoredScene:
     def detect(
         self,
         *,
-        method: Method | str | None = None,
-        tolerance_m: float | None = None,
-        separation_m: float | None = None,
-        nearest_m: float | None = None,
         full: bool = False,
         jobs: int | None = 1,
         memory_mb: int = MEMORY_MB,
         progress: "Progress | None" = None,
         lock_timeout_s: float | None = None,
         say: Callable[[str], object] = _log.warning,
+        **settings: Unpack[Changes],
     ) -> "Run":
         """Update the conflicts and return the run.
 
         Parameters
         ----------
-        method, tolerance_m, separation_m, nearest_m : optional
-            New settings of the scene; they are stored, and changed settings recompute everything.
         full : bool
             Recompute everything, also unchanged objects.
         jobs : int, optional
@@ -89,19 +84,18 @@ class StoredScene:
             raised. By default there is no limit for another detection.
         say : callable
             Called with the holder of the lock after 5 s of waiting for another detection.
+        **settings : optional
+            New settings of the scene, by their names in a `Scene`: method and distances. They are stored, and changed
+            settings recompute everything.
         """
-        given: dict[str, Any] = {
-            "method": method,
-            "tolerance_m": tolerance_m,
-            "separation_m": separation_m,
-            "nearest_m": nearest_m,
-        }
+        for name in settings.keys() - {setting.name for setting in STORED_BY_DETECT}:
+            raise TypeError(f"detect() got an unexpected keyword argument {name!r}")
         if lock_timeout_s is not None:
             inputs.seconds("detect", "lock_timeout_s", lock_timeout_s)
         if jobs is not None:
             inputs.count("detect", "jobs", jobs, 1)
         inputs.count("detect", "memory_mb", memory_mb, LEAST_MEMORY_MB)
-        changes = {name: value for name, value in given.items() if value is not None}
+        changes: dict[str, Any] = {name: value for name, value in settings.items() if value is not None}
         if changes:
             store.set_scene(self.connection, replace(self.settings(), **changes))
         # Imported here: the solvers import scipy, which is slow.

@@ -13,10 +13,15 @@ routines_sha256 = "631ec4982b5e55c66ab8c5419fe88ff579a78e196c51d752ef32cd66e8a13
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
 
+# Parameters that were settings, one by one.
+SETTINGS = f"{', '.join(['text'] * 4)}, {', '.join(['double precision'] * 5)}"
+
 # Their arguments or results change; sql/ creates the new ones.
 REPLACED_ROUTINES = (
     "_approaches(text, boolean, text[])",
+    "_begin_detection(text, double precision, integer, boolean)",
     "_conflicts(text, timestamptz, boolean, text[])",
+<<<<<<< HEAD
     (
         "_pieces_meeting(bigint, text, bytea[], bigint[], bigint[], boolean[], double precision[], double precision[], "
         "integer[])"
@@ -27,7 +32,14 @@ REPLACED_ROUTINES = (
         "double precision[], double precision[], double precision[], double precision[], double precision[], "
         "integer[], bytea[], bytea[], integer[], timestamptz[], timestamptz[], double precision[])"
     ),
+=======
+    f"_load({SETTINGS}, boolean)",
+    "_scene(bigint)",
+    "_scene_named(text)",
+>>>>>>> 3f1f67d (refactor: keep the settings of a scene in one table)
     "_scene_state(text)",
+    "_scenes()",
+    f"_set_scene({SETTINGS})",
 )
 
 

@@ -4,8 +4,6 @@ from typing import Any
 
 from conflictdb.cli.parser import (
     FORMATS,
-    METHOD_NAMES,
-    METHODS_SAID,
     add_fail_on_conflict,
     add_jobs,
     add_loading,
@@ -13,10 +11,12 @@ from conflictdb.cli.parser import (
     add_memory,
     add_output,
     add_require_current,
+    add_settings,
     add_wait,
     command,
 )
-from conflictdb.cli.values import count, duration_s, height, instant, instants, method, metres, name, whole
+from conflictdb.cli.values import count, duration_s, height, instant, instants, metres, name, whole
+from conflictdb.settings import STORED_BY_DETECT
 
 
 def add(commands: Any) -> None:
@@ -38,15 +38,7 @@ def _detect(commands: Any) -> None:
     parser.add_argument(
         "--scene", type=name, metavar="NAME", help="scene to detect; with files: the scene to load them into"
     )
-    parser.add_argument("--method", type=method, choices=METHOD_NAMES, help=f"where to stop: {METHODS_SAID}")
-    parser.add_argument("--tolerance-m", type=metres, metavar="M", help="closeness that is too close to call, metres")
-    parser.add_argument("--separation-m", type=metres, metavar="M", help="required separation, metres (0: touching)")
-    parser.add_argument(
-        "--nearest-m",
-        type=metres,
-        metavar="D",
-        help="also report pairs without conflict that come within D metres, with their closest approach (0: do not)",
-    )
+    add_settings(parser, STORED_BY_DETECT)
     add_jobs(parser)
     add_memory(parser)
     parser.add_argument("--full", action="store_true", help="recompute everything, also what did not change")

@@ -2,8 +2,9 @@
 
 from typing import Any
 
-from conflictdb.cli.parser import METHOD_NAMES, METHODS_SAID, Parser, add_lock_timeout, add_memory, command
-from conflictdb.cli.values import count, method, metres, name, option, place, speed_kn
+from conflictdb.cli.parser import Parser, add_lock_timeout, add_memory, add_settings, command
+from conflictdb.cli.values import count, name, option, speed_kn
+from conflictdb.settings import SETTINGS
 
 
 def add(commands: Any) -> None:
@@ -43,15 +44,7 @@ def add(commands: Any) -> None:
         help="scene of the database, whose settings it has unless others are given; of files the name (default: as "
         "the first file says, as it says all settings if it was exported)",
     )
-    parser.add_argument("--motion", choices=("rhumb", "great_circle"), help="how tracks and edges run (default: rhumb)")
-    parser.add_argument("--earth", choices=("wgs84", "sphere"), help="default: wgs84; of great circles sphere")
-    parser.add_argument(
-        "--centre", type=place, metavar="LON,LAT", help="great circles: the middle (default: that of the objects)"
-    )
-    parser.add_argument("--method", type=method, choices=METHOD_NAMES, help=f"where to stop: {METHODS_SAID}")
-    parser.add_argument("--tolerance-m", type=metres, metavar="M", help="closeness that is too close to call, metres")
-    parser.add_argument("--separation-m", type=metres, metavar="M", help="required separation, metres")
-    parser.add_argument("--nearest-m", type=metres, metavar="D", help="also report pairs that come within D metres")
+    add_settings(parser, SETTINGS)
     parser.add_argument(
         "--partitions", type=count, metavar="N", help="of pieces and of pairs (default: four per processor)"
     )

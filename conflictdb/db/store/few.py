@@ -123,13 +123,13 @@ def begin_detection(
     """
 
     def take(wait_s: float) -> Begun | None:
-        number, taken, is_behind, *settings, srid, area_ids, track_ids, known_objects = call(
+        number, taken, is_behind, settings, srid, area_ids, track_ids, known_objects = call(
             conn, "_begin_detection", scene, wait_s, few, again
         )
         if taken is None:
             return None
         some = None if area_ids is None else Few(srid, area_ids, track_ids, known_objects)
-        return Begun(number, taken, is_behind, scene_of(scene, *settings), some)
+        return Begun(number, taken, is_behind, scene_of(settings), some)
 
     def scene_id() -> int:
         with transaction(conn):

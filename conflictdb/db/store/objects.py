@@ -11,14 +11,15 @@ import numpy as np
 import psycopg
 import shapely
 from numpy.typing import NDArray
+from psycopg.types.json import Jsonb
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many, require_writable, transaction
 from conflictdb.errors import InvalidInput
 from conflictdb.inputs import all_certain, certain
-from conflictdb.methods import Method
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Motion, Scene, Track
+from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
+from conflictdb.settings import SETTINGS, Type
 
 _AREA_COLUMNS = [
     ("area_id", "i8"),
@@ -99,7 +100,7 @@ def replace_scene_by_parts(
         for areas, tracks in parts:
             copy_binary.send(conn, "pg_temp.staged_area", _staged_areas(areas))
             copy_binary.send(conn, "pg_temp.staged_track", _staged_tracks(tracks))
-        counts = call(conn, "_load", *_settings(scene), merge)
+        counts = call(conn, "_load", scene.name, _settings(scene), merge)
     return LoadCounts(*counts)
 
 
@@ -107,7 +108,7 @@ def set_scene(conn: psycopg.Connection[Any], scene: Scene) -> int:
     """Create a scene or change its settings, in one transaction; return its id."""
     require_writable(conn)
     with transaction(conn):
-        return int(call(conn, "create_scene", *_settings(scene))[0])
+        return int(call(conn, "_put_scene", scene.name, _settings(scene))[0])
 
 
 def scene_id(conn: psycopg.Connection[Any], name: str) -> int:
@@ -119,7 +120,7 @@ def scene_id(conn: psycopg.Connection[Any], name: str) -> int:
 def list_scenes(conn: psycopg.Connection[Any]) -> list[SceneStatus]:
     """Return every scene, by name."""
     with transaction(conn):
-        return [SceneStatus(row[0], scene_of(*row[1:10]), *row[10:]) for row in call_many(conn, "_scenes")]
+        return [SceneStatus(row[0], scene_of(row[1]), *row[2:]) for row in call_many(conn, "_scenes")]
 
 
 def waiting_scenes(conn: psycopg.Connection[Any]) -> dict[str, float]:
@@ -175,7 +176,7 @@ def each_track_row(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[_Ro
 def scene_settings(conn: psycopg.Connection[Any], name: str) -> Scene | None:
     """Return the settings of a scene; None if it does not exist."""
     with transaction(conn):
-        return next((scene_of(*row) for row in call_many(conn, "_scene_named", name)), None)
+        return next((scene_of(settings) for (settings,) in call_many(conn, "_scene_named", name)), None)
 
 
 def is_scene(conn: psycopg.Connection[Any], scene_id: int) -> bool:
@@ -186,7 +187,7 @@ def is_scene(conn: psycopg.Connection[Any], scene_id: int) -> bool:
 
 def read_settings(conn: psycopg.Connection[Any], scene_id: int) -> Scene:
     """Return the settings of the scene with that id, as the transaction sees them."""
-    return scene_of(*call(conn, "_scene", scene_id))
+    return scene_of(call(conn, "_scene", scene_id)[0])
 
 
 def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]) -> list[Area]:
@@ -382,30 +383,20 @@ def _has_null_character(value: object) -> bool:
     return isinstance(value, list | tuple) and any(_has_null_character(item) for item in value)
 
 
-def _settings(scene: Scene) -> tuple[object, ...]:
-    return (
-        scene.name,
-        scene.motion.value,
-        scene.earth.value,
-        scene.method.value,
-        scene.tolerance_m,
-        scene.separation_m,
-        scene.nearest_m,
-        *(scene.centre or (None, None)),
-    )
+def _settings(scene: Scene) -> Jsonb:
+    """Return the settings of a scene by the columns of its row; those that are None are left out."""
+    columns: dict[str, Any] = {}
+    for setting in SETTINGS:
+        value = getattr(scene, setting.name)
+        if value is not None:
+            columns.update(zip(setting.columns, value if setting.type is Type.PLACE else (value,), strict=True))
+    return Jsonb(columns)
 
 
-def scene_of(
-    name: str,
-    motion: str,
-    earth: str,
-    method: str,
-    tolerance_m: float,
-    separation_m: float,
-    nearest_m: float,
-    centre_lon: float | None,
-    centre_lat: float | None,
-) -> Scene:
-    """Build a scene from the columns of its row (_scene)."""
-    centre = None if centre_lon is None or centre_lat is None else (centre_lon, centre_lat)
-    return Scene(name, Motion(motion), EarthModel(earth), Method(method), tolerance_m, separation_m, nearest_m, centre)
+def scene_of(columns: Mapping[str, Any]) -> Scene:
+    """Build a scene from its name and the settings in its row (_settings_of)."""
+    settings: dict[str, Any] = {}
+    for setting in SETTINGS:
+        values = [columns[name] for name in setting.columns]
+        settings[setting.name] = values[0] if len(values) == 1 else None if None in values else tuple(values)
+    return Scene(columns["name"], **settings)
