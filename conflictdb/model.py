@@ -66,6 +66,8 @@ class Scene:
     earth : by default wgs84, or for great circles sphere, the only one they are on
     centre : great circles: longitude and latitude, degrees, that all objects lie within 60 degrees of; None until it
         follows from the first objects
+    vertical_separation_m : minimum distance wanted between heights, metres to the micrometre, >= 0 (0: they must
+        overlap to conflict)
     """
 
     name: str
@@ -76,6 +78,7 @@ class Scene:
     separation_m: float = 0.0
     nearest_m: float = 0.0
     centre: tuple[float, float] | None = None
+    vertical_separation_m: float = 0.0
 
     def __post_init__(self) -> None:
         who = f"scene {self.name!r}"

@@ -63,6 +63,7 @@ class Scene(Base):
     centre_lat: Mapped[float | None]
     history_kept: Mapped[timedelta | None]
     owner: Mapped[str | None] = mapped_column(server_default=FetchedValue())
+    vertical_separation_m: Mapped[float] = mapped_column(server_default=FetchedValue())
 
 
 class Area(Base):
@@ -186,6 +187,7 @@ class SceneState(Base):
     last_error: Mapped[str | None]
     is_current: Mapped[bool]
     unmapped: Mapped[int]
+    vertical_separation_m: Mapped[float]
 
 
 class ConflictEvent(Base):

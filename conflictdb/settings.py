@@ -142,6 +142,17 @@ SETTINGS: Final = (
         None,
         "great circles: the middle (default: that of the objects)",
     ),
+    Setting(
+        "vertical_separation_m",
+        Type.METRES,
+        "Required vertical separation, metres to the micrometre: objects whose heights are that far apart do not "
+        "conflict; 0: height bands that touch are apart.",
+        0.0,
+        "heights closer than M metres count as overlapping (0: only where they overlap)",
+        label="Vertical separation wanted",
+        says_zero="none: heights must overlap",
+        is_stored_by_detect=True,
+    ),
 )
 NAMES: Final = tuple(setting.name for setting in SETTINGS)
 METRES: Final = tuple(setting.name for setting in SETTINGS if setting.type is Type.METRES)
@@ -155,6 +166,7 @@ class Changes(TypedDict, total=False):
     tolerance_m: float | None
     separation_m: float | None
     nearest_m: float | None
+    vertical_separation_m: float | None
 
 
 def given(values: Any, settings: tuple[Setting, ...] = SETTINGS) -> dict[str, Any]:

@@ -45,7 +45,8 @@ SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method,
        r.run_id AS last_run_id, r.finished_at AS last_run_at, r.error AS last_error,
        _is_current(s.scene_id) AS is_current,
        (SELECT count(*) FROM attachment a JOIN attached_object o USING (attachment_id)
-        WHERE a.scene_id = s.scene_id AND o.reason IS NOT NULL) AS unmapped
+        WHERE a.scene_id = s.scene_id AND o.reason IS NOT NULL) AS unmapped,
+       s.vertical_separation_m
 FROM scene s
 LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.scene_id = s.scene_id
                    ORDER BY x.run_id DESC LIMIT 1) r ON true;
@@ -80,6 +81,10 @@ COMMENT ON COLUMN scenes.is_current IS
 'tables are recorded.';
 COMMENT ON COLUMN scenes.unmapped IS
 'Number of rows of attached tables whose current values do not make an object (view unmapped).';
+
+COMMENT ON COLUMN scenes.vertical_separation_m IS
+'Required vertical separation, metres to the micrometre: objects whose heights are that far apart do not conflict; '
+'0: height bands that touch are apart.';
 
 -- The settings in the table have the comments of the view.
 DO $$

@@ -158,11 +158,13 @@ CREATE OR REPLACE FUNCTION _pieces_near(
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- Hulls are padded by half of tolerance plus separation, at their own scale. The other half is added here, at the
-    -- largest scale (metres of the plane per metre) that the geometry reaches. Tries all turns of the geometry.
+    -- largest scale (metres of the plane per metre) that the geometry reaches. Tries all turns of the geometry. Heights
+    -- are padded by half of the vertical separation, to the micrometre.
     WITH plane AS MATERIALIZED (
         SELECT _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane, s.motion,
                2 * pi() * _radius_m(s.earth) AS turn_m,
                s.tolerance_m + s.separation_m AS wanted_m,
+               CASE WHEN s.vertical_separation_m > 0 THEN s.vertical_separation_m / 2 + 1e-6 ELSE 0 END AS half_m,
                CASE s.motion WHEN 'great_circle' THEN _near_centre(p_geometry, s.centre_lon, s.centre_lat)
                              ELSE p_geometry END AS given
         FROM scene s WHERE s.scene_id = p_scene_id
@@ -174,7 +176,7 @@ BEGIN ATOMIC
                     * cosh(2 * pi() * greatest(abs(ST_YMin(g.shape)), abs(ST_YMax(g.shape))) / g.turn_m) AS s
         FROM given g
     ), probed AS MATERIALIZED (
-        SELECT ST_Translate(p.shape, turn * p.turn_m, 0) AS shape,
+        SELECT ST_Translate(p.shape, turn * p.turn_m, 0) AS shape, p.half_m,
                1e-6 + CASE
                    WHEN p.motion = 'great_circle' THEN
                        0.505 * p.wanted_m
@@ -191,7 +193,8 @@ BEGIN ATOMIC
            ST_Intersection(p.hull, ST_Buffer(g.shape, 1.01 * g.pad_m))
     FROM boxed g JOIN piece o ON o.scene_id = p_scene_id AND o.hull && g.box AND o.span && p_span
     CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) p
-    WHERE o.floor_m < coalesce(p_ceiling_m, 'infinity') AND coalesce(p_floor_m, '-infinity') < o.ceiling_m
+    WHERE o.floor_m < coalesce(p_ceiling_m, 'infinity') + g.half_m
+      AND coalesce(p_floor_m, '-infinity') - g.half_m < o.ceiling_m
       AND p.hull && g.box AND p.span && p_span AND ST_Distance(p.hull, g.shape) <= g.pad_m;
 END;
 COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, double precision) IS

@@ -6,10 +6,12 @@
 
 CREATE OR REPLACE FUNCTION _explained_object(
     p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT waits boolean, OUT pieces bigint,
-    OUT is_covered boolean, OUT span tstzrange, OUT floor_m double precision, OUT ceiling_m double precision,
-    OUT box geometry
+    OUT is_covered boolean, OUT span tstzrange, OUT low_m double precision, OUT high_m double precision,
+    OUT box geometry, OUT floor_m double precision, OUT ceiling_m double precision
 )
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_half_m double precision := (SELECT s.vertical_separation_m / 2 FROM scene s WHERE s.scene_id = p_scene_id);
 BEGIN
     SELECT o.kind, o.id, o.key INTO kind, id, key
         FROM (SELECT 0::smallint AS kind, a.area_id AS id, a.key FROM area a
@@ -25,13 +27,23 @@ BEGIN
                      AND m.object_id = _explained_object.id);
     SELECT sum(p.pieces), bool_or(p.part < 0), range_merge(range_agg(p.span)), min(p.floor_m), max(p.ceiling_m),
            ST_Extent(p.hull)
-        INTO pieces, is_covered, span, floor_m, ceiling_m, box
+        INTO pieces, is_covered, span, low_m, high_m, box
         FROM piece p WHERE p.object_kind = _explained_object.kind AND p.object_id = _explained_object.id
                        AND p.scene_id + 0 = p_scene_id;
+    floor_m := low_m + v_half_m;
+    ceiling_m := high_m - v_half_m;
+    -- Pieces are rounded to the micrometre if there is a vertical separation.
+    IF v_half_m > 0 AND abs(floor_m) < 1e9 THEN
+        floor_m := round(floor_m::numeric, 6);
+    END IF;
+    IF v_half_m > 0 AND abs(ceiling_m) < 1e9 THEN
+        ceiling_m := round(ceiling_m::numeric, 6);
+    END IF;
 END
 $$;
 COMMENT ON FUNCTION _explained_object(bigint, text) IS
-'An object of a scene, whether it waits for detection, and the extent of its pieces; raises ZC011 for an unknown key.';
+'An object of a scene, whether it waits for detection, and the extent of its pieces (low_m, high_m: with half of the '
+'vertical separation on either side); raises ZC011 for an unknown key.';
 
 CREATE OR REPLACE FUNCTION _explained_as_json(
     p_key text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange, p_floor_m double precision,
@@ -168,11 +180,13 @@ BEGIN
             v_stage := 1;
             v_by := 'time';
             v_why := format('one is there %s, the other %s', _shown(a.span), _shown(b.span));
-        ELSIF NOT (a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m) THEN
+        ELSIF NOT (a.low_m < b.high_m AND b.low_m < a.high_m) THEN
             v_stage := 1;
             v_by := 'height';
             v_why := format('one is %s, the other %s', _shown_heights(a.floor_m, a.ceiling_m),
-                            _shown_heights(b.floor_m, b.ceiling_m));
+                            _shown_heights(b.floor_m, b.ceiling_m))
+                     || CASE WHEN v_scene.vertical_separation_m > 0
+                             THEN format(': %s m or more apart', v_scene.vertical_separation_m) ELSE '' END;
         ELSIF NOT a.box && b.box THEN
             v_stage := 1;
             v_by := 'space';

@@ -127,7 +127,7 @@ def plot_pair(
         objects: list[Area | Track] = [*areas, *tracks]
         first, second = objects
         verdict = "no conflict is known" if conflict is None else str(conflict.verdict)
-        reason = _height_reason(first, second, scene.separation_m, found, overlap) if conflict is None else ""
+        reason = _height_reason(scene, first, second, found, overlap) if conflict is None else ""
         lines = [f"{names[0]} and {names[1]}: {verdict}", heights.line(first, second, reason or "heights")]
         title = "\n".join(line for line in lines if line)
         figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
@@ -145,18 +145,18 @@ def plot_pair(
 
 
 def _height_reason(
+    scene: Scene,
     a: Area | Track,
     b: Area | Track,
-    separation_m: float,
     found: Separation | None,
     overlap: NDArray[np.bool_] | None,
 ) -> str:
     """Return that heights keep two objects in no known conflict apart; an empty text if that is not so."""
-    if not heights.ever_overlap(a, b):
-        return "their heights never overlap"
+    if always := heights.apart_text(a, b, scene.vertical_separation_m):
+        return always
     if found is None or overlap is None:
         return ""
-    crossing = found.low_m <= separation_m
+    crossing = found.low_m <= scene.separation_m
     return "their heights are apart while they cross" if crossing.any() and not overlap[crossing].any() else ""
 
 

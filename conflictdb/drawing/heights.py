@@ -13,19 +13,26 @@ from conflictdb.model import Area, Track
 # Room above and below what is bounded, as a share of it; and the least, metres.
 _ROOM: Final = 0.3
 _LEAST_ROOM_M: Final = 1.0
+_ROUNDING_M: Final = 1e-6  # of heights, where a vertical separation counts
 _ALL: Final = "all"
 
 
 def overlap_at(sketch: Sketch, a: int, b: int, at_us: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return (n,) whether the height bands of two objects overlap at instants; True where an object is not there."""
+    """Return (n,) whether the heights of two objects overlap, or are closer than the scene's vertical separation.
+
+    True at instants where an object is not there.
+    """
     (floor_a, ceiling_a), (floor_b, ceiling_b) = (sketch.heights_m(number, at_us) for number in (a, b))
     return ~((ceiling_a <= floor_b) | (ceiling_b <= floor_a))
 
 
-def ever_overlap(a: Area | Track, b: Area | Track) -> bool:
-    """Return whether some height band of one object overlaps some height band of the other, at whatever time."""
+def apart_text(a: Area | Track, b: Area | Track, separation_m: float) -> str:
+    """Return that heights keep two objects apart whatever the time; an empty text if they do not."""
     (floor_a, ceiling_a), (floor_b, ceiling_b) = _bands(a), _bands(b)
-    return bool(((floor_a[:, None] < ceiling_b) & (floor_b < ceiling_a[:, None])).any())
+    gap_m = np.maximum(floor_a[:, None] - ceiling_b, floor_b - ceiling_a[:, None])
+    if (gap_m - separation_m < -_ROUNDING_M).any() if separation_m else (gap_m < 0.0).any():
+        return ""
+    return "their heights " + (f"are always {_metres(separation_m)} m apart" if separation_m else "never overlap")
 
 
 def line(a: Area | Track, b: Area | Track, start: str) -> str:
@@ -36,7 +43,10 @@ def line(a: Area | Track, b: Area | Track, start: str) -> str:
 
 def draw(panel: Any, sketch: Sketch, at_us: NDArray[np.int64], times: list[Any], names: list[str]) -> None:
     """Draw the height bands of the first two objects over time; unbounded ones reach the edge of the panel."""
-    bands = [sketch.heights_m(number, at_us) for number in (0, 1)]
+    half_m = 0.5 * sketch.scene.vertical_separation_m  # of their pieces
+    bands = [
+        (floor + half_m, ceiling - half_m) for floor, ceiling in (sketch.heights_m(number, at_us) for number in (0, 1))
+    ]
     limits = np.concatenate([limit for band in bands for limit in band])
     limits = limits[np.isfinite(limits)]
     room = max(_ROOM * float(np.ptp(limits)), _LEAST_ROOM_M)

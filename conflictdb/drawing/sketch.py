@@ -71,7 +71,10 @@ class Sketch:
         return int(self.pieces.start_us[rows].min()), int(self.pieces.end_us[rows].max())
 
     def heights_m(self, number: int, at_us: _Ints) -> tuple[Floats, Floats]:
-        """Return (floor, ceiling) of an object at instants (n,), metres; infinite if unbounded, NaN if not there."""
+        """Return (floor, ceiling) of an object at instants (n,), metres; infinite if unbounded, NaN if not there.
+
+        As of its pieces: with half of the scene's vertical separation on either side.
+        """
         rows = self.rows(number)
         rows = rows if self.is_track(number) else PieceRows(rows[:1])
         floor, ceiling = np.full(len(at_us), np.nan), np.full(len(at_us), np.nan)

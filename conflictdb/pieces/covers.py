@@ -7,6 +7,7 @@ replaced by its hull instead, see `convex`.)
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final, TypeVar
 
 import numpy as np
@@ -26,16 +27,37 @@ COVER: Final = -1
 # No object lies wholly beyond this latitude in a Mercator plane.
 _HIGHEST_DEG: Final = 89.5
 
+_MOST_ROUNDED_M: Final = 1e9
+
 Batch = TypeVar("Batch", AreaBatch, TrackBatch)
 
 
 def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
-    """Return the pieces of objects; an object that cannot be cut is covered."""
+    """Return the pieces of objects; an object that cannot be cut is covered.
+
+    Each end of their heights is half of the scene's vertical separation further out, rounded to the micrometre, so that
+    two of them overlap where the objects' heights are closer than that.
+    """
     made = [
         *_pieces(scene, plane, areas, areas.area_id, area_pieces, _area_covers),
         *_pieces(scene, plane, tracks, tracks.track_id, track_pieces, _track_covers),
     ]
-    return Pieces.concatenate(made or [area_pieces(scene, plane, areas)])
+    pieces = Pieces.concatenate(made or [area_pieces(scene, plane, areas)])
+    if scene.vertical_separation_m == 0.0:
+        return pieces
+    half_m = 0.5 * scene.vertical_separation_m
+    return replace(
+        pieces,
+        floor_m=_to_micrometres(pieces.floor_m - half_m),
+        ceiling_m=_to_micrometres(pieces.ceiling_m + half_m),
+    )
+
+
+def _to_micrometres(height_m: Floats) -> Floats:
+    """Return heights rounded, so that sums of equal decimals are equal; from _MOST_ROUNDED_M on they are too coarse."""
+    return np.where(
+        np.abs(height_m) < _MOST_ROUNDED_M, np.round(np.clip(height_m, -_MOST_ROUNDED_M, _MOST_ROUNDED_M), 6), height_m
+    )
 
 
 def is_covered(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:

@@ -271,7 +271,8 @@ TABLE scene (
     centre_lon double precision,
     centre_lat double precision,
     history_kept interval,
-    owner name DEFAULT CURRENT_USER
+    owner name DEFAULT CURRENT_USER,
+    vertical_separation_m double precision NOT NULL DEFAULT 0.0
 );
 
 TABLE scene_lock (
@@ -490,7 +491,8 @@ VIEW scenes (
     last_run_at timestamp with time zone,
     last_error text,
     is_current boolean,
-    unmapped bigint
+    unmapped bigint,
+    vertical_separation_m double precision
 );
 
 VIEW shares (
@@ -599,6 +601,7 @@ CONSTRAINT scene_pkey ON scene: PRIMARY KEY (scene_id);
 CONSTRAINT scene_scene_id_in_range ON scene: CHECK (((scene_id >= 1) AND (scene_id <= '4611686018427387903'::bigint)));
 CONSTRAINT scene_separation_finite ON scene: CHECK (((separation_m >= (0)::double precision) AND (separation_m < 'Infinity'::double precision)));
 CONSTRAINT scene_tolerance_finite ON scene: CHECK (((tolerance_m >= (0)::double precision) AND (tolerance_m < 'Infinity'::double precision)));
+CONSTRAINT scene_vertical_separation_finite ON scene: CHECK (((vertical_separation_m >= (0)::double precision) AND (vertical_separation_m < 'Infinity'::double precision)));
 CONSTRAINT scene_lock_pkey ON scene_lock: PRIMARY KEY (scene_id);
 CONSTRAINT scene_share_pkey ON scene_share: PRIMARY KEY (scene_id, role);
 CONSTRAINT scene_share_scene_fkey ON scene_share: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -925,7 +928,7 @@ FUNCTION _exact_numeric(p_number double precision)
 FUNCTION _explained_as_json(p_key text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _explained_object(p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT waits boolean, OUT pieces bigint, OUT is_covered boolean, OUT span tstzrange, OUT floor_m double precision, OUT ceiling_m double precision, OUT box geometry)
+FUNCTION _explained_object(p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT waits boolean, OUT pieces bigint, OUT is_covered boolean, OUT span tstzrange, OUT low_m double precision, OUT high_m double precision, OUT box geometry, OUT floor_m double precision, OUT ceiling_m double precision)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _explained_text(j jsonb)
@@ -1447,7 +1450,7 @@ FUNCTION conflicts_of(p_scene text, p_key text)
 FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
     RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
-FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision)
+FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET extra_float_digits=1;
 
 FUNCTION detach(p_scene text, p_table text, p_keep boolean DEFAULT false)

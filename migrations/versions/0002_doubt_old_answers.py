@@ -1,6 +1,7 @@
-"""Mark every object, and remove the method `window`: its scenes become `exact`."""
+"""Mark every object, remove the method `window` (its scenes become `exact`), and add `vertical_separation_m`."""
 
 from alembic import op
+from sqlalchemy import Column, Double, text
 
 revision = "0002"
 down_revision = "0001"
@@ -21,7 +22,8 @@ REPLACED_ROUTINES = (
     "_approaches(text, boolean, text[])",
     "_begin_detection(text, double precision, integer, boolean)",
     "_conflicts(text, timestamptz, boolean, text[])",
-<<<<<<< HEAD
+    "_explained_object(bigint, text)",
+    f"_load({SETTINGS}, boolean)",
     (
         "_pieces_meeting(bigint, text, bytea[], bigint[], bigint[], boolean[], double precision[], double precision[], "
         "integer[])"
@@ -32,14 +34,12 @@ REPLACED_ROUTINES = (
         "double precision[], double precision[], double precision[], double precision[], double precision[], "
         "integer[], bytea[], bytea[], integer[], timestamptz[], timestamptz[], double precision[])"
     ),
-=======
-    f"_load({SETTINGS}, boolean)",
     "_scene(bigint)",
     "_scene_named(text)",
->>>>>>> 3f1f67d (refactor: keep the settings of a scene in one table)
     "_scene_state(text)",
     "_scenes()",
     f"_set_scene({SETTINGS})",
+    f"create_scene({SETTINGS})",
 )
 
 
@@ -73,6 +73,17 @@ def upgrade() -> None:
         op.execute(f"DROP FUNCTION IF EXISTS conflictdb.{routine}")
     for statement in (DROP_TRIGGERS, *REPLACE_METHOD):
         op.execute(statement)
+    op.add_column(
+        "scene",
+        Column("vertical_separation_m", Double, nullable=False, server_default=text("0.0")),
+        schema="conflictdb",
+    )
+    op.create_check_constraint(
+        "scene_vertical_separation_finite",
+        "scene",
+        "vertical_separation_m >= 0 AND vertical_separation_m < 'infinity'",
+        schema="conflictdb",
+    )
     op.drop_constraint("scene_method_known", "scene", schema="conflictdb")
     op.create_check_constraint(
         "scene_method_known", "scene", "method IN ('screen', 'exact', 'nlp')", schema="conflictdb"

@@ -161,6 +161,7 @@ UPDATE conflictdb.conflict SET method = 'window';
 ALTER TABLE conflictdb.scene ENABLE TRIGGER USER;
 DELETE FROM conflictdb.change;
 UPDATE conflictdb.alembic_version SET version_num = '0001';
+ALTER TABLE conflictdb.scene DROP COLUMN vertical_separation_m CASCADE;
 """
 
 

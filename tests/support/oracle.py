@@ -253,7 +253,7 @@ def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000
 
         return oracle_circle.meeting(scene, a, b, care_m)
     infinite = np.inf
-    if max(_low(a), _low(b)) >= min(_high(a), _high(b)):
+    if apart_in_height(scene, a, b):
         return NEVER
     globe = Globe.of(scene.earth)
     origin = np.radians(float(_longitudes(a).mean()))
@@ -364,6 +364,12 @@ def _merged(intervals: list[tuple[float, float]]) -> list[tuple[float, float]]:
         else:
             merged.append((start, end))
     return merged
+
+
+def apart_in_height(scene: Scene, a: Area | Track, b: Area | Track) -> bool:
+    """Whether the height bands of two objects are as far apart as the scene wants, to the micrometre."""
+    gap_m = max(_low(a), _low(b)) - min(_high(a), _high(b))
+    return gap_m >= 0.0 and round(gap_m - scene.vertical_separation_m, 6) >= 0.0
 
 
 def _low(thing: Area | Track) -> float:

@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from oracle import SAME_INSTANT_S, Floats, Meeting, _high, _low, _merged, contacts
+from oracle import SAME_INSTANT_S, Floats, Meeting, _merged, apart_in_height, contacts
 from oracle_motion import outlines
 
 from conflictdb.model import Area, Scene, Track
@@ -203,7 +203,7 @@ class Gap:
 
 def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000.0) -> Meeting:
     """What `oracle.meeting` says, on great circles."""
-    if max(_low(a), _low(b)) >= min(_high(a), _high(b)):
+    if apart_in_height(scene, a, b):
         return NEVER
     middles = [space(_places(thing)).mean(axis=0) for thing in (a, b)]
     chart = Chart.about(np.stack(middles))

@@ -519,3 +519,16 @@ def test_notebooks_show_tables(strait: Any) -> None:
     assert Explanation({}, "a < b\nc")._repr_html_() == "<pre>a &lt; b\nc</pre>"
     near = Results([one.approach for one in found if one.approach], Approach)
     assert near._repr_html_().count("<tr>") == len(near) + 1
+
+
+def test_a_vertical_separation_counts_and_is_not_drawn_as_height(strait: Any) -> None:
+    """The submarines' bands touch: closer than any vertical separation. Bands further apart say how far."""
+    scene = replace(strait[0], vertical_separation_m=10.0)
+    figure = plot_pair(scene, *named(strait, "SUB-1", "SUB-2"))
+    assert "apart" not in figure.get_suptitle()
+    assert np.isfinite(solid_m(figure)).all()
+    zone, ship = area("a", 0, 0, 1, 1, ceiling_m=50.0), track("b", (-1.0, 0.5), (2.0, 0.5))
+    ship = replace(ship, floor_m=60.0, ceiling_m=70.0)
+    figure = plot_pair(replace(scene, vertical_separation_m=10.0), zone, ship)
+    assert "their heights are always 10 m apart: up to 50 m, and 60 to 70 m" in figure.get_suptitle()
+    assert figure.axes[2].get_ylim() == (44.0, 76.0)
