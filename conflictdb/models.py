@@ -140,6 +140,8 @@ class Conflict(Base):
     acknowledged_at: Mapped[datetime | None]
     acknowledged_for: Mapped[str | None]
     acknowledged_until: Mapped[datetime | None]
+    first_contact_lon_deg: Mapped[float | None]
+    first_contact_lat_deg: Mapped[float | None]
 
 
 class Approach(Base):

@@ -157,6 +157,8 @@ COLUMNS: Final = (
         Type.INSTANT,
         "Expiry of the acknowledgement; null: valid while the conflict lasts, or acknowledged_by is null.",
     ),
+    Column("first_contact_lon_deg", Type.NUMBER, "First contact: longitude, degrees; null if not computed.", "deg"),
+    Column("first_contact_lat_deg", Type.NUMBER, "First contact: latitude, degrees; null if not computed.", "deg"),
 )
 # The objects, and their states, that it was found of: columns of Arrow and GeoParquet only.
 STATES: Final = tuple(

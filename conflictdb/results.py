@@ -177,6 +177,16 @@ class Conflict(Drawable):
         return self.periods[0][0] if self.periods else None
 
     @property
+    def first_contact_lon_deg(self) -> float | None:
+        """Longitude of `first_contact_deg`; None where the method does not tell."""
+        return None if self.first_contact_deg is None else self.first_contact_deg[0]
+
+    @property
+    def first_contact_lat_deg(self) -> float | None:
+        """Latitude of `first_contact_deg`; None where the method does not tell."""
+        return None if self.first_contact_deg is None else self.first_contact_deg[1]
+
+    @property
     def last_contact(self) -> datetime | None:
         """End of the last period; None where that is unbounded, and without periods."""
         return self.periods[-1][1] if self.periods else None

@@ -16,7 +16,8 @@ SELECT s.name AS scene,
            AS is_current,
        c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, c.closest_a_point, c.closest_b_point,
        n.scene_is_current, c.conflict_id, c.found_at AS opened_at, c.changed_at, k.acknowledged_by, k.acknowledged_at,
-       k.reason AS acknowledged_for, k.until AS acknowledged_until
+       k.reason AS acknowledged_for, k.until AS acknowledged_until,
+       ST_X(c.first_contact_point) AS first_contact_lon_deg, ST_Y(c.first_contact_point) AS first_contact_lat_deg
 -- OFFSET 0: evaluate once per scene, not per conflict.
 FROM scene s CROSS JOIN LATERAL (SELECT _is_current(s.scene_id) AS scene_is_current OFFSET 0) n
 JOIN conflict c ON c.scene_id = s.scene_id
@@ -76,6 +77,10 @@ COMMENT ON COLUMN conflicts.acknowledged_at IS 'When it was acknowledged; null i
 COMMENT ON COLUMN conflicts.acknowledged_for IS 'Reason given; null if acknowledged_by is null.';
 COMMENT ON COLUMN conflicts.acknowledged_until IS
 'Expiry of the acknowledgement; null: valid while the conflict lasts, or acknowledged_by is null.';
+COMMENT ON COLUMN conflicts.first_contact_lon_deg IS
+'First contact: longitude, degrees; null if not computed.';
+COMMENT ON COLUMN conflicts.first_contact_lat_deg IS
+'First contact: latitude, degrees; null if not computed.';
 
 CREATE OR REPLACE VIEW approaches WITH (security_invoker = true) AS
 SELECT s.name AS scene,

@@ -420,7 +420,9 @@ VIEW conflicts (
     acknowledged_by text,
     acknowledged_at timestamp with time zone,
     acknowledged_for text,
-    acknowledged_until timestamp with time zone
+    acknowledged_until timestamp with time zone,
+    first_contact_lon_deg double precision,
+    first_contact_lat_deg double precision
 );
 
 VIEW map_areas (

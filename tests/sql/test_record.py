@@ -5,7 +5,7 @@ from typing import Any
 import psycopg
 import pytest
 
-from conflictdb import record
+from conflictdb import connect, record
 from conflictdb.record import Column, Type
 
 TYPES = {
@@ -42,3 +42,25 @@ def test_comments_begin_with_the_sentence_of_the_record(conn: psycopg.Connection
     said = {name: comment for name, _, comment in of_view(conn, "conflicts")}
     for one in record.COLUMNS:
         assert f"{said[one.name]} ".startswith(f"{one.meaning} "), one.name
+
+
+def test_the_first_contact_is_a_point_and_two_numbers(dsn: str) -> None:
+    """In the view, in Python, and null in both where the method does not tell."""
+    with connect(dsn) as db:
+        for method in ("exact", "screen"):
+            db.load_demo()
+            db.detect("strait", method=method)
+            rows = db.connection.execute(
+                """SELECT a_key, b_key, first_contact_lon_deg, first_contact_lat_deg, ST_X(first_contact_point)
+                   FROM conflictdb.conflicts"""
+            ).fetchall()
+            db.connection.commit()
+            given = {(a, b): (lon, lat) for a, b, lon, lat, _ in rows}
+            assert [lon for _, _, lon, _, _ in rows] == [x for *_, x in rows]
+            found = db.conflicts("strait")
+            assert given == {
+                (one.a_key, one.b_key): (one.first_contact_lon_deg, one.first_contact_lat_deg) for one in found
+            }
+            told = [one.first_contact_deg or (None, None) for one in found]
+            assert [given[one.a_key, one.b_key] for one in found] == told
+            assert any(lon is not None for lon, _ in told) == (method == "exact")

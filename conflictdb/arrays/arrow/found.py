@@ -98,6 +98,8 @@ def of_found(
         "method": pa.array([scene.method.value] * n, pa.string()),
     }
     known |= {one.name: _OF_ARRAY[one.type](getattr(conflicts, one.array)) for one in (*MEASURED, *STATES)}
+    for side, name in enumerate(("first_contact_lon_deg", "first_contact_lat_deg")):
+        known[name] = of_measures(conflicts.first_contact_deg[:, side], np.nan)
     first, last = conflicts.period_offset[:-1], conflicts.period_offset[1:] - 1
     some = last >= first
     for name, side, rows, unbounded_us in (
