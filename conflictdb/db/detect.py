@@ -339,7 +339,7 @@ def _refresh_conflicts(
         # Free before the next chunk is allocated.
         del found, of_chunk
     counted = funnel.counted()
-    kept = {**record.settings, "projected_pairs": funnel.projected_pairs, **funnel.effort.counts()}
+    kept = {**record.settings, **funnel.without_column()}
     outcome = store.end_write(conn, begun(), replace(record, settings=kept, counted=counted))
     with store.translated():
         conn.commit()

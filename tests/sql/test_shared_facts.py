@@ -2,17 +2,19 @@
 
 import re
 from dataclasses import fields
+from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any
 
 import psycopg
 import pytest
 
+from conflictdb import connect
 from conflictdb.db import schema, store
 from conflictdb.db.detect import Run
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M, earth_of
 from conflictdb.model import EarthModel, Method, Motion
-from conflictdb.pipeline.funnel import Funnel
+from conflictdb.pipeline.funnel import MEASURES, Funnel
 from conflictdb.results import Kind, Verdict
 
 Conn = psycopg.Connection[Any]
@@ -86,7 +88,40 @@ def test_the_table_of_runs_has_the_names_of_what_is_counted(conn: Conn) -> None:
         )
     ]
     assert set(columns) == {field.name for field in fields(store.RunStatus)}
-    counted = set(Funnel().counted())
-    assert counted - set(columns) == {"projected_pairs", "met_pairs"}
-    assert {name for name in columns if name.endswith(("_pairs", "_s"))} - counted == {"write_s"}
-    assert counted <= {field.name for field in fields(Run)}
+    assert {one.name for one in MEASURES if one.column} <= set(columns)
+    assert {name for name in columns if name.endswith(("_pairs", "_s"))} == {
+        "write_s",
+        *(one.name for one in MEASURES if one.column),
+    }
+    measured = [one.name for one in MEASURES]
+    assert [field.name for field in fields(Funnel)] == [*measured, "effort"]
+    assert set(measured) <= {field.name for field in fields(Run)}
+
+
+def test_comments_of_the_table_of_runs_say_what_is_counted(conn: Conn) -> None:
+    for one in MEASURES:
+        if one.column:
+            row = conn.execute(
+                """SELECT col_description(attrelid, attnum) FROM pg_attribute
+                   WHERE attrelid = 'conflictdb.run'::regclass AND attname = %s""",
+                [one.name],
+            ).fetchone()
+            assert row == (f"{one.meaning}; null if the run failed.",)
+
+
+def test_every_measure_is_recorded(conn: Conn) -> None:
+    """Of a run that succeeds, and as far as it got of one that fails; those without a column beside the settings."""
+    with connect(conn) as db:
+        db.load_demo()
+        done = db.detect("strait")
+        (run,) = store.runs(conn, "strait")
+    kept = {one.name: run.settings.get(one.name, getattr(run, one.name, None)) for one in MEASURES}
+    assert kept == {one.name: getattr(done, one.name) for one in MEASURES}
+    assert {"closed_forms", "searched_pairs", "lp_calls", "tolerance_m"} <= set(run.settings)
+    counted = {one.name: 3 + k for k, one in enumerate(MEASURES)}
+    record = store.RunRecord("exact", {}, datetime.now(UTC), counted)
+    store.record_failure(conn, run.scene_id, record, "failed")
+    (failed,) = store.runs(conn, "strait")
+    assert {name: getattr(failed, name, None) for name in counted} == {
+        one.name: counted[one.name] if one.column else None for one in MEASURES
+    }
