@@ -1,0 +1,40 @@
+"""Scene files, the command line and their pages have the settings of the table `conflictdb.settings`."""
+
+from pathlib import Path
+
+import pytest
+
+from conflictdb import Scene
+from conflictdb.cli.commands import build
+from conflictdb.errors import InvalidInput
+from conflictdb.io.scene_file import scene_of, settings_of
+from conflictdb.settings import METRES, NAMES, SETTINGS, STORED_BY_DETECT, given
+
+FILES = Path(__file__).resolve().parents[2] / "docs/reference/files.md"
+
+
+@pytest.mark.parametrize("setting", SETTINGS, ids=lambda one: one.name)
+def test_the_page_about_files_has_each_setting(setting: object) -> None:
+    assert f"| `{setting.name}` |" in FILES.read_text()
+
+
+def test_files_keep_every_setting() -> None:
+    scene = Scene("s", "great_circle", "sphere", "screen", centre=(3.0, 4.0), **dict.fromkeys(METRES, 12.5))  # type: ignore[arg-type]
+    assert set(settings_of(scene)) == {"name", *NAMES}
+    assert scene_of(settings_of(scene), "") == scene
+    assert sorted(scene.differing(Scene("s"))) == sorted(NAMES)
+
+
+def test_options_set_what_they_name() -> None:
+    typed = [text for name in METRES for text in (f"--{name.replace('_', '-')}", "7")]
+    args = build().parse_args(["spark", "detect", "--output", "o", "--centre", "3,4", *typed])
+    assert given(args) == {"centre": (3.0, 4.0), **dict.fromkeys(METRES, 7.0)}
+    args = build().parse_args(["detect", "--scene", "s", "--method", "screen", *typed])
+    assert given(args, STORED_BY_DETECT) == {"method": "screen", **dict.fromkeys(METRES, 7.0)}
+
+
+@pytest.mark.parametrize("name", METRES)
+@pytest.mark.parametrize("wrong", [-1.0, float("nan"), float("inf"), 2.1e7, True, "5", None])
+def test_distances_are_checked_by_one_rule(name: str, wrong: object) -> None:
+    with pytest.raises(InvalidInput, match=f"scene 's': {name}: must be (a finite number|at most 20000000)"):
+        Scene("s", **{name: wrong})  # type: ignore[arg-type]
