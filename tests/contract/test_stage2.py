@@ -19,6 +19,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.db.probes import _PlanSource
+from conflictdb.db.sources import MOST_COMPARED
 from conflictdb.io.scene_file import read_scene
 from conflictdb.model import Area, Scene, Track
 from conflictdb.motion.registry import plane_of
@@ -87,6 +88,18 @@ def test_the_database_and_the_client_keep_the_same_pairs(conn: Conn, thrown: Cal
         assert after_stage2([stored]) == expected, scene.name
         left += len(expected)
     assert left > 10
+
+
+def test_the_database_runs_it_up_to_so_many_pairs_of_pieces(conn: Conn) -> None:
+    """Else the client does."""
+    across = scenes.track("A", [(0, 0), (2, 1), (4, 0)], [0, 7200, 14400], 500, 500, 200, 200)
+    along = scenes.track("B", [(0, 1), (2, 0), (4, 1)], [0, 7200, 14400], 500, 500, 200, 200)
+    load(conn, Scene("s"), [], [across, along])
+    conn.commit()
+    for most, is_here in ((MOST_COMPARED, True), (1, False)):
+        (chunk,) = few_changes(conn, "s", most).source.candidates()
+        conn.rollback()
+        assert (chunk.candidate_pairs is not None) == is_here
 
 
 def test_a_plan_that_is_not_stored_meets_the_same_pairs_both_ways(conn: Conn) -> None:
