@@ -20,7 +20,7 @@ from conflictdb.pipeline.memory import DEFAULT_MEMORY
 from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.pipeline.run import Funnel, run_scene
 from conflictdb.pipeline.source import Chunk
-from conflictdb.pipeline.telling import told
+from conflictdb.pipeline.telling import to_results
 from conflictdb.results import Conflict, Kind, Results
 from conflictdb.stage1_broad_phase import candidates
 
@@ -79,7 +79,7 @@ def solve(
     keys = {(Kind.AREA.code, n): area.key for n, area in enumerate(areas)}
     keys |= {(Kind.TRACK.code, n): track.key for n, track in enumerate(tracks)}
     origin = _Objects(scene, {one.key: one for one in [*areas, *tracks]})
-    rows = told(scene, keys, Conflicts.concatenate([conflicts for conflicts, _ in _run(scene, areas, tracks)]))
+    rows = to_results(scene, keys, Conflicts.concatenate([conflicts for conflicts, _ in _run(scene, areas, tracks)]))
     return Results((conflict.found_by(origin) for conflict in rows), Conflict)
 
 

@@ -29,7 +29,7 @@ from conflictdb.pieces.cutting import check_plane
 from conflictdb.pipeline.memory import MEMORY_MB, Memory
 from conflictdb.pipeline.run import run_scene
 from conflictdb.pipeline.source import Chunk
-from conflictdb.pipeline.telling import told
+from conflictdb.pipeline.telling import to_results
 from conflictdb.results import Conflict, Kind, Listing
 
 _log = logging.getLogger(__name__)
@@ -220,4 +220,4 @@ def _probed(
     found = Conflicts.concatenate(parts)
     keys = store.keys_of(conn, scene_id, found)
     plan_kind = Kind.AREA if isinstance(plan, Area) else Kind.TRACK
-    return told(scene, {**keys, (plan_kind.code, _PLAN): plan.key}, found)
+    return to_results(scene, {**keys, (plan_kind.code, _PLAN): plan.key}, found)

@@ -1,4 +1,4 @@
-"""The closest approach of pairs of objects that come near each other, added to their conflicts."""
+"""Add the closest approach to conflicts, and near pairs without conflict."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -23,9 +23,10 @@ from conflictdb.stage4.constants import TOUCH_M
 
 @dataclass(frozen=True, slots=True)
 class _Queries:
-    """Pairs of pieces (n,) that are asked how near they come, and when, seconds after the start of what they share.
+    """Queries for the closest approach of pairs of pieces (n,).
 
-    group : (n,) of which pair of objects each is, not decreasing
+    first_s, last_s : (n,) times, seconds after the start of the shared span
+    group : (n,) the pair of objects of each, not decreasing
     """
 
     a: PieceRows
@@ -35,7 +36,7 @@ class _Queries:
     group: NDArray[np.int64]
 
     def concatenated(self, more: "_Queries", groups: int) -> "_Queries":
-        """Return both, the groups of the latter numbered from so many on."""
+        """Return both; the groups of `more` are numbered from `groups` on."""
         ours = self.a, self.b, self.first_s, self.last_s, self.group
         theirs = more.a, more.b, more.first_s, more.last_s, more.group + groups
         a, b, *times, group = (np.concatenate(both) for both in zip(ours, theirs, strict=True))
@@ -51,31 +52,31 @@ def with_closest_approaches(
     work: kernel.Work,
     threads: int = 1,
 ) -> Conflicts:
-    """Return the conflicts with their closest approach, and the pairs that come near without conflict.
+    """Return the conflicts with their closest approach, and the near pairs without conflict.
 
     prepared : the pieces of the pairs
     meetings : the contacts of the conflicts
-    conflicts : what contacts were merged into
-    work : counts what is done
+    conflicts : the merged contacts
+    work : counts the work
     threads : of the kernel; the answer does not depend on it
     """
     is_open = conflicts.verdict == Verdict.UNRESOLVED.code
-    is_told = conflicts.closest_m == 0.0
-    decided = np.flatnonzero(~is_told & ~is_open)
+    is_known = conflicts.closest_m == 0.0
+    decided = np.flatnonzero(~is_known & ~is_open)
     asked, rows, more = _during_contacts(meetings, decided), decided, 0
-    if scene.nearest_m > 0.0 or (is_open & ~is_told).any():
-        others, undecided, more = _at_all_times(scene, prepared.pieces, pairs, conflicts, is_open & ~is_told)
+    if scene.nearest_m > 0.0 or (is_open & ~is_known).any():
+        others, undecided, more = _at_all_times(scene, prepared.pieces, pairs, conflicts, is_open & ~is_known)
         asked, rows = asked.concatenated(others, len(decided)), np.concatenate([decided, undecided])
     groups = len(rows) + more
     if not groups:
         return conflicts
     wanted, aim, elsewhere = np.full(groups, np.inf), np.zeros(groups), np.full(groups, np.inf)
     wanted[len(rows) :] = scene.nearest_m
-    # What is only within the tolerance need not be known better than that.
+    # A distance within the tolerance needs no smaller error than that.
     aim[: len(decided)][conflicts.verdict[decided] == Verdict.GRAZING.code] = scene.tolerance_m
     times = asked.first_s, asked.last_s
     nearest = approaches(prepared, asked.a, asked.b, *times, asked.group, wanted, aim, work, threads)
-    # What is decided is no nearer than this at all other times.
+    # Decided pairs are no nearer than this at all other times.
     elsewhere[: len(decided)] = scene.separation_m + np.where(meetings.meet[decided], 0.0, scene.tolerance_m)
     found_m = np.where(np.isinf(nearest.distance_m), 0.0, nearest.distance_m)
     _, _, swapped = ordered_members(prepared.pieces, PieceRows(asked.a[nearest.pair]), PieceRows(asked.b[nearest.pair]))
@@ -89,18 +90,18 @@ def with_closest_approaches(
     columns: dict[str, Any] = {name: getattr(conflicts, name).copy() for name in found}
     for name, column in columns.items():
         column[rows] = found[name][: len(rows)]
-    told = replace(conflicts, **columns)
-    # Infinite: further apart than asked.
+    complete = replace(conflicts, **columns)
+    # Infinite: further apart than the limit.
     near = len(rows) + np.flatnonzero(~np.isinf(nearest.distance_m[len(rows) :]))
     if not near.size:
-        return told
+        return complete
     only_near = _without_contact(prepared.pieces, asked, near, np.isnan(nearest.distance_m[near]))
     columns = {name: column[near] for name, column in found.items()}
-    return Conflicts.concatenate([told, replace(only_near, **columns)])
+    return Conflicts.concatenate([complete, replace(only_near, **columns)])
 
 
 def _during_contacts(meetings: Meetings, rows: NDArray[np.int64]) -> _Queries:
-    """Ask the pairs of objects (k,) during their contacts: at all other times they are further apart than wanted."""
+    """Return queries for pairs of objects (k,) during their contacts; at other times they are further apart."""
     offset, contacts = ragged_rows(meetings.offset, rows)
     a, b = PieceRows(meetings.a[contacts]), PieceRows(meetings.b[contacts])
     group = np.repeat(np.arange(len(rows)), np.diff(offset))
@@ -110,9 +111,9 @@ def _during_contacts(meetings: Meetings, rows: NDArray[np.int64]) -> _Queries:
 def _at_all_times(
     scene: Scene, pieces: Pieces, pairs: Pairs, conflicts: Conflicts, is_asked: NDArray[np.bool_]
 ) -> tuple[_Queries, NDArray[np.int64], int]:
-    """Ask the pairs of objects of some conflicts (n,), and those without one if any is asked for that come near.
+    """Return queries for some conflicts (n,) at all times, and for pairs without conflict if near pairs are reported.
 
-    Return also the rows of these conflicts, which come first, and the number of the others.
+    Also return the rows of these conflicts, which come first, and the number of the other pairs.
     """
     a, b, _ = ordered_members(pieces, pairs.a, pairs.b)
     seen = np.flatnonzero(~is_covered(pieces, a, b))
@@ -126,19 +127,19 @@ def _at_all_times(
     wanted = np.append(is_asked, scene.nearest_m > 0.0)[np.minimum(place, len(conflicts))]
     asked, group = np.unique(place[wanted], return_inverse=True)
     order = np.argsort(group, kind="stable")
-    rows, told = seen[wanted][order], asked[asked < len(conflicts)]
+    rows, of_conflicts = seen[wanted][order], asked[asked < len(conflicts)]
     at_all_times = np.zeros(len(rows)), np.full(len(rows), np.inf)
     # The members in the order of their keys, as everywhere.
     members = PieceRows(pairs.a[rows]), PieceRows(pairs.b[rows])
-    return _Queries(*members, *at_all_times, group[order]), told, len(asked) - len(told)
+    return _Queries(*members, *at_all_times, group[order]), of_conflicts, len(asked) - len(of_conflicts)
 
 
 def _without_contact(
     pieces: Pieces, asked: _Queries, groups: NDArray[np.int64], is_lost: NDArray[np.bool_]
 ) -> Conflicts:
-    """Return pairs of objects (k,) that come near each other without conflict, their approaches not yet told.
+    """Return pairs of objects (k,) that come near each other without conflict, still without approaches.
 
-    is_lost : (k,) whose approach is not to be found, so that they may come as near as anything while both are there
+    is_lost : (k,) whether the approach is unknown; these pairs are unresolved for all of their shared time
     """
     start, end = pieces.shared_span(asked.a, asked.b)
     first = np.searchsorted(asked.group, groups)

@@ -1,4 +1,4 @@
-"""Regions that cover a place, and regions of several parts put in their rows."""
+"""Extend regions to cover a place, and place the regions of several parts in their rows."""
 
 from typing import Final
 
@@ -11,14 +11,14 @@ from conflictdb.arrays.ragged import offsets
 from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.rows import interleaved
 
-# Half the width of what leads from a region to a point of contact beyond it, degrees: 0.1 mm.
+# Half the width of the strip from a region to a point of contact outside of it, degrees: 0.1 mm.
 _WAY_DEG: Final = 1e-9
 
 
 def covering(found: Polygons, place_deg: Floats) -> Polygons:
-    """Return regions (n,) that cover a place each, NaN where none is known: ST_Covers is true of them.
+    """Return regions (n,) that each cover a place (ST_Covers is true); NaN: the place is unknown.
 
-    The place may lie beyond the region by what its sides bend, or by rounding: it becomes a corner of it.
+    A place may lie outside of its region because sides bend, or by rounding. It becomes a corner of the region.
     """
     asked = np.flatnonzero((np.diff(found.offset) > 0) & np.isfinite(place_deg).all(axis=1))
     region, place = found.take(asked).geometries(), shapely.points(place_deg[asked])
@@ -37,7 +37,7 @@ def covering(found: Polygons, place_deg: Floats) -> Polygons:
 
 
 def _with_corner(region: NDArray[np.object_], place_deg: Floats) -> NDArray[np.object_]:
-    """Return polygons (n,) with a place each as a further corner, on the nearest side; None for several rings."""
+    """Return polygons (n,), each with a place inserted as a corner of the nearest side; None for several rings."""
     made = np.full(len(region), None, dtype=object)
     is_polygon = shapely.get_type_id(region) == shapely.GeometryType.POLYGON
     plain = np.flatnonzero(is_polygon & (shapely.get_num_interior_rings(region) == 0))
@@ -62,7 +62,7 @@ def _with_corner(region: NDArray[np.object_], place_deg: Floats) -> NDArray[np.o
 
 
 def placed(n: int, *parts: tuple[NDArray[np.int64], Polygons]) -> Polygons:
-    """Return n, the polygons of each part in the rows (k,) that it names; of others nothing is known."""
+    """Return n polygons: those of each part in its rows (k,); all other rows are unknown."""
     sizes = np.zeros((len(parts), n), np.int64)
     for size, (rows, some) in zip(sizes, parts, strict=True):
         size[rows] = np.diff(some.offset)

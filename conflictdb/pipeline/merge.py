@@ -1,4 +1,4 @@
-"""Contacts of pieces merged into one row per pair of objects, with its periods and its verdict."""
+"""Merge contacts of pieces into one row per pair of objects, with its periods and its verdict."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +31,12 @@ def merged_by_object(
     footprints: Footprints,
     threads: int = 1,
 ) -> tuple[Conflicts, Meetings]:
-    """Return one row per pair of objects with a contact, and where they are.
+    """Return one row per pair of objects with a contact, and their places.
 
-    Closest approaches are still missing but of what meets.
+    Only pairs that meet have a closest approach yet.
 
     prepared : the pieces of the pairs
-    footprints : asked for whole areas where contacts are shallow in all parts of one
+    footprints : called for whole areas if contacts are shallow in all parts of one
     threads : of the kernel; the answer does not depend on it
     """
     pieces = prepared.pieces
@@ -44,11 +44,11 @@ def merged_by_object(
     start, end = _instants(contacts, *pieces.shared_span(a, b))
     a, b, _ = ordered_members(pieces, a, b)
     group_of, n = numbered(object_keys(pieces, a, b))
-    # Objects that meet are reported while they do: that other pieces of theirs come close is not news.
+    # The periods of objects that meet exclude times at which other pieces of theirs only come close.
     meet = np.zeros(n, np.bool_)
     meet[group_of[contacts.touches]] = True
-    told = np.flatnonzero(contacts.touches | ~meet[group_of] | (contacts.verdict == Verdict.UNRESOLVED.code))
-    order = told[np.lexsort((end[told], start[told], group_of[told]))]
+    reported = np.flatnonzero(contacts.touches | ~meet[group_of] | (contacts.verdict == Verdict.UNRESOLVED.code))
+    order = reported[np.lexsort((end[reported], start[reported], group_of[reported]))]
     group = group_of[order]
     bounds = np.searchsorted(group, np.arange(n + 1))
     earliest = order[bounds[:-1]]
@@ -74,13 +74,13 @@ def merged_by_object(
         [has_conflict, has_open], [Verdict.CONFLICT.code, Verdict.UNRESOLVED.code], Verdict.GRAZING.code
     )
     first_contact_deg = _first_contacts(scene, prepared, pairs, contacts, earliest, threads)
-    # Objects that meet for certain are closest when they first do.
+    # Objects that certainly meet are closest at their first contact.
     doubtful = contacts.touches & ~(contacts.error_s < contacts.end_s - contacts.start_s)
     is_certain = meet & ~has_open
     is_certain[group_of[doubtful]] = False
-    is_told = (has_conflict | is_certain) & (scene.separation_m == 0.0) & (METHODS[scene.method].solver is not None)
-    nothing = np.where(is_told, 0.0, np.nan)
-    place = np.where(is_told[:, None], first_contact_deg, np.nan)
+    is_known = (has_conflict | is_certain) & (scene.separation_m == 0.0) & (METHODS[scene.method].solver is not None)
+    nothing = np.where(is_known, 0.0, np.nan)
+    place = np.where(is_known[:, None], first_contact_deg, np.nan)
     member_a, member_b = a[earliest], b[earliest]
     conflicts = Conflicts(
         a_kind=pieces.kind[member_a],
@@ -94,13 +94,13 @@ def merged_by_object(
         verdict=verdict.astype(np.int8),
         first_contact_deg=first_contact_deg,
         time_error_s=time_error_s,
-        closest_us=np.where(is_told, period_us[period_offset[:-1], 0], MINUS_INFINITY_US),
+        closest_us=np.where(is_known, period_us[period_offset[:-1], 0], MINUS_INFINITY_US),
         closest_m=nothing,
         closest_error_m=nothing,
         closest_a_deg=place,
         closest_b_deg=place,
     )
-    # As in the pair: in the order of their keys, whatever their numbers are.
+    # In the order of the pair, which is that of keys, not of numbers.
     one, other = (PieceRows(member[contacts.pair[order]]) for member in (pairs.a, pairs.b))
     times = contacts.start_s[order], contacts.end_s[order]
     return conflicts, Meetings(scene, plane, prepared, one, other, *times, bounds, meet, first_contact_deg, threads)
@@ -109,10 +109,10 @@ def merged_by_object(
 def _has_parts(pieces: Pieces, a: PieceRows, b: PieceRows, group: NDArray[np.int64], n: int) -> NDArray[np.bool_]:
     """Return (n,) whether contacts of a group are with several parts of one area.
 
-    What is deeper in an area than in any of its parts is within the tolerance of two of them: both have a contact.
+    An overlap that is deeper in an area than in each part comes within the tolerance of two parts: both have a contact.
 
     a, b : (m,) the pieces of each contact
-    group : (m,) the pair of objects that it is of
+    group : (m,) its pair of objects
     """
     several = np.zeros(n, np.bool_)
     for member in (a, b):
@@ -125,7 +125,7 @@ def _has_parts(pieces: Pieces, a: PieceRows, b: PieceRows, group: NDArray[np.int
 def _first_contacts(
     scene: Scene, prepared: kernel.Scene, pairs: Pairs, contacts: Contacts, earliest: NDArray[np.int64], threads: int
 ) -> Floats:
-    """Return (n, 2) longitude and latitude of where contacts begin; NaN where the method does not tell."""
+    """Return (n, 2) longitude and latitude of where contacts begin; NaN if the method does not compute it."""
     points = np.full((len(earliest), 2), np.nan)
     if METHODS[scene.method].solver is not None:
         pair = contacts.pair[earliest]
@@ -167,23 +167,23 @@ def _period_errors(
     period_start: NDArray[np.int64],
     period_end: NDArray[np.int64],
 ) -> Floats:
-    """Return (p,) by how much, seconds, periods may be longer at either end than the contact that they hold.
+    """Return (p,) the error bounds of periods: how much longer than the contact they may be at either end, seconds.
 
-    It is beyond doubt from the first to the last instant that is so in any of the contacts (m,) merged into a period:
-    one that is in doubt altogether leaves the end to its neighbours.
+    Contact is certain from the first to the last certain instant of the contacts (m,) merged into a period. An
+    uncertain contact leaves the end to its neighbours.
 
     period : (m,) the number of each contact's period, sorted
     """
     since_ever, for_ever = period_start == MINUS_INFINITY_US, period_end == INFINITY_US
     length = np.where(since_ever | for_ever, np.inf, (period_end - period_start) / 1e6)
-    # From an end at infinity all that does not reach it is infinitely far.
+    # Finite instants are infinitely far from an end at infinity.
     lead = np.where(since_ever[period], np.inf, (start - period_start[period]) / 1e6)
     tail = np.where(for_ever[period], np.inf, (period_end[period] - end) / 1e6)
     lead[start == period_start[period]] = 0.0
     tail[end == period_end[period]] = 0.0
     count = np.bincount(period, minlength=len(period_start))
     whole = np.where((start == MINUS_INFINITY_US) | (end == INFINITY_US), np.inf, (end - start) / 1e6)
-    # Of a contact that is all of its period the error is known, even where it is in doubt altogether.
+    # The error of a contact that is its whole period is known, even if the contact is uncertain.
     sure = (whole > 2.0 * error) | (count[period] == 1)
     worst = [np.full(len(period_start), np.inf) for _ in (lead, tail)]
     for least, way in zip(worst, (lead, tail), strict=True):
@@ -197,7 +197,7 @@ def _instants(
     """Return the contacts' ends as instants, rounded outward to the microsecond within the shared span."""
     whole = (contacts.start_s <= 0.0) & np.isinf(contacts.end_s)
     first, last = contacts.start_s, np.where(whole, 0.0, contacts.end_s)
-    # Seconds of centuries have no microseconds: out by what they are rounded to, but not beyond the span.
+    # Seconds of centuries do not resolve microseconds: round outward by their spacing, but stay within the span.
     offset = np.floor((first - 2.0 * np.spacing(np.abs(first))) * 1e6).astype(np.int64)
     start = np.where(whole | (first <= 0.0), shared_start, shared_start + offset)
     until = np.ceil((last + 2.0 * np.spacing(last)) * 1e6).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Which two objects the pieces of a pair belong to."""
+"""Group pairs of pieces by their two objects."""
 
 from collections.abc import Iterator
 
@@ -11,9 +11,9 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 
 
 def ordered_members(pieces: Pieces, a: PieceRows, b: PieceRows) -> tuple[PieceRows, PieceRows, NDArray[np.bool_]]:
-    """Return pieces a and b (n,) in the order of their objects, area first, else the smaller number; (n,) each.
+    """Return pieces a and b (n,) in the order of their objects: area first, else the smaller number.
 
-    And whether that is the other way round than they came.
+    The third array (n,) is true for pairs that were swapped.
     """
     swapped = (pieces.kind[a] > pieces.kind[b]) | (
         (pieces.kind[a] == pieces.kind[b]) & (pieces.object_id[a] > pieces.object_id[b])
@@ -22,12 +22,12 @@ def ordered_members(pieces: Pieces, a: PieceRows, b: PieceRows) -> tuple[PieceRo
 
 
 def object_keys(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
-    """Return (4, n) kind and number of the objects of pieces a and of pieces b: equal for the same two objects."""
+    """Return (4, n) kind and number of the objects of pieces a and b; columns of the same two objects are equal."""
     return np.stack([pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b]])
 
 
 def numbered(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
-    """Return (n,) numbers of columns (k, n), the same for equal ones, in their order; and how many there are."""
+    """Return the rank (n,) of each column of (k, n) among distinct columns, and the count of these."""
     order = np.lexsort(keys[::-1])
     along = keys[:, order]
     is_new = np.ones(len(order), np.bool_)
@@ -43,7 +43,7 @@ def object_numbers(pieces: Pieces) -> NDArray[np.int64]:
 
 
 def company_of(pieces: Pieces, pairs: Pairs) -> NDArray[np.int64]:
-    """Return (n,) how many of the pairs are of the same two objects."""
+    """Return (n,) the number of pairs that belong to the same two objects."""
     objects, number = np.unique(object_numbers(pieces), return_inverse=True)
     a, b = number[pairs.a], number[pairs.b]
     both = np.minimum(a, b) * len(objects) + np.maximum(a, b)
@@ -54,7 +54,7 @@ def company_of(pieces: Pieces, pairs: Pairs) -> NDArray[np.int64]:
 def chunks_of_objects(
     a_object: NDArray[np.int64], b_object: NDArray[np.int64], at_once: int
 ) -> Iterator[NDArray[np.int64]]:
-    """Yield rows of pairs of pieces, so many at once, or more where two objects have more: all of theirs together.
+    """Yield rows of pairs of pieces, at most `at_once`, except that all pairs of two objects stay together.
 
     a_object, b_object : (n,) numbers of the objects, of each pair in the same order
     """

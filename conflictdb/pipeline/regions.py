@@ -1,4 +1,4 @@
-"""Where pairs of objects interfere, in longitude and latitude."""
+"""Compute the regions of conflicts, in longitude and latitude."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,44 +23,44 @@ from conflictdb.pipeline.covering import covering, placed
 from conflictdb.pipeline.shared_areas import beyond, common_area, united
 from conflictdb.results import Kind
 
-# Goes up where the regions of the same answers become others: what a database holds is then written anew.
+# Increase it if the regions of unchanged answers change: databases then rewrite theirs.
 EDITION: Final = 5
-# A union of so many parts is exact; of more, those next to each other in time are put together before: those of a track
-# that lies still for hours are thousands, each of them nearly the same.
+# A union of at most this many parts is exact. Of more, neighbours in time are merged first: a track that lies still for
+# hours has thousands of nearly equal parts.
 _FEW_PARTS: Final = 8
-# Of two areas with more contacts, what they have in common is found of the areas: a union of 10,000 parts takes 12 s.
+# Two areas with more contacts are intersected as whole areas: a union of 10,000 parts takes 12 s.
 _MANY_PARTS: Final = 64
 # Sides that are straight in the plane and in degrees agree to the tolerance, or to this, metres. With less, regions
 # have more corners; with more, a point of contact may lie further outside.
 AGREE_M: Final = 1.0
 # Sides bend in degrees by less than a millimetre if no longer than this, metres (to 78 degrees; 11 mm at 89).
 _STRAIGHT_M = 100.0
-# About so many corners are added to a region at most. Of a track around the earth there were 12 million, more than
-# PostgreSQL can print. With fewer, sides of so large a region bend by some metres.
+# At most about this many corners are added to a region. A track around the earth had 12 million, more than PostgreSQL
+# can print. With fewer, sides of large regions bend by some metres.
 _MOST_CORNERS = 20_000
-# Of a polygon in EWKB: little-endian, what it is, with a number of its reference system, that number, one ring.
+# Head of a polygon in EWKB: little-endian, type with SRID, the SRID, one ring.
 _HEAD: Final = b"\x01" + np.array([3 | 0x2000_0000, SRID, 1], "<u4").tobytes()
-# Of a cross product, relative to its terms: of sides that are rounded once, and of three roundings more.
+# Rounding error of a cross product, relative to its terms: sides are rounded once, then three more roundings.
 _ROUNDING: Final = 1e-15
-# Sides on great circles are cut to this at least, metres of the plane, as in sql/11_plane.sql.
+# Longest side on a great circle before it is cut, metres of the plane, as in sql/11_plane.sql.
 _SIDE_M: Final = 25_000.0
-# Beyond this latitude, and where longitudes differ by more along such a side, a pole may be within.
+# A region may contain a pole above this latitude, or if longitudes differ by more along such a side.
 _HIGHEST_DEG: Final = 89.5
 _LARGEST_STEP_DEG: Final = 90.0
 _BEYOND_M: Final = 1e8  # five times as far as a gnomonic plane reaches
-_SEAM_DEG = 1e-11  # a micrometre: by less do rounded corners on the seam miss it
+_SEAM_DEG = 1e-11  # a micrometre: rounded corners on the seam miss it by less
 
 
 @dataclass(frozen=True, slots=True)
 class Meetings:
-    """Where n pairs of objects interfere, found out for those that are asked for.
+    """The contacts of n pairs of objects, from which regions are computed on request.
 
     prepared : the pieces of the contacts
     a, b : (m,) the prepared pieces of each contact
-    start_s, end_s : (m,) from when to when after the start of what they share; infinite of areas that are always there
-    offset : (n + 1,) the contacts of pair i are [offset[i], offset[i + 1]), one at least
-    meet : (n,) whether they are nearer than wanted, not only within the tolerance of that
-    first_deg : (n, 2) longitude and latitude of the first contact; NaN where the method does not find it
+    start_s, end_s : (m,) seconds after the start of the shared span; infinite for areas that are always there
+    offset : (n + 1,) the contacts of pair i are [offset[i], offset[i + 1]), at least one
+    meet : (n,) whether they are nearer than the separation, not only within the tolerance of it
+    first_deg : (n, 2) longitude and latitude of the first contact; NaN if the method does not find it
     threads : of the kernel; the answer does not depend on it
     """
 
@@ -79,11 +79,11 @@ class Meetings:
     def regions(self, rows: NDArray[np.int64]) -> Polygons:
         """Return the regions of pairs (k,): valid, cut at the seam. Each covers its first contact.
 
-        Rows from n on are of pairs without a contact: nothing is known of where these are.
+        Rows from n on are pairs without a contact, whose regions are unknown.
         """
         in_contact = rows < len(self.offset) - 1
         offset, contacts = ragged_rows(self.offset, rows[in_contact])
-        # Those without a contact get none, in their places.
+        # Pairs without a contact get no region.
         count = np.zeros(len(rows), np.int64)
         count[in_contact] = np.diff(offset)
         times = self.start_s[contacts], self.end_s[contacts]
@@ -105,15 +105,15 @@ def regions_of(
     *,
     threads: int = 1,
 ) -> Polygons:
-    """Return where n pairs of objects interfere: valid, cut at the seam.
+    """Return the regions of n pairs of objects: valid, cut at the seam.
 
-    Of two areas it is what they have in common; else a superset, what both sweep during their contacts. Not known it
-    is next to a pole, on great circles, and of objects that could not be cut: the database finds it out from the hulls
-    of pieces.
+    The region of two areas is their intersection, of other pairs a superset: the area that both sweep during their
+    contacts. It is unknown near a pole, on great circles, and for objects that could not be cut; the database then
+    computes it from the hulls of pieces.
 
     a, b : (m,) the prepared pieces of each contact
-    seconds : (m,) from when to when after the start of what they share; infinite of areas that are there for ever
-    offset : (n + 1,) the contacts of pair i are [offset[i], offset[i + 1]); of one without any nothing is known
+    seconds : (m,) start and end, seconds after the start of the shared span; infinite for areas without times
+    offset : (n + 1,) the contacts of pair i are [offset[i], offset[i + 1]); the region is unknown without contacts
     """
     pieces = prepared.pieces
     count = np.diff(offset)
@@ -126,14 +126,14 @@ def regions_of(
     zero_us, _ = pieces.shared_span(a, b)
     low_s, high_s = (np.where(np.isfinite(one), one, 0.0)[asked] for one in seconds)
     reach_m, agree_m = scene.tolerance_m + scene.separation_m, max(scene.tolerance_m, AGREE_M)
-    ring, ring_offset, told = regions(prepared, a[asked], b[asked], zero_us[asked], low_s, high_s, reach_m, threads)
+    ring, ring_offset, kind = regions(prepared, a[asked], b[asked], zero_us[asked], low_s, high_s, reach_m, threads)
     is_known[group[has_cover]] = False
-    is_known[group[asked[told == RegionKind.UNKNOWN]]] = False
+    is_known[group[asked[kind == RegionKind.UNKNOWN]]] = False
     moves = np.zeros(len(count), np.bool_)
     moves[group[(pieces.kind[a] == Kind.TRACK.code) | (pieces.kind[b] == Kind.TRACK.code)]] = True
     is_crowded = is_known & ~moves & (count > _MANY_PARTS)
-    owner = np.repeat(group[asked], 2)  # of each ring: a contact has two, or empty ones
-    wanted = is_known[owner] & ~(is_crowded[owner] & np.repeat(told == RegionKind.COMMON, 2))
+    owner = np.repeat(group[asked], 2)  # of each ring: each contact has two rings, which may be empty
+    wanted = is_known[owner] & ~(is_crowded[owner] & np.repeat(kind == RegionKind.COMMON, 2))
     filled = np.flatnonzero((np.diff(ring_offset) > 0) & wanted)
     (ring, ring_offset), owner = ragged_take(ring_offset, ring, filled), owner[filled]
 
@@ -154,7 +154,7 @@ def regions_of(
     rest = np.flatnonzero(~is_crowded[owner])
     ring, ring_offset, owner = _put_together(*ragged_take(ring_offset, ring, rest), owner[rest], moves)
 
-    # Nearly all are one ring that is convex in degrees too, and so valid; great circles are bent there.
+    # Nearly all are one ring that is also convex in degrees, and so valid; great circles bend in degrees.
     is_alone = (np.bincount(owner, minlength=len(count))[owner] == 1) & (plane.turn_m > 0.0)
     alone = np.flatnonzero(is_alone)
     xy, at = ragged_take(ring_offset, ring, alone)
@@ -185,10 +185,10 @@ def regions_of(
 def _of_areas(
     scene: Scene, plane: Plane, pieces: Pieces, a: PieceRows, b: PieceRows, ring: Floats, offset: NDArray[np.int64]
 ) -> shapely.Geometry:
-    """Return where two areas of many parts meet: what they have in common, and where else they come near.
+    """Return the region of two areas of many parts: their intersection, and where else they come near.
 
     a, b : (m,) the parts in contact
-    ring, offset : where those meet that have nothing in common
+    ring, offset : the regions of parts that do not intersect
     """
     turned = pieces.object_id[a] != pieces.object_id[a[0]]
     a, b = PieceRows(np.where(turned, b, a)), PieceRows(np.where(turned, a, b))
@@ -205,10 +205,10 @@ def _of_areas(
 def _put_together(
     ring: Floats, offset: NDArray[np.int64], owner: NDArray[np.int64], is_superset: NDArray[np.bool_]
 ) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
-    """Return rings, offsets and owners with many of one owner put together, nearly as small, where it is a superset.
+    """Return rings, offsets and owners; many rings of one owner are merged into a slightly larger superset.
 
     owner : (n,) of each ring, not decreasing
-    is_superset : (owners,)
+    is_superset : (owners,) whether a superset is allowed
     """
     many = (is_superset & (np.bincount(owner, minlength=len(is_superset)) > _FEW_PARTS))[owner]
     apart, together = np.flatnonzero(~many), np.flatnonzero(many)
@@ -224,7 +224,7 @@ def _put_together(
 
 
 def _each_alone(n: int, work: Callable[[NDArray[np.int64]], NDArray[np.object_]]) -> NDArray[np.object_]:
-    """Return what work makes of n pairs; geometry may fail on one: the database finds that one's out, too."""
+    """Return the results of `work` for n pairs; if it fails on one, the database computes the region of that pair."""
     made = np.full(n, None, dtype=object)
     for wanted, some in isolated(np.arange(n), work, _unknown, "the region of pair"):
         made[wanted] = some
@@ -236,20 +236,20 @@ def _unknown(wanted: NDArray[np.int64]) -> NDArray[np.object_]:
 
 
 def _degrees(plane: Plane, xy: Floats) -> Floats:
-    """Return longitude and latitude of places in the plane (n, 2); rounded, the seam stays the seam."""
+    """Return longitude and latitude of places in the plane (n, 2); places within rounding of the seam are on it."""
     lon, lat = plane.from_plane(xy[:, 0], xy[:, 1])
     on_seam = np.abs(np.abs(lon) - 180.0) < _SEAM_DEG
     return np.stack([np.where(on_seam, np.copysign(180.0, lon), lon), lat], axis=1)
 
 
 def _are_convex(xy: Floats, offset: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return (n,) which of closed rings that were convex in the plane turn left at every vertex beyond doubt.
+    """Return (n,) whether closed rings that were convex in the plane certainly turn left at every vertex.
 
-    What goes east or west does so in degrees too: a ring that turns left throughout goes around once.
+    East and west are the same in degrees: a ring that always turns left goes around once.
     """
     if not len(xy):
         return np.zeros(len(offset) - 1, np.bool_)
-    # The side from each vertex to the next; from the last, which is the first again, that of the first.
+    # The side from each vertex to the next; the last vertex is the first again, and has its side.
     side = np.roll(xy, -1, axis=0) - xy
     side[offset[1:] - 1] = side[offset[:-1]]
     after = np.roll(side, -1, axis=0)
@@ -260,7 +260,7 @@ def _are_convex(xy: Floats, offset: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def _of_rings(lonlat: Floats, offset: NDArray[np.int64]) -> Polygons:
-    """Return a polygon of each closed ring: ring i has the vertices lonlat[offset[i]:offset[i + 1]]."""
+    """Return a polygon for each closed ring; ring i has the vertices lonlat[offset[i]:offset[i + 1]]."""
     count = np.diff(offset)
     head = np.tile(np.frombuffer(_HEAD, np.uint8), (len(count), 1))
     vertices = lonlat.astype("<f8").view(np.uint8).reshape(-1)
@@ -278,8 +278,8 @@ def _in_degrees(
 ) -> NDArray[np.object_]:
     """Return the regions (n,) of pairs in longitude and latitude.
 
-    owner : of each ring, not decreasing
-    stand : (n,) whether both of a pair are areas
+    owner : the pair of each ring, not decreasing
+    stand : (n,) whether both objects of a pair are areas
     """
     found = np.full(len(stand), None, dtype=object)
     count = np.diff(offset)
@@ -290,9 +290,9 @@ def _in_degrees(
 
 
 def _to_degrees(plane: Plane, found: NDArray[np.object_], agree_m: float) -> NDArray[np.object_]:
-    """Return polygons (n,) of the plane, where parts are put together as their sides are straight there, in degrees.
+    """Return polygons (n,) of the plane in degrees. Parts are united in the plane, where their sides are straight.
 
-    agree_m : by how much their sides may leave those of the plane
+    agree_m : largest distance between a side in degrees and the side in the plane, metres
     """
     if not plane.turn_m:
         return _on_great_circles(plane, found, agree_m)
@@ -311,7 +311,7 @@ def _longest_rhumb_m(plane: Plane, agree_m: float) -> float:
 def _with_corners(
     plane: Plane, ring: Floats, offset: NDArray[np.int64], agree_m: float
 ) -> tuple[Floats, NDArray[np.int64], NDArray[np.bool_]]:
-    """Return closed rings of the Mercator plane with corners on long sides, their offsets, and (n,) which have some."""
+    """Return closed rings of the Mercator plane with corners added to long sides, offsets, and (n,) which have some."""
     if not len(ring):
         return ring, offset, np.zeros(0, np.bool_)
     side = np.roll(ring, -1, axis=0) - ring
@@ -332,11 +332,11 @@ def _straight_in_degrees(plane: Plane, found: NDArray[np.object_]) -> NDArray[np
         return _degrees(plane, xy)
 
     in_plane, found = found, shapely.set_srid(shapely.transform(found, degrees), SRID)
-    # Long sides of thin parts may cross in degrees, where they bend: with more corners they run as in the plane.
+    # Long sides of thin parts bend in degrees and may cross: more corners keep them as in the plane.
     crossed = np.flatnonzero(~shapely.is_valid(found) & ~shapely.is_missing(found))
     side_m = np.maximum(_STRAIGHT_M, shapely.length(in_plane[crossed]) / _MOST_CORNERS)
     straight = shapely.transform(shapely.segmentize(in_plane[crossed], side_m), degrees)
-    # Parts of a union that all but touch may cross when they are rounded.
+    # Parts of a union that nearly touch may cross after rounding.
     crosses = ~shapely.is_valid(straight)
     straight[crosses] = shapely.make_valid(straight[crosses], method="structure", keep_collapsed=False)
     found[crossed] = shapely.set_srid(straight, SRID)
@@ -344,11 +344,11 @@ def _straight_in_degrees(plane: Plane, found: NDArray[np.object_]) -> NDArray[np
 
 
 def _on_great_circles(plane: Plane, found: NDArray[np.object_], agree_m: float) -> NDArray[np.object_]:
-    """Return polygons (n,) of a gnomonic plane in longitude and latitude, cut at the seam; None next to a pole."""
+    """Return polygons (n,) of a gnomonic plane in longitude and latitude, cut at the seam; None near a pole."""
     lonlat, of = shapely.get_coordinates(
         shapely.transform(shapely.segmentize(found, _SIDE_M), lambda xy: _degrees(plane, xy)), return_index=True
     )
-    # Longitudes jump at the meridian that is opposite to the centre's: it is reached across a pole.
+    # Longitudes jump at the meridian opposite to the centre's, which is reached across a pole.
     jumps = (np.abs(np.diff(lonlat[:, 0])) > _LARGEST_STEP_DEG) & (of[1:] == of[:-1])
     is_known = ~shapely.is_missing(found)
     is_known[of[1:][jumps]] = False
@@ -358,7 +358,7 @@ def _on_great_circles(plane: Plane, found: NDArray[np.object_], agree_m: float) 
     result = np.full(len(found), None, dtype=object)
     highest = np.zeros(len(found))
     np.maximum.at(highest, of, np.abs(lonlat[:, 1]))
-    # Along a great circle longitude and latitude curve by at most 1.16 tan(latitude) of the way.
+    # Along a great circle longitude and latitude curve by at most 1.16 tan(latitude) of its length.
     curve = 1.16 * np.maximum(np.tan(np.radians(highest)), 1e-3) / plane.kernel_plane.radius_m
     side_m = np.sqrt(8.0 * agree_m / curve)
     side_m = np.minimum(_SIDE_M, np.maximum(side_m, shapely.length(found) / _MOST_CORNERS))
@@ -377,18 +377,19 @@ def _on_great_circles(plane: Plane, found: NDArray[np.object_], agree_m: float) 
 
 
 def _sides_of_seam(plane: Plane) -> NDArray[np.object_]:
-    """Return what is on either side of the meridian 180 in a gnomonic plane, where it is a line: (2,) polygons."""
+    """Return the two half planes (2,) on either side of the meridian 180, a line in a gnomonic plane."""
     lat = np.linspace(-89.0, 89.0, 179)
     places = np.stack(plane.to_plane(np.full(len(lat), 180.0), lat), axis=1)
-    places = places[np.isfinite(places[:, 0])]  # what is not beyond the horizon of the plane
+    places = places[np.isfinite(places[:, 0])]  # within the horizon of the plane
     one, other = places[np.argsort(np.hypot(*places.T))[:2]]
     along = (other - one) / np.hypot(*(other - one)) * _BEYOND_M
-    aside = np.array([-along[1], along[0]])
-    return shapely.polygons([[one - along, one + along, one + along + by, one - along + by] for by in (aside, -aside)])
+    across = np.array([-along[1], along[0]])
+    sides = (across, -across)
+    return shapely.polygons([[one - along, one + along, one + along + by, one - along + by] for by in sides])
 
 
 def _polygons(ring: Floats, count: NDArray[np.int64]) -> NDArray[np.object_]:
-    """Return polygons of closed rings, one after the other, of so many vertices each."""
+    """Return polygons of consecutive closed rings with `count` vertices each."""
     if not len(count):
         return np.empty(0, dtype=object)
     rings = shapely.linearrings(ring, indices=np.repeat(np.arange(len(count)), count))
@@ -398,7 +399,7 @@ def _polygons(ring: Floats, count: NDArray[np.int64]) -> NDArray[np.object_]:
 def _put(
     found: NDArray[np.object_], parts: NDArray[np.object_], owner: NDArray[np.int64], stand: NDArray[np.bool_]
 ) -> None:
-    """Put the unions of parts where they belong; owner : (p,) not decreasing."""
+    """Write the unions of parts into the rows of their owners (p,), which do not decrease."""
     start = np.flatnonzero(np.diff(owner, prepend=-1))
     size = np.diff(start, append=len(owner))
     for k in np.unique(size).tolist():

@@ -1,4 +1,4 @@
-"""A scene taken through the four stages, by its method: stage 1 at its source, the others here, chunk by chunk."""
+"""Run a scene through the four stages by its method, chunk by chunk: stage 1 at its source, the others here."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -30,7 +30,7 @@ from conflictdb.results import Kind, Verdict
 from conflictdb.stage2_intersection import intersections
 from conflictdb.stage4.contacts import contacts, static_verdicts
 
-_SHORTEST_S: Final = 1e-9  # divides where a clock shows nothing
+_SHORTEST_S: Final = 1e-9  # divisor if the clock shows no time
 
 __all__ = ["Footprints", "Funnel", "PairSource", "Progress", "run_scene", "run_stages"]
 
@@ -43,9 +43,9 @@ def run_scene(
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> Iterator[tuple[Conflicts, Funnel]]:
-    """Yield the conflicts among the pieces of a source, a chunk of its pairs at a time, and what was counted for each.
+    """Yield the conflicts among the pieces of a source and the counts, for each chunk of its pairs.
 
-    plane : of the scene, which the pieces were made in
+    plane : of the scene and of its pieces
     jobs, progress : see `run_stages`
     """
     decided = 0
@@ -73,14 +73,14 @@ def run_scene(
         funnel.intersecting_pairs = len(pairs)
         funnel.stage1_s, funnel.stage2_s = stage1_s, stage2_s
         decided += funnel.solved_pairs + funnel.effort.exact.closed_forms
-        # Not kept while the next one is made.
+        # Free before the next chunk is allocated.
         del chunk, pieces, a, b, pairs
         yield found, funnel
         del found, funnel
 
 
 def _after(decided: int, progress: Progress | None) -> Progress | None:
-    """Return what tells of pairs that come after so many others."""
+    """Return a callback that adds `decided` earlier pairs to its counts."""
     if progress is None:
         return None
     return lambda done, of: progress(decided + done, decided + of)
@@ -96,12 +96,12 @@ def run_stages(
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> tuple[Conflicts, Funnel]:
-    """Return what stages 3 and 4 make of pairs of pieces that passed stage 2, by the scene's method.
+    """Return the conflicts of pairs of pieces that passed stage 2, by stages 3 and 4 of the scene's method.
 
-    plane : of the scene, which the pieces were made in
-    footprints : asked for whole areas where contacts are shallow in all parts of one
+    plane : of the scene and of its pieces
+    footprints : called for whole areas if contacts are shallow in all parts of one
     jobs : threads of the kernel; the answer does not depend on it
-    progress : told how many pairs are decided, and of how many
+    progress : called with the number of decided pairs, and of all pairs
     """
     funnel = Funnel()
     started = time.perf_counter()
@@ -109,7 +109,7 @@ def run_stages(
     pairs = replace(pairs, company=company_of(pieces, pairs))
     covered = is_covered(pieces, pairs.a, pairs.b)
     static = (pieces.kind[pairs.a] == Kind.AREA.code) & (pieces.kind[pairs.b] == Kind.AREA.code)
-    # Once, for everything that is asked of the pairs.
+    # Once, for all queries about the pairs.
     prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)
     parts = [
         _unresolved(pieces, pairs, PairRows(np.flatnonzero(covered))),
@@ -130,7 +130,7 @@ def run_stages(
         clock = time.perf_counter()
         solved, funnel.effort = contacts(scene, plane, prepared, pairs.take(moving), first, last, tell, threads=jobs)
         exact = funnel.effort.exact
-        # The kernel's own seconds are added up over threads: their ratio is that of the time that passed.
+        # The kernel adds up seconds over threads; their ratio is that of the elapsed times.
         funnel.stage3_s += (time.perf_counter() - clock) * exact.closed_form_s / max(exact.contacts_s, _SHORTEST_S)
         funnel.projected_pairs += exact.closed_forms
         funnel.window_pairs += len(moving) - exact.closed_apart
@@ -153,7 +153,7 @@ def run_stages(
 
 
 def _counting(of: int, progress: Progress | None) -> Callable[[int], None] | None:
-    """Return what is told of some more pairs that are decided, and tells of all of them; it begins with none."""
+    """Return a callback that takes numbers of newly decided pairs and reports their sum; report 0 first."""
     if progress is None:
         return None
     decided = 0
@@ -168,9 +168,9 @@ def _counting(of: int, progress: Progress | None) -> Callable[[int], None] | Non
 
 
 def _windows(scene: Scene, plane: Plane, prepared: kernel.Scene, pairs: Pairs, funnel: Funnel) -> tuple[Floats, Floats]:
-    """Return the windows in which contacts are looked for, seconds: whole shared spans unless stage 3 projects regions.
+    """Return the windows of the search for contacts, seconds: whole shared spans unless stage 3 projects regions.
 
-    Without regions stage 3 is the kernel's closed form, which knows the times of the pairs that it decides.
+    Without regions stage 3 is the kernel's closed form, which finds the times of the pairs that it decides.
     """
     if not METHODS[scene.method].needs_regions:
         return _spans_s(prepared.pieces, pairs)
@@ -192,14 +192,14 @@ def _spans_s(pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
 
 
 def _static_contacts(scene: Scene, plane: Plane, prepared: kernel.Scene, pairs: Pairs, rows: PairRows) -> Contacts:
-    """Return the contacts of pairs of areas: they last as long as both are there."""
+    """Return the contacts of pairs of areas, for the time that both exist."""
     verdict, touches = static_verdicts(scene, plane, prepared, pairs.take(rows))
     meets = np.flatnonzero(verdict >= 0)
     return _whole_spans(prepared.pieces, pairs, PairRows(rows[meets]), verdict[meets], touches[meets])
 
 
 def _unresolved(pieces: Pieces, pairs: Pairs, rows: PairRows) -> Contacts:
-    """Return pairs of which nothing is decided, with the time that they share."""
+    """Return undecided pairs, with their shared time."""
     verdict, touches = np.full(len(rows), Verdict.UNRESOLVED.code, np.int8), np.ones(len(rows), np.bool_)
     return _whole_spans(pieces, pairs, rows, verdict, touches)
 
@@ -211,6 +211,6 @@ def _whole_spans(
     start, end = pieces.shared_span(PieceRows(pairs.a[rows]), PieceRows(pairs.b[rows]))
     unbounded = (start == MINUS_INFINITY_US) | (end == INFINITY_US)
     width = np.where(unbounded, np.inf, (end - np.where(unbounded, 0, start)) / 1e6)
-    # Of areas it is where that is not known: if they meet, they do so while both are there.
+    # Areas that meet do so during all of their shared time; the place is unknown.
     error = np.where((verdict == Verdict.UNRESOLVED.code) & np.isfinite(width), width, 0.0)
     return Contacts(rows, np.zeros(len(rows)), width, error, verdict, touches)

@@ -1,6 +1,6 @@
-"""What two areas of many parts have in common: of the parts put together again, not of thousands of pairs of them.
+"""Intersect two areas of many parts: as whole areas, not as thousands of pairs of parts.
 
-A union of what each pair of parts has in common takes the square of their number; this, hardly more than their number.
+A union of the intersections of all pairs of parts takes time with the square of their number; this is nearly linear.
 """
 
 from typing import Final
@@ -14,19 +14,19 @@ from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import Floats
 from conflictdb.motion.contract import Plane
 
-# Share of its parts' area that an area may lack or exceed by rounding: more, and they overlap.
+# An area may differ from the sum of its parts by this share, by rounding; by more if the parts overlap.
 _AREA_SHARE: Final = 1e-9
-# Corners are put on a grid of so many metres, a micrometre. Without, sides that are next to each other by rounding made
-# a union lose whole parts without a word (GEOS 3.14.1; four parts: a tenth of the area).
+# Corners are snapped to a grid of a micrometre. Without it a union of sides that differ by rounding lost whole parts
+# without an error (GEOS 3.14.1; four parts: a tenth of the area).
 _GRID_M: Final = 1e-6
-# Metres: rounding to degrees moves corners by 1e-8. What is wider is a region of the kernel (LEAST_SIDE_M), too.
+# Metres: rounding to degrees moves corners by 1e-8. The kernel's regions are wider than this, too (LEAST_SIDE_M).
 _LEAST_WIDTH_M: Final = 1e-7
-# By so much the kernel grows what has nothing in common, at least.
+# The kernel grows disjoint polygons by at least this much, metres.
 _GROWN_M: Final = 4e-6
 
 
 def common_area(plane: Plane, pieces: Pieces, a: PieceRows, b: PieceRows) -> shapely.Geometry:
-    """Return what an area's parts a and another's parts b have in common: plane metres, within half a turn."""
+    """Return the intersection of an area's parts a and another's parts b: plane metres, within half a turn."""
     found = shapely.intersection(*(_whole(plane, pieces, np.unique(rows)) for rows in (a, b)), grid_size=_GRID_M)
     return _home(plane, _wide(shapely.get_parts(found)))
 

@@ -1,4 +1,4 @@
-"""Where the pairs of a scene come from: stage 1, wherever it runs."""
+"""The interface of stage 1: a source of the candidate pairs of a scene."""
 
 from collections.abc import Iterator
 from typing import NamedTuple, Protocol
@@ -25,17 +25,17 @@ class Chunk(NamedTuple):
 
 
 class PairSource(Protocol):
-    """Stage 1 of a scene whose pieces are made: in a database, in memory, or wherever else pieces are joined."""
+    """Stage 1 of a scene whose pieces exist: in a database, in memory or elsewhere."""
 
     def candidates(self) -> Iterator[Chunk]:
         """Yield the pairs of pieces (a, b) whose boxes meet in space, time and height, in chunks of pieces and pairs.
 
-        All pairs of the same two objects are in one chunk, for they become one row; else they may be split at will, so
-        that a chunk fits the memory: of one that is done only its answers are kept.
+        All pairs of the same two objects are in one chunk, because they become one row. Otherwise chunks are of any
+        size that fits the memory. Only answers stay in memory after a chunk.
         """
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
-        """Return the footprints (n,) of whole areas, shapely geometries in degrees; empty ones of areas that are gone.
+        """Return the footprints (n,) of whole areas, shapely geometries in degrees; empty if an area was removed.
 
-        Asked for while a chunk is worked on.
+        Called while a chunk is solved.
         """

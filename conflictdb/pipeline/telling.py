@@ -1,4 +1,4 @@
-"""Conflicts of numbered objects as users see them."""
+"""Convert conflicts of numbered objects to results for users."""
 
 from collections.abc import Callable, Mapping
 from datetime import datetime
@@ -14,8 +14,8 @@ from conflictdb.record import MEASURED, Type
 from conflictdb.results import Conflict, Kind, Position, Verdict
 
 
-def told(scene: Scene, keys: Mapping[tuple[int, int], str], conflicts: Conflicts) -> list[Conflict]:
-    """Return conflicts, and pairs that are only near, in the order of their keys, areas first.
+def to_results(scene: Scene, keys: Mapping[tuple[int, int], str], conflicts: Conflicts) -> list[Conflict]:
+    """Return conflicts and near pairs in the order of their keys, areas first.
 
     keys : of objects, by the code of their kind and their number
     """
@@ -63,7 +63,7 @@ def _position(position_deg: NDArray[np.float64]) -> Position | None:
     return None if np.isnan(lon) else (lon, lat)
 
 
-# A value of an array, as a `Conflict` has it.
+# How a value of an array becomes that of a `Conflict`.
 _VALUE: Final[dict[Type, Callable[[Any], Any]]] = {
     Type.INSTANT: _instant,
     Type.NUMBER: _number,

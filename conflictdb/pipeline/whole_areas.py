@@ -1,6 +1,6 @@
-"""Whether objects meet deeper than the tolerance in the whole of an area, where they do so in none of its parts.
+"""Test whether objects overlap a whole area by more than the tolerance if they do so in none of its parts.
 
-An area is cut into convex parts that may be narrower than the tolerance, so that nothing is deep in any of them.
+An area is cut into convex parts, which may be narrower than the tolerance: then no overlap with a part is deep.
 """
 
 from collections.abc import Callable
@@ -33,12 +33,10 @@ def deep_in_whole_areas(
     contacts: Contacts,
     footprints: Footprints,
 ) -> NDArray[np.int8]:
-    """Return (n,) how deep contacts are in the whole of an area of which they are with a part, `Depth`.
-
-    They are looked at where they begin, in their middle and where they end.
+    """Return (n,) the `Depth` of contacts with a part in the whole area, at their start, middle and end.
 
     prepared : the pieces of the pairs
-    contacts : (n,) that are shallow in every part; of those without an area none is deep
+    contacts : (n,) shallow in every part; a contact without an area is never deep
     """
     pieces = prepared.pieces
     a, b = (PieceRows(member[contacts.pair]) for member in (pairs.a, pairs.b))
@@ -55,7 +53,7 @@ def deep_in_whole_areas(
     wholes = planar(plane, footprints(numbers))
     areas, east_m = _areas(scene, plane, wholes), np.zeros(len(part))
     if plane.turn_m:
-        # Parts may be copies of what is a turn away.
+        # Parts may be copies, a turn away.
         corner = pieces.shape_offset[part][:, None] + np.arange(3)
         x = pieces.shape_xy[corner, 0].mean(axis=1) + plane.turn_m * pieces.turn[part]
         west, _, east, _ = shapely.bounds(wholes[area]).T
@@ -67,7 +65,7 @@ def deep_in_whole_areas(
 
 
 def _areas(scene: Scene, plane: Plane, wholes: NDArray[np.object_]) -> Areas:
-    """Return areas of the plane, with what is beyond the tolerance also where the scale is largest."""
+    """Return areas of the plane, with a margin that exceeds the tolerance also at the largest scale."""
     parts, of_area = shapely.get_parts(wholes, return_index=True)
     rings, of_part = shapely.get_rings(parts, return_index=True)
     xy, of_ring = shapely.get_coordinates(rings, return_index=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class Programs:
-    """Calls of each program, and calls that found nothing although a contact was there."""
+    """Calls of each program, and calls that missed a contact."""
 
     lp_calls: int = 0
     nlp_calls: int = 0

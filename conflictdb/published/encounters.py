@@ -1,4 +1,4 @@
-"""What the published programs see: a pair of moving polygons with a common clock and origin."""
+"""The input of the published programs: pairs of moving polygons with a common clock and origin."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from conflictdb.motion.contract import Plane, origins
 
 @dataclass(frozen=True, slots=True)
 class Encounters:
-    """n pairs of polygons with a common time zero and origin, and the separation wanted between them, metres.
+    """n pairs of polygons with a common time zero and origin, and the required separation, metres.
 
     origin : (2, n) plane metres
     """

@@ -1,6 +1,6 @@
-"""Where the published programs say that contacts begin and end: the kernel asks, and proves what it is told.
+"""Guesses of the published programs for the start and end of contacts; the kernel certifies them.
 
-A pair that moves evenly is given to the linear program, any other to the nonlinear one.
+Pairs in uniform motion go to the linear program, all others to the nonlinear one.
 """
 
 import logging
@@ -22,21 +22,21 @@ from conflictdb.published.encounters import Encounters
 
 _log = logging.getLogger(__name__)
 
-# Threads of linear algebra are those of the whole process: of two that limit them one waits, so that each gives back
-# what it found.
+# The number of threads of linear algebra belongs to the process. Two callers that limit it take turns, so that each
+# restores the number that it found.
 _LIMITED = threading.Lock()
 
 
 @contextmanager
 def reproducible() -> Iterator[None]:
-    """Have programs do their linear algebra by one thread: their last digits follow the number of threads."""
+    """Limit linear algebra to one thread: the last digits of programs depend on the number of threads."""
     with _LIMITED, threadpool_limits(1, user_api="blas"):
         yield
 
 
 @dataclass(frozen=True, slots=True)
 class Guesses:
-    """Pairs of pieces, in time counted from zero_us (n,), and what programs were called for them."""
+    """Pairs of pieces with times counted from zero_us (n,), and the counts of program calls."""
 
     plane: Plane
     separation_m: float
@@ -46,7 +46,7 @@ class Guesses:
     programs: Programs
 
     def extreme_contact(self, rows: NDArray[np.int64], k: int, low_s: float, high_s: float, is_last: bool) -> float:
-        """Return where the last (or first) contact of pair rows[k] may be, seconds; NaN where a program finds none."""
+        """Return a guess of the last (or first) contact of pair rows[k], seconds; NaN if the program finds none."""
         pair = rows[k : k + 1]
         one = Encounters.of(self.plane, self.separation_m, self.prepared, self.pairs, pair, self.zero_us[pair])
         is_uniform = bool(linear_program.is_uniform(one, np.array([low_s]), np.array([high_s]))[0])
@@ -56,9 +56,9 @@ class Guesses:
         found = None
         try:
             found = program.extreme_contact(one, low_s, high_s, latest=is_last)
-        except Warning:  # made an error by somebody who wants to see it
+        except Warning:  # raised as errors on request
             raise
-        except Exception as error:  # whatever it is, the kernel finds the contact without it
+        except Exception as error:  # the kernel finds the contact without a guess
             _log.warning("a program failed on pair of pieces %d: %s: %s", pair[0], type(error).__name__, error)
         if found is None:
             self.programs.failed_calls += 1

@@ -19,13 +19,13 @@ class Approaches:
     """The closest approach of n pairs of objects.
 
     pair, at_s : (n,) the pair of pieces that comes closest, and the seconds after the start of its shared span; -1
-        where none is within what was asked, and where that is not known
+        if none comes within the limit, or if that is unknown
     at_us : (n,) int64, the same in microseconds since 1970; MINUS_INFINITY_US for areas that are always there
-    distance_m : (n,) metres on the earth, 0 where they touch; infinite where they are not within what was asked, NaN
-        where that cannot be told, as a piece is of no numbers or the work of distances is used up
-    error_m : (n,) bound on how far distance_m is from the least distance, either way, metres
-    a_deg, b_deg : (n, 2) longitude (in [-180, 180)) and latitude of the nearest points, or where they touch; NaN where
-        there are none
+    distance_m : (n,) metres on the earth, 0 if they touch; infinite if they do not come within the limit, NaN if
+        that is unknown, because a piece has NaN or infinite input or the work budget is exhausted
+    error_m : (n,) bound on |distance_m - least distance|, metres
+    a_deg, b_deg : (n, 2) longitude (in [-180, 180)) and latitude of the nearest points, or of the point of touch; NaN
+        if there are none
     """
 
     pair: PairRows
@@ -49,17 +49,17 @@ def approaches(
     work: kernel.Work,
     threads: int = 1,
 ) -> Approaches:
-    """Return how close pairs of objects come during times, of what they share.
+    """Return the closest approaches of pairs of objects during parts of their shared time.
 
-    Both ends of a time count, also one that does not belong to it: the distance tends to what it is there.
+    Both ends of a time count, also an exclusive one: the distance there is the limit of the distances before.
 
     prepared : the pieces of the pairs
     a, b : (n,) the pieces of each pair
-    first_s, last_s : (n,) the times, seconds after the start of what the pieces share; may end after that
-    group : (n,) of which pair of objects each pair of pieces is
-    wanted_m : (g,) for each pair of objects, the distance beyond which nothing needs to be known, metres
-    aim_m : (g,) how well the distance needs to be known, metres; 0: as well as it can be
-    work : counts what is done
+    first_s, last_s : (n,) the times, seconds after the start of the shared span; clipped to it
+    group : (n,) the pair of objects of each pair of pieces
+    wanted_m : (g,) limit of each pair of objects: larger distances are not computed, metres
+    aim_m : (g,) error bound to reach, metres; 0: as small as possible
+    work : counts the work
     threads : of the kernel; the answer does not depend on it
     """
     pieces = prepared.pieces

@@ -1,6 +1,6 @@
-"""The numbers that tune stage 4, each with its unit and what breaks when it is changed.
+"""Tuning constants of stage 4, each with its unit and the effect of a change.
 
-Lengths are metres on the earth where nothing else is said. Those of the published programs stand with them.
+Lengths are metres on the earth unless stated. The published programs have their own constants.
 """
 
 from typing import Final

@@ -1,6 +1,6 @@
-"""Stage 4: when exactly do two pieces interfere.
+"""Stage 4: find when two pieces interfere.
 
-The kernel decides. With method `nlp` it searches every pair, and asks the published programs where to look.
+The kernel decides. With method `nlp` it searches every pair and calls the published programs for guesses.
 """
 
 from collections.abc import Callable
@@ -44,7 +44,7 @@ def contacts(
     *,
     threads: int = 1,
 ) -> tuple[Contacts, Effort]:
-    """Return when the pairs interfere within their windows, and what it took.
+    """Return the contacts of pairs within their windows, and the work done.
 
     prepared : the pieces of the pairs
     first_s, last_s : (n,) the windows of stage 3, seconds after the start of the pairs' shared spans; both pieces of
@@ -78,7 +78,7 @@ def contacts(
 
 
 def _questions(pieces: Pieces, pairs: Pairs, first_s: Floats, last_s: Floats) -> kernel.Questions:
-    """Return the pairs as the kernel is asked about them, with what of their windows (n,) lies in the shared spans."""
+    """Return the kernel's queries: the pairs with their windows (n,), clipped to the shared spans."""
     zero, end = pieces.shared_span(pairs.a, pairs.b)
     span = (end - zero) / 1e6
     belongs = np.ones(len(pairs), np.bool_)
@@ -91,16 +91,16 @@ def _questions(pieces: Pieces, pairs: Pairs, first_s: Floats, last_s: Floats) ->
 def static_verdicts(
     scene: Scene, plane: Plane, prepared: kernel.Scene, pairs: Pairs
 ) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
-    """Return (n,) the verdict on pairs of areas, -1 where they are apart; no time is involved.
+    """Return the verdicts (n,) on pairs of areas, -1 if they are apart; no time is involved.
 
-    And (n,) whether they are nearer than wanted, not only within the tolerance of that: true where it is not known.
+    The second array (n,) is true if they are nearer than the separation, not only within the tolerance of it, or if
+    that is unknown.
     """
     never = np.zeros(len(pairs), np.int64)
     clearance = distances(prepared, pairs.a, pairs.b, never, np.zeros(len(pairs))) - scene.separation_m
     margin = max(scene.tolerance_m, TOUCH_M)
     furthest_m = scene.separation_m + margin
-    # The true distance is at most this much more than the one found.
-    # In the plane nothing is uncertain.
+    # The true distance exceeds the computed one by at most this; in the plane it is exact.
     has_error = scene.separation_m > 0.0 and furthest_m > (SHORT_M if plane.is_conformal else TOUCH_M)
     error_m = float(plane.distance_error_m(furthest_m)) if has_error else 0.0
     certainty_margin_m = TOUCH_M + error_m if error_m > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""What stage 4 did, counted."""
+"""Counts of the work of stage 4."""
 
 from dataclasses import asdict, dataclass, field
 
@@ -8,18 +8,18 @@ from conflictdb.published.calls import Programs
 
 @dataclass(slots=True)
 class Effort:
-    """What the kernel and the programs did."""
+    """The work of the kernel and the calls of the published programs."""
 
     exact: kernel.Work = field(default_factory=kernel.Work)
     programs: Programs = field(default_factory=Programs)
 
     def add(self, other: "Effort") -> None:
-        """Count another effort in."""
+        """Add the counts of another effort."""
         for mine, theirs in ((self.exact, other.exact), (self.programs, other.programs)):
             for name, count in asdict(theirs).items():
                 setattr(mine, name, getattr(mine, name) + count)
 
     def counts(self) -> dict[str, int]:
-        """Return every count by name; no seconds."""
+        """Return all counts by name, without seconds."""
         counted = {**asdict(self.exact), **asdict(self.programs)}
         return {name: count for name, count in counted.items() if isinstance(count, int)}
