@@ -1,22 +1,22 @@
-"""Every error this package raises on purpose.
+"""All errors that this package raises on purpose.
 
 ConflictDBError
 |__ InvalidInput(ValueError)   an object or setting is refused; says which object, which field, which rule
-|__ SchemaError                the database holds no usable conflictdb schema
+|__ SchemaError                the database has no usable conflictdb schema
 |   |__ SchemaMissing          run `conflictdb init`
 |   |__ SchemaOutdated         database older than this package: run `conflictdb upgrade`
 |   |__ SchemaTooNew           database newer than this package: refuse to start
 |__ ServerError                no PostgreSQL with PostGIS was found, or it does not start
-|__ KernelMissing              the compiled kernel is not there, or not that of these sources: `./run` builds it
+|__ KernelMissing              the compiled kernel is missing or of other sources: `./run` builds it
 |__ EngineMissing              Spark does not run here: Java, its packages or jars are missing; says what to install
 |__ StoreError                 any other database error; psycopg.Error in __cause__
-    |__ NotPermitted           the user has no right to do this: names the GRANT to run, where that is known
-    |__ ReadOnlyDatabase       it takes no changes: a hot standby, or transactions that are read-only by default
-    |__ LockTimeout            somebody else kept a lock for longer than was to be waited
-    |__ NotCurrent             a scene did not become current, or a probe was not answered, in the time to wait
+    |__ NotPermitted           the user lacks a right: names the GRANT to run, if known
+    |__ ReadOnlyDatabase       a hot standby, or transactions are read-only by default
+    |__ LockTimeout            another session kept a lock for longer than the timeout
+    |__ NotCurrent             a scene was not current, or a probe not answered, within the timeout
 
-IncompleteWarning is given with an answer that may lack something, because changes wait for detection.
-What a solver could not decide is not an error: it is a verdict (`unresolved`) in the result.
+IncompleteWarning accompanies an answer that may lack conflicts, because changes wait for detection. A pair that the
+solver could not decide is not an error: its verdict is `unresolved`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,9 +25,9 @@ from typing import Final
 
 from conflictdb.printable import printable
 
-# Of many mistakes so many are told, a screen full; the rest is counted.
+# A message lists at most this many mistakes, a screen full, and counts the rest.
 MOST_TOLD: Final = 20
-# Characters of each part of a message: more than any honest key or path has, and little enough to read.
+# Longest part of a message, in characters: longer than any real key or path, and still readable.
 _LONGEST_PART: Final = 4_000
 
 
@@ -41,13 +41,13 @@ class InvalidInput(ConflictDBError, ValueError):
     Parameters
     ----------
     key : str
-        What is refused, as the user knows it: ``track 'T1'``, ``scene 'exercise-7'``, ``feature 3``.
+        The refused object, as the user knows it: ``track 'T1'``, ``scene 'exercise-7'``, ``feature 3``.
     field : str
-        Field of it, as in the file: ``times[2]``, ``geometry``.
+        Its field, as in the file: ``times[2]``, ``geometry``.
     rule : str
-        The rule that is broken and, where it helps, the value found and what to do.
+        The broken rule and, if helpful, the value and the remedy.
     source : str
-        File (or table) that it came from, empty if none.
+        File (or table) of the object, empty if none.
     also : sequence of InvalidInput
         Further mistakes of the same input. The message has one line for each, up to MOST_TOLD.
     """
@@ -65,17 +65,17 @@ class InvalidInput(ConflictDBError, ValueError):
         super().__init__("\n".join(lines))
 
     def __iter__(self) -> "Iterator[InvalidInput]":
-        """Yield every mistake, each alone."""
+        """Yield each mistake as an error of its own."""
         yield InvalidInput(self.key, self.field, self.rule, self.source)
         yield from self.also
 
     def at(self, source: str) -> "InvalidInput":
-        """Return the same refusal, naming the file it came from."""
+        """Return the same error with its file."""
         return InvalidInput(self.key, self.field, self.rule, source, [other.at(source) for other in self.also])
 
 
 class Refusals:
-    """Collects refusals, so that all mistakes are told in one go: each is raised ``with`` it, and kept."""
+    """Collect refusals, to report all mistakes at once: errors raised ``with`` it are kept."""
 
     def __init__(self) -> None:
         self.found: list[InvalidInput] = []
@@ -92,14 +92,14 @@ class Refusals:
         return False
 
     def raise_found(self) -> None:
-        """Raise what was found, if anything was."""
+        """Raise the collected errors as one, if there are any."""
         if self.found:
             first = self.found[0]
             raise InvalidInput(first.key, first.field, first.rule, first.source, self.found[1:])
 
 
 class SchemaError(ConflictDBError):
-    """The database holds no usable conflictdb schema."""
+    """The database has no usable conflictdb schema."""
 
 
 class SchemaMissing(SchemaError):
@@ -119,7 +119,7 @@ class ServerError(ConflictDBError):
 
 
 class KernelMissing(ConflictDBError):
-    """The compiled kernel is not there, or not that of these sources."""
+    """The compiled kernel is missing or of other sources."""
 
     def __init__(self, what: str) -> None:
         super().__init__(f"{what}: ./run builds it, or `python -m conflictdb.kernel.build`")
@@ -134,12 +134,12 @@ class StoreError(ConflictDBError):
 
 
 class NotPermitted(StoreError):
-    """The database refuses something to a user who has no right to it; names the grant to run, where that is known.
+    """The user lacks a right; the message names the GRANT to run, if it is known.
 
     Parameters
     ----------
     routine : str, optional
-        Of the schema conflictdb, that was called: by it the grant may be found. None if there is nothing to find.
+        The called routine of schema conflictdb, from which the grant may follow; None if unknown.
     """
 
     def __init__(self, message: str, routine: str | None = None) -> None:
@@ -152,11 +152,11 @@ class ReadOnlyDatabase(StoreError):
 
 
 class LockTimeout(StoreError):
-    """Somebody else, whom it names where that can be seen, kept a lock for longer than was to be waited."""
+    """Another session kept a lock for longer than the timeout; the message names it, if visible."""
 
 
 class NotCurrent(StoreError):
-    """Changes of a scene wait for detection: at the end of the time to wait, or where none may wait."""
+    """Changes of a scene still wait for detection after the timeout, or where none may wait."""
 
 
 class IncompleteWarning(UserWarning):

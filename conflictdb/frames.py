@@ -1,4 +1,4 @@
-"""Conflicts and closest approaches as data frames of pandas and geopandas, with the columns of the views in SQL.
+"""Convert conflicts and closest approaches to data frames of pandas and geopandas, with the columns of the SQL views.
 
 Needs the extra `pandas`: ``pip install 'conflictdb[pandas]'``. Nothing is imported before the first frame is asked for.
 """
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     Position = tuple[float, float]
 
-# Longitude and latitude on WGS84, as all geometries of conflictdb are.
+# Longitude and latitude on WGS84, like all geometries of conflictdb.
 CRS: Final = "EPSG:4326"
 _POINT: Final = "_point"
 _NO_INSTANT: Final = np.datetime64("NaT", "us")
@@ -47,7 +47,7 @@ def approach_frame(rows: "Sequence[Approach]") -> "pd.DataFrame":
     columns = record.APPROACH_COLUMNS
     names = [one.name for one in columns]
     point, rest = names.index("a_point"), names.index("verdict") + 1
-    # Frames have the last columns in the order of conflicts.
+    # The last columns are in the order of conflicts.
     ordered = [*columns[:point], _GEOMETRY, *columns[point:rest], *sorted(columns[rest:], key=record.COLUMNS.index)]
     return _frame(rows, ordered, lambda one: _between(one.a_deg, one.b_deg))
 
@@ -87,7 +87,7 @@ def _frame(rows: Sequence[Any], columns: Sequence[record.Column], place: Callabl
 
 
 def _kept(column: record.Column, rows: Sequence[Any], place: Callable[[Any], Any]) -> Any:
-    """Return a column as pandas keeps it."""
+    """Return a column as a pandas type."""
     if column is _GEOMETRY:
         return _objects([place(row) for row in rows])
     values = list(map(attrgetter(column.field), rows))
@@ -135,7 +135,7 @@ def _objects(values: list[Any]) -> Any:
 
 
 def _intervals(periods: "Sequence[Period]") -> str:
-    """Return periods as ISO 8601 intervals, as the CSV of conflicts has them."""
+    """Return periods as ISO 8601 intervals, as in the CSV of conflicts."""
     return " ".join("/".join(_moment(end) for end in period) for period in periods)
 
 
@@ -144,7 +144,7 @@ def _moment(end: datetime | None) -> str:
 
 
 def _place(one: "Conflict") -> Any:
-    """Return where a conflict is, as its feature in GeoJSON has it."""
+    """Return the geometry of a conflict, as in its GeoJSON feature."""
     if one.region is not None:
         return shapely.from_geojson(one.region)
     if one.first_contact_deg is None and one.closest_a_deg and one.closest_b_deg:
@@ -157,7 +157,7 @@ def _point(position_deg: "Position | None") -> Any:
 
 
 def _between(a_deg: "Position", b_deg: "Position") -> Any:
-    """Return the line between two points; where it would cross the antimeridian, the points."""
+    """Return the line between two points, or the points if it would cross the antimeridian."""
     if a_deg == b_deg:
         return shapely.Point(a_deg)
     kind = shapely.LineString if abs(a_deg[0] - b_deg[0]) <= 180.0 else shapely.MultiPoint

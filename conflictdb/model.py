@@ -40,10 +40,10 @@ MAX_HAVEN_CORNERS: Final = 10_000
 # More than an area has vertices, or a track waypoints, that anybody drew: about what a file of the size that is read
 # holds. Databases may have lower limits (sql/12_checks.sql, _check_size).
 MAX_POINTS: Final = 1_000_000
-# No position is that uncertain; what grows faster is a mistake in its units.
+# No position is that uncertain; faster growth is a mistake in units.
 MAX_GROWTH_MPS: Final = 1e6
 
-# Instants are kept within these (years 0001 and 9999): what a timestamp, ISO 8601 and Python can all express.
+# Range of instants (years 0001 to 9999): timestamps, ISO 8601 and Python can all express it.
 MIN_INSTANT_US: Final = -62_135_596_800_000_000
 MAX_INSTANT_US: Final = 253_402_300_799_999_999
 # Ends of an unbounded span, in arrays of microseconds.
@@ -146,7 +146,7 @@ class Area:
     start_us, end_us : active during [start, end), microseconds since 1970; None is unbounded. May be given as aware
         datetimes or datetime64 (UTC)
     floor_m, ceiling_m : height band [floor, ceiling), metres above mean sea level; None is unbounded
-    properties : what the file said beyond these, given back on export
+    properties : other members of the file, exported again
     """
 
     key: str
@@ -158,7 +158,7 @@ class Area:
     ceiling_m: float | None = None
     properties: Mapping[str, Any] = field(default_factory=dict)
 
-    if TYPE_CHECKING:  # what may be given; __post_init__ makes of it what is kept
+    if TYPE_CHECKING:  # accepted types; __post_init__ converts them to the stored ones
 
         def __init__(
             self,
@@ -201,7 +201,7 @@ class Track:
     outline_m : (m, 2) float64, convex haven as (starboard, forward) metres about the reference point, not closed;
         one vertex (usually the origin) is a point haven, two are a line; of a haven that changes: at the first waypoint
     floor_m, ceiling_m : height band [floor, ceiling), metres above mean sea level; None is unbounded
-    properties : what the file said beyond these, given back on export
+    properties : other members of the file, exported again
     grow_mps : metres per second, >= 0, at which every side of the haven moves outward from the first waypoint's time on
     outlines_m : (n, m, 2) float64, instead: the haven at every waypoint, outline_m the first; on a leg each vertex
         moves straight, and steadily, from its place in one to that in the next; None: it keeps its outline, or grows
@@ -226,7 +226,7 @@ class Track:
     ceilings_m: NDArray[np.float64] | None = None
     max_speed_kn: InitVar[float] = MAX_SPEED_KN
 
-    if TYPE_CHECKING:  # what may be given; __post_init__ makes of it what is kept
+    if TYPE_CHECKING:  # accepted types; __post_init__ converts them to the stored ones
 
         def __init__(
             self,

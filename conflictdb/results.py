@@ -1,7 +1,7 @@
-"""What is found: conflicts and closest approaches, with or without a database, and whether they are all there are.
+"""Results: conflicts and closest approaches, with or without a database, and whether they are complete.
 
-Verdicts and kinds go by their names here and in files, by their codes in arrays. Instants are aware datetimes in UTC,
-to the microsecond; where a period has no bound, it is None. Positions are (longitude, latitude) in degrees.
+Verdicts and kinds are names here and in files, codes in arrays. Instants are aware datetimes in UTC, to the
+microsecond; None where a period is unbounded. Positions are (longitude, latitude) in degrees.
 """
 
 from collections.abc import Generator, Iterable, Iterator
@@ -24,21 +24,21 @@ _Row = TypeVar("_Row")
 
 
 class Verdict(StrEnum):
-    """What is known of a pair that is reported."""
+    """The verdict on a reported pair."""
 
     CONFLICT = "conflict"  # the polygons meet, deeper than the tolerance
     GRAZING = "grazing"  # the least separation is within the tolerance of zero: too close to call
-    UNRESOLVED = "unresolved"  # not proven apart, and not decided: the period is where they might meet
+    UNRESOLVED = "unresolved"  # neither proven apart nor decided: they might meet during the period
     NEAR = "near"  # no conflict: they come within the scene's nearest_m, and no closer than the separation
 
     @property
     def code(self) -> int:
-        """The number that stands for it in arrays; the database knows names only."""
+        """Its code in arrays; the database has names only."""
         return _VERDICT_CODES[self]
 
     @classmethod
     def of_code(cls, code: int) -> "Verdict":
-        """Return the verdict that a number stands for."""
+        """Return the verdict of a code."""
         return _VERDICTS[code]
 
 
@@ -50,16 +50,16 @@ class Kind(StrEnum):
 
     @property
     def code(self) -> int:
-        """The number that stands for it in arrays, and in the tables of the database."""
+        """Its code in arrays and in tables of the database."""
         return _KIND_CODES[self]
 
     @classmethod
     def of_code(cls, code: int) -> "Kind":
-        """Return the kind that a number stands for."""
+        """Return the kind of a code."""
         return _KINDS[code]
 
 
-# Given, not counted: they stay what they are whatever the order of the names.
+# Explicit, so that codes do not depend on the order of the names.
 _VERDICT_CODES: Final = {Verdict.CONFLICT: 0, Verdict.GRAZING: 1, Verdict.UNRESOLVED: 2, Verdict.NEAR: 3}
 _VERDICTS: Final = {code: verdict for verdict, code in _VERDICT_CODES.items()}
 _KIND_CODES: Final = {Kind.AREA: 0, Kind.TRACK: 1}  # areas come first in a pair
@@ -68,7 +68,7 @@ _KINDS: Final = {code: kind for kind, code in _KIND_CODES.items()}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairRecord:
-    """What conflicts and closest approaches have in common: the columns `record.APPROACH_COLUMNS`, and `STATES`."""
+    """The shared fields of conflicts and closest approaches: the columns `record.APPROACH_COLUMNS`, and `STATES`."""
 
     scene: str
     a_key: str
@@ -97,21 +97,21 @@ _SHARED: Final = tuple(one.name for one in fields(PairRecord))
 
 
 class Drawable(PairRecord):
-    """What can be drawn, as long as it is known where it was found: copies made elsewhere have no origin."""
+    """A row that can be drawn if it has an origin; copies made elsewhere have none."""
 
     __slots__ = ("_origin",)
     _origin: "Origin"
 
     def found_by(self, origin: "Origin") -> Self:
-        """Say what it was found by, once, when it was; returns itself."""
+        """Set the origin, once; return the row itself."""
         object.__setattr__(self, "_origin", origin)
         return self
 
     def plot(self) -> "Figure":
-        """Return a figure of matplotlib: the pair on a map, what it sweeps, and its separation over time.
+        """Return a figure of matplotlib: the pair on a map, its swept areas, and its separation over time.
 
-        Raises InvalidInput for a conflict that was not found by `solve`, nor by `conflicts` of a database, and
-        ConflictDBError, naming the extra to install, where there is no matplotlib.
+        Raises InvalidInput for a conflict that neither `solve` nor `conflicts` of a database returned, and
+        ConflictDBError, naming the extra to install, without matplotlib.
         """
         origin = getattr(self, "_origin", None)
         if origin is None:
@@ -122,33 +122,33 @@ class Drawable(PairRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conflict(Drawable):
-    """Two objects that interfere, or might: what `solve` returns, and a row of the view `conflicts`.
+    """Two objects that interfere or might interfere: a result of `solve`, a row of the view `conflicts`.
 
-    With the verdict near, two objects that only come near: they have no periods.
+    Objects with the verdict near only come near each other, and have no periods.
 
     a_key, b_key : the area first if there is one, else the smaller key in byte order
     periods : when, (start, end) inclusive, rounded outward to the microsecond, in order; None where unbounded
     time_error_s : bound on the error of every end of every period, seconds
-    first_contact_deg : where they first touch; None where the method does not tell
-    closest_at : the first instant at which they are closest; None where the method does not tell, and for areas that
-        are always there
-    closest_m, closest_error_m : distance then, metres on the earth, and how far from it the least distance may be; None
-        where the method does not tell
+    first_contact_deg : where they first touch; None if the method does not compute it
+    closest_at : the first instant at which they are closest; None if the method does not compute it, and for areas
+        that are always there
+    closest_m, closest_error_m : distance then, metres on the earth, and the bound on its error; None if the method does
+        not compute it
     closest_a_deg, closest_b_deg : the nearest points then
 
-    What only a database knows is None without one:
+    Without a database these are None:
 
-    region : where, a GeoJSON geometry; None also unless asked for
+    region : where, a GeoJSON geometry; None also unless requested
     is_current : whether neither object changed since
     scene_is_current : whether the conflicts of the scene are complete
-    run_id : the run that found it so; later ones found the same
+    run_id : the run that found it; later runs confirmed it unchanged
     found_at : when it was first found
-    conflict_id : its number, the same from opening to closing; None where it is only near
+    conflict_id : its number, the same from opening to closing; None for near pairs
     changed_at : when its periods, verdict or a key last changed; None if they never did
-    acknowledged_by, acknowledged_at, acknowledged_for, acknowledged_until : who took note of it as it is, when, why,
-        and until when that holds (None: as long as it lasts); all None where nobody did, or where that is over
-    a_id, a_version, b_id, b_version : numbers of the two objects, and of their states that it was found of; None also
-        unless the region is asked for
+    acknowledged_by, acknowledged_at, acknowledged_for, acknowledged_until : user, time, reason and expiry of its
+        acknowledgement (expiry None: while the conflict lasts); all None if there is none, or if it has ended
+    a_id, a_version, b_id, b_version : numbers of the two objects and of their versions that it was computed from; None
+        also unless the region is requested
     """
 
     periods: tuple[Period, ...]
@@ -163,7 +163,7 @@ class Conflict(Drawable):
 
     @property
     def opened_at(self) -> datetime | None:
-        """When it opened: `found_at`, as histories call it; None where it is only near."""
+        """When it opened: `found_at`, as histories call it; None for near pairs."""
         return None if self.verdict is Verdict.NEAR else self.found_at
 
     def _repr_html_(self) -> str:
@@ -173,7 +173,7 @@ class Conflict(Drawable):
 
     @property
     def first_contact(self) -> datetime | None:
-        """Start of the first period; None where that is unbounded, and without periods."""
+        """Start of the first period; None if unbounded or without periods."""
         return self.periods[0][0] if self.periods else None
 
     @property
@@ -188,12 +188,12 @@ class Conflict(Drawable):
 
     @property
     def last_contact(self) -> datetime | None:
-        """End of the last period; None where that is unbounded, and without periods."""
+        """End of the last period; None if unbounded or without periods."""
         return self.periods[-1][1] if self.periods else None
 
     @property
     def approach(self) -> "Approach | None":
-        """How close the two come; None where the method does not tell."""
+        """The closest approach of the two; None if the method does not compute it."""
         if self.closest_m is None or self.closest_error_m is None or not self.closest_a_deg or not self.closest_b_deg:
             return None
         return Approach(**_shared(self))
@@ -201,15 +201,15 @@ class Conflict(Drawable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Approach(PairRecord):
-    """How close two objects come: `Conflict.approach`, and a row of the view `approaches`. A conflict without periods.
+    """The closest approach of two objects: `Conflict.approach`, a row of the view `approaches`. It has no periods.
 
     closest_at : the first instant at which they are closest; None for areas that are always there
-    closest_m, closest_error_m : distance then, metres on the earth, and how far from it the least distance may be
+    closest_m, closest_error_m : distance then, metres on the earth, and the bound on its error
     closest_a_deg, closest_b_deg : the nearest points then; also called `a_deg` and `b_deg`
     verdict : near (no conflict), or that of the conflict
     method, time_error_s : of the detection that found it, and as of the conflict
     is_current, scene_is_current, run_id, found_at : as of a `Conflict`
-    a_id, a_version, b_id, b_version : as of a `Conflict`; None unless only those that are near are asked for
+    a_id, a_version, b_id, b_version : as of a `Conflict`; None unless only near pairs are requested
     """
 
     closest_at: datetime | None
@@ -229,9 +229,9 @@ class Approach(PairRecord):
         return self.closest_b_deg
 
     def as_near(self) -> Conflict:
-        """Return a pair that is only near as a row among conflicts: it has no periods.
+        """Return a near pair as a conflict without periods.
 
-        Raises InvalidInput where the verdict is another: the row of such a pair is the conflict.
+        Raises InvalidInput for other verdicts: the row of such a pair is the conflict.
         """
         if self.verdict is not Verdict.NEAR:
             who = f"approach of {self.a_key!r} and {self.b_key!r}"
@@ -245,15 +245,15 @@ def _shared(pair: PairRecord) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class ConflictEvent:
-    """What became of a conflict: a row of the view `conflict_events`.
+    """An event of a conflict: a row of the view `conflict_events`.
 
     event : number; in a scene, events become visible in the order of their numbers
     kind : opened, changed or closed
     at : when a detection wrote it
-    run_id : that detection
+    run_id : the detection
     conflict_id : the conflict, the same number from opening to closing
-    verdict, periods, time_error_s, closest_at, closest_m, closest_error_m : as of a `Conflict`, as known from then on;
-        of one that closed, as known before
+    verdict, periods, time_error_s, closest_at, closest_m, closest_error_m : as of a `Conflict`, from then on;
+        before the event if the conflict closed
     opened_at, closed_at : when the conflict opened, and closed; None unless it did
     """
 
@@ -279,14 +279,14 @@ class ConflictEvent:
 
 @dataclass(frozen=True, slots=True)
 class SceneState:
-    """Whether what a database knows of a scene is complete: a row of the view `scenes`.
+    """Whether the conflicts of a scene are complete: a row of the view `scenes`.
 
-    objects : areas and tracks it holds
-    pending : objects that wait for detection, with changes of attached tables that are still to be taken over
-    last_run_at, last_error : when its last detection ended, and why it failed; None if there was none, or it did not
+    objects : number of areas and tracks
+    pending : objects that wait for detection, and changes of attached tables that wait to be read
+    last_run_at, last_error : end of its last detection, and why it failed; None if there was none, or no failure
     is_current : whether nothing changed since the last detection that succeeded
-    remark : what is wrong, in words; None if nothing is
-    detected_at : when its last detection that succeeded ended; None: it was never detected, nothing is known of it
+    remark : the problem in words; None if there is none
+    detected_at : end of its last successful detection; None: it was never detected
     """
 
     scene: str
@@ -301,7 +301,7 @@ class SceneState:
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """Why two objects are in conflict, or are not: what the SQL function `explain_conflict` returns.
+    """Why two objects are or are not in conflict: the result of the SQL function `explain_conflict`.
 
     facts : the JSON object, with ``verdict``, ``why``, ``decided_by``, ``stages``, ``pieces``, ``is_current`` and more
     text : the same in words, some lines
@@ -320,16 +320,16 @@ class Explanation:
 
 
 class Origin(Protocol):
-    """What found conflicts, and has their objects."""
+    """The origin of conflicts, which has their objects."""
 
     def plot_conflict(self, conflict: Conflict) -> "Figure":
-        """Return the figure of a conflict that it found."""
+        """Return the figure of one of its conflicts."""
 
 
 class Results(list[_Row]):
-    """A list of conflicts or closest approaches, which can be a data frame.
+    """A list of conflicts or closest approaches, convertible to a data frame.
 
-    kind : of its rows, Conflict or Approach, also where there are none
+    kind : class of its rows, Conflict or Approach, also if it is empty
     """
 
     def __init__(self, rows: Iterable[_Row], kind: type[_Row]) -> None:
@@ -340,10 +340,10 @@ class Results(list[_Row]):
         """Return a DataFrame of pandas with the columns of the view `conflicts`, or `approaches`.
 
         Instants are to the microsecond in UTC, NaT where a period is unbounded; `periods` are as in a `Conflict`.
-        Geometries are of shapely, in longitude and latitude. `geometry` is where it is: a conflict's region, where that
-        was read, else its first contact; of a closest approach, the line between the nearest points.
+        Geometries are of shapely, in longitude and latitude. `geometry` is the conflict's region if that was read, else
+        its first contact; for a closest approach, the line between the nearest points.
 
-        Raises ConflictDBError, naming the extra to install, where there is no pandas.
+        Raises ConflictDBError, naming the extra to install, without pandas.
         """
         from conflictdb import frames  # not above: it brings numpy and shapely
 
@@ -358,7 +358,7 @@ class Results(list[_Row]):
         degrees: `first_contact_lon_deg` and `first_contact_lat_deg` instead of `first_contact_point`. `periods` are
         text: ISO 8601 intervals, separated by spaces; an unbounded end is two dots.
 
-        Raises ConflictDBError, naming the extra to install, where there is no geopandas.
+        Raises ConflictDBError, naming the extra to install, without geopandas.
         """
         from conflictdb import frames
 
@@ -373,9 +373,9 @@ class Results(list[_Row]):
 
 
 class Listing(Results[_Row]):
-    """A list of conflicts or closest approaches of a scene of a database that says whether it is complete.
+    """A list of conflicts or closest approaches of a stored scene that says whether it is complete.
 
-    state : of the scene, read before the list: when it says that nothing was missing, nothing is
+    state : of the scene, read before the list: if it is current, the list is complete
     """
 
     def __init__(self, state: SceneState, rows: Iterable[_Row], kind: type[_Row]) -> None:
@@ -384,7 +384,7 @@ class Listing(Results[_Row]):
 
     @property
     def is_current(self) -> bool:
-        """Whether it is complete: nothing of the scene waited for detection when it was read."""
+        """Whether it is complete: nothing in the scene waited for detection when it was read."""
         return self.state.is_current
 
     def _repr_html_(self) -> str:
@@ -394,9 +394,9 @@ class Listing(Results[_Row]):
 
 
 class Stream(Iterator[_Row]):
-    """Conflicts or closest approaches of a scene of a database, read as they are asked for, however many there are.
+    """An iterator over conflicts or closest approaches of a stored scene, fetched in batches.
 
-    Until it has come to its end, or is closed, a transaction is open on the connection.
+    The connection's transaction stays open until the iterator ends or is closed.
 
     state, kind : as of a `Listing`
     """
@@ -410,10 +410,10 @@ class Stream(Iterator[_Row]):
         return next(self._rows)
 
     def close(self) -> None:
-        """Read no more of it."""
+        """Stop reading and end the transaction."""
         self._rows.close()
 
     @property
     def is_current(self) -> bool:
-        """Whether it is complete: nothing of the scene waited for detection when it was begun."""
+        """Whether it is complete: nothing in the scene waited for detection when it began."""
         return self.state.is_current
