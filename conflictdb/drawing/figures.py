@@ -49,7 +49,7 @@ _LEFT_TO_RIGHT: Final = "\N{LEFT-TO-RIGHT MARK}"
 _INSTANTS: Final = 301
 _FORMATS: Final = (".png", ".svg", ".pdf")
 _DPI: Final = 150
-# Time shown before and after what is told of a pair, as a share of that; and at least this share of the whole.
+# Time shown before and after a pair's periods, as a share of these; and at least this share of the whole.
 _BEFORE_AND_AFTER: Final = 0.6
 _LEAST_SHARE: Final = 0.02
 # A map of less shows nothing of the objects: a point of contact alone has no size.
@@ -67,7 +67,7 @@ def plot_scene(
     """Return a figure of a scene: all objects on a map, where they are in conflict, and when.
 
     conflicts : of the scene; where a region is known it is drawn, else the first contact
-    remark : what nobody should overlook who sees it
+    remark : a warning to print on the figure
 
     Raises InvalidInput for a scene without objects, and ConflictDBError where there is no matplotlib.
     """
@@ -105,10 +105,10 @@ def plot_timeline(conflicts: Iterable[Conflict]) -> "Figure":
 def plot_pair(
     scene: Scene, a: Area | Track, b: Area | Track, conflict: Conflict | None = None, *, remark: str | None = None
 ) -> "Figure":
-    """Return a figure of two objects: what they sweep, where the stages let them meet, and how far apart they are when.
+    """Return a figure of two objects: swept areas, where the stages let them meet, and their separation over time.
 
-    conflict : what is known of them; None: nothing
-    remark : what nobody should overlook who sees it
+    conflict : their conflict; None: unknown
+    remark : a warning to print on the figure
 
     Raises ConflictDBError where there is no matplotlib.
     """
@@ -168,18 +168,18 @@ def save(figure: "Figure", file: str | Path) -> Path:
     file = check_name(file)
     with styled():
         metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(file.suffix.lower(), {})
-        with written_whole(file) as beside:
-            figure.savefig(beside, format=file.suffix[1:].lower(), dpi=_DPI, metadata=metadata, facecolor="white")
+        with written_whole(file) as part:
+            figure.savefig(part, format=file.suffix[1:].lower(), dpi=_DPI, metadata=metadata, facecolor="white")
     return file
 
 
 def check_name(file: str | Path) -> Path:
-    """Return the path of a figure's file; raises InvalidInput where its name does not say what it is to be."""
+    """Return the path of a figure's file; raises InvalidInput if its name has no known format."""
     return checked_name("plot", file, _FORMATS)
 
 
 def first_contact_order(conflict: Conflict) -> tuple[bool, datetime, str, str]:
-    """Return what conflicts are sorted by: first contact, those without a start first, then keys."""
+    """Return the sort key of a conflict: first contact (unbounded first), then keys."""
     start = conflict.first_contact
     return start is not None, start or EPOCH, conflict.a_key, conflict.b_key
 
@@ -215,7 +215,7 @@ def _draw_scene(panel: Any, sketch: Sketch, conflicts: Sequence[Conflict]) -> No
 
 
 def _draw_place(panel: Any, sketch: Sketch, conflict: Conflict) -> None:
-    """Draw where a conflict is, beside the first of its objects."""
+    """Draw the region of a conflict, on the turn of its first object."""
     number = sketch.keys.index(conflict.a_key)
     colour = OF_VERDICT.get(conflict.verdict, QUIET)
     if conflict.region is not None:
@@ -297,7 +297,7 @@ def _extent_m(shapes: Sequence[shapely.Geometry]) -> float:
 
 
 def _draw_common(panel: Any, sketch: Sketch) -> list[Any]:
-    """Draw what two areas have in common; return it, nothing where one object is a track or they only touch."""
+    """Draw the intersection of two areas; return it, empty if one object is a track or they only touch."""
     if sketch.is_track(0) or sketch.is_track(1):
         return []
     common = shapely.intersection(*(shapely.make_valid(sketch.outline(number)) for number in (0, 1)))
@@ -322,7 +322,7 @@ def _room(bounds: tuple[float, ...]) -> tuple[float, float, float, float]:
 
 
 def _draw_contacts(panel: Any, sketch: Sketch, conflict: Conflict | None) -> list[Any]:
-    """Draw both objects at the first and the last contact, or where they are closest; return what was drawn."""
+    """Draw both objects at the first and the last contact, or where they are closest; return the drawn shapes."""
     if conflict is None:
         return []
     instants = [("first contact", conflict.first_contact), ("last contact", conflict.last_contact)]
@@ -403,11 +403,11 @@ def _draw_separation(
 
 
 def _instants(span: tuple[int, int], conflict: Conflict | None) -> NDArray[np.int64]:
-    """Return the instants to measure: steady ones, and those that are told."""
+    """Return the instants to measure: regular ones, and the ends of periods and the closest approach."""
     steady = np.linspace(0.0, float(span[1] - span[0]), _INSTANTS).astype(np.int64) + span[0]
-    told: list[datetime | None] = [end for period in conflict.periods for end in period] if conflict else []
-    told += [conflict.closest_at] if conflict else []
-    known = np.array([(at - EPOCH) // MICROSECOND for at in told if at is not None], dtype=np.int64)
+    special: list[datetime | None] = [end for period in conflict.periods for end in period] if conflict else []
+    special += [conflict.closest_at] if conflict else []
+    known = np.array([(at - EPOCH) // MICROSECOND for at in special if at is not None], dtype=np.int64)
     return np.unique(np.concatenate([steady, np.clip(known, *span)]))
 
 
@@ -492,6 +492,6 @@ def _left_out(shown: Sequence[Conflict], rows: Sequence[Conflict]) -> str:
 def _name(key: str) -> str:
     text = printable(key)
     text = text if len(text) <= _LONGEST_NAME else text[: _LONGEST_NAME - 1] + "…"
-    # What is written from right to left is kept together, and what stands beside it where it is.
+    # Isolate text from right to left, so that its neighbours keep their places.
     is_leftward = any(bidirectional(sign) in ("R", "AL") for sign in text)
     return f"{_LEFT_TO_RIGHT}{text}{_LEFT_TO_RIGHT}" if is_leftward else text

@@ -10,7 +10,7 @@ from conflictdb.drawing.style import FIRST, SECOND
 from conflictdb.earth.geodesy import Floats
 from conflictdb.model import Area, Track
 
-# Room above and below what is bounded, as a share of it; and the least, metres.
+# Room above and below the bounded heights, as a share of them; and at least this, metres.
 _ROOM: Final = 0.3
 _LEAST_ROOM_M: Final = 1.0
 _ROUNDING_M: Final = 1e-6  # of heights, where a vertical separation counts

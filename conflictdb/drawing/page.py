@@ -16,7 +16,7 @@ _STEPS: Final = np.array([*(np.array([30, 20, 10, 5, 2, 1, 0.5]) / 3600), *(np.a
 _WHOLE_STEPS: Final = np.array([1, 2, 5, 10, 20, 30, 45])
 _LINES: Final = 4
 _POINTS: Final = 65
-# Room around what is shown, as a share of it; and the least that a map shows, plane metres.
+# Room around the content, as a share of it; and the least size of a map, plane metres.
 _ROOM: Final = 0.06
 _LEAST_M: Final = 1.0
 # No label is this near to the end of an edge, as a share of it: it would be cut off.
@@ -77,7 +77,7 @@ def show(panel: Any, plane: Plane, bounds: tuple[float, float, float, float]) ->
 
 
 def polygons(panel: Any, shapes: NDArray[np.object_], **look: Any) -> None:
-    """Draw polygons, and lines and points as what they are; look: as of a patch of matplotlib."""
+    """Draw polygons, lines and points; look: options of a patch of matplotlib."""
     from matplotlib.collections import LineCollection, PathCollection
 
     parts = shapely.get_parts(np.asarray(shapes, dtype=object))
@@ -97,7 +97,7 @@ def polygons(panel: Any, shapes: NDArray[np.object_], **look: Any) -> None:
 
 
 def names(panel: Any, places: dict[str, tuple[float, float]]) -> None:
-    """Write names beside places of the map that is shown, below each other where they would be on each other."""
+    """Write names next to places on the map; names that would overlap are stacked."""
     taken: list[tuple[float, float]] = []
     right = panel.get_window_extent().x1 * 72.0 / panel.figure.dpi
     for name, place in places.items():

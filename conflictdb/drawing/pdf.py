@@ -13,8 +13,8 @@ from conflictdb.errors import ConflictDBError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Of a page of PDF: room for a heading with its text; for a heading above a figure, or with the first rows of a table;
-# for the number of the page; and beside what a cell says.
+# Millimetres of a page: room for a heading with its text; for a heading above a figure, or with the first rows of a
+# table; for the page number; and around the text of a cell.
 _HEADING_MM: Final = 24.0
 _FIGURE_HEADING_MM: Final = 20.0
 _TABLE_HEADING_MM: Final = 45.0
@@ -47,7 +47,7 @@ def document(title: str, made: str, warning: str, sections: Sequence[Section]) -
     pdf.set_auto_page_break(auto=True, margin=18)
     with styled() as mpl:
         fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
-    # It has most of what is written in Europe; other characters are written by their numbers (HTML has them all).
+    # It has the characters of most European languages; others are written as numbers (HTML has them all).
     pdf.add_font("DejaVu", "", fonts / "DejaVuSans.ttf")
     pdf.add_font("DejaVu", "B", fonts / "DejaVuSans-Bold.ttf")
     pdf.set_font("DejaVu", size=9)
@@ -67,7 +67,7 @@ def _add(pdf: Any, section: Section) -> None:
     pdf.ln(3)
     is_figure_first = bool(section.figures) and not section.rows
     below_mm = _size(pdf, section.figures[0][1])[1] + _FIGURE_HEADING_MM if is_figure_first else _TABLE_HEADING_MM
-    if pdf.will_page_break(below_mm):  # no heading without what it is of
+    if pdf.will_page_break(below_mm):  # no heading without its content
         pdf.add_page()
     _paragraph(pdf, section.heading, 11, bold=True)
     if section.text:
@@ -128,7 +128,7 @@ def _size(pdf: Any, figure: "Figure") -> tuple[float, float]:
 
 
 def _widths(pdf: Any, rows: Sequence[Sequence[str]]) -> tuple[float, ...]:
-    """Return widths of columns as their contents want; the widest share what the others leave of the page."""
+    """Return widths of columns by their contents; the widest ones share the remaining width."""
     wanted = [
         1.1 * max(pdf.get_string_width(line) for cell in column for line in cell.split("\n")) + _PADDING_MM
         for column in zip(*rows, strict=True)

@@ -1,4 +1,4 @@
-"""A report of a scene, to file with a plan: what was checked, with which settings, what was found, and figures.
+"""A report of a scene, to file with a plan: objects, settings, conflicts and figures.
 
 One list of sections, written as HTML (one file, figures within) or as PDF (by fpdf2).
 """
@@ -84,12 +84,12 @@ def write(checked: Checked, file: str | Path, now: datetime | None = None) -> No
     sections = _sections(checked)
     render = _html if file.suffix.lower() == ".html" else document
     content = render(title, made, warning, sections)
-    with written_whole(file) as beside:
-        beside.write_bytes(content)
+    with written_whole(file) as part:
+        part.write_bytes(content)
 
 
 def check_name(file: str | Path) -> Path:
-    """Return the path of a report; raises InvalidInput where its name does not say what it is to be."""
+    """Return the path of a report; raises InvalidInput if its name has no known format."""
     return checked_name("report", file, _FORMATS)
 
 

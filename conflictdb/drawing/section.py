@@ -15,7 +15,7 @@ _DPI: Final = 170
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A heading with text, a table and figures below it; a warning is what must not be overlooked."""
+    """A heading with text, a table and figures below it; the warning stands out."""
 
     heading: str
     text: str = ""

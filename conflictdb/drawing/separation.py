@@ -24,7 +24,7 @@ class Separation:
     """Signed separation at n instants: metres between two objects, or less than zero, how deep they are in each other.
 
     at_us : (n,) microseconds since 1970
-    low_m, high_m : (n,) bounds of it, on the earth; NaN where it is not known. Of objects that overlap it is the least
+    low_m, high_m : (n,) bounds of it, on the earth; NaN if unknown. For objects that overlap it is the least
         way that separates their deepest convex parts: by as much they overlap at least.
     """
 
@@ -66,7 +66,7 @@ def separation(sketch: Sketch, a: int, b: int, at_us: NDArray[np.int64]) -> Sepa
     deep_low, deep_high = _depth(
         sketch, prepared, PieceRows(first[touching]), PieceRows(second[touching]), at_us[group[touching]]
     )
-    # The parts that are deepest in each other tell.
+    # The deepest overlap of two parts decides.
     np.minimum.at(low, group[touching], -deep_high)
     overlap = np.zeros(len(at_us))
     np.maximum.at(overlap, group[touching], deep_low)

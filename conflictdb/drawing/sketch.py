@@ -1,4 +1,4 @@
-"""Objects of a scene where they are in its plane: what figures are drawn from. Plane coordinates in metres."""
+"""Objects of a scene in its plane, from which figures are drawn. Plane coordinates in metres."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -51,7 +51,7 @@ class Sketch:
         return self.on_page(self._areas[number].footprint, number)
 
     def on_page(self, shape: shapely.Geometry, number: int) -> shapely.Geometry:
-        """Return a shape in degrees, beside an object."""
+        """Return a shape in degrees, on the turn of an object."""
         parts = [self._beside(shapely.transform(part, self._in_plane), number) for part in shapely.get_parts(shape)]
         return parts[0] if len(parts) == 1 else shapely.union_all(parts)
 
@@ -100,7 +100,7 @@ class Sketch:
         return self._beside(shapely.MultiPoint(corners.T).convex_hull, number)
 
     def hulls(self, number: int) -> NDArray[np.object_]:
-        """Return what the pieces of an object sweep (stage 1 and 2: padded convex hulls)."""
+        """Return the swept hulls of the pieces of an object (stages 1 and 2: padded, convex)."""
         hulls = hulls_of(self.pieces.take(self.rows(number)))
         return np.array([self._beside(hull, number) for hull in hulls], dtype=object)
 

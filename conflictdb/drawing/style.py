@@ -12,7 +12,7 @@ from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.inputs import EPOCH, MICROSECOND
 from conflictdb.results import Verdict
 
-# Told apart also by those who see two of the three colours (Okabe and Ito), and by their lightness.
+# Distinguishable with colour blindness (Okabe and Ito), and by lightness.
 FIRST, SECOND, CONFLICT, QUIET, INK = "#0072b2", "#009e73", "#d55e00", "#8a949e", "#2b333b"
 OF_VERDICT: Final = {Verdict.CONFLICT: CONFLICT, Verdict.GRAZING: "#e69f00", Verdict.UNRESOLVED: "#8a949e"}
 HATCH: Final = {Verdict.CONFLICT: "", Verdict.GRAZING: "////", Verdict.UNRESOLVED: "xxxx"}
@@ -45,7 +45,7 @@ _STYLE: Final[Any] = {
     "grid.linewidth": 0.6,
     "hatch.linewidth": 0.5,
     "timezone": "UTC",
-    # Files depend on what is drawn, not on the day or the run; text can be searched.
+    # Files depend only on their content, not on the day or the run; text can be searched.
     "svg.hashsalt": "conflictdb",
     "svg.fonttype": "none",
     "pdf.fonttype": 42,
@@ -69,7 +69,7 @@ def styled() -> Iterator[Any]:
     installed = {font.name for font in mpl.font_manager.fontManager.ttflist}
     fonts = ["sans-serif", *(name for name in _FURTHER_FONTS if name in installed)]
     with _without_advice(), mpl.rc_context({**_STYLE, "font.family": fonts}), warnings.catch_warnings():
-        # Keys may be in any script: what the font has not is a box, and no mishap of the program.
+        # Keys may be in any script: missing glyphs are drawn as boxes.
         warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
         yield mpl
 
@@ -105,7 +105,7 @@ def time_axis(mpl: Any, panel: Any, first: datetime, last: datetime) -> None:
 
 
 def checked_name(who: str, file: str | Path, formats: tuple[str, ...]) -> Path:
-    """Return the path of a file; raises InvalidInput where its name does not say what it is to be."""
+    """Return the path of a file; raises InvalidInput if its name has no known format."""
     file = Path(file)
     if file.suffix.lower() not in formats:
         either = ", ".join(formats) if len(formats) > 2 else " or ".join(formats)
@@ -116,9 +116,9 @@ def checked_name(who: str, file: str | Path, formats: tuple[str, ...]) -> Path:
 @contextmanager
 def written_whole(file: Path) -> Iterator[Path]:
     """Yield where to write a file, so that it appears when it is complete, or not at all."""
-    beside = file.with_name(f".{file.name}.part")
+    part = file.with_name(f".{file.name}.part")
     try:
-        yield beside
-        beside.replace(file)
+        yield part
+        part.replace(file)
     finally:
-        beside.unlink(missing_ok=True)
+        part.unlink(missing_ok=True)
