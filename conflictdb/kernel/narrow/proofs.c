@@ -108,8 +108,20 @@ static bool split(const Encounter *pair, Intervals *intervals, double start, dou
     return true;
 }
 
+/* Replace a list that is too full to be split by its hull: it may contain more time, never less. */
+static void make_room(Intervals *intervals) {
+    if (4 * intervals->count <= intervals->most) return;
+    Interval hull = {INFINITY, -INFINITY, 0.0, BORDERLINE};
+    for (int64_t i = 0; i < intervals->count; i++) {
+        hull.start = least(hull.start, intervals->items[i].start);
+        hull.end = most(hull.end, intervals->items[i].end);
+    }
+    intervals->items[0] = hull, intervals->count = 1;
+}
+
 void undecided_separation(Encounter *pair, Intervals *intervals, double margin_m) {
-    REQUIRE(intervals->count <= intervals->most);
+    REQUIRE(intervals->most > 0);
+    make_room(intervals);
     int64_t kept = 0;
     for (int64_t next = 0; next < intervals->count; next++) {
         double start = intervals->items[next].start, end = intervals->items[next].end, h = end - start;

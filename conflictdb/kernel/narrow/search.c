@@ -29,6 +29,9 @@ enum { MAX_ROUNDS = 16, MAX_CUTS = 32 };
 /* Intervals inspected for the depth of a contact. Smaller: more contacts hardly deeper than the tolerance are
  * conflicts. */
 enum { DEPTH_INTERVALS = 64 };
+/* A touch in doubt is searched again if the time in doubt shrank to this fraction. Smaller: more touches stay in doubt;
+ * larger: touches within rounding take more work. */
+static const double SHRUNK = 0.75;
 /* Growth of the steps from a contact's end to a certain instant. Larger: short contacts are passed over. */
 static const double STEP_GROWTH = 4.0;
 
@@ -50,14 +53,6 @@ static Span hull_of(const Intervals *intervals) {
     return hull;
 }
 
-/* Make room: of a list that is too full to be split further, keep the hull. It may contain more, never less. */
-static void make_room(Intervals *intervals) {
-    if (4 * intervals->count <= intervals->most) return;
-    Span hull = hull_of(intervals);
-    intervals->items[0] = (Interval){hull.first, hull.last, 0.5 * (hull.first + hull.last), BORDERLINE};
-    intervals->count = 1;
-}
-
 static Span witnesses_of(const Intervals *intervals, Reason reason) {
     Span seen = NEVER;
     for (int64_t i = 0; i < intervals->count; i++)
@@ -66,6 +61,15 @@ static Span witnesses_of(const Intervals *intervals, Reason reason) {
 }
 
 static bool is_seen(Span span) { return span.first <= span.last; }
+
+/* Whether the budget was exhausted before an undecided interval was as short as a microsecond; and one of a list. */
+static bool is_cut_short(Interval one) { return one.reason == BORDERLINE && one.end - one.start > 2.0 * SHORTEST_INTERVAL_S; }
+
+static bool is_exhausted(const Intervals *intervals) {
+    for (int64_t i = 0; i < intervals->count; i++)
+        if (is_cut_short(intervals->items[i])) return true;
+    return false;
+}
 
 /* An end of a contact: no contact beyond `outer`; in contact at `witness`. */
 typedef struct {
@@ -217,11 +221,8 @@ static void add_close(Encounter *pair, const Intervals *intervals, bool touches,
     /* An undecided interval of a microsecond lies within rounding of the margin: grazing. A longer one exhausted the
      * budget: grazing if its clearance is proven above minus the margin. */
     rest->count = 0;
-    for (int64_t i = 0; i < intervals->count; i++) {
-        Interval one = intervals->items[i];
-        if (one.reason == BORDERLINE && one.end - one.start > 2.0 * SHORTEST_INTERVAL_S) rest->items[rest->count++] = one;
-    }
-    make_room(rest);
+    for (int64_t i = 0; i < intervals->count; i++)
+        if (is_cut_short(intervals->items[i])) rest->items[rest->count++] = intervals->items[i];
     undecided_separation(pair, rest, -pair->margin_m);
     if (rest->count > 0) is_unresolved = true;
     if (pair->separation_m > 0.0) {
@@ -256,6 +257,23 @@ static void add_contacts(Encounter *pair, Span hull, Span seen, double beyond, c
     add_cut(pair, found, verdict, answers);
 }
 
+/* Search intervals for contact; return its first and last known instants. A full list leaves a shorter time undecided,
+ * which an empty list splits further: repeat while that helps, and keep half of the budget for the next steps. */
+static Span search_for_touch(Encounter *pair, Intervals *intervals) {
+    Intervals list = *intervals;
+    Span rest = hull_of(&list), seen = NEVER;
+    bool helps = true;
+    while (helps && !is_seen(seen) && list.most > 0) {
+        Span before = rest;
+        undecided_separation(pair, &list, 0.0);
+        seen = witnesses_of(&list, IN_CONTACT), rest = hull_of(&list);
+        helps = is_exhausted(&list) && rest.last - rest.first <= SHRUNK * (before.last - before.first);
+        if (list.most > pair->looks_left / 2) list.most = pair->looks_left / 2;
+    }
+    intervals->count = list.count;
+    return seen;
+}
+
 static void search_contacts(Encounter *pair, double low, double high, double beyond, const Guess *guess, Answers *answers) {
     Intervals *undecided = &pair->undecided, *deeper = &pair->deeper;
     pair->work->searched_pairs++;
@@ -266,9 +284,7 @@ static void search_contacts(Encounter *pair, double low, double high, double bey
     if (!is_seen(seen)) {
         /* Only closeness was found: search those intervals for contact. */
         for (int64_t i = 0; i < undecided->count; i++) deeper->items[deeper->count++] = undecided->items[i];
-        make_room(deeper);
-        undecided_separation(pair, deeper, 0.0);
-        seen = witnesses_of(deeper, IN_CONTACT);
+        seen = search_for_touch(pair, deeper);
     }
     if (is_seen(seen)) add_contacts(pair, hull_of(undecided), seen, beyond, guess, answers);
     /* Neither proven apart nor seen in contact: it may touch for an instant. Other pairs are only close. */
