@@ -7,7 +7,7 @@
 
 /* Work budget of the search. Two objects may inspect MAX_INTERVALS intervals, divided among their pairs of pieces. One
  * step of a pair's search may inspect its share, within [MIN, MAX]_INTERVALS_PER_PAIR; all its steps together its
- * share, but at least MAX_INTERVALS_PER_PAIR. A pair that exhausts its budget is left undecided. */
+ * share, but at least MAX_INTERVALS_PER_PAIR and those of two steps. A pair that exhausts its budget is left undecided. */
 enum { MAX_INTERVALS = 131072, MIN_INTERVALS_PER_PAIR = 256, MAX_INTERVALS_PER_PAIR = 8192 };
 /* Smallest budget of a pair for bisections of sides in distances, whatever its share of PLANE_MAX_PARTS: twice the most
  * seen within five degrees of a pole. Smaller: pairs with a large separation near poles are unresolved. */
@@ -27,7 +27,8 @@ static void share_work(Encounter *pair, int64_t pairs_of_objects) {
            : most > MAX_INTERVALS_PER_PAIR ? MAX_INTERVALS_PER_PAIR
                                            : most;
     pair->undecided.most = pair->deeper.most = pair->spare_time.most = most;
-    pair->looks_left = share < MAX_INTERVALS_PER_PAIR ? MAX_INTERVALS_PER_PAIR : share;
+    pair->looks_left = share > MAX_INTERVALS_PER_PAIR ? share : MAX_INTERVALS_PER_PAIR;
+    if (pair->looks_left < 2 * most) pair->looks_left = 2 * most;
     int64_t parts = PLANE_MAX_PARTS / (pairs_of_objects > 1 ? pairs_of_objects : 1);
     pair->parts_left = parts < MIN_PARTS_PER_PAIR ? MIN_PARTS_PER_PAIR : parts;
 }
