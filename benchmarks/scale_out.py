@@ -135,7 +135,9 @@ def _part(stage: dict[str, Any]) -> str:
     names = operators(stage)
     if "WriteFiles" in names:
         return "solve"
-    return "join" if any("Join" in name for name in names) else "pieces"
+    # Pieces are cached where they are made, dealt out by an explode, and joined by workers.
+    is_join = "Generate" in names or ("PythonMapInArrow" in names and "mapPartitionsInternal" not in names)
+    return "join" if is_join else "pieces"
 
 
 def _together(spans: Sequence[tuple[float, float]]) -> float:

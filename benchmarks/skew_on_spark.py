@@ -3,8 +3,8 @@
     ./.venv/bin/python benchmarks/skew_on_spark.py [--document docs/how-to/run-on-spark.md]
 
 Scenes are a sea of 20,000 legs as it is, with one area over everything for ever, with 10,000 tracks in one port, and
-with 1,000 versions of one of its tracks; 16 partitions on `local[2]`. Rows of the join are the pairs of pieces that a
-task leaves, of solving those that it is given; the most of a task over the median, by the log of events.
+with 1,000 versions of one of its tracks; 16 partitions on `local[2]`. Rows are the pieces that a task is given, to join
+or with the pairs to solve; the most of a task over the median, by the log of events.
 """
 
 import argparse
@@ -70,13 +70,14 @@ SCENES: Final = {
 
 @dataclass(frozen=True)
 class Spread:
-    """What a scene took: most over the median of the rows and of the seconds of tasks of a stage, and megabytes."""
+    """What a scene took: rows and seconds of all tasks of a stage, the most over the median of both, and megabytes."""
 
+    joined: int
     join_rows: float
     join_s: float
+    solved: int
     solve_rows: float
     solve_s: float
-    pairs: int
     total_s: float
     worker_mb: float
     java_mb: float
@@ -97,7 +98,7 @@ def spread_of(path: str, directory: str) -> Spread:
             names, stage = operators(event["Stage Info"]), event["Stage Info"]["Stage ID"]
             if "WriteFiles" in names:
                 part_of[stage] = "solve"
-            elif any("Join" in name for name in names) and "PythonMapInArrow" in names and "Exchange" in names:
+            elif "PythonMapInArrow" in names and "Exchange" in names:
                 part_of[stage] = "join"  # the last of those that match so
         else:
             tasks.append(event)
@@ -105,22 +106,15 @@ def spread_of(path: str, directory: str) -> Spread:
         if info:
             first, last = min(first, info["Launch Time"]), max(last, info["Finish Time"])
     numbers: dict[str, Any] = {}
-    for part, rows_of in (("join", _written), ("solve", _read)):
+    for part, done in (("join", "joined"), ("solve", "solved")):
         stage = max(number for number, of in part_of.items() if of == part)
         some = [task for task in tasks if task["Stage ID"] == stage]
-        numbers[f"{part}_rows"] = _skew([rows_of(task["Task Metrics"]) for task in some])
+        rows = [int(task["Task Metrics"]["Shuffle Read Metrics"]["Total Records Read"]) for task in some]
+        numbers[done] = sum(rows)
+        numbers[f"{part}_rows"] = _skew(rows)
         spans = [task["Task Info"]["Finish Time"] - task["Task Info"]["Launch Time"] for task in some]
         numbers[f"{part}_s"] = _skew(spans)
-        numbers["pairs"] = sum(rows_of(task["Task Metrics"]) for task in some)
     return Spread(**numbers, total_s=(last - first) / 1e3, worker_mb=held.worker_mb, java_mb=held.java_mb)
-
-
-def _written(metrics: dict[str, Any]) -> int:
-    return int(metrics["Shuffle Write Metrics"]["Shuffle Records Written"])
-
-
-def _read(metrics: dict[str, Any]) -> int:
-    return int(metrics["Shuffle Read Metrics"]["Total Records Read"])
 
 
 def _skew(values: list[int]) -> float:
@@ -152,13 +146,17 @@ def main() -> None:
         lines.append(
             [
                 name,
-                f"{found.pairs:,}",
-                *(f"{value:.2f}" for value in (found.join_rows, found.join_s, found.solve_rows, found.solve_s)),
+                f"{found.joined:,}",
+                f"{found.join_rows:.2f}",
+                f"{found.join_s:.2f}",
+                f"{found.solved:,}",
+                f"{found.solve_rows:.2f}",
+                f"{found.solve_s:.2f}",
                 f"{found.worker_mb:.0f}",
                 f"{found.java_mb:,.0f}",
             ]
         )
-    heads = ("scene", "pairs", "join: rows", "seconds", "solving: rows", "seconds", "a worker, MB", "Java, MB")
+    heads = ("scene", "rows joined", "skew", "seconds", "rows solved", "skew", "seconds", "a worker, MB", "Java, MB")
     text = markdown(heads, lines)
     print(text)
     if args.document:

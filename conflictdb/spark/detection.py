@@ -1,7 +1,7 @@
 """Detect a scene through the four stages on Spark, with the answer of `detect`.
 
-Workers cut objects into pieces; Sedona joins the pieces; pairs are gathered by their two objects; workers solve them.
-Spark shuffles in between. Repeated tasks give the same rows.
+Workers cut objects into pieces; join the pieces of each unit of space and time; and solve the pairs of each group of
+objects. Spark shuffles in between. Repeated tasks give the same rows.
 """
 
 import math
@@ -25,11 +25,15 @@ from conflictdb.model import Motion, Scene
 from conflictdb.motion.registry import middle_deg, summed_directions
 from conflictdb.pipeline.memory import MEMORY_MB, Memory
 from conflictdb.spark import joining, pieces, solving
+from conflictdb.spark.crowding import blocks_for
 from conflictdb.spark.engine import with_sedona
 from conflictdb.speeds import MAX_SPEED_KN
 
 # Partitions per processor of the cluster: several, so that the last to end are short.
 _PER_PROCESSOR: Final = 4
+# Groups of pairs for each partition, so that partitions are about equal; most pairs of a group, for a worker's memory.
+_GROUPS: Final = 4
+_MOST_PAIRS: Final = 500_000
 # Memory of a worker for pyspark and pandas, beyond that of a process of `detect`.
 _SPARK_MB: Final = 64
 # Columns that no stage reads.
@@ -103,10 +107,13 @@ def detected(
     into_pieces = partial(pieces.cut, scene=scene, max_speed_kn=max_speed_kn)
     cut = mapped(objects.repartition(count, "id"), into_pieces, pieces.SCHEMA)
     cut = cut.persist(StorageLevel.MEMORY_AND_DISK)
-    extent = joining.Extent.of(cut)
-    met = mapped(joining.candidates(spark, cut, extent), solving.meeting, solving.PAIRS)
-    together = met.repartition(count, "a_key", "b_key").sortWithinPartitions("a_key", "b_key")
-    outlines = _outlines(spark, cut, extent)
+    rows, large = joining.counted(cut)
+    cells = joining.cells_of(cut, rows, count)
+    in_units = joining.placed(spark, cut, cells).repartition(count, "unit").sortWithinPartitions("unit")
+    blocks = blocks_for(max(_GROUPS * count, math.ceil(cells.pairs / _MOST_PAIRS)))
+    met = mapped(in_units, partial(solving.meeting, cells=cells, blocks=blocks), solving.MET)
+    together = met.repartition(count, "group").sortWithinPartitions("group")
+    outlines = _outlines(spark, cut if large else None)
     solve = partial(
         solving.solved, scene=scene, outlines=outlines, pairs_at_once=Memory.of(memory_mb - _SPARK_MB).pairs
     )
@@ -167,10 +174,10 @@ class _Outlines:
         return outlines
 
 
-def _outlines(spark: SparkSession, cut: DataFrame, extent: joining.Extent) -> solving.Outlines:
+def _outlines(spark: SparkSession, cut: DataFrame | None) -> solving.Outlines:
     rows = (
         cut.where("pieces IS NULL AND outline IS NOT NULL").select("key", "outline").collect()
-        if extent.outlines
+        if cut is not None
         else []
     )
     return _Outlines(spark.sparkContext.broadcast({key: bytes(outline) for key, outline in rows}))

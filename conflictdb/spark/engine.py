@@ -175,7 +175,7 @@ def cause_of(error: Exception) -> str:
 
 
 def with_sedona(spark: "SparkSession") -> "SparkSession":
-    """Return a session with Sedona's functions and joins; raises EngineMissing without its jars."""
+    """Return a session with Sedona's functions and formats; raises EngineMissing without its jars."""
     java: Any = spark.sparkContext._jvm
     try:
         java.org.apache.sedona.spark.SedonaContext.create(spark._jsparkSession, "python")

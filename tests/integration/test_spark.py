@@ -22,23 +22,19 @@ from conflictdb.io.reading import read
 from conflictdb.methods import Method
 from conflictdb.model import Area, Track, rectangle_outline_m
 
-# Sedona joins small scenes by sending one side everywhere, unless it is told not to.
-BY_TREE = {"sedona.join.autoBroadcastJoinThreshold": "-1"}
-BY_SENDING = {"sedona.join.autoBroadcastJoinThreshold": "10MB"}
-
 
 def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
-    """All columns that are not of a database alone: by one partition and many, joined one way and the other, also where
-    an executor is killed with what it held."""
+    """All columns that are not of a database alone: by few partitions and many, also where an executor is killed with
+    what it held."""
     strait, areas, tracks, _ = read(str(files("conflictdb") / "scenes" / "strait.geojson"))
     assert strait is not None
     near, closed, moving = throw(SEAM, 3, 12, 24)
-    # A crowd, which is joined in lots.
+    # A crowd, which is dealt into blocks.
     objects = closed, [*moving, *(replace(moving[0], key=f"version {i}") for i in range(50))]
     near = replace(near, nearest_m=20_000.0, separation_m=500.0)
     jobs = [
-        Job("strait", strait, areas, tracks, 3, BY_SENDING),
-        Job("near at the seam", near, *objects, 5, BY_TREE, kills=True),
+        Job("strait", strait, areas, tracks, 3),
+        Job("near at the seam", near, *objects, 5, kills=True),
     ]
     names = ("exported.parquet", "output", "refused.parquet", "twins.parquet", "strange.parquet", "around.parquet")
     nothing, metres = (str(tmp_path / name) for name in ("nothing.parquet", "metres.parquet"))
@@ -127,7 +123,7 @@ def test_all_scenes_on_spark(tmp_path: Path) -> None:
         for method in Method:
             n = len(jobs)
             asked = replace(scene, method=method, centre=None if n % 2 else scene.centre)
-            jobs.append(Job(f"{n:03}", asked, areas, tracks, (1, 3, 16)[n % 3], (BY_TREE, BY_SENDING)[n // 3 % 2]))
+            jobs.append(Job(f"{n:03}", asked, areas, tracks, (1, 3, 16)[n % 3]))
     found = answers(jobs, tmp_path, master="local[2]")
     for job in jobs:
         expected = answer_of_one_machine(job.scene, job.areas, job.tracks)

@@ -16,7 +16,7 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import redirect_stderr
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 from threading import Thread
@@ -46,14 +46,13 @@ _SHORT_LIVED = "-XX:TieredStopAtLevel=1 -XX:+UseSerialGC"
 
 @dataclass(frozen=True)
 class Job:
-    """A scene, into how many partitions it is cut, settings of Sedona, and whether an executor is killed meanwhile."""
+    """A scene, into how many partitions it is cut, and whether an executor is killed meanwhile."""
 
     name: str
     scene: Scene
     areas: Sequence[Area]
     tracks: Sequence[Track]
     partitions: int
-    sedona: dict[str, str] = field(default_factory=dict)
     kills: bool = False
 
 
@@ -125,8 +124,6 @@ def _main(directory: Path, master: str, *, reads_database: bool) -> int:
                 job: Job = pickle.loads(path.read_bytes())  # noqa: S301 what the test wrote
                 objects = str(path.with_suffix(".objects"))
                 pq.write_table(pa.Table.from_batches([of_objects(job.areas, job.tracks)]), objects)
-                for name, value in job.sedona.items():
-                    spark.conf.set(name, value)
                 found = detect_on_spark(spark, read_objects(spark, [objects]), job.scene, partitions=job.partitions)
                 killer = Thread(target=_kill_an_executor, args=(spark.sparkContext.statusTracker(), job.partitions))
                 if job.kills:

@@ -112,9 +112,9 @@ def test_seconds_of_spark_come_from_its_log(tmp_path: Path) -> None:
     """Stages that run at once count once; a stage of one task is apart from those whose tasks share processors."""
     stages = [
         (0, 1_000, 2_000, 1, ["Scan parquet "]),
-        (1, 3_000, 6_000, 2, ["PythonMapInArrow", "Exchange"]),
-        (2, 7_000, 9_000, 4, ["RangeJoin"]),
-        (3, 8_000, 10_000, 4, ["RangeJoin", "Exchange"]),
+        (1, 3_000, 6_000, 2, ["PythonMapInArrow", "Exchange", "mapPartitionsInternal"]),
+        (2, 7_000, 9_000, 4, ["InMemoryTableScan", "PythonMapInArrow", "mapPartitionsInternal", "Generate"]),
+        (3, 8_000, 10_000, 4, ["PythonMapInArrow", "Exchange"]),
         (4, 10_000, 14_000, 8, ["WriteFiles", "Exchange"]),
     ]
     events = []

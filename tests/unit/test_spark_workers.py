@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import defaultdict
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -13,12 +14,14 @@ import scenes
 import shapely
 import shapely.affinity
 from spark_answers import answer_of_one_machine, in_order
-from workloads import GROWING, OCEAN, SEAM, throw
+from workloads import GROWING, OCEAN, SEAM, Workload, throw
 
+from conflictdb import kernel
 from conflictdb.arrays.arrow.objects import OBJECTS as FORM
 from conflictdb.arrays.arrow.objects import of_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.packed import WORD, begins_in, packed, unpacked
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.in_memory import solve
 from conflictdb.io.scene_file import settings_of as settings_as_json
@@ -26,7 +29,8 @@ from conflictdb.methods import Method
 from conflictdb.model import Area, EarthModel, Scene, Track
 from conflictdb.motion.registry import centred, plane_of
 from conflictdb.pieces.covers import pieces_of
-from conflictdb.spark import pieces, solving
+from conflictdb.spark import crowding, pieces, solving
+from conflictdb.spark.crowding import Cells, two_blocks
 from conflictdb.stage1_broad_phase import candidates
 
 Objects = tuple[Scene, list[Area], list[Track]]
@@ -134,7 +138,7 @@ def in_batches(rows: pa.Table | pa.RecordBatch, most: int, rng: np.random.Genera
 
 
 def answer_of_workers(objects: Objects, seed: int) -> pa.Table:
-    """What workers answer, their pairs found here, by batches of random sizes."""
+    """What workers answer, in random cells and blocks, by batches of random sizes."""
     rng = np.random.default_rng(seed)
     scene, areas, tracks = objects
     scene = centred(scene, areas, tracks)
@@ -145,32 +149,77 @@ def answer_of_workers(objects: Objects, seed: int) -> pa.Table:
     large, rows = rows.filter(pc.invert(has_pieces)), rows.filter(has_pieces)
     large = large.filter(large["outline"].is_valid())
     known = dict(zip(large["key"].to_pylist(), large["outline"].to_pylist(), strict=True))
-    met = in_batches(pairs_of(rows).take(rng.permutation(len(pairs_of(rows)))), 7, rng)
-    hulls_meet = pa.Table.from_batches(list(solving.meeting(met)), schema=solving.PAIRS)
-    sorted_rows = hulls_meet.sort_by([("a_key", "ascending"), ("b_key", "ascending")])
-    found = solving.solved(in_batches(sorted_rows, 9, rng), scene, lambda: known, 4)
+    met = met_in(rows, rng).sort_by("group")
+    found = solving.solved(in_batches(met, 9, rng), scene, lambda: known, 4)
     return in_order(pa.Table.from_batches(list(found), schema=solving.SCHEMA))
 
 
-def pairs_of(rows: pa.Table) -> pa.Table:
-    """The pairs of rows that stage 1 leaves: those with pieces whose boxes meet."""
-    held = b"".join(rows["pieces"].to_pylist())
-    bounds = np.cumsum([0, *(len(one) // WORD for one in rows["pieces"].to_pylist())])
-    begin, offset = begins_in(np.frombuffer(held, np.int64), bounds[:-1], bounds[1:])
-    made = unpacked(np.frombuffer(held, np.int64), begin)
-    row = np.repeat(np.arange(len(rows)), np.diff(offset))
-    keys = [key.encode() for key in rows["key"].to_pylist()]
-    made = replace(made, object_id=np.unique(keys, return_inverse=True)[1].astype(np.int64)[row])
-    pairs = np.unique(np.stack([row[one] for one in candidates(made)]), axis=1)
-    columns = [rows.take(one) for one in pairs]
-    return pa.table(
-        {
-            f"{side}_{name}": some[name]
-            for side, some in zip("ab", columns, strict=True)
-            for name in ("kind", "key", "pieces", "outline")
-        },
-        schema=solving.JOINED,
+def met_in(rows: pa.Table, rng: np.random.Generator) -> pa.Table:
+    """The pairs that workers find among rows of pieces, in random cells and blocks of objects."""
+    low, high = (
+        np.stack([rows[name].to_numpy().astype(float) for name in names], axis=1)
+        for names in (("west", "south", "start_us"), ("east", "north", "end_us"))
     )
+    cells = Cells.of(low, high, 1.0, 1_000)
+    cells = replace(cells, blocks=rng.integers(1, 4, len(cells.low)))
+    by_key = {key: int(rng.integers(-(2**31), 2**31)) for key in rows["key"].to_pylist()}
+    dealt = np.array([by_key[key] for key in rows["key"].to_pylist()], np.int32)
+    at = []
+    for cell, (first, blocks) in enumerate(zip(cells.first_unit, cells.blocks, strict=False)):
+        for row in np.flatnonzero(((low < cells.high[cell]) & (high >= cells.low[cell])).all(axis=1)):
+            block = int(dealt[row]) % int(blocks)
+            at += [(first + two_blocks(min(block, i), max(block, i)), row) for i in range(blocks)]
+    unit, row = np.array(sorted(at, key=lambda one: (one[0], rng.random()))).T
+    placed = rows.append_column("unit", pa.array(rows["kind"].to_numpy(), pa.int32()))
+    placed = placed.append_column("dealt", pa.array(dealt)).take(row)
+    placed = placed.set_column(placed.schema.get_field_index("unit"), "unit", pa.array(unit, pa.int32()))
+    met = solving.meeting(in_batches(placed.select(solving.PLACED.names), 7, rng), cells, int(rng.integers(1, 5)))
+    return pa.Table.from_batches(list(met), schema=solving.MET)
+
+
+def pieces_in(words: list[bytes]) -> Pieces:
+    """The pieces in packed columns of rows."""
+    held = np.frombuffer(b"".join(words), np.int64)
+    bounds = np.cumsum([0, *(len(one) // WORD for one in words)])
+    return unpacked(held, begins_in(held, bounds[:-1], bounds[1:])[0])
+
+
+@pytest.fixture(autouse=True)
+def small_cells(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cells of few pieces, so that small scenes have several."""
+    monkeypatch.setattr(crowding, "_FEW", 5)
+
+
+@pytest.mark.parametrize("workload", [SEAM, GROWING, OCEAN], ids=lambda one: one.name)
+def test_each_pair_of_pieces_is_met_once(workload: Workload, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The pairs whose boxes and hulls meet, each in one cell and in one unit; those of two objects in one group."""
+    monkeypatch.setattr(solving, "_PAIRS_AT_ONCE", 3)
+    scene, areas, tracks = throw(workload, 7, 8, 24)
+    batch = of_objects(areas, [*tracks, *(replace(tracks[0], key=f"version {i}") for i in range(12))])
+    rows = pa.Table.from_batches(list(pieces.cut([batch], centred(scene, areas, tracks))))
+    rows = rows.filter(rows["pieces"].is_valid())
+    sizes = [len(pieces_in([one])) for one in rows["pieces"].to_pylist()]
+    keys = np.repeat(rows["key"].to_numpy(), sizes)
+    all_pieces = pieces_in(rows["pieces"].to_pylist())
+    names = [(key, part, turn) for key, part, turn in zip(keys, all_pieces.part, all_pieces.turn, strict=True)]
+    number = np.unique([key.encode() for key in keys], return_inverse=True)[1].astype(np.int64)
+    a, b = candidates(replace(all_pieces, object_id=number))
+    meet = ~kernel.apart(all_pieces.hull_xy, all_pieces.hull_offset, a, b)
+    expected = sorted((names[i], names[j]) for i, j in zip(a[meet], b[meet], strict=True))
+    assert len(expected) > 100
+    for seed in range(4):
+        met = met_in(rows, np.random.default_rng(seed))
+        of_met = pieces_in(met["piece"].to_pylist())
+        named = list(zip(met["key"].to_pylist(), of_met.part, of_met.turn, strict=True))
+        by_id = dict(zip(zip(met["group"].to_pylist(), met["id"].to_pylist(), strict=True), named, strict=True))
+        pairs, groups = [], defaultdict(set)
+        for group, name, mates in zip(met["group"].to_pylist(), named, met["mates"].to_pylist(), strict=True):
+            others = [by_id[group, mate] for mate in np.frombuffer(mates, np.int64).tolist()]
+            pairs += [(name, other) for other in others]
+            for other in others:
+                groups[name[0], other[0]].add(group)
+        assert sorted(pairs) == expected
+        assert {len(of) for of in groups.values()} == {1}
 
 
 SOME_OF = {Method.EXACT: 2, Method.SCREEN: 7, Method.NLP: 20}
@@ -222,36 +271,33 @@ def test_large_outlines_have_rows_of_their_own(monkeypatch: pytest.MonkeyPatch) 
         assert answer_of_workers((scene, areas, []), 1).to_pylist() == expected
 
 
-def test_pairs_of_pieces_are_made_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of crowded rows they would be more than a column holds; however many at once, they are the same."""
+def test_rows_are_made_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of crowded units they would be more than a column holds; however many at once, the pairs are the same."""
     comb = shapely.MultiPolygon([shapely.box(0.01 * i, 0, 0.01 * i + 0.004, 0.2) for i in range(20)])
     areas = [Area("DOWN", comb), Area("ACROSS", shapely.affinity.rotate(comb, 90.0))]
     rows, _ = pieces.cut([of_objects(areas, [])], Scene("s"))
-    (joined,) = pairs_of(pa.Table.from_batches([rows])).combine_chunks().to_batches()
-    (whole,) = solving.meeting([joined])
-    assert len(whole) > 200
-    told = [len(whole) - whole[f"{side}_outline"].null_count for side in "ab"]
-    assert told == [len(joined)] * 2
-    for most in (1, 10_000):
+    whole = met_in(pa.table(rows), np.random.default_rng(1))
+    pairs = sum(len(mates) // WORD for mates in whole["mates"].to_pylist())
+    assert pairs > 200
+    assert 0 < len(whole) - whole["outline"].null_count <= len(whole) / 2
+    for most in (1, 2_000):
         monkeypatch.setattr(solving, "_MOST_BYTES", most)
-        parts = list(solving.meeting([joined]))
-        assert len(parts) == len(whole) if most == 1 else 3 < len(parts) < len(whole) / 5
-        assert pa.Table.from_batches(parts).equals(pa.Table.from_batches([whole]))
+        parts = met_in(pa.table(rows), np.random.default_rng(1))
+        assert parts.column("id").num_chunks > whole.column("id").num_chunks
+        assert parts.combine_chunks().equals(whole.combine_chunks())
 
 
-def test_parts_that_are_solved_hold_whole_pairs_of_objects() -> None:
-    """However rows come: parts end where a pair of objects does, and one that fills more than a part is one."""
+def test_rows_of_a_unit_come_together() -> None:
+    """However they come: a run ends where the value changes, also between batches and beside empty ones."""
     rng = np.random.default_rng(4)
     of = np.repeat(np.arange(40), rng.choice([1, 2, 5, 60], 40))
-    columns = {"a_key": pa.array(of // 3).cast(pa.string()), "b_key": pa.array(of).cast(pa.string())}
-    held = [columns.get(field.name, pa.nulls(len(of), field.type)) for field in solving.PAIRS]
-    rows = pa.table(held, schema=solving.PAIRS)
+    rows = pa.table({"unit": pa.array(of, pa.int32()), "row": np.arange(len(of))})
     for most in (1, 3, 200):
-        parts = list(solving._whole(in_batches(rows, most, rng), 10))
-        assert pa.concat_tables(parts).select(["a_key", "b_key"]).equals(rows.select(["a_key", "b_key"]))
-        pairs = [set(part["b_key"].to_pylist()) for part in parts]
-        assert len(pairs) >= (2 if most == 200 else 8)
-        assert sum(map(len, pairs)) == 40
+        batches = in_batches(rows, most, rng)
+        batches.insert(1, batches[0].slice(0, 0))
+        runs = list(solving._runs(batches, "unit"))
+        assert [set(run["unit"].to_pylist()) for run in runs] == [{i} for i in range(40)]
+        assert pa.concat_tables(runs).equals(rows)
 
 
 def test_packed_pieces_are_the_same_pieces() -> None:
