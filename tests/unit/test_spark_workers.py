@@ -2,9 +2,13 @@
 
 import json
 import re
+import sys
+import time
 from collections import defaultdict
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -118,6 +122,35 @@ def test_what_spark_cannot_do_is_one_line() -> None:
         with pytest.raises(ConflictDBError) as told, engine.errors_in_one_line(ConflictDBError, "Spark did not finish"):
             raise error
         assert str(told.value) == f"Spark did not finish: {said}"
+
+
+def test_a_terminal_shows_how_far_spark_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line, again and again: what is done, and the tasks of active stages; it is removed at the end."""
+    from conflictdb.cli import on_spark
+
+    class Tracker:
+        def getActiveStageIds(self) -> list[int]:  # noqa: N802 Spark's name
+            return [1, 2, 3]
+
+        def getStageInfo(self, number: int) -> SimpleNamespace | None:  # noqa: N802
+            return SimpleNamespace(numCompletedTasks=number, numTasks=1_000) if number < 3 else None
+
+    spark: Any = SimpleNamespace(sparkContext=SimpleNamespace(statusTracker=Tracker))
+    monkeypatch.setattr(on_spark, "_EVERY_S", 0.01)
+    for is_terminal in (False, True):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda shown=is_terminal: shown)
+        shown = ""
+        with on_spark._shown_progress(spark) as doing:
+            doing("solving")
+            ends = time.monotonic() + (30.0 if is_terminal else 0.1)
+            while "solving" not in shown and time.monotonic() < ends:
+                shown += capsys.readouterr().err
+        shown += capsys.readouterr().err
+        if is_terminal:
+            assert re.search(r"\r\S*Spark: solving, 3 of 2,000 tasks, \d+ s", shown)
+            assert shown.endswith("\r\x1b[K")
+        else:
+            assert not shown
 
 
 def test_a_column_that_would_be_lost_is_refused() -> None:
