@@ -49,13 +49,13 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
-from conflictdb.methods import Method
-from conflictdb.model import EarthModel
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.run import run_stages
-from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import EarthModel
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.run import run_stages
+from conflictdb.stages.stage1_broad_phase import candidates
+from conflictdb.stages.stage2_intersection import intersections
 
 WORKLOADS: Final = (LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS)
 TOLERANCES_M: Final = (1000.0, 10.0, 1.0, 0.0)

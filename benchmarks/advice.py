@@ -26,8 +26,8 @@ from conflictdb import Method
 from conflictdb.advice.estimates import Setting
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
+from conflictdb.earth.registry import plane_of
+from conflictdb.stages.pieces.covers import pieces_of
 
 METHODS = (Method.SCREEN, Method.EXACT)
 ROW = "{:>12} {:>8} {:>10} {:>10} {:>10} {:>10} {:>10} {:>9} {:>9} {:>7}"

@@ -25,18 +25,18 @@ from numpy.typing import NDArray
 from workloads import GROWING, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, OCEAN, Workload, throw
 
 from conflictdb import kernel
+from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.geodesy import Floats
+from conflictdb.earth.contract import Plane
+from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.approach import Closest, closest
 from conflictdb.kernel.meeting import meetings
-from conflictdb.model import EarthModel, Motion
-from conflictdb.motion.contract import Plane
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.object_pairs import object_keys
-from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
+from conflictdb.model.plans import EarthModel, Motion
+from conflictdb.stages.object_pairs import object_keys
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.stage1_broad_phase import candidates
+from conflictdb.stages.stage2_intersection import intersections
 
 ROUNDS = 5
 # First contact points are found so many times over, for the clock to see.

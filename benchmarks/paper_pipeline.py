@@ -21,7 +21,7 @@ from published import published_windows
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, Earth
-from conflictdb.results import Kind
+from conflictdb.model.results import Kind
 
 Floats = NDArray[np.float64]
 SECOND_US: Final = 1e6

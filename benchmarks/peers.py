@@ -48,9 +48,9 @@ from conflictdb import Area, EarthModel, Scene, Track
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.results import Kind as ObjectKind
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.results import Kind as ObjectKind
+from conflictdb.stages.pieces.covers import pieces_of
 
 PACKAGES: Final = {"sedona": ["sedonadb", "pyarrow", "geoarrow-pyarrow", "numpy", "shapely"], "meos": ["pymeos"]}
 SECOND_US: Final = 1_000_000

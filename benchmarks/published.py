@@ -46,18 +46,19 @@ from tables import markdown, put_into
 from workloads import convex_around
 
 from conflictdb import Area, Scene, Track, kernel, rectangle_outline_m
+from conflictdb.arrays import Floats
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.geodesy import Earth, Floats, earth_of, rhumb_direct
-from conflictdb.methods import Method
-from conflictdb.model import METRES_PER_NMI, EarthModel
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.run import run_stages
-from conflictdb.published.stage3_projection import windows
-from conflictdb.results import Kind
+from conflictdb.earth.geodesy import Earth, earth_of, rhumb_direct
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import METRES_PER_NMI, EarthModel
+from conflictdb.model.results import Kind
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.published.stage3_projection import windows
+from conflictdb.stages.run import run_stages
 
 
 @dataclass(frozen=True)
@@ -265,7 +266,7 @@ def one_pair_each(areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[Piece
 
 def whole_legs() -> "patch._patch_dict":
     """Return a context in which every leg becomes one piece."""
-    return patch.multiple("conflictdb.pieces.cutting", WHOLE_LEG_HAVENS=1e9, MAX_SLICES_FOR_DEVIATION=0)
+    return patch.multiple("conflictdb.stages.pieces.cutting", WHOLE_LEG_HAVENS=1e9, MAX_SLICES_FOR_DEVIATION=0)
 
 
 def hulls_s(answer: Conflicts, n: int) -> Floats:

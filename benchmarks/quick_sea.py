@@ -21,11 +21,11 @@ from workloads import METRES_PER_DEGREE, NMI
 
 from conflictdb.arrays.arrow.columns import of_lists, of_numbers
 from conflictdb.arrays.arrow.forms import INSTANT
-from conflictdb.arrays.arrow.objects import OBJECTS
+from conflictdb.arrays.arrow.object_rows import OBJECTS
 from conflictdb.arrays.ragged import offsets
-from conflictdb.io.parquet_writing import write_objects
-from conflictdb.model import Scene
-from conflictdb.results import Kind
+from conflictdb.formats.parquet_writing import write_objects
+from conflictdb.model.plans import Scene
+from conflictdb.model.results import Kind
 
 # A track has 1 to 3 legs with way, and after each of them, for this share, one at rest.
 RESTS: Final = 0.15

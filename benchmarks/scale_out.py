@@ -35,7 +35,7 @@ from tables import markdown, put_into
 
 import conflictdb
 from conflictdb import Scene
-from conflictdb.arrays.arrow.objects import OBJECTS, to_objects
+from conflictdb.arrays.arrow.object_rows import OBJECTS, to_objects
 
 SEED: Final = 1
 SCENE: Final = Scene("sea")
@@ -85,8 +85,8 @@ def on_spark(master: str, processors: int, path: str, partitions: int, directory
     output, began = Path(directory, "conflicts"), time.time()
     # Executors of a cluster are not of this process, but of that which started it.
     with Watched(os.getppid(), Path(directory)) as held, logged(master, Path(directory)) as spark:
-        from conflictdb.spark.detection import detect_on_spark
         from conflictdb.spark.files import read_objects, write_conflicts
+        from conflictdb.spark.on_cluster import detect_on_spark
 
         started = time.time()
         found = detect_on_spark(spark, read_objects(spark, [path]), SCENE, partitions=partitions)

@@ -26,8 +26,8 @@ from sparked import Watched, events, logged, operators
 from tables import markdown, put_into
 
 from conflictdb import Area, Scene, Track, rectangle_outline_m
-from conflictdb.arrays.arrow.objects import of_objects, to_objects
-from conflictdb.io.parquet_writing import write_objects
+from conflictdb.arrays.arrow.object_rows import of_objects, to_objects
+from conflictdb.formats.parquet_writing import write_objects
 
 SEED: Final = 1
 LEGS: Final = 20_000
@@ -86,8 +86,8 @@ class Spread:
 def spread_of(path: str, directory: str) -> Spread:
     """Return how the scene in a file spreads over partitions."""
     with Watched(os.getpid(), Path(directory)) as held, logged("local[2]", Path(directory)) as spark:
-        from conflictdb.spark.detection import detect_on_spark
         from conflictdb.spark.files import read_objects, write_conflicts
+        from conflictdb.spark.on_cluster import detect_on_spark
 
         found = detect_on_spark(spark, read_objects(spark, [path]), Scene("sea"), partitions=PARTITIONS)
         write_conflicts(found, str(Path(directory, "conflicts")))

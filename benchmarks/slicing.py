@@ -4,7 +4,7 @@
 
 For each workload and length of a leg (in haven lengths) up to which it is one slice, the median over the runs of one
 detection: the stages that slices touch. The numbers decide WHOLE_LEG_HAVENS in
-conflictdb/pieces/cutting.py. *sparse* has some three candidates an object, the others a hundred.
+conflictdb/stages/pieces/cutting.py. *sparse* has some three candidates an object, the others a hundred.
 """
 
 import argparse
@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, throw
 
 import conflictdb
-from conflictdb.io import scene_text
-from conflictdb.pieces import cutting
+from conflictdb.formats import scene_text
+from conflictdb.stages.pieces import cutting
 
 WIDTHS = (14, 8, 8, 8, 8, 9, 7, 7, 7)
 LENGTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 1e9)  # the last: one slice per leg

@@ -25,21 +25,21 @@ from numpy.typing import NDArray
 from workloads import HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload, throw
 
 from conflictdb import kernel
+from conflictdb.arrays import Floats
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.geodesy import Floats
+from conflictdb.earth.registry import plane_of
 from conflictdb.kernel import Questions, Work
-from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.published.encounters import Encounters
-from conflictdb.published.nonlinear_program import extreme_contact
-from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
-from conflictdb.stage4.constants import PAIRS_AT_ONCE
-from conflictdb.stage4.contacts import contacts
+from conflictdb.model.plans import EarthModel, Scene, Track
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.published.encounters import Encounters
+from conflictdb.stages.published.nonlinear_program import extreme_contact
+from conflictdb.stages.stage1_broad_phase import candidates
+from conflictdb.stages.stage2_intersection import intersections
+from conflictdb.stages.stage4.constants import PAIRS_AT_ONCE
+from conflictdb.stages.stage4.contact_search import contacts
 
 ROUNDS = 5
 TOLERANCES_M = (1, 10, 100, 1000)

@@ -28,18 +28,18 @@ from tables import markdown, put_into
 
 import conflictdb
 from conflictdb import Area, Method, Scene, Track, kernel
+from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.geodesy import Floats
-from conflictdb.motion.contract import Plane
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.published.stage3_projection import windows
-from conflictdb.results import Kind as ObjectKind
-from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
-from conflictdb.stage4.contacts import contacts
+from conflictdb.earth.contract import Plane
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.results import Kind as ObjectKind
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.published.stage3_projection import windows
+from conflictdb.stages.stage1_broad_phase import candidates
+from conflictdb.stages.stage2_intersection import intersections
+from conflictdb.stages.stage4.contact_search import contacts
 
 METHODS: Final = (Method.EXACT, Method.NLP)
 # Pairs of each sort that stage 4 is asked about by itself; a program takes milliseconds.

@@ -21,7 +21,7 @@ from data import real_input
 
 import conflictdb
 from conflictdb import Area, InvalidInput, Scene, Track, rectangle_outline_m
-from conflictdb.io import scene_text
+from conflictdb.formats import scene_text
 
 HIGHEST_GROUND_M = 4_634.0
 UNLIMITED_M = 99_999

@@ -38,11 +38,11 @@ import conflictdb
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows
 from conflictdb.db import store
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.results import Kind
-from conflictdb.stage1_broad_phase import candidates, hulls_of
-from conflictdb.stage2_intersection import intersections
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.results import Kind
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.stage1_broad_phase import candidates, hulls_of
+from conflictdb.stages.stage2_intersection import intersections
 
 # As the routine of stage 1 does it: by the index, whatever the planner believes.
 _BY_INDEX: Final = """

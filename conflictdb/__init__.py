@@ -34,13 +34,14 @@ if TYPE_CHECKING:
     __version__: str
 
     from conflictdb.advice.advise import Advice
+    from conflictdb.db import models as models
     from conflictdb.db.detect import Run
     from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
+    from conflictdb.formats import Contents, Remark, Skipped, read, write
     from conflictdb.in_memory import solve
-    from conflictdb.io import Contents, Remark, Skipped, read, write
-    from conflictdb.methods import Method
-    from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
-    from conflictdb.results import (
+    from conflictdb.model.methods import Method
+    from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
+    from conflictdb.model.results import (
         Approach,
         Conflict,
         ConflictEvent,
@@ -54,7 +55,7 @@ if TYPE_CHECKING:
     )
     from conflictdb.session.database import Database, connect
     from conflictdb.session.loading import Loaded
-    from conflictdb.session.scene import StoredScene
+    from conflictdb.session.stored_scene import StoredScene
 
 __all__ = [
     "Advice",
@@ -110,15 +111,15 @@ _HOME: Final = {
     **dict.fromkeys(("Advice",), "conflictdb.advice.advise"),
     **dict.fromkeys(("Database", "connect"), "conflictdb.session.database"),
     "Loaded": "conflictdb.session.loading",
-    "StoredScene": "conflictdb.session.scene",
+    "StoredScene": "conflictdb.session.stored_scene",
     **dict.fromkeys(("Run",), "conflictdb.db.detect"),
     **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
-    **dict.fromkeys(("Method",), "conflictdb.methods"),
+    **dict.fromkeys(("Method",), "conflictdb.model.methods"),
     **dict.fromkeys(("solve",), "conflictdb.in_memory"),
-    **dict.fromkeys(("Contents", "Remark", "Skipped", "read", "write"), "conflictdb.io"),
+    **dict.fromkeys(("Contents", "Remark", "Skipped", "read", "write"), "conflictdb.formats"),
     **dict.fromkeys(
         ("Area", "EarthModel", "Motion", "Scene", "Track", "rectangle_outline_m"),
-        "conflictdb.model",
+        "conflictdb.model.plans",
     ),
     **dict.fromkeys(
         (
@@ -133,7 +134,7 @@ _HOME: Final = {
             "Stream",
             "Verdict",
         ),
-        "conflictdb.results",
+        "conflictdb.model.results",
     ),
 }
 
@@ -141,6 +142,8 @@ _HOME: Final = {
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         value: Any = _version()
+    elif name == "models":  # the classes of SQLAlchemy
+        value = import_module("conflictdb.db.models")
     elif name in _HOME:
         value = getattr(import_module(_HOME[name]), name)
     else:

@@ -23,12 +23,23 @@ from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Final
 
-from conflictdb.printable import printable
-
 # A message lists at most this many mistakes, a screen full, and counts the rest.
 MOST_TOLD: Final = 20
 # Longest part of a message, in characters: longer than any real key or path, and still readable.
 _LONGEST_PART: Final = 4_000
+
+
+def printable(text: str, keep: str = "") -> str:
+    r"""Return a text with every character that does not print as Python writes it, such as ``\x1b``.
+
+    Keys and names may contain any Unicode: escape sequences that recolour, move the cursor or retitle a window, line
+    breaks that forge a line, marks that reverse the direction of reading.
+
+    keep : characters to leave as they are: a line break, where lines are meant
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in keep else repr(c)[1:-1] for c in text)
 
 
 class ConflictDBError(Exception):

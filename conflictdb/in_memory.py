@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
-from conflictdb.io import from_frames
-from conflictdb.model import Area, Scene, Track
-from conflictdb.motion.registry import centred, plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pieces.cutting import check_plane
-from conflictdb.pipeline.memory import DEFAULT_MEMORY
-from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers
-from conflictdb.pipeline.run import Funnel, run_scene
-from conflictdb.pipeline.source import Chunk
-from conflictdb.pipeline.telling import to_results
-from conflictdb.results import Conflict, Kind, Results
-from conflictdb.stage1_broad_phase import candidates
+from conflictdb.formats import from_frames
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Conflict, Kind, Results
+from conflictdb.stages.memory import DEFAULT_MEMORY
+from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.pieces.cutting import check_plane
+from conflictdb.stages.run import Funnel, run_scene
+from conflictdb.stages.source import Chunk
+from conflictdb.stages.stage1_broad_phase import candidates
+from conflictdb.stages.telling import to_results
 
 if TYPE_CHECKING:
     import geopandas

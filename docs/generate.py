@@ -4,7 +4,7 @@
 
 `cli.md` is made from the parser of the command line, `python.md` from the docstrings of the public names, `sql.md` from
 the comments in the catalog of a fresh schema, in an embedded database that is thrown away. In
-`arrow.md` the columns of a conflict are made from the table `conflictdb.record`. Tests say when a page is out of date
+`arrow.md` the columns of a conflict are made from the table `model.record`. Tests say when a page is out of date
 (tests/unit/test_generated_pages.py, tests/sql/test_generated_page.py).
 """
 
@@ -24,9 +24,9 @@ from typing import Any, Final
 import psycopg
 
 import conflictdb
-from conflictdb import record
 from conflictdb.arrays.arrow.found import FOUND
 from conflictdb.cli import codes, commands
+from conflictdb.model import record
 
 REFERENCE: Final = Path(__file__).resolve().parent / "reference"
 NOTE: Final = "<!-- Made by docs/generate.py: do not edit. -->"

@@ -176,7 +176,7 @@ BEGIN ATOMIC
     ), given AS MATERIALIZED (
         SELECT p.*, _to_plane(p.given, p.plane) AS shape FROM plane p
     ), wide AS MATERIALIZED (
-        -- Rhumb lines: s as in span_m of the Mercator plane (conflictdb/motion/mercator.py), the reach of a distance.
+        -- Rhumb lines: s as in span_m of the Mercator plane (conflictdb/earth/mercator.py), the reach of a distance.
         SELECT g.*, 1.01 * sin(least(pi() * g.wanted_m / g.turn_m, pi() / 2))
                     * cosh(2 * pi() * greatest(abs(ST_YMin(g.shape)), abs(ST_YMax(g.shape))) / g.turn_m) AS s
         FROM given g

@@ -17,22 +17,22 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb import inputs
 from conflictdb.advice.estimates import Count, Estimate, Setting, Share, duration, recommendation
+from conflictdb.arrays import Floats
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows
 from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
-from conflictdb.earth.geodesy import Floats
+from conflictdb.earth.registry import centred, plane_of
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
 from conflictdb.kernel.bundles import boxes_of, bundled_pairs
-from conflictdb.methods import METHODS, Method
-from conflictdb.model import Area, Scene, Track
-from conflictdb.motion.registry import centred, plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.run import run_stages
-from conflictdb.results import Verdict
-from conflictdb.stage2_intersection import intersections
+from conflictdb.model import inputs
+from conflictdb.model.methods import METHODS, Method
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Verdict
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.run import run_stages
+from conflictdb.stages.stage2_intersection import intersections
 
 __all__ = ["Advice", "Estimate", "Setting", "advise"]
 

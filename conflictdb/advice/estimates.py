@@ -7,7 +7,7 @@ from typing import Final
 
 import scipy.special  # scipy.optimize of stage 4 has loaded it already
 
-from conflictdb.methods import Method
+from conflictdb.model.methods import Method
 
 # A longer detection is too slow to wait for: recommend a first look with a method that takes less than half.
 PATIENCE_S: Final = 60.0

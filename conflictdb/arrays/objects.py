@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.ragged import offsets, ragged_rows, ragged_take, stacked
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, Track
-from conflictdb.outlines import mitred
+from conflictdb.model.outlines import mitred
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Track
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from conflictdb.advice.estimates import Count, Share, duration
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import data, out, table
 from conflictdb.cli.session import database
-from conflictdb.io.json_text import dumped
+from conflictdb.formats.json_text import dumped
 
 
 def advise(args: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ from conflictdb.cli.output import out, remark, table
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.db import store
-from conflictdb.model import Scene
+from conflictdb.model.plans import Scene
 from conflictdb.session.database import Database
 
 # Rows listed: a screen full.

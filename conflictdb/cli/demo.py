@@ -6,8 +6,8 @@ import shlex
 from typing import Final
 
 from conflictdb.cli.codes import DONE
+from conflictdb.cli.load_report import conflict_table
 from conflictdb.cli.output import out, program, progress, table
-from conflictdb.cli.report import conflict_table
 from conflictdb.cli.session import database, show_progress
 from conflictdb.db.detect import Run
 from conflictdb.session.database import DEMO_SCENE

@@ -7,12 +7,12 @@ from datetime import datetime
 from typing import Any
 
 from conflictdb.cli.codes import DONE
+from conflictdb.cli.load_report import moment_text
 from conflictdb.cli.output import data, out, table
 from conflictdb.cli.parser import check
-from conflictdb.cli.report import moment_text
 from conflictdb.cli.session import database
-from conflictdb.io.instants import format_moment
-from conflictdb.results import ConflictEvent
+from conflictdb.formats.instants import format_moment
+from conflictdb.model.results import ConflictEvent
 
 
 def history(args: argparse.Namespace) -> int:

@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final
 
+from conflictdb.cli.load_report import run_text
 from conflictdb.cli.output import data, out, remark
-from conflictdb.cli.report import run_text
-from conflictdb.io.instants import format_moment
-from conflictdb.io.json_text import dumped
+from conflictdb.formats.instants import format_moment
+from conflictdb.formats.json_text import dumped
 
 if TYPE_CHECKING:
     from conflictdb.db.detect import Run

@@ -32,7 +32,7 @@ def show(args: argparse.Namespace) -> int:
 
 def _write(args: argparse.Namespace) -> int:
     # Imported here: shapely is slow to import.
-    from conflictdb.io import write_lines
+    from conflictdb.formats import write_lines
     from conflictdb.map.html import page
 
     with database(args) as db:

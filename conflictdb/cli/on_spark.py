@@ -15,21 +15,21 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.cli.codes import DONE
+from conflictdb.cli.load_report import conflict_table
 from conflictdb.cli.output import note, out, progress, remark
 from conflictdb.cli.parser import check
-from conflictdb.cli.report import conflict_table
 from conflictdb.cli.session import database
 from conflictdb.errors import ConflictDBError, StoreError
+from conflictdb.formats.contents import without_objects
+from conflictdb.formats.reading import read
 from conflictdb.in_memory import solve
-from conflictdb.io.contents import without_objects
-from conflictdb.io.reading import read
-from conflictdb.model import Scene
-from conflictdb.results import Kind
-from conflictdb.server.settings import Settings
+from conflictdb.model.plans import Scene
+from conflictdb.model.results import Kind
+from conflictdb.model.settings import METRES, given
+from conflictdb.model.speeds import MAX_SPEED_KN
+from conflictdb.server.options import Settings
 from conflictdb.session.database import DEMO_SCENE
-from conflictdb.settings import METRES, given
 from conflictdb.spark import engine
-from conflictdb.speeds import MAX_SPEED_KN
 
 if TYPE_CHECKING:
     from pyspark.sql import DataFrame, SparkSession
@@ -49,8 +49,8 @@ def detect(args: argparse.Namespace) -> int:
     # The database has checked its own.
     fastest_kn = math.inf if not args.input else MAX_SPEED_KN if args.max_speed_kn is None else args.max_speed_kn
     with _given(args) as (spark, scene, objects):
-        from conflictdb.spark.detection import detected
         from conflictdb.spark.files import write_conflicts, write_states
+        from conflictdb.spark.on_cluster import detected
 
         with _shown_progress(spark) as doing:
             doing("cutting objects")
@@ -179,9 +179,9 @@ def demo(args: argparse.Namespace) -> int:
         from pyarrow import Table, parquet
 
         from conflictdb.arrays.arrow.found import of_rows
-        from conflictdb.arrays.arrow.objects import of_objects
-        from conflictdb.spark.detection import detect_on_spark
+        from conflictdb.arrays.arrow.object_rows import of_objects
         from conflictdb.spark.files import read_objects, write_conflicts
+        from conflictdb.spark.on_cluster import detect_on_spark
 
         objects, conflicts = str(Path(directory, "objects.parquet")), str(Path(directory, "conflicts.parquet"))
         parquet.write_table(Table.from_batches([of_objects(areas, tracks)]), objects)

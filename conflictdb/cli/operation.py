@@ -5,16 +5,16 @@ from contextlib import ExitStack, suppress
 from typing import Any
 
 from conflictdb.cli.codes import DONE, FAILED
+from conflictdb.cli.load_report import moment_text, remark_incomplete
 from conflictdb.cli.log import JSON_LOG, TEXT_LOG
 from conflictdb.cli.output import as_called, data, note, out, remark, table
 from conflictdb.cli.parser import check
-from conflictdb.cli.report import moment_text, remark_incomplete
 from conflictdb.cli.session import connections, database
 from conflictdb.cli.watch import Metrics, served
 from conflictdb.db import schema, store
 from conflictdb.db.store import SceneStatus
-from conflictdb.io.instants import format_moment
-from conflictdb.io.json_text import dumped
+from conflictdb.formats.instants import format_moment
+from conflictdb.formats.json_text import dumped
 from conflictdb.session.database import Status, connect
 
 

@@ -12,8 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import IO, Final
 
-from conflictdb.errors import InvalidInput
-from conflictdb.printable import printable
+from conflictdb.errors import InvalidInput, printable
 
 _CLEAR_LINE: Final = "\r\033[K"
 _BREAK: Final = "\n"

@@ -7,9 +7,9 @@ from importlib import import_module
 from typing import Any, Final, NoReturn
 
 from conflictdb.cli.values import count, duration_s, megabytes, memory_mb, method, metres, place, speed_kn
-from conflictdb.methods import Method
-from conflictdb.pipeline.memory import MEMORY_MB
-from conflictdb.settings import Setting, Type
+from conflictdb.model.methods import Method
+from conflictdb.model.settings import Setting, Type
+from conflictdb.stages.memory import MEMORY_MB
 
 FORMATS: Final = ("table", "json", "csv", "geojson")
 _OF_ALL_COMMANDS: Final = ("--dsn", "--debug", "--version")

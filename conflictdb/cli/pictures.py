@@ -3,8 +3,8 @@
 import argparse
 
 from conflictdb.cli.codes import DONE
+from conflictdb.cli.load_report import remark_incomplete, require_current
 from conflictdb.cli.output import note
-from conflictdb.cli.report import remark_incomplete, require_current
 from conflictdb.cli.session import database
 
 

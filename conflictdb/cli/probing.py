@@ -7,14 +7,14 @@ from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE
+from conflictdb.cli.load_report import approach_table, print_conflicts, remark_incomplete, require_current, skipped_text
 from conflictdb.cli.output import out, remark
 from conflictdb.cli.parser import check
-from conflictdb.cli.report import approach_table, print_conflicts, remark_incomplete, require_current, skipped_text
 from conflictdb.cli.session import database
 from conflictdb.errors import InvalidInput
-from conflictdb.io.conflict_text import MoreColumn
-from conflictdb.model import Area, Track, rectangle_outline_m
-from conflictdb.results import Conflict, SceneState, Verdict
+from conflictdb.formats.conflict_text import MoreColumn
+from conflictdb.model.plans import Area, Track, rectangle_outline_m
+from conflictdb.model.results import Conflict, SceneState, Verdict
 
 if TYPE_CHECKING:
     import shapely
@@ -90,8 +90,8 @@ def _differs(one: Conflict, other: Conflict) -> bool:
 
 def _plans(args: argparse.Namespace) -> list[Area | Track]:
     # Imported here, so that usage errors are fast.
-    from conflictdb.io.contents import without_objects
-    from conflictdb.io.gather import gather
+    from conflictdb.formats.contents import without_objects
+    from conflictdb.formats.gather import gather
 
     plans: list[Area | Track] = []
     for read in gather(args.files, args.scene):

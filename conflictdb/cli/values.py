@@ -6,8 +6,8 @@ from datetime import datetime
 from sys import float_info
 from typing import Final
 
-from conflictdb.methods import REMOVED
-from conflictdb.pipeline.memory import LEAST_MEMORY_MB
+from conflictdb.model.methods import REMOVED
+from conflictdb.stages.memory import LEAST_MEMORY_MB
 
 _MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a wrong unit
 _MOST_S: Final = 1e9  # 31 years: more is a wrong unit
@@ -143,8 +143,8 @@ def duration_s(text: str) -> float:
 
 def instant(text: str) -> datetime:
     """Return an ISO 8601 instant with offset."""
-    from conflictdb.inputs import EPOCH, MICROSECOND
-    from conflictdb.io.instants import parse_instant
+    from conflictdb.formats.instants import parse_instant
+    from conflictdb.model.inputs import EPOCH, MICROSECOND
 
     try:
         return EPOCH + parse_instant(text) * MICROSECOND

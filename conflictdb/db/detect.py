@@ -26,17 +26,17 @@ import psycopg
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.db import attached, store
+from conflictdb.db import follow_attached, store
 from conflictdb.db.sources import FewSource, SceneSource
+from conflictdb.earth.registry import plane_of
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
-from conflictdb.methods import Method
-from conflictdb.model import Scene
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.memory import MEMORY_MB, Memory
-from conflictdb.pipeline.run import Funnel, Progress, run_scene
-from conflictdb.results import Kind
-from conflictdb.waiting import cancel_thread, run_in_thread, wait_for
+from conflictdb.kernel.waiting import cancel_thread, run_in_thread, wait_for
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Scene
+from conflictdb.model.results import Kind
+from conflictdb.stages.memory import MEMORY_MB, Memory
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.run import Funnel, Progress, run_scene
 
 __all__ = ["Progress", "Run", "detect", "detect_pending", "refresh_pieces"]
 
@@ -214,7 +214,7 @@ def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Opti
             return begun
         with store.translated():
             conn.rollback()
-        attached.follow(conn, scene, again=again is True)
+        follow_attached.follow(conn, scene, again=again is True)
         again = None
 
 

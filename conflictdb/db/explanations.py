@@ -6,10 +6,10 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb.db import store
+from conflictdb.formats.instants import format_moment
 from conflictdb.in_memory import counts, solve
-from conflictdb.io.instants import format_moment
-from conflictdb.methods import Method
-from conflictdb.results import Conflict, Explanation, Position
+from conflictdb.model.methods import Method
+from conflictdb.model.results import Conflict, Explanation, Position
 
 # Half the circumference of the earth: an upper bound on distances.
 _FURTHEST_M: Final = 20_000_000.0

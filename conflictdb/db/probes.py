@@ -20,17 +20,17 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db import store
 from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
+from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
 from conflictdb.in_memory import solve
-from conflictdb.model import Area, Scene, Track
-from conflictdb.motion.registry import centred, plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pieces.cutting import check_plane
-from conflictdb.pipeline.memory import MEMORY_MB, Memory
-from conflictdb.pipeline.run import run_scene
-from conflictdb.pipeline.source import Chunk
-from conflictdb.pipeline.telling import to_results
-from conflictdb.results import Conflict, Kind, Listing
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Conflict, Kind, Listing
+from conflictdb.stages.memory import MEMORY_MB, Memory
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.pieces.cutting import check_plane
+from conflictdb.stages.run import run_scene
+from conflictdb.stages.source import Chunk
+from conflictdb.stages.telling import to_results
 
 _log = logging.getLogger(__name__)
 

@@ -15,9 +15,9 @@ from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
 from conflictdb.db import store
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
 from conflictdb.kernel.bundles import bundled_pairs
-from conflictdb.pipeline.memory import DEFAULT_MEMORY, Memory
-from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers
-from conflictdb.pipeline.source import Chunk
+from conflictdb.stages.memory import DEFAULT_MEMORY, Memory
+from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
+from conflictdb.stages.source import Chunk
 
 # Read bundles by id; also return the rank of each piece in object order.
 Read = Callable[[NDArray[np.int64]], tuple[Bundles, NDArray[np.int64]]]

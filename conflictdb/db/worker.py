@@ -18,7 +18,7 @@ import psycopg
 
 from conflictdb.db import detect, probes, schema, store
 from conflictdb.errors import ConflictDBError, LockTimeout, ReadOnlyDatabase, SchemaError, StoreError
-from conflictdb.pipeline.memory import MEMORY_MB
+from conflictdb.stages.memory import MEMORY_MB
 
 _log = logging.getLogger(__name__)
 

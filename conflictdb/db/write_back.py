@@ -25,8 +25,8 @@ from conflictdb.arrays.polygons import Polygons
 from conflictdb.db import store
 from conflictdb.db.detect import refresh_pieces
 from conflictdb.errors import InvalidInput
-from conflictdb.model import Scene
-from conflictdb.pipeline.memory import MEMORY_MB, Memory
+from conflictdb.model.plans import Scene
+from conflictdb.stages.memory import MEMORY_MB, Memory
 
 _NOT_THESE: Final = (
     "are none of those that the conflicts were computed from, as they were then: export the scene, and compute again"

@@ -31,12 +31,11 @@ from conflictdb.drawing.style import (
     time_axis,
     written_whole,
 )
-from conflictdb.errors import InvalidInput
-from conflictdb.inputs import EPOCH, MICROSECOND
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
-from conflictdb.notebook import bound_text
-from conflictdb.printable import printable
-from conflictdb.results import Conflict, Verdict
+from conflictdb.errors import InvalidInput, printable
+from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.model.notebook import bound_text
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
+from conflictdb.model.results import Conflict, Verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

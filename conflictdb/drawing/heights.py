@@ -5,10 +5,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays import Floats
 from conflictdb.drawing.sketch import Sketch
 from conflictdb.drawing.style import FIRST, SECOND
-from conflictdb.earth.geodesy import Floats
-from conflictdb.model import Area, Track
+from conflictdb.model.plans import Area, Track
 
 # Room above and below the bounded heights, as a share of them; and at least this, metres.
 _ROOM: Final = 0.3

@@ -6,9 +6,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from conflictdb.arrays import Floats
 from conflictdb.drawing.style import INK, QUIET
-from conflictdb.earth.geodesy import Floats
-from conflictdb.motion.contract import Plane
+from conflictdb.earth.contract import Plane
 
 _WIDEST_LABEL: Final = "88°88\N{PRIME}W"
 # Steps between the lines of a graticule, degrees; and how many lines there are about.

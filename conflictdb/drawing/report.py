@@ -16,12 +16,12 @@ from conflictdb.drawing import figures
 from conflictdb.drawing.pdf import document
 from conflictdb.drawing.section import Section, drawn
 from conflictdb.drawing.style import checked_name, instant, written_whole
-from conflictdb.methods import METHODS
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, Motion, Scene, Track
-from conflictdb.notebook import bound_text, distance_text, instant_text, text_of
-from conflictdb.printable import printable
-from conflictdb.results import Conflict, SceneState, Verdict
-from conflictdb.settings import SETTINGS
+from conflictdb.errors import printable
+from conflictdb.model.methods import METHODS
+from conflictdb.model.notebook import bound_text, distance_text, instant_text, text_of
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Motion, Scene, Track
+from conflictdb.model.results import Conflict, SceneState, Verdict
+from conflictdb.model.settings import SETTINGS
 
 # What a reader goes through; `conflictdb conflicts --format csv` has all of it.
 _MOST_CONFLICTS: Final = 500

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb import kernel
+from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.drawing.sketch import Sketch
-from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.movement import Movement
-from conflictdb.model import MAX_DISTANCE_M
-from conflictdb.results import Kind
-from conflictdb.stage4.closest_approach import approaches
+from conflictdb.model.plans import MAX_DISTANCE_M
+from conflictdb.model.results import Kind
+from conflictdb.stages.stage4.closest_approach import approaches
 
 # Pairs of pieces that are measured at all instants together: more would take seconds.
 _MOST_PAIRS: Final = 200_000

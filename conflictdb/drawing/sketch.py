@@ -8,18 +8,18 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb import kernel
+from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows
 from conflictdb.arrays.pieces import PieceRows
-from conflictdb.earth.geodesy import Floats
+from conflictdb.earth.registry import centred, plane_of
 from conflictdb.kernel.movement import Movement
-from conflictdb.model import Area, Scene, Track
-from conflictdb.motion.registry import centred, plane_of
-from conflictdb.pieces.covers import COVER, pieces_of
-from conflictdb.published.stage3_projection import windows
-from conflictdb.results import Kind
-from conflictdb.stage1_broad_phase import candidates, hulls_of
-from conflictdb.stage2_intersection import intersections
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Kind
+from conflictdb.stages.pieces.covers import COVER, pieces_of
+from conflictdb.stages.published.stage3_projection import windows
+from conflictdb.stages.stage1_broad_phase import candidates, hulls_of
+from conflictdb.stages.stage2_intersection import intersections
 
 _Ints = NDArray[np.int64]
 _TURN_DEG: Final = 360.0
@@ -29,7 +29,7 @@ class Sketch:
     """Areas and tracks of a scene, cut into pieces as a detection does, each whole and near the others on the page.
 
     Objects are numbered: the areas first, then the tracks, in the order given. Those that could not be cut have no
-    shape (see `conflictdb.pieces.covers`).
+    shape (see `conflictdb.stages.pieces.covers`).
     """
 
     def __init__(self, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from conflictdb.errors import ConflictDBError, InvalidInput
-from conflictdb.inputs import EPOCH, MICROSECOND
-from conflictdb.results import Verdict
+from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.model.results import Verdict
 
 # Distinguishable with colour blindness (Okabe and Ito), and by lightness.
 FIRST, SECOND, CONFLICT, QUIET, INK = "#0072b2", "#009e73", "#d55e00", "#8a949e", "#2b333b"

@@ -19,11 +19,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from conflictdb.model import EarthModel
-
-Floats = NDArray[np.float64]
+from conflictdb.arrays import Floats
+from conflictdb.model.plans import EarthModel
 
 MEAN_RADIUS_M: Final = 6_371_008.771415  # (2a + b) / 3 of WGS84, the sphere of this package
 WGS84_RADIUS_M: Final = 6_378_137.0

@@ -8,7 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from conflictdb.earth.geodesy import Earth, Floats
+from conflictdb.arrays import Floats
+from conflictdb.earth.geodesy import Earth
 
 # Constants of mercator.c: the plane distance, radians, up to which a fixed point finds the nearest place; the relative
 # error of its steps; and the distance, radians, beyond which only the least and the largest radius bound a path.

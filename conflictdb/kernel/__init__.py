@@ -9,7 +9,7 @@ call (`Questions.pairs_of_objects` divides work budgets), nor on the number of t
 
 from conflictdb.kernel.contacts import Guess, Questions, contacts
 from conflictdb.kernel.convex import convex_parts
-from conflictdb.kernel.scene import Plane, Scene, Work
+from conflictdb.kernel.kernel_scene import Plane, Scene, Work
 from conflictdb.kernel.slices import Hulls, apart, hulls
 
 __all__ = ["Guess", "Hulls", "Plane", "Questions", "Scene", "Work", "apart", "contacts", "convex_parts", "hulls"]

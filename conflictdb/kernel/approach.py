@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.earth.geodesy import Floats
+from conflictdb.arrays import Floats
+from conflictdb.kernel.kernel_scene import HeldPairs, HeldWork, Scene, Work
 from conflictdb.kernel.library import Held, check, fields_of, library, shared
-from conflictdb.kernel.scene import HeldPairs, HeldWork, Scene, Work
 
 _Ints = NDArray[np.int64]
 # Groups per slice of a thread: milliseconds of work, or one with a coarse accuracy.

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.earth.geodesy import Floats
+from conflictdb.arrays import Floats
 from conflictdb.kernel.library import Held, check, fields_of, library
 
 

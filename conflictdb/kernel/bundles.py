@@ -7,11 +7,11 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
 from conflictdb.arrays.ragged import offsets
-from conflictdb.earth.geodesy import Floats
 from conflictdb.kernel.library import Held, check, fields_of, library
-from conflictdb.results import Kind
+from conflictdb.model.results import Kind
 
 # First size of the result, pairs of pieces, and its growth factor: all pairs of two areas of a hundred thousand parts
 # would not fit into memory, and few of them intersect.

@@ -10,11 +10,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays import Floats
 from conflictdb.arrays.answers import Contacts
-from conflictdb.earth.geodesy import Floats
+from conflictdb.kernel.kernel_scene import HeldPairs, HeldWork, Scene, Work
 from conflictdb.kernel.library import check, library, shared
-from conflictdb.kernel.scene import HeldPairs, HeldWork, Scene, Work
-from conflictdb.waiting import wait_for
+from conflictdb.kernel.waiting import wait_for
 
 # Returns where the last (or first) contact of a pair may be: (pair, low_s, high_s, is_last), seconds; NaN: unknown.
 Guess = Callable[[int, float, float, bool], float]

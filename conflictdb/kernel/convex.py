@@ -5,7 +5,7 @@ import ctypes
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.earth.geodesy import Floats
+from conflictdb.arrays import Floats
 from conflictdb.kernel.library import check, library
 
 

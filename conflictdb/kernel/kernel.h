@@ -189,7 +189,7 @@ typedef struct {
     const double *low_s, *high_s;  /* (count,) */
 } KernelPairs;
 
-/* Verdict on a contact (conflictdb.results.Verdict). */
+/* Verdict on a contact (conflictdb.model.results.Verdict). */
 typedef enum {
     KERNEL_CONFLICT = 0,  /* the separation is violated, by more than the tolerance at some instant */
     KERNEL_GRAZING = 1,   /* the smallest clearance is within the tolerance of zero: too close to call */

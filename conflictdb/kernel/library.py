@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
-from conflictdb.waiting import wait_for
+from conflictdb.kernel.waiting import wait_for
 
 # KERNEL_ABI of kernel.h.
 ABI: Final = 19

@@ -7,9 +7,9 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.earth.geodesy import Floats
+from conflictdb.arrays import Floats
+from conflictdb.kernel.kernel_scene import Scene
 from conflictdb.kernel.library import Held, check, fields_of, library
-from conflictdb.kernel.scene import Scene
 
 _Ints = NDArray[np.int64]
 # Bisections until a fraction of the time is known to its last digit.

@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays import Floats
 from conflictdb.arrays.ragged import offsets
-from conflictdb.earth.geodesy import Floats
+from conflictdb.kernel.kernel_scene import HeldPairs, Scene
 from conflictdb.kernel.library import check, library, shared
-from conflictdb.kernel.scene import HeldPairs, Scene
 
 # KERNEL_REGION_PER_VERTEX and KERNEL_REGION_MORE of kernel.h: result vertices of a pair.
 _PER_VERTEX: Final = 8

@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import offsets
-from conflictdb.earth.geodesy import Floats
+from conflictdb.kernel.kernel_scene import HeldPieces, Plane
 from conflictdb.kernel.library import check, library, shared
-from conflictdb.kernel.scene import HeldPieces, Plane
 
 # KERNEL_HULL_PER_VERTEX and KERNEL_HULL_MORE of kernel.h: most vertices of a hull.
 _PER_VERTEX: Final = 6

@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.earth.geodesy import Floats
+from conflictdb.arrays import Floats
+from conflictdb.kernel.kernel_scene import HeldPairs, Scene
 from conflictdb.kernel.library import Held, check, fields_of, library
-from conflictdb.kernel.scene import HeldPairs, Scene
 
 _Ints = NDArray[np.int64]
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb.db import store
-from conflictdb.settings import SETTINGS, Type
+from conflictdb.model.settings import SETTINGS, Type
 
 _LENGTH: Final = struct.Struct("<I")
 # A conflict in the numbers of routine _map_conflicts, without its periods, each of which is two 8-byte numbers.

@@ -26,7 +26,7 @@ from typing import Final, Self
 from conflictdb.server.cluster import Cluster, ServerStatus
 from conflictdb.server.configuration import ADMINISTRATOR
 from conflictdb.server.discovery import Psql, psql_of
-from conflictdb.server.settings import Settings
+from conflictdb.server.options import Settings
 
 __all__ = [
     "EmbeddedServer",

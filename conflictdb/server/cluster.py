@@ -30,7 +30,7 @@ from conflictdb.errors import ServerError
 from conflictdb.server import configuration
 from conflictdb.server.account import account_for
 from conflictdb.server.discovery import Server, find_server
-from conflictdb.server.settings import Settings
+from conflictdb.server.options import Settings
 
 #: Seconds to wait for a server that recovers after a crash, or for one that writes its last checkpoint.
 START_TIMEOUT_S: Final = 600.0

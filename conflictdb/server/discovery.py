@@ -17,8 +17,8 @@ from typing import Final
 from conflictdb.errors import ServerError
 from conflictdb.server import packages
 from conflictdb.server.account import Account
+from conflictdb.server.options import Settings
 from conflictdb.server.packages import FetchError, Tree
-from conflictdb.server.settings import Settings
 
 MINIMUM_POSTGRESQL: Final = 14
 MINIMUM_POSTGIS: Final = (3, 3)

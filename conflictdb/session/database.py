@@ -26,7 +26,7 @@ from conflictdb.errors import (
 from conflictdb.session import loading
 from conflictdb.session.lending import BorrowedConnection, borrow
 from conflictdb.session.loading import Loaded
-from conflictdb.session.scene import StoredScene
+from conflictdb.session.stored_scene import StoredScene
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection, Engine
@@ -201,18 +201,18 @@ class Database:
         Parameters
         ----------
         path : path
-            Any file that `conflictdb.io.read` reads.
+            Any file that `conflictdb.formats.read` reads.
         scene : str, optional
             Scene to load into; default is the scene that the file names, else the name of the file.
         replace : bool
             Remove the objects of the scene that the file does not contain; by default objects are only added and
             updated. With this, a file of settings without objects empties its scene.
         max_speed_kn : float, optional
-            Tracks that are faster on a leg are refused, see `conflictdb.io.read`.
+            Tracks that are faster on a leg are refused, see `conflictdb.formats.read`.
         layers : sequence of str
             The layers to read of a file that OGR opens; by default all.
         skip_invalid : bool
-            Skip refused objects and load the others, see `conflictdb.io.read`.
+            Skip refused objects and load the others, see `conflictdb.formats.read`.
 
         Raises
         ------

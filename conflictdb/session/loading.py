@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from conflictdb.db import store
+from conflictdb.earth.registry import centred, middle_deg, places_of, plane_of, summed_directions
 from conflictdb.errors import InvalidInput
-from conflictdb.io import Remark, Skipped
-from conflictdb.io.contents import Parts, without_objects
-from conflictdb.io.gather import Plan, gather, scene_name
-from conflictdb.io.reading import is_parquet, read_parts
-from conflictdb.model import Area, Motion, Scene, Track
-from conflictdb.motion.registry import centred, middle_deg, places_of, plane_of, summed_directions
-from conflictdb.pieces.cutting import check_plane
+from conflictdb.formats import Remark, Skipped
+from conflictdb.formats.contents import Parts, without_objects
+from conflictdb.formats.gather import Plan, gather, scene_name
+from conflictdb.formats.reading import is_parquet, read_parts
+from conflictdb.model.plans import Area, Motion, Scene, Track
+from conflictdb.stages.pieces.cutting import check_plane
 
 if TYPE_CHECKING:
     import psycopg

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from conflictdb.spark.detection import detect_on_spark
+    from conflictdb.spark.on_cluster import detect_on_spark
 
 __all__ = ["detect_on_spark"]
 
@@ -16,4 +16,4 @@ __all__ = ["detect_on_spark"]
 def __getattr__(name: str) -> Any:
     if name != "detect_on_spark":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return import_module("conflictdb.spark.detection").detect_on_spark
+    return import_module("conflictdb.spark.on_cluster").detect_on_spark

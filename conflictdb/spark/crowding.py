@@ -13,8 +13,8 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays import Floats
 from conflictdb.arrays.ragged import offsets
-from conflictdb.earth.geodesy import Floats
 
 # Sample size: at least _LEAST pieces, at most _MOST, in between _SHARE of all.
 _LEAST: Final = 4_000

@@ -13,17 +13,17 @@ from pyspark.sql.pandas.types import from_arrow_schema
 
 from conflictdb.arrays.arrow.forms import metadata_of
 from conflictdb.arrays.arrow.found import GEOMETRIES
-from conflictdb.arrays.arrow.objects import OBJECTS
+from conflictdb.arrays.arrow.object_rows import OBJECTS
 from conflictdb.errors import InvalidInput
-from conflictdb.io.computed import STATES, settings_text
-from conflictdb.io.geoparquet import GEOMETRY, METADATA_KEY, PLANAR, Layout
-from conflictdb.io.names import RENAME_COLUMN, misnamed
-from conflictdb.io.objects import AREA_GUARDED, AREA_MEMBERS, TRACK_GUARDED, TRACK_MEMBERS
-from conflictdb.io.scene_file import scene_of
-from conflictdb.io.time_columns import is_time_name
-from conflictdb.model import Scene
-from conflictdb.results import Kind
-from conflictdb.spark.pieces import NO_NUMBER, check_case
+from conflictdb.formats.computed import STATES, settings_text
+from conflictdb.formats.file_objects import AREA_GUARDED, AREA_MEMBERS, TRACK_GUARDED, TRACK_MEMBERS
+from conflictdb.formats.geoparquet import GEOMETRY, METADATA_KEY, PLANAR, Layout
+from conflictdb.formats.names import RENAME_COLUMN, misnamed
+from conflictdb.formats.scene_file import scene_of
+from conflictdb.formats.time_columns import is_time_name
+from conflictdb.model.plans import Scene
+from conflictdb.model.results import Kind
+from conflictdb.spark.cut_objects import NO_NUMBER, check_case
 from conflictdb.spark.storage import listed, parquet_reader, plain_path, require_new, schemas_of, shown
 
 # Known names that other columns may resemble; and names with a meaning in other files, which `load` reads.

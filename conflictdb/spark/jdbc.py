@@ -19,13 +19,13 @@ from pyspark.sql.pandas.types import from_arrow_schema
 from pyspark.storagelevel import StorageLevel
 
 from conflictdb.arrays.arrow.columns import numbers
-from conflictdb.arrays.arrow.objects import OBJECTS, of_objects
+from conflictdb.arrays.arrow.object_rows import OBJECTS, of_objects
 from conflictdb.db import store
 from conflictdb.errors import StoreError
-from conflictdb.model import Scene
-from conflictdb.results import Kind
-from conflictdb.spark.detection import mapped
+from conflictdb.model.plans import Scene
+from conflictdb.model.results import Kind
 from conflictdb.spark.engine import DRIVER, errors_in_one_line, with_driver
+from conflictdb.spark.on_cluster import mapped
 
 # Most connections at a time for areas, and for tracks, and least objects for each.
 _MOST_PARTS: Final = 16

@@ -10,7 +10,7 @@ import numpy as np
 from pyspark.sql import DataFrame, SparkSession, functions
 
 from conflictdb.spark.crowding import Cells
-from conflictdb.spark.pieces import refusal_of
+from conflictdb.spark.cut_objects import refusal_of
 from conflictdb.spark.solving import PLACED
 
 # Corners of a piece in space and time.

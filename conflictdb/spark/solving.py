@@ -25,16 +25,16 @@ from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.packed import PART, TURN, WORD, begins_in, unpacked
 from conflictdb.arrays.pieces import Bundles, PieceRows
 from conflictdb.arrays.ragged import ragged_rows
+from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
 from conflictdb.kernel.bundles import bundled_pairs
-from conflictdb.model import Scene
-from conflictdb.motion.registry import plane_of
-from conflictdb.pipeline.object_pairs import chunks_of_objects, object_numbers
-from conflictdb.pipeline.run import run_scene
-from conflictdb.pipeline.source import Chunk
+from conflictdb.model.plans import Scene
 from conflictdb.spark.crowding import Cells, two_blocks
-from conflictdb.spark.pieces import NO_NUMBER
-from conflictdb.spark.pieces import SCHEMA as PIECES
+from conflictdb.spark.cut_objects import NO_NUMBER
+from conflictdb.spark.cut_objects import SCHEMA as PIECES
+from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
+from conflictdb.stages.run import run_scene
+from conflictdb.stages.source import Chunk
 
 # Limit on the bytes of rows built at a time, and on the pairs of rows found at a time.
 _MOST_BYTES: Final = 128_000_000

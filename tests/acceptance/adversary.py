@@ -33,9 +33,9 @@ from verdicts import Comparison, Pair, Reported, care_of, compared, solved
 from wild import throw_wild
 from workloads import WORKLOADS, throw
 
-from conflictdb import io
+from conflictdb import formats
 from conflictdb.errors import InvalidInput
-from conflictdb.model import Area, EarthModel, Method, Scene, Track
+from conflictdb.model.plans import Area, EarthModel, Method, Scene, Track
 
 OBJECTS: Final = 3  # areas, and as many tracks, of a random scene
 MUTATIONS: Final = 12  # that may not change the number of contacts
@@ -264,7 +264,7 @@ def between(one: list[Thing], two: list[Thing]) -> list[Thing]:
 
 def replay(path: Path, method: Method) -> int:
     """Compare one scene file with the oracle."""
-    scene, areas, tracks, _ = io.read(path)
+    scene, areas, tracks, _ = formats.read(path)
     assert scene is not None
     scene = replace(scene, method=method)
     result = compared(scene, areas, tracks, solved(scene, areas, tracks))

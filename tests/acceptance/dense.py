@@ -26,13 +26,13 @@ from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.model import EarthModel, Scene
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.results import Kind, Verdict
-from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
-from conflictdb.stage4.contacts import contacts as contacts_of
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.plans import EarthModel, Scene
+from conflictdb.model.results import Kind, Verdict
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.stage1_broad_phase import candidates
+from conflictdb.stages.stage2_intersection import intersections
+from conflictdb.stages.stage4.contact_search import contacts as contacts_of
 
 TOLERANCES_M = (1.0, 0.0, 1.0, 100.0)
 # Of pairs that the broad phase dismissed, so many are sampled for each that it found.

@@ -33,8 +33,8 @@ from hostile_objects import Hostile, put, scene_file, throw
 import conflictdb
 from conflictdb.db.store import set_scene
 from conflictdb.errors import InvalidInput
-from conflictdb.model import Method, Motion, Scene
-from conflictdb.results import Conflict, Verdict
+from conflictdb.model.plans import Method, Motion, Scene
+from conflictdb.model.results import Conflict, Verdict
 
 PER_SCENE: Final = 24
 TOLERANCES_M: Final = (0.0, 1e-9, 1.0, 1.0, 1.0, 1000.0)

@@ -19,7 +19,7 @@ from verdicts import Comparison, compared, solved
 from wild import throw_wild
 from workloads import WORKLOADS, Workload, throw
 
-from conflictdb.model import EarthModel
+from conflictdb.model.plans import EarthModel
 
 # Scenes of extremes by name, and the share of their havens that change.
 WILD = {"wild": 0.0, "wild growing": 0.8}

@@ -8,8 +8,8 @@ import pytest
 from adversary import Answer, search
 from verdicts import solved
 
-from conflictdb.model import Area, Method, Scene, Track
-from conflictdb.results import Verdict
+from conflictdb.model.plans import Area, Method, Scene, Track
+from conflictdb.model.results import Verdict
 
 SEED = 3
 CANDIDATES = 30  # a scene and a climb

@@ -11,8 +11,8 @@ from scene_file import write_scene
 from verdicts import Period, Reported, compared, microseconds
 from workloads import LONG_LEGS, SEAM, SOUTH, Workload, throw
 
-from conflictdb.model import EarthModel
-from conflictdb.results import Verdict
+from conflictdb.model.plans import EarthModel
+from conflictdb.model.results import Verdict
 
 
 def instant(text: str | None) -> int | None:

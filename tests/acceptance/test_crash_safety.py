@@ -23,8 +23,8 @@ from workloads import LOW_LATITUDE, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.model import Area, Scene, Track
-from conflictdb.results import Conflict
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Conflict
 
 WAIT_S = 60.0
 

@@ -10,9 +10,9 @@ from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LONG_LEGS, LOW_LA
 
 from conflictdb import kernel
 from conflictdb.arrays.answers import Contacts
+from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.movement import Movement
-from conflictdb.motion.registry import plane_of
-from conflictdb.results import Kind, Verdict
+from conflictdb.model.results import Kind, Verdict
 
 SEED = 1000
 QUICK = [pytest.param(w, 2, id=w.name) for w in WORKLOADS]

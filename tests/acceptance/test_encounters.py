@@ -15,8 +15,8 @@ from scene_file import iso
 from scenes import T0_US
 from verdicts import Reported, by_pair, solved
 
-from conflictdb import connect, io
-from conflictdb.results import Verdict
+from conflictdb import connect, formats
+from conflictdb.model.results import Verdict
 
 WITHIN_S = 60.0
 
@@ -80,7 +80,7 @@ def test_every_designed_encounter_is_a_conflict_at_its_time(tmp_path: Path) -> N
     wrong: list[str] = []
     encounters = 0
     for number, design, generated in situations():
-        scene, areas, tracks, skipped = io.read(write_situation(tmp_path / "scene.geojson", number, generated))
+        scene, areas, tracks, skipped = formats.read(write_situation(tmp_path / "scene.geojson", number, generated))
         assert scene is not None
         assert not areas
         assert not skipped

@@ -21,7 +21,7 @@ import shapely
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.model import Area, Method, Scene, Track
+from conflictdb.model.plans import Area, Method, Scene, Track
 
 # Promised: Ctrl-C is answered within 1 s, and nothing is left after 5 s. What these tests stop would last for a minute
 # or for ever, so that a busy machine may take longer; the slow test says how long it took (`-rP` shows it).

@@ -43,8 +43,8 @@ from verdicts import CERTIFIED, Comparison, Reported, compared, solved
 from wild import throw_wild
 
 from conflictdb.errors import InvalidInput
-from conflictdb.model import Area, EarthModel, Scene, Track
-from conflictdb.results import Verdict
+from conflictdb.model.plans import Area, EarthModel, Scene, Track
+from conflictdb.model.results import Verdict
 
 earths = pytest.mark.parametrize("earth", EarthModel)
 POINT = {"fore": 0.0, "aft": 0.0, "port": 0.0, "starboard": 0.0}

@@ -12,8 +12,8 @@ from scenes import HOUR_S, area, track
 from conflictdb import Conflict, solve
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M
 from conflictdb.errors import InvalidInput
-from conflictdb.model import MAX_DISTANCE_M, Area, EarthModel, Motion, Scene, Track
-from conflictdb.results import Verdict
+from conflictdb.model.plans import MAX_DISTANCE_M, Area, EarthModel, Motion, Scene, Track
+from conflictdb.model.results import Verdict
 
 GEODESICS = {
     EarthModel.WGS84: Geod(a=WGS84_RADIUS_M, f=WGS84_FLATTENING),

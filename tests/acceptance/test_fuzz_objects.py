@@ -9,7 +9,7 @@ from fuzz_objects import Tally, examine, fuzz
 from hostile_objects import Hostile
 
 import conflictdb.db.detect
-from conflictdb.model import Motion, Scene
+from conflictdb.model.plans import Motion, Scene
 
 NOTHING = np.empty(0, np.int64)
 RHUMB = Scene("found")

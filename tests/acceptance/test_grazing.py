@@ -9,8 +9,8 @@ from verdicts import Pair, Reported, compare, solved
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload, throw
 
 from conflictdb import solve
-from conflictdb.model import Area, EarthModel, Scene, Track
-from conflictdb.results import Verdict
+from conflictdb.model.plans import Area, EarthModel, Scene, Track
+from conflictdb.model.results import Verdict
 
 # Degrees of latitude moved back (deeper) and on (apart) from where contact ends: 10 micrometres to 100 m.
 ASIDE_DEG = [0.0, 1e-10, 1e-8, 3e-6, 2e-5, 1e-3, -1e-10, -1e-8, -3e-6, -2e-5, -1e-3]

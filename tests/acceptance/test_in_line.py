@@ -14,8 +14,8 @@ from scenes import T0_US
 from verdicts import ROUNDING_S, TOUCH_M, Reported, solved
 
 from conflictdb.earth.geodesy import earth_of, rhumb_direct
-from conflictdb.model import EarthModel, Scene, Track, rectangle_outline_m
-from conflictdb.results import Verdict
+from conflictdb.model.plans import EarthModel, Scene, Track, rectangle_outline_m
+from conflictdb.model.results import Verdict
 
 DIGITS = 60
 SLOWEST_MPS, FASTEST_MPS = 1e-10, 1e-4

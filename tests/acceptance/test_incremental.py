@@ -11,7 +11,7 @@ from workloads import EQUATOR, OCEAN, SEAM, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.model import Area, EarthModel, Method, Motion, Scene, Track
+from conflictdb.model.plans import Area, EarthModel, Method, Motion, Scene, Track
 
 EDITS = 6
 NEAR_M = 20_000.0

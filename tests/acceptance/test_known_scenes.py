@@ -8,7 +8,7 @@ from scenes import T0_US, Known, known_scenes
 from verdicts import Reported, by_pair, solved
 
 from conflictdb import connect
-from conflictdb.results import Verdict
+from conflictdb.model.results import Verdict
 
 ROUNDING_S = 3e-6
 KNOWN = known_scenes()

@@ -7,8 +7,8 @@ import shapely
 from psycopg import Connection
 
 from conflictdb.db import store
-from conflictdb.model import Area, Scene
-from conflictdb.pipeline.memory import LEAST_MEMORY_MB, Memory
+from conflictdb.model.plans import Area, Scene
+from conflictdb.stages.memory import LEAST_MEMORY_MB, Memory
 
 AREAS = 700  # 244,650 pairs, all of which meet: some chunks of the least memory, hundreds of megabytes at once
 # Of its own status: ru_maxrss knows also what the process was before it became this program, as large as the test run.

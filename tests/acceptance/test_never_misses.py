@@ -16,14 +16,14 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.methods import Method
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Scene, Track
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.published.stage3_projection import windows
-from conflictdb.results import Kind, Verdict
-from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Scene, Track
+from conflictdb.model.results import Kind, Verdict
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.published.stage3_projection import windows
+from conflictdb.stages.stage1_broad_phase import candidates
+from conflictdb.stages.stage2_intersection import intersections
 
 OBJECTS = 8  # areas, and as many tracks, per scene
 WORST_S = 10.0  # bound on an end of any pair: some random pairs hardly touch

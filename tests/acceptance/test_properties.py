@@ -24,8 +24,8 @@ from workloads import WORKLOADS, throw
 
 from conflictdb import solve
 from conflictdb.errors import InvalidInput
-from conflictdb.model import Area, EarthModel, Method, Motion, Scene, Track
-from conflictdb.results import Verdict
+from conflictdb.model.plans import Area, EarthModel, Method, Motion, Scene, Track
+from conflictdb.model.results import Verdict
 
 # What is done to scenes here is written for rhumb lines.
 RHUMB: Final = [workload for workload in WORKLOADS if workload.motion is Motion.RHUMB]

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from shapely.affinity import translate
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.model import Area, Motion, Scene
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pieces.cutting import planar
-from conflictdb.pipeline import regions, shared_areas
-from conflictdb.pipeline.run import run_stages
-from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.plans import Area, Motion, Scene
+from conflictdb.stages import overlaps, shared_areas
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.pieces.cutting import planar
+from conflictdb.stages.run import run_stages
+from conflictdb.stages.stage1_broad_phase import candidates
+from conflictdb.stages.stage2_intersection import intersections
 
 # Plane metres, at the largest scale of these tests: coordinates and sides are rounded by less.
 ROUNDED_M = 0.2
@@ -206,7 +206,7 @@ def test_regions_of_areas_of_many_parts_unite_few(monkeypatch: pytest.MonkeyPatc
         sizes.append(parts.shape[1])
         return united(parts, stand)
 
-    monkeypatch.setattr(regions, "united", counted)
+    monkeypatch.setattr(overlaps, "united", counted)
     region_of(Scene("s"), star(1, 2000, 0.0, 50.0, 1.0), star(2, 2000, 0.5, 50.3, 1.0))
     assert max(sizes, default=0) < 50
 

@@ -15,8 +15,8 @@ from pyproj import Geod
 from scenes import HOUR_S, T0_US, area, track
 from verdicts import Reported, compared, solved
 
-from conflictdb.model import Area, EarthModel, Scene, Track
-from conflictdb.results import Verdict
+from conflictdb.model.plans import Area, EarthModel, Scene, Track
+from conflictdb.model.results import Verdict
 
 earths = pytest.mark.parametrize("earth", EarthModel)
 # From the latitude nearer the equator to the one nearer the pole.

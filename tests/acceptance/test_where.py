@@ -15,7 +15,7 @@ from workloads import EQUATOR, HIGH_LATITUDE, SEAM, Workload, throw
 from conflictdb import solve
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.model import Area, EarthModel, Scene
+from conflictdb.model.plans import Area, EarthModel, Scene
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 CASES = [(EQUATOR, 2, EarthModel.WGS84), (SEAM, 2, EarthModel.SPHERE), (HIGH_LATITUDE, 2, EarthModel.WGS84)]

@@ -31,7 +31,7 @@ from workloads import LOW_LATITUDE, throw
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.errors import ConflictDBError
-from conflictdb.model import Area, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track
 
 WORKERS = 2
 # A detection of one change begins and ends within this time after the change, on the whole.

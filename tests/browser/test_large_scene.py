@@ -14,7 +14,7 @@ from piecework import load
 from playwright.sync_api import Page, expect
 
 from conflictdb.db.detect import detect
-from conflictdb.model import Area, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
 HOUR_US = 3_600_000_000

@@ -15,8 +15,8 @@ from playwright.sync_api import Page, expect
 
 import conflictdb
 from conflictdb.db.detect import detect
-from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
-from conflictdb.printable import printable
+from conflictdb.errors import printable
+from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
 HOUR_US = 3_600_000_000

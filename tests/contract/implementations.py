@@ -1,7 +1,7 @@
 """What the tests in this folder run on: one row for each motion there is, with what they need to know of it.
 
 A further motion is one row of MOTIONS: the scene that has it, what places it accepts, the geodesics of its earth, and
-an oracle that says by formulas of its own where things are. Methods have their table in `conflictdb.methods`,
+an oracle that says by formulas of its own where things are. Methods have their table in `conflictdb.model.methods`,
 sources of pairs theirs in `sources`, write-backs in `stores`.
 """
 
@@ -22,13 +22,13 @@ from scenes import FLATTENING, RADIUS_M, T0_US
 from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.earth.contract import Plane
+from conflictdb.earth.registry import plane_of
 from conflictdb.errors import InvalidInput
+from conflictdb.kernel.kernel_scene import State
 from conflictdb.kernel.movement import Bounds, Movement
-from conflictdb.kernel.scene import State
-from conflictdb.model import MAX_INSTANT_US, MIN_INSTANT_US, EarthModel, Motion, Scene, Track, rectangle_outline_m
-from conflictdb.motion.contract import Plane
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.cutting import check_plane, track_pieces
+from conflictdb.model.plans import MAX_INSTANT_US, MIN_INSTANT_US, EarthModel, Motion, Scene, Track, rectangle_outline_m
+from conflictdb.stages.pieces.cutting import check_plane, track_pieces
 
 Floats = np.ndarray
 Place = tuple[float, float]

@@ -16,14 +16,14 @@ import psycopg
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
 from conflictdb.db.sources import FewSource, SceneSource
+from conflictdb.earth.contract import Plane
+from conflictdb.earth.registry import centred, plane_of
 from conflictdb.in_memory import _InMemory
-from conflictdb.model import Area, Scene, Track
-from conflictdb.motion.contract import Plane
-from conflictdb.motion.registry import centred, plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.memory import DEFAULT_MEMORY, Memory
-from conflictdb.pipeline.source import PairSource
-from conflictdb.results import Kind
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Kind
+from conflictdb.stages.memory import DEFAULT_MEMORY, Memory
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.source import PairSource
 
 
 class InMemory(_InMemory):

@@ -14,8 +14,8 @@ import psycopg
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
-from conflictdb.model import Area, Scene, Track
-from conflictdb.results import Conflict, Kind, Verdict
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Conflict, Kind, Verdict
 
 
 @dataclass(frozen=True)

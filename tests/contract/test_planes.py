@@ -13,9 +13,9 @@ from hypothesis import assume
 from hypothesis import strategies as st
 from implementations import MOTIONS, MotionRow, Place, every_motion, for_every_motion, near, places_apart
 
-from conflictdb.model import Motion
-from conflictdb.motion.contract import ROUNDING_ALLOWANCE_M, padding_m
-from conflictdb.motion.registry import PLANES
+from conflictdb.earth.contract import ROUNDING_ALLOWANCE_M, padding_m
+from conflictdb.earth.registry import PLANES
+from conflictdb.model.plans import Motion
 
 # What coordinates in the plane are rounded to, metres on the earth.
 ROUNDING_M: Final = 5e-8

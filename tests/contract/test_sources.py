@@ -13,12 +13,12 @@ from workloads import LOW_LATITUDE, throw
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Scene, Track
-from conflictdb.motion.registry import centred, plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.run import run_scene
-from conflictdb.stage1_broad_phase import hulls_of
-from conflictdb.stage2_intersection import intersections
+from conflictdb.earth.registry import centred, plane_of
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Scene, Track
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.run import run_scene
+from conflictdb.stages.stage1_broad_phase import hulls_of
+from conflictdb.stages.stage2_intersection import intersections
 
 # Hulls are padded by more than a metre: by how much less they overlap or are apart decides no contact, plane metres.
 ROUNDING_M: Final = 1e-3

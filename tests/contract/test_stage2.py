@@ -20,13 +20,13 @@ from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.db.probes import _PlanSource
 from conflictdb.db.sources import MOST_COMPARED
-from conflictdb.io.scene_file import read_scene
-from conflictdb.model import Area, Scene, Track
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.memory import DEFAULT_MEMORY
-from conflictdb.pipeline.source import Chunk
-from conflictdb.stage2_intersection import intersections
+from conflictdb.earth.registry import plane_of
+from conflictdb.formats.scene_file import read_scene
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.stages.memory import DEFAULT_MEMORY
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.source import Chunk
+from conflictdb.stages.stage2_intersection import intersections
 
 Conn = psycopg.Connection[Any]
 Objects = tuple[Scene, Sequence[Area], Sequence[Track]]

@@ -11,8 +11,8 @@ import shapely
 from stores import STORES, Answer, Member, Store
 
 from conflictdb.arrays.answers import Conflicts
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track, rectangle_outline_m
-from conflictdb.results import Conflict, Kind, Position, Verdict
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track, rectangle_outline_m
+from conflictdb.model.results import Conflict, Kind, Position, Verdict
 
 SCENE: Final = Scene("s", nearest_m=1e5)
 T0: Final = datetime(2026, 3, 1, 9, 10, 11, 123_457, tzinfo=UTC)

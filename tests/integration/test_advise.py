@@ -29,8 +29,8 @@ from conflictdb.advice.advise import (
 from conflictdb.advice.estimates import Setting
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
+from conflictdb.earth.registry import plane_of
+from conflictdb.stages.pieces.covers import pieces_of
 
 TABLES = ("scene", "area", "track", "change", "piece", "conflict", "run")
 HOUR_US = 3_600_000_000

@@ -10,7 +10,7 @@ from psycopg import sql
 from psycopg.types.json import Jsonb
 
 from conflictdb import connect
-from conflictdb.db import attached, detect, store
+from conflictdb.db import detect, follow_attached, store
 from conflictdb.errors import InvalidInput, StoreError
 
 Conn = psycopg.Connection[Any]
@@ -59,7 +59,7 @@ def acting(conn: Conn, role: str) -> Iterator[None]:
 
 def follow(conn: Conn, role: str) -> None:
     with acting(conn, role):
-        attached.follow(conn, "s", again=True)
+        follow_attached.follow(conn, "s", again=True)
 
 
 def keys(conn: Conn) -> list[str]:
@@ -264,7 +264,7 @@ def test_code_of_who_attached_runs_as_nobody_else(conn: Conn, roles: dict[str, s
     superuser = str(conn.info.user)
     for role in (roles["keeper"], superuser):
         with acting(conn, role):
-            attached.follow(conn, "s", again=True)
+            follow_attached.follow(conn, "s", again=True)
             detect.detect(conn, "s", jobs=1)
             detect.detect_pending(conn, "s", jobs=1)
             conn.execute("SELECT * FROM conflictdb.attachments; SELECT * FROM conflictdb.scenes")

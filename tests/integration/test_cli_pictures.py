@@ -11,7 +11,7 @@ from matplotlib.text import Text
 
 import conflictdb
 from conflictdb.db import store
-from conflictdb.db.store import reading
+from conflictdb.db.store import listing
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def test_conflicts_of_a_database_draw_themselves(run: Run, dsn: str) -> None:
 def test_a_figure_of_a_pair_reads_the_pair_alone(run: Run, dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """However many objects and conflicts the scene has."""
     read: list[Any] = []
-    read_scene, call_each = store.read_scene, reading.call_each
+    read_scene, call_each = store.read_scene, listing.call_each
 
     def objects(*asked: Any) -> Any:
         found = read_scene(*asked)
@@ -101,7 +101,7 @@ def test_a_figure_of_a_pair_reads_the_pair_alone(run: Run, dsn: str, monkeypatch
             yield row
 
     monkeypatch.setattr(store, "read_scene", objects)
-    monkeypatch.setattr(reading, "call_each", rows)
+    monkeypatch.setattr(listing, "call_each", rows)
     with conflictdb.connect(dsn) as db:
         db.scene("strait").detect(nearest_m=100_000.0)
         (conflict,) = [one for one in db.scene("strait").conflicts() if (one.a_key, one.b_key) == ("FERRY", "TOW")]

@@ -22,9 +22,9 @@ from scene_strategies import STORABLE_INSTANT, assert_same, scenes
 import conflictdb
 from conflictdb import Area, InvalidInput, Scene, SchemaMissing, ServerError, StoreError, Track
 from conflictdb.db.store import LoadCounts, replace_scene
-from conflictdb.db.store.reading import decode_periods
-from conflictdb.io.scene_file import scene_text
-from conflictdb.results import Verdict
+from conflictdb.db.store.listing import decode_periods
+from conflictdb.formats.scene_file import scene_text
+from conflictdb.model.results import Verdict
 
 
 def test_a_dsn_is_opened_and_closed(dsn: str) -> None:

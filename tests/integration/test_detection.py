@@ -11,9 +11,9 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.motion.contract import Plane
-from conflictdb.pieces import covers
-from conflictdb.pieces.cutting import track_pieces
+from conflictdb.earth.contract import Plane
+from conflictdb.stages.pieces import covers
+from conflictdb.stages.pieces.cutting import track_pieces
 
 
 def spiked_area() -> Area:

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from conflictdb import InvalidInput, Motion, connect
-from conflictdb.io import read
+from conflictdb.formats import read
 
 HAVEN = {"fore_nmi": 5, "aft_nmi": 10, "port_nmi": 4, "starboard_nmi": 4}
 

@@ -16,11 +16,11 @@ import pytest
 import shapely
 from commands import Outcome, Run, runner
 
-from conflictdb import connect, io
-from conflictdb.arrays.arrow.objects import of_objects
-from conflictdb.io import parquet_child
-from conflictdb.io.parquet_writing import write_objects
-from conflictdb.model import Area, Motion, Scene, Track
+from conflictdb import connect, formats
+from conflictdb.arrays.arrow.object_rows import of_objects
+from conflictdb.formats import parquet_child
+from conflictdb.formats.parquet_writing import write_objects
+from conflictdb.model.plans import Area, Motion, Scene, Track
 
 # Rows that are decoded at once: objects come in several parts.
 AT_ONCE = parquet_child.ROWS_AT_ONCE
@@ -67,7 +67,7 @@ def test_what_is_loaded_by_parts_is_what_is_read_whole(run: Run, dsn: str, tmp_p
     assert done.err.count("km from the other objects") == 1
     assert "area 'far'" in done.err
     with connect(dsn) as db:
-        contents = io.read(path)
+        contents = formats.read(path)
         settings, areas, tracks = db._read("sea")
         assert settings == contents.scene == SCENE
         assert [one.key for one in areas] == [one.key for one in contents.areas]

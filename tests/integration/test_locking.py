@@ -17,11 +17,11 @@ from verdicts import Pair, Reported, by_pair, solved
 from conflictdb.cli.codes import FAILED
 from conflictdb.db import detect, store
 from conflictdb.db.store import connection, few, locking
+from conflictdb.earth.registry import plane_of
 from conflictdb.errors import LockTimeout, StoreError
-from conflictdb.model import Area, Method, Scene, Track, rectangle_outline_m
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.cutting import area_pieces
-from conflictdb.pipeline.run import run_scene
+from conflictdb.model.plans import Area, Method, Scene, Track, rectangle_outline_m
+from conflictdb.stages.pieces.cutting import area_pieces
+from conflictdb.stages.run import run_scene
 
 Conn = psycopg.Connection[Any]
 

@@ -11,11 +11,11 @@ import shapely
 from commands import runner
 from piecework import load
 
-from conflictdb.cli import detection, termination
+from conflictdb.cli import detecting, termination
 from conflictdb.db import detect, store
 from conflictdb.db.store import locking
 from conflictdb.errors import InvalidInput, StoreError
-from conflictdb.model import Area, Scene
+from conflictdb.model.plans import Area, Scene
 
 LOST = "conflictdb: the connection to the database is lost"
 
@@ -65,7 +65,7 @@ def test_an_error_of_the_driver_is_no_mistake_of_this_program(
     def fail(*_: object) -> None:
         raise psycopg.OperationalError("consuming input failed: it is gone\n\tThis probably means")
 
-    monkeypatch.setattr(detection, "run_text", fail)
+    monkeypatch.setattr(detecting, "run_text", fail)
     done = runner(scene, capsys)("detect", "--scene", "s")
     assert (done.code, done.err) == (1, f"{LOST}: consuming input failed: it is gone\n")
 
@@ -96,7 +96,7 @@ def test_an_error_while_an_interrupt_is_cleaned_up_is_that_interrupt(
             finally:
                 raise psycopg.OperationalError("sending query failed: another command is already in progress")
 
-    monkeypatch.setattr(detection, "run_text", close)
+    monkeypatch.setattr(detecting, "run_text", close)
     done = runner(scene, capsys)("detect", "--scene", "s")
     assert (done.code, done.err) == (code, f"conflictdb: {word}\n")
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL

@@ -33,7 +33,7 @@ from conflictdb.errors import ConflictDBError
 from conflictdb.map import land
 from conflictdb.map.guard import local_hosts
 from conflictdb.map.live import CONFLICTS, Changes
-from conflictdb.model import Area, EarthModel, Motion, Scene
+from conflictdb.model.plans import Area, EarthModel, Motion, Scene
 
 VENDOR = Path(str(files("conflictdb"))) / "map" / "vendor"
 HOSTILE = "<img src=x onerror=alert(1)>"

@@ -18,8 +18,8 @@ from workloads import ARCTIC, GROWING, LOW_LATITUDE, SEAM, throw
 from conflictdb import connect
 from conflictdb.db import detect, probes, store
 from conflictdb.errors import IncompleteWarning, InvalidInput, NotCurrent, StoreError
-from conflictdb.model import Area, Scene, Track, rectangle_outline_m
-from conflictdb.results import Conflict
+from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
+from conflictdb.model.results import Conflict
 
 Conn = psycopg.Connection[Any]
 T0_US = 1_772_323_200_000_000

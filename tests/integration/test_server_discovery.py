@@ -14,7 +14,7 @@ from conflictdb.errors import ServerError
 from conflictdb.server import discovery
 from conflictdb.server.account import Account
 from conflictdb.server.discovery import Server, find_server, machine_directories
-from conflictdb.server.settings import Settings
+from conflictdb.server.options import Settings
 
 MYSELF = Account(pwd.getpwuid(os.getuid()).pw_name, os.getuid(), os.getgid())
 SYSTEM_PROGRAMS = ("sh", "cat", "sleep")

@@ -15,7 +15,7 @@ from own_server import own_server
 
 import conflictdb
 from conflictdb import connect
-from conflictdb.cli import service
+from conflictdb.cli import service_units
 from conflictdb.cli.commands import build
 from conflictdb.db import store
 
@@ -162,7 +162,7 @@ def test_the_command_prints_them_for_this_program(
     ],
 )
 def test_directories_that_units_hide_are_known(path: str, said: list[tuple[str, str, str]]) -> None:
-    assert service.hidden([path]) == said
+    assert service_units.hidden([path]) == said
 
 
 def test_links_into_hidden_directories_are_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,15 +171,17 @@ def test_links_into_hidden_directories_are_followed(tmp_path: Path, monkeypatch:
     (tmp_path / "home/run").touch()
     (tmp_path / "link").symlink_to("home/run")
     real = tmp_path.resolve()
-    monkeypatch.setattr(service, "_HIDDEN", {"ProtectHome=yes": (str(real / "home"),)})
-    assert service.hidden([str(real / "link")]) == [(str(real / "home/run"), "ProtectHome=yes", str(real / "home"))]
-    monkeypatch.setattr(service, "_HIDDEN", {"ProtectHome=yes": (str(real / "link"),)})
-    assert service.hidden([str(real / "link")]) == [(str(real / "link"), "ProtectHome=yes", str(real / "link"))]
+    monkeypatch.setattr(service_units, "_HIDDEN", {"ProtectHome=yes": (str(real / "home"),)})
+    assert service_units.hidden([str(real / "link")]) == [
+        (str(real / "home/run"), "ProtectHome=yes", str(real / "home"))
+    ]
+    monkeypatch.setattr(service_units, "_HIDDEN", {"ProtectHome=yes": (str(real / "link"),)})
+    assert service_units.hidden([str(real / "link")]) == [(str(real / "link"), "ProtectHome=yes", str(real / "link"))]
 
 
 def test_settings_that_hide_directories_are_those_of_the_units() -> None:
     for file in FILES.glob("*.service"):
-        assert set(service._HIDDEN) <= set(file.read_text().splitlines())
+        assert set(service_units._HIDDEN) <= set(file.read_text().splitlines())
 
 
 @pytest.mark.parametrize("needed", ["program", "interpreter"])
@@ -188,7 +190,7 @@ def test_a_unit_that_cannot_start_the_program_is_remarked(
 ) -> None:
     """In two lines on standard error; cron hides nothing."""
     run = runner(dsn, capsys)
-    monkeypatch.setattr(service, "_HIDDEN", {"ProtectHome=yes": ("/hidden",)})
+    monkeypatch.setattr(service_units, "_HIDDEN", {"ProtectHome=yes": ("/hidden",)})
     monkeypatch.setenv("CONFLICTDB_PROGRAM", "/srv/plans/run")
     assert run("service", "systemd").err == ""
     path = "/hidden/ann/plans/run"

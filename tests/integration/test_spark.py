@@ -16,11 +16,11 @@ from pyarrow import parquet
 from spark_answers import Job, answer_of_one_machine, answers, in_order
 from workloads import GROWING, OCEAN, SEAM, throw
 
-from conflictdb.arrays.arrow.objects import of_objects
-from conflictdb.io.parquet_writing import write_objects
-from conflictdb.io.reading import read
-from conflictdb.methods import Method
-from conflictdb.model import Area, Track, rectangle_outline_m
+from conflictdb.arrays.arrow.object_rows import of_objects
+from conflictdb.formats.parquet_writing import write_objects
+from conflictdb.formats.reading import read
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, Track, rectangle_outline_m
 
 
 def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:

@@ -21,11 +21,11 @@ from psycopg import conninfo
 from spark_answers import answers
 
 from conflictdb import connect
-from conflictdb.arrays.arrow.objects import of_objects
+from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.db import store
 from conflictdb.errors import StoreError
-from conflictdb.io.parquet_writing import write_objects
-from conflictdb.results import Kind
+from conflictdb.formats.parquet_writing import write_objects
+from conflictdb.model.results import Kind
 
 PASSWORD = "never-to-be-seen"  # noqa: S105
 # What a detection, and who computed elsewhere, say alike.

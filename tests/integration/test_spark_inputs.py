@@ -15,9 +15,9 @@ import shapely
 from pyarrow import parquet
 from spark_answers import answer_of_one_machine, answers, descendants, in_order
 
-from conflictdb.arrays.arrow.objects import of_objects
-from conflictdb.io.parquet_writing import write_objects
-from conflictdb.model import Area, Scene, Track, rectangle_outline_m
+from conflictdb.arrays.arrow.object_rows import of_objects
+from conflictdb.formats.parquet_writing import write_objects
+from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 
 T0_US = 1_780_000_000_000_000
 HOUR_US = 3_600_000_000

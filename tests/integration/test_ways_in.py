@@ -18,7 +18,7 @@ from commands import STRAIT, Run, runner
 
 import conflictdb
 from conflictdb import Area, InvalidInput, Track
-from conflictdb.io import scene_text, write_lines
+from conflictdb.formats import scene_text, write_lines
 
 geopandas = pytest.importorskip("geopandas")
 shapely = pytest.importorskip("shapely")

@@ -22,7 +22,7 @@ SCENE = """
 import conflictdb, datetime, shapely
 from pathlib import Path
 assert Path(conflictdb.__file__).is_relative_to(Path({venv!r})), conflictdb.__file__
-from conflictdb.model import Area, Track, rectangle_outline_m
+from conflictdb.model.plans import Area, Track, rectangle_outline_m
 import numpy as np
 zone = Area("zone", shapely.box(0, 0, 1, 1))
 track = Track("T", np.array([(-1.0, 0.5), (2.0, 0.5)]), np.array([0, 3_600_000_000]), rectangle_outline_m(10, 10, 5, 5))

@@ -23,7 +23,7 @@ from conflictdb import connect
 from conflictdb.db import detect, store
 from conflictdb.db.worker import Worker, _pauses
 from conflictdb.errors import LockTimeout, StoreError
-from conflictdb.model import Scene
+from conflictdb.model.plans import Scene
 
 WAIT_S = 30.0
 

@@ -18,18 +18,18 @@ from workloads import GROWING, throw
 
 from conflictdb import connect
 from conflictdb.arrays.arrow.found import COMPUTED, of_found
-from conflictdb.arrays.arrow.objects import to_batches
+from conflictdb.arrays.arrow.object_rows import to_batches
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.db import store
-from conflictdb.io import read
-from conflictdb.io.computed import STATES, read_computed, settings_text
-from conflictdb.model import Scene
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.run import run_scene
-from conflictdb.pipeline.source import Chunk
-from conflictdb.spark import pieces
-from conflictdb.stage1_broad_phase import candidates
+from conflictdb.earth.registry import plane_of
+from conflictdb.formats import read
+from conflictdb.formats.computed import STATES, read_computed, settings_text
+from conflictdb.model.plans import Scene
+from conflictdb.spark import cut_objects as pieces
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.run import run_scene
+from conflictdb.stages.source import Chunk
+from conflictdb.stages.stage1_broad_phase import candidates
 
 # What a detection, and who computed elsewhere, say alike.
 KEPT = (

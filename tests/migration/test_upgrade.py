@@ -24,9 +24,9 @@ from sqlalchemy.pool import NullPool
 from conflictdb import connect
 from conflictdb.db import schema, store
 from conflictdb.errors import LockTimeout, SchemaMissing, SchemaOutdated, SchemaTooNew, ServerError, StoreError
-from conflictdb.methods import Method
-from conflictdb.model import Scene
-from conflictdb.results import Verdict
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Scene
+from conflictdb.model.results import Verdict
 
 ROOT = Path(schema.__file__).resolve().parents[2]
 SNAPSHOT = ROOT / "docs" / "reference" / "schema.sql"

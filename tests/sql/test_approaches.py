@@ -13,7 +13,7 @@ from scenes import T0_US
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.model import EarthModel, Scene
+from conflictdb.model.plans import EarthModel, Scene
 
 Conn = psycopg.Connection[Any]
 METRES = np.radians(scenes.RADIUS_M[EarthModel.SPHERE])

@@ -11,9 +11,9 @@ from workloads import LOW_LATITUDE, throw
 
 from conflictdb import connect
 from conflictdb.db import detect
-from conflictdb.methods import Method
-from conflictdb.model import Area, Scene, Track, rectangle_outline_m
-from conflictdb.results import Verdict
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
+from conflictdb.model.results import Verdict
 
 Conn = psycopg.Connection[Any]
 T0_US = 1_772_323_200_000_000

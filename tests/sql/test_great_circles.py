@@ -13,11 +13,11 @@ from workloads import ARCTIC, GROWING_CIRCLES, OCEAN, throw
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
+from conflictdb.earth.gnomonic import Gnomonic
+from conflictdb.earth.registry import plane_of
 from conflictdb.errors import InvalidInput
-from conflictdb.model import Area, Motion, Scene, Track, rectangle_outline_m
-from conflictdb.motion.gnomonic import Gnomonic
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.cutting import check_plane
+from conflictdb.model.plans import Area, Motion, Scene, Track, rectangle_outline_m
+from conflictdb.stages.pieces.cutting import check_plane
 
 Conn = psycopg.Connection[Any]
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -9,7 +9,7 @@ import pytest
 from piecework import load
 from workloads import ARCTIC, GROWING, GROWING_CIRCLES, SEAM, throw
 
-from conflictdb.model import Motion, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import Motion, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

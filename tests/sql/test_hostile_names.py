@@ -10,7 +10,7 @@ from commands import runner
 from psycopg import sql
 
 from conflictdb.cli.codes import DONE
-from conflictdb.db import attached, detect
+from conflictdb.db import detect, follow_attached
 
 Conn = psycopg.Connection[Any]
 
@@ -99,7 +99,7 @@ def test_names_of_everything_are_data(conn: Conn, name: str, hostile_role: str) 
     conn.execute("SELECT conflictdb.attach(%s, 'area', %s, %s)", [name, qualified, mapped])
     conn.execute("SELECT conflictdb.share_scene(%s, %s, 'write')", [name, hostile_role])
     conn.commit()
-    attached.follow(conn, name, again=False)
+    follow_attached.follow(conn, name, again=False)
     conn.execute("RESET ROLE")
     conn.commit()
     assert detect.detect(conn, name, jobs=1).conflicts == 3

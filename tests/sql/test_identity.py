@@ -11,9 +11,9 @@ from workloads import LOW_LATITUDE, throw
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.db.sources import SceneSource
-from conflictdb.db.store import writing
-from conflictdb.motion.registry import plane_of
-from conflictdb.pipeline.run import run_scene
+from conflictdb.db.store import write_rows
+from conflictdb.earth.registry import plane_of
+from conflictdb.stages.run import run_scene
 
 Conn = psycopg.Connection[Any]
 
@@ -46,7 +46,7 @@ def put(conn: Conn, scene: str, key: str, west: float) -> int:
 def _way_to_write(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Have new rows written in either way."""
     if request.param == "copied":
-        monkeypatch.setattr(writing, "_MANY_NEW", 1)
+        monkeypatch.setattr(write_rows, "_MANY_NEW", 1)
 
 
 @pytest.fixture

@@ -13,10 +13,10 @@ from workloads import GROWING, HIGH_LATITUDE, LONG_LEGS, SEAM, throw
 
 from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
+from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.movement import Movement
-from conflictdb.model import EarthModel, Scene, Track, rectangle_outline_m
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.cutting import track_pieces
+from conflictdb.model.plans import EarthModel, Scene, Track, rectangle_outline_m
+from conflictdb.stages.pieces.cutting import track_pieces
 
 Conn = psycopg.Connection[Any]
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -13,8 +13,8 @@ from scenes import T0_US
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.db.store import writing
-from conflictdb.model import Area, Scene, Track, rectangle_outline_m
+from conflictdb.db.store import write_rows
+from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
 
@@ -59,7 +59,7 @@ def test_copied_rows_are_those_of_the_statement(conn: Conn, dsn: str, monkeypatc
     for name, many in (("copied", 1), ("stated", ALL_BY_STATEMENT)):
         with psycopg.connect(dsn, autocommit=True) as listener:
             listener.execute("LISTEN conflictdb_event; LISTEN conflictdb")
-            monkeypatch.setattr(writing, "_MANY_NEW", many)
+            monkeypatch.setattr(write_rows, "_MANY_NEW", many)
             load(conn, Scene(name, nearest_m=20_000.0), *crossing())
             run = detect(conn, name, jobs=1)
             runs[name] = (run.opened, run.changed, run.closed, run.conflicts, run.unresolved)
@@ -92,8 +92,8 @@ def test_copied_rows_are_those_of_the_statement(conn: Conn, dsn: str, monkeypatc
 
 def test_copied_rows_have_numbers_that_grow(conn: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
     """Conflicts and events, in parts of five rows."""
-    monkeypatch.setattr(writing, "_MANY_NEW", 1)
-    monkeypatch.setattr(writing, "_ROWS_AT_ONCE", 5)
+    monkeypatch.setattr(write_rows, "_MANY_NEW", 1)
+    monkeypatch.setattr(write_rows, "_ROWS_AT_ONCE", 5)
     load(conn, Scene("s"), *crossing())
     run = detect(conn, "s", jobs=1)
     ids = conn.execute(
@@ -107,7 +107,7 @@ def test_copied_rows_have_numbers_that_grow(conn: Conn, monkeypatch: pytest.Monk
 
 def test_workers_of_protected_scenes_write_by_the_statement(conn: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
     """Row-level security lets nobody COPY: the rows are there all the same."""
-    monkeypatch.setattr(writing, "_MANY_NEW", 1)
+    monkeypatch.setattr(write_rows, "_MANY_NEW", 1)
     for name in ("bare", "protected"):
         load(conn, Scene(name), *crossing())
     detect(conn, "bare", jobs=1)

@@ -12,7 +12,7 @@ from psycopg.rows import dict_row
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.errors import InvalidInput, StoreError
-from conflictdb.model import Area, EarthModel, Method, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import Area, EarthModel, Method, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
 

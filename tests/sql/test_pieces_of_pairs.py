@@ -14,9 +14,9 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
 from conflictdb.db.sources import SceneSource
-from conflictdb.model import Area, EarthModel, Scene
-from conflictdb.stage1_broad_phase import candidates, hulls_of
-from conflictdb.stage2_intersection import intersections
+from conflictdb.model.plans import Area, EarthModel, Scene
+from conflictdb.stages.stage1_broad_phase import candidates, hulls_of
+from conflictdb.stages.stage2_intersection import intersections
 
 Conn = psycopg.Connection[Any]
 PLAIN = Scene("plain", earth=EarthModel.SPHERE, tolerance_m=0.0)

@@ -17,7 +17,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.db.sources import SceneSource
-from conflictdb.model import MINUS_INFINITY_US, Area, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import MINUS_INFINITY_US, Area, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
 

@@ -16,7 +16,7 @@ from databases import TestServer
 from psycopg import conninfo, sql
 
 from conflictdb.cli.codes import DONE
-from conflictdb.db import attached, detect
+from conflictdb.db import detect, follow_attached
 
 Conn = psycopg.Connection[Any]
 
@@ -149,7 +149,7 @@ def stage(_server: TestServer, template: str, worker_id: str) -> Iterator[Stage]
             conn.execute("CREATE TABLE bobs.ops (id integer, shape public.geometry)")
             conn.execute("SELECT conflictdb.create_scene('his')")
         with acting(conn, roles["alice"]):
-            attached.follow(conn, "hers", again=False)
+            follow_attached.follow(conn, "hers", again=False)
         with acting(conn, roles["worker"]):
             detect.detect(conn, "hers", jobs=1)
         with acting(conn, roles["alice"]):

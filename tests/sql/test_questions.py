@@ -8,7 +8,7 @@ import shapely
 from piecework import load
 
 from conflictdb.db.detect import detect
-from conflictdb.model import Area, Motion, Scene
+from conflictdb.model.plans import Area, Motion, Scene
 
 Conn = psycopg.Connection[Any]
 

@@ -7,7 +7,8 @@ import pytest
 from commands import STRAIT
 
 from conflictdb import connect
-from conflictdb.db import attached, store
+from conflictdb.db import follow_attached as attached
+from conflictdb.db import store
 from conflictdb.db.detect import detect
 
 Conn = psycopg.Connection[Any]

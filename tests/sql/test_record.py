@@ -1,12 +1,13 @@
-"""The views have the columns of the table `conflictdb.record`, with the same types and the same sentences."""
+"""The views have the columns of the table `conflictdb.model.record`, with the same types and the same sentences."""
 
 from typing import Any
 
 import psycopg
 import pytest
 
-from conflictdb import connect, record
-from conflictdb.record import Column, Type
+from conflictdb import connect
+from conflictdb.model import record
+from conflictdb.model.record import Column, Type
 
 TYPES = {
     Type.TEXT: "text",

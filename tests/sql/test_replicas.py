@@ -10,7 +10,7 @@ from workloads import LOW_LATITUDE, throw
 from conflictdb.db import schema, store
 from conflictdb.db.detect import detect
 from conflictdb.errors import SchemaOutdated
-from conflictdb.model import Scene
+from conflictdb.model.plans import Scene
 
 Conn = psycopg.Connection[Any]
 

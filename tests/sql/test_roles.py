@@ -14,7 +14,7 @@ from workloads import LOW_LATITUDE, throw
 from conflictdb import connect
 from conflictdb.db import detect, store
 from conflictdb.errors import StoreError
-from conflictdb.model import Scene
+from conflictdb.model.plans import Scene
 
 Conn = psycopg.Connection[Any]
 

@@ -11,7 +11,7 @@ from piecework import load
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.model import Area, Motion, Scene
+from conflictdb.model.plans import Area, Motion, Scene
 
 Conn = psycopg.Connection[Any]
 

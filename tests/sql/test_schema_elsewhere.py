@@ -16,8 +16,8 @@ from workloads import LOW_LATITUDE, throw
 
 from conflictdb.db import detect, schema, store
 from conflictdb.errors import SchemaOutdated
-from conflictdb.model import EarthModel
-from conflictdb.results import Conflict
+from conflictdb.model.plans import EarthModel
+from conflictdb.model.results import Conflict
 
 Conn = psycopg.Connection[Any]
 MIXED = replace(LOW_LATITUDE, changing_share=0.5)  # havens of every kind

@@ -1,4 +1,4 @@
-"""The database has the settings of the table `conflictdb.settings`: columns, defaults, rules, sentences."""
+"""The database has the settings of the table `conflictdb.model.settings`: columns, defaults, rules, sentences."""
 
 import inspect
 from dataclasses import fields
@@ -8,10 +8,10 @@ import numpy as np
 import psycopg
 import pytest
 
-from conflictdb import models, settings
-from conflictdb.db import store
-from conflictdb.model import Scene
-from conflictdb.settings import SETTINGS, Type
+from conflictdb.db import models, store
+from conflictdb.model import settings
+from conflictdb.model.plans import Scene
+from conflictdb.model.settings import SETTINGS, Type
 
 Conn = psycopg.Connection[Any]
 COLUMNS = tuple(column for setting in SETTINGS for column in setting.columns)

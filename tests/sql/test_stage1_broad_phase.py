@@ -10,9 +10,9 @@ from workloads import HARBOUR, LOW_LATITUDE, SEAM, throw
 
 from conflictdb.db import store
 from conflictdb.db.sources import joined
-from conflictdb.db.store import pairs
+from conflictdb.db.store import stored_pairs as pairs
 from conflictdb.errors import StoreError
-from conflictdb.model import Area, EarthModel
+from conflictdb.model.plans import Area, EarthModel
 
 Conn = psycopg.Connection[Any]
 

@@ -11,7 +11,7 @@ from piecework import load
 from tiles import Feature, decode
 
 from conflictdb.db.detect import detect
-from conflictdb.model import Area, Motion, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import Area, Motion, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
 T0_US = 1_772_323_200_000_000  # 2026-03-01 00:00 UTC

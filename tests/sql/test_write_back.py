@@ -18,12 +18,12 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.db import store
 from conflictdb.db.detect import detect as detect_scene
-from conflictdb.db.store import writing
-from conflictdb.methods import REMOVED, Method
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track, rectangle_outline_m
-from conflictdb.motion.registry import plane_of
-from conflictdb.pipeline.regions import Meetings
-from conflictdb.results import Verdict
+from conflictdb.db.store import write_rows
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.methods import REMOVED, Method
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track, rectangle_outline_m
+from conflictdb.model.results import Verdict
+from conflictdb.stages.overlaps import Meetings
 
 Conn = psycopg.Connection[Any]
 
@@ -271,7 +271,7 @@ def test_where_is_found_out_for_what_differs_alone(conn: Conn, scene_id: int, mo
 
 def test_many_rows_are_written_in_parts(conn: Conn, scene_id: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """One run, which counts them all, and those that go."""
-    monkeypatch.setattr(writing, "_ROWS_AT_ONCE", 1)
+    monkeypatch.setattr(write_rows, "_ROWS_AT_ONCE", 1)
     first = detect(conn, scene_id, ALL, verdict=2)
     assert (first.opened, first.conflicts, first.unresolved) == (3, 3, 3)
     mark_all(conn, scene_id)
@@ -349,7 +349,7 @@ def test_changes_made_during_a_detection_stay_marked_and_disturb_nobody(conn: Co
 
 def refresh_rest(conn: Conn, scene_id: int) -> None:
     """Finish transaction 1 on the snapshot that is open."""
-    from conflictdb.pieces.covers import pieces_of
+    from conflictdb.stages.pieces.covers import pieces_of
 
     settings = store.read_settings(conn, scene_id)
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)

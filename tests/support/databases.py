@@ -29,7 +29,7 @@ from conflictdb import server
 from conflictdb.errors import ServerError
 from conflictdb.server.account import account_for
 from conflictdb.server.discovery import find_server
-from conflictdb.server.settings import Settings
+from conflictdb.server.options import Settings
 
 DOCKER_TIMEOUT_S = 3
 DOCKER_IMAGE = "postgis/postgis:16-3.4"

@@ -16,7 +16,7 @@ from conflictdb import server
 from conflictdb.errors import ServerError
 from conflictdb.server.account import account_for
 from conflictdb.server.discovery import Server, find_server
-from conflictdb.server.settings import Settings
+from conflictdb.server.options import Settings
 
 
 def local_server() -> Server:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from oracle_distance import edges_of, edges_of_hulls, least_m
 from oracle_motion import Globe, Leg, legs
 
-from conflictdb.model import Area, Motion, Scene, Track
+from conflictdb.model.plans import Area, Motion, Scene, Track
 
 Floats = NDArray[np.float64]
 

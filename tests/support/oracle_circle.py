@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from oracle import SAME_INSTANT_S, Floats, Meeting, _merged, apart_in_height, contacts
 from oracle_motion import outlines
 
-from conflictdb.model import Area, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track
 
 RADIUS_M: Final = 6371008.771415
 NEVER: Final = Meeting(epoch_us=0, intervals=(), least_m=np.inf, at_s=np.nan)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ellipeinc
 
-from conflictdb.model import EarthModel, Track
+from conflictdb.model.plans import EarthModel, Track
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import oracle
 from mpmath import mp, mpf
 from oracle_motion import outlines
 
-from conflictdb.model import Area, EarthModel, Scene, Track
+from conflictdb.model.plans import Area, EarthModel, Scene, Track
 
 Point = tuple[mpf, mpf]
 Ring = list[Point]

@@ -10,9 +10,9 @@ import shapely
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
-from conflictdb.model import Area, Scene, Track
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.stages.pieces.covers import pieces_of
 
 Conn = psycopg.Connection[Any]
 

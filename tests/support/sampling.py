@@ -15,8 +15,8 @@ from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.kernel import build
-from conflictdb.model import Motion, Scene
-from conflictdb.results import Verdict
+from conflictdb.model.plans import Motion, Scene
+from conflictdb.model.results import Verdict
 
 KINDS: Final = {
     1: "overlap outside of all contacts",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import shapely
 
-from conflictdb.model import Area, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track
 
 
 def iso(instant: int) -> str:

@@ -4,9 +4,9 @@ import numpy as np
 import shapely
 from hypothesis import strategies as st
 
-from conflictdb.inputs import certain
-from conflictdb.io.objects import AREA_MEMBERS, TRACK_MEMBERS
-from conflictdb.model import (
+from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
+from conflictdb.model.inputs import certain
+from conflictdb.model.plans import (
     MAX_INSTANT_US,
     MIN_INSTANT_US,
     Area,

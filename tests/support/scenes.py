@@ -16,7 +16,7 @@ import shapely
 from mpmath import mp, mpf, quad
 from mpmath import sin as mp_sin
 
-from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
 
 T0_US: Final = int(datetime(2026, 3, 1, tzinfo=UTC).timestamp()) * 1_000_000
 HOUR_S: Final = 3600.0

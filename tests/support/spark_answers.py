@@ -28,15 +28,15 @@ import pyarrow.parquet as pq
 import pytest
 
 from conflictdb.arrays.arrow.found import of_found
-from conflictdb.arrays.arrow.objects import of_objects
+from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import EngineMissing
 from conflictdb.in_memory import _InMemory
-from conflictdb.model import Area, Scene, Track
-from conflictdb.motion.registry import centred, plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.run import run_scene
-from conflictdb.results import Kind
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Kind
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.run import run_scene
 
 _ROOT = Path(__file__).parents[2]
 _LONGEST_S = 7_200.0
@@ -111,14 +111,14 @@ def _add_extra() -> None:
 
 def _main(directory: Path, master: str, *, reads_database: bool) -> int:
     from conflictdb.cli import main
-    from conflictdb.server.settings import Settings
+    from conflictdb.server.options import Settings
     from conflictdb.spark import engine
 
     cache = Settings.from_environment().cache / "spark"
     try:
         with engine.session(master, cache, os.environ, is_quiet=False, reads_database=reads_database) as spark:
-            from conflictdb.spark.detection import detect_on_spark
             from conflictdb.spark.files import read_objects, write_conflicts
+            from conflictdb.spark.on_cluster import detect_on_spark
 
             for path in sorted(directory.glob("*.job")):
                 job: Job = pickle.loads(path.read_bytes())  # noqa: S301 what the test wrote

@@ -11,9 +11,9 @@ import oracle
 import pytest
 
 from conflictdb import solve
-from conflictdb.methods import METHODS, Method
-from conflictdb.model import Area, Motion, Scene, Track
-from conflictdb.results import Conflict, Verdict
+from conflictdb.model.methods import METHODS, Method
+from conflictdb.model.plans import Area, Motion, Scene, Track
+from conflictdb.model.results import Conflict, Verdict
 
 # Methods whose answers are certain; the reference one is slow.
 CERTIFIED: Final = [

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from scenes import T0_US
 
-from conflictdb.model import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
 
 NMI: Final = 1852.0
 METRES_PER_DEGREE: Final = 60 * NMI  # near enough to lay out a scene

@@ -9,9 +9,9 @@ from workloads import ARCTIC, GROWING_CIRCLES, OCEAN, Workload, throw
 
 from conflictdb import solve
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
-from conflictdb.model import Area, Motion, Scene, Track
-from conflictdb.motion.registry import plane_of
-from conflictdb.results import Verdict
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.plans import Area, Motion, Scene, Track
+from conflictdb.model.results import Verdict
 
 FAR = Scene("s", Motion.GREAT_CIRCLE, tolerance_m=0.0, nearest_m=50_000.0, centre=(0.0, 0.0))
 

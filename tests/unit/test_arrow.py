@@ -18,16 +18,16 @@ from workloads import GROWING, LOW_LATITUDE, SEAM, Workload, throw
 from conflictdb import InvalidInput, solve
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.arrow.found import FOUND, of_found, of_rows, to_conflicts
-from conflictdb.arrays.arrow.objects import OBJECTS, of_objects, to_batches, to_objects
+from conflictdb.arrays.arrow.object_rows import OBJECTS, of_objects, to_batches, to_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.polygons import Polygons
-from conflictdb.model import Area, Scene, Track
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.run import run_stages
-from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.run import run_stages
+from conflictdb.stages.stage1_broad_phase import candidates
+from conflictdb.stages.stage2_intersection import intersections
 
 Objects = tuple[Scene, list[Area], list[Track]]
 
@@ -236,7 +236,7 @@ def test_the_page_shows_what_runs_and_lists_every_column() -> None:
 
 
 def test_without_pyarrow_the_extra_is_named() -> None:
-    script = "import sys; sys.modules['pyarrow'] = None\nimport conflictdb.arrays.arrow.objects"
+    script = "import sys; sys.modules['pyarrow'] = None\nimport conflictdb.arrays.arrow.object_rows"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 1
     assert "ConflictDBError: Arrow and Parquet need pyarrow: pip install 'conflictdb[parquet]'" in done.stderr

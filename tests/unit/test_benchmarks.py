@@ -22,8 +22,8 @@ from measured import Detection, medians, peak_mb, read_csv, write_csv
 from scenes import T0_US
 
 from conflictdb import Scene, solve
-from conflictdb.arrays.arrow.objects import OBJECTS, to_objects
-from conflictdb.model import METRES_PER_NMI
+from conflictdb.arrays.arrow.object_rows import OBJECTS, to_objects
+from conflictdb.model.plans import METRES_PER_NMI
 
 DETECTION = Detection(10, 8, 6, 4, 2, 0.1, 0.2, 0.3, 0.0, 0.5, 0.4, 1.5, None, 1.0)
 

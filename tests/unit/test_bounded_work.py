@@ -12,16 +12,16 @@ from workloads import GROWING, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, 
 
 from conflictdb import Area, Scene, Track, Verdict, kernel, rectangle_outline_m, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.model import EarthModel
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pieces.cutting import MAX_SLICES, MAX_SLICES_FOR_DEVIATION, track_pieces
-from conflictdb.pipeline import whole_areas
-from conflictdb.pipeline.object_pairs import company_of
-from conflictdb.pipeline.run import run_stages
-from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
-from conflictdb.stage4.contacts import GRAZING, contacts
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.plans import EarthModel
+from conflictdb.stages import whole_areas
+from conflictdb.stages.object_pairs import company_of
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.pieces.cutting import MAX_SLICES, MAX_SLICES_FOR_DEVIATION, track_pieces
+from conflictdb.stages.run import run_stages
+from conflictdb.stages.stage1_broad_phase import candidates
+from conflictdb.stages.stage2_intersection import intersections
+from conflictdb.stages.stage4.contact_search import GRAZING, contacts
 
 T0_US = 1_700_000_000_000_000
 MINUTE_US = 60_000_000

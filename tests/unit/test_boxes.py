@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 
 Pairs = set[tuple[int, int]]
 

@@ -15,11 +15,11 @@ from conflictdb import InvalidInput, kernel, solve
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
+from conflictdb.earth.registry import plane_of
+from conflictdb.kernel.kernel_scene import State
 from conflictdb.kernel.movement import Movement
-from conflictdb.kernel.scene import State
-from conflictdb.model import Motion, Scene
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.cutting import check_plane, track_pieces
+from conflictdb.model.plans import Motion, Scene
+from conflictdb.stages.pieces.cutting import check_plane, track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 1.1e7 m
 SAMPLES = 65

@@ -10,7 +10,7 @@ from conflictdb.cli import codes
 from conflictdb.cli.commands import build
 from conflictdb.cli.parser import _OF_ALL_COMMANDS
 from conflictdb.cli.values import count, duration_s, instant, mapping, metres, speed_kn
-from conflictdb.methods import Method
+from conflictdb.model.methods import Method
 
 
 def commands(parser: argparse.ArgumentParser, path: str = "") -> Iterator[tuple[str, argparse.ArgumentParser]]:

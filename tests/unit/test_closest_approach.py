@@ -33,19 +33,19 @@ from workloads import (
 )
 
 from conflictdb import kernel
+from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows
-from conflictdb.earth.geodesy import Floats
+from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.approach import Closest, closest
+from conflictdb.kernel.kernel_scene import HeldPairs
 from conflictdb.kernel.meeting import distances
-from conflictdb.kernel.scene import HeldPairs
-from conflictdb.model import EarthModel, Motion, Scene
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.object_pairs import object_keys
-from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
-from conflictdb.stage4.closest_approach import approaches
+from conflictdb.model.plans import EarthModel, Motion, Scene
+from conflictdb.stages.object_pairs import object_keys
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.stage1_broad_phase import candidates
+from conflictdb.stages.stage2_intersection import intersections
+from conflictdb.stages.stage4.closest_approach import approaches
 
 SUPPORT = Path(__file__).parents[1] / "support"
 SAMPLES = 33

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from conflictdb.errors import InvalidInput
-from conflictdb.io import confined
-from conflictdb.io.confined import Program
+from conflictdb.formats import confined
+from conflictdb.formats.confined import Program
 
 
 def written(folder: Path, body: str) -> Program:

@@ -8,8 +8,8 @@ import shapely
 from workloads import GROWING, throw
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.model import Area, Track
-from conflictdb.pieces.contents import area_digests, track_digests
+from conflictdb.model.plans import Area, Track
+from conflictdb.stages.pieces.digests import area_digests, track_digests
 
 AREA = Area("A", shapely.box(0, 0, 1, 1), start_us=0, end_us=10, floor_m=0.0, ceiling_m=10.0)
 TRACK = Track(

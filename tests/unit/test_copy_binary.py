@@ -12,7 +12,7 @@ import shapely
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.copy_binary import Ragged
 from conflictdb.kernel.rows import interleaved
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 
 EPOCH_US = 946_684_800_000_000
 

@@ -32,7 +32,7 @@ from conflictdb import (
 from conflictdb.drawing import figures, report
 from conflictdb.drawing.separation import separation
 from conflictdb.drawing.sketch import Sketch
-from conflictdb.results import Approach, Explanation, Listing, Results, SceneState
+from conflictdb.model.results import Approach, Explanation, Listing, Results, SceneState
 
 START = datetime(2026, 6, 1, 6, tzinfo=UTC)
 SQUARE = [(-500.0, -500.0), (500.0, -500.0), (500.0, 500.0), (-500.0, 500.0)]

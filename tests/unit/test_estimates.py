@@ -7,7 +7,7 @@ import pytest
 
 from conflictdb.advice import advise
 from conflictdb.advice.estimates import Count, Estimate, Setting, Share, duration, recommendation
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Method
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Method
 
 
 def answer(*rows: tuple[int, int, bool] | None) -> np.ndarray:

@@ -20,8 +20,8 @@ from conflictdb.earth.geodesy import (
     rhumb_inverse,
     shorter_way_deg,
 )
-from conflictdb.model import EarthModel
-from conflictdb.motion.mercator import Mercator
+from conflictdb.earth.mercator import Mercator
+from conflictdb.model.plans import EarthModel
 
 WGS84 = earth_of(EarthModel.WGS84)
 

@@ -15,10 +15,10 @@ from conflictdb.advice.advise import advise
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.earth.geodesy import great_circle_distance
-from conflictdb.io.scene_file import read_scene, scene_text
+from conflictdb.earth.registry import centred, middle_deg, plane_of, summed_directions
+from conflictdb.formats.scene_file import read_scene, scene_text
 from conflictdb.kernel.movement import Movement
-from conflictdb.motion.registry import centred, middle_deg, plane_of, summed_directions
-from conflictdb.pieces.cutting import area_pieces, check_plane, planar, track_pieces
+from conflictdb.stages.pieces.cutting import area_pieces, check_plane, planar, track_pieces
 
 T0_US = 1_772_323_200_000_000
 HOUR_US = 3_600_000_000

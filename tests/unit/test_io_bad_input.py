@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from conflictdb import io
+from conflictdb import formats
 from conflictdb.errors import InvalidInput
 
 NAN, INFINITY = float("nan"), float("inf")
@@ -185,7 +185,7 @@ def refusal(tmp_path: Path, text: str, name: str = "scene.geojson") -> InvalidIn
     path = tmp_path / name
     path.write_text(text, encoding="utf-8", errors="surrogatepass")
     with pytest.raises(InvalidInput) as caught:
-        io.read(path)
+        formats.read(path)
     assert caught.value.source == str(path)
     assert str(caught.value).count("\n") == 0
     return caught.value
@@ -338,16 +338,16 @@ def test_deeply_nested_properties_are_refused(tmp_path: Path) -> None:
 def test_unreadable_files_are_refused(tmp_path: Path, data: bytes, name: str, rule: str) -> None:
     (tmp_path / name).write_bytes(data)
     with pytest.raises(InvalidInput, match=rule):
-        io.read(tmp_path / name)
+        formats.read(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", ["a.geojson", "a.csv", "a.gpkg"])
 def test_a_missing_file_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(InvalidInput, match="does not exist"):
-        io.read(tmp_path / name)
+        formats.read(tmp_path / name)
 
 
 def test_a_directory_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.geojson").mkdir()
     with pytest.raises(InvalidInput, match="cannot be read"):
-        io.read(tmp_path / "a.geojson")
+        formats.read(tmp_path / "a.geojson")

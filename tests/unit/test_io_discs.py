@@ -10,10 +10,10 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb import io
+from conflictdb import formats
 from conflictdb.errors import InvalidInput
-from conflictdb.io.discs import EXCESS, disc
-from conflictdb.model import EarthModel, Motion, Scene
+from conflictdb.formats.discs import EXCESS, disc
+from conflictdb.model.plans import EarthModel, Motion, Scene
 
 Floats = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ def test_a_point_with_a_radius_is_an_area(tmp_path: Path) -> None:
         "properties": {"radius_m": 10_000, "end": "2026-03-01T00:00:00Z", "colour": "red"},
     }
     path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
-    (area,) = io.read(path).areas
+    (area,) = formats.read(path).areas
     assert area.properties == {"colour": "red"}
     assert area.footprint.equals(disc("", 180.0, 57.0, 10_000.0, Scene("circle")))
     assert area.footprint.bounds[2] > 180.1

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from conflictdb.errors import InvalidInput
-from conflictdb.io.gather import gather
-from conflictdb.model import Scene
+from conflictdb.formats.gather import gather
+from conflictdb.model.plans import Scene
 
 
 def scene_file(folder: Path, file: str, ids: list[str], **scene: Any) -> Path:

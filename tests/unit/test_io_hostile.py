@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from conflictdb import io
+from conflictdb import formats
 from conflictdb.errors import InvalidInput
-from conflictdb.io import discs, positions
+from conflictdb.formats import discs, positions
 
 EMPTY = '{"type": "FeatureCollection", "features": []'
 AREA = {"type": "Polygon", "coordinates": [[[4, 57], [5, 57], [5, 58], [4, 57]]]}
@@ -40,7 +40,7 @@ def placed(name: str) -> str:
 def refusal(path: Path) -> str:
     began = time.monotonic()
     with pytest.raises(InvalidInput) as caught:
-        io.read(path)
+        formats.read(path)
     message = str(caught.value)
     assert time.monotonic() - began < LONGEST_S
     assert message.startswith(str(path))
@@ -138,8 +138,8 @@ def test_the_limit_can_be_raised(tmp_path: Path) -> None:
     path = tmp_path / "plan.geojson"
     path.write_text(feature(json.dumps({"x": "y" * 2_000})))
     with pytest.raises(InvalidInput, match=r"more than 0\.001 MB"):
-        io.read(path, max_file_mb=0.001)
-    assert len(io.read(path, max_file_mb=0.01).areas) == 1
+        formats.read(path, max_file_mb=0.001)
+    assert len(formats.read(path, max_file_mb=0.01).areas) == 1
 
 
 def test_reference_systems_of_a_file_are_counted(tmp_path: Path) -> None:
@@ -147,7 +147,7 @@ def test_reference_systems_of_a_file_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "plan.geojson"
     path.write_text(f"{EMPTY[:-1]}{','.join(placed(f'EPSG:{25801 + i}') for i in range(40))}]}}")
     with pytest.raises(InvalidInput) as caught:
-        io.read(path)
+        formats.read(path)
     rules = [one.rule for one in caught.value if one.field == "crs"]
     assert sum("is another one than 20 before it" in rule for rule in rules) == 20
 
@@ -158,7 +158,7 @@ def test_names_are_compared_in_no_time(tmp_path: Path) -> None:
     values = {**{f"c{i:07d}": 0 for i in range(200_000)}, "m_" * 1_000_000 + "x": 0}
     path.write_text(feature(json.dumps(values)))
     began = time.monotonic()
-    assert len(io.read(path).areas[0].properties) == 200_001
+    assert len(formats.read(path).areas[0].properties) == 200_001
     assert time.monotonic() - began < LONGEST_S
 
 
@@ -168,7 +168,7 @@ def test_circles_of_a_file_are_bounded(tmp_path: Path, monkeypatch: pytest.Monke
     large = (one.format(i, '{"radius_m": 5000000}') for i in range(100))
     path = tmp_path / "plan.geojson"
     path.write_text(f"{EMPTY[:-1]}{','.join(large)}]}}")
-    made = sum(len(area.footprint.geoms[0].exterior.coords) - 1 for area in io.read(path).areas)
+    made = sum(len(area.footprint.geoms[0].exterior.coords) - 1 for area in formats.read(path).areas)
     monkeypatch.setattr(discs, "MAX_CORNERS", made // 2)
     message = refusal(path)
     assert "area '50': radius_m: is a circle too many" in message

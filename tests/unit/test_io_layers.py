@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import shapely
 
-from conflictdb import io
+from conflictdb import formats
 from conflictdb.errors import InvalidInput
-from conflictdb.io.instants import parse_instant
+from conflictdb.formats.instants import parse_instant
 
 pyogrio = pytest.importorskip("pyogrio", reason="the extra 'ogr' is not installed")
 
@@ -41,7 +41,7 @@ def write(path: Path, shapes: list[Any], layer: str = "plans", crs: str = "EPSG:
 def test_a_track_may_have_heights_per_leg(tmp_path: Path) -> None:
     times = json.dumps(HOURS)
     path = write(tmp_path / "a.gpkg", [LINE], id=["T"], times=[times], FLOOR_M=["[0, null]"], colour=["red"], **HAVEN)
-    (track,) = io.read(path).tracks
+    (track,) = formats.read(path).tracks
     assert track.key == "T"
     assert track.times_us.tolist() == [parse_instant(hour) for hour in HOURS]
     assert track.positions_deg.tolist() == [list(place) for place in LINE.coords]
@@ -56,7 +56,7 @@ def test_a_track_may_have_heights_per_leg(tmp_path: Path) -> None:
 )
 @pytest.mark.parametrize("shape", [LINE, shapely.MultiLineString([LINE])])
 def test_a_line_with_columns_of_times_is_a_track(tmp_path: Path, columns: dict[str, Any], shape: Any) -> None:
-    (track,) = io.read(write(tmp_path / "a.gpkg", [shape], **columns, **HAVEN)).tracks
+    (track,) = formats.read(write(tmp_path / "a.gpkg", [shape], **columns, **HAVEN)).tracks
     assert track.key == "1"
     assert track.times_us[0] == parse_instant(HOURS[0])
     assert track.properties == {}
@@ -66,7 +66,7 @@ def test_a_track_in_another_reference_system_is_transformed(tmp_path: Path) -> N
     scale = np.radians(1.0) * 6378137.0
     line = shapely.LineString([(4 * scale, 0), (5 * scale, 0)])
     path = write(tmp_path / "a.gpkg", [line], crs="EPSG:3857", times=[json.dumps(HOURS[:2])], **HAVEN)
-    assert io.read(path).tracks[0].positions_deg == pytest.approx(np.array([[4, 0], [5, 0]]), abs=1e-9)
+    assert formats.read(path).tracks[0].positions_deg == pytest.approx(np.array([[4, 0], [5, 0]]), abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -90,14 +90,14 @@ def test_a_track_in_another_reference_system_is_transformed(tmp_path: Path) -> N
 )
 def test_what_is_no_track_is_refused(tmp_path: Path, shape: Any, columns: Any, field: str, rule: str) -> None:
     with pytest.raises(InvalidInput) as caught:
-        io.read(write(tmp_path / "a.gpkg", [shape], **columns, **HAVEN))
+        formats.read(write(tmp_path / "a.gpkg", [shape], **columns, **HAVEN))
     assert (caught.value.key, caught.value.field) == ("track '1'", field)
     assert rule in caught.value.rule
 
 
 def test_points_and_lines_among_areas_are_left_out_by_name(tmp_path: Path) -> None:
     path = write(tmp_path / "a.gpkg", [SQUARE, shapely.Point(4, 57), LINE, *[shapely.Point(4, 57)] * 12])
-    contents = io.read(path)
+    contents = formats.read(path)
     assert [area.key for area in contents.areas] == ["1"]
     numbers = "2, 4, 5, 6, 7, 8, 9, 10, 11, 12, …"
     assert [str(one) for one in contents.skipped] == [
@@ -111,20 +111,20 @@ def test_layers_can_be_chosen(tmp_path: Path) -> None:
     path = write(tmp_path / "a.gpkg", [SQUARE], "zones")
     write(path, [BOW], "wrong")
     write(path, [SQUARE], "more")
-    assert [area.key for area in io.read(path, layers=["zones", "more"]).areas] == ["zones.1", "more.1"]
+    assert [area.key for area in formats.read(path, layers=["zones", "more"]).areas] == ["zones.1", "more.1"]
     with pytest.raises(InvalidInput, match=r"layer: there is no layer 'none'; the file has zones, wrong, more"):
-        io.read(path, layers=["zones", "none"])
+        formats.read(path, layers=["zones", "none"])
     (tmp_path / "a.geojson").write_text('{"type": "FeatureCollection", "features": []}')
     with pytest.raises(InvalidInput, match="has no layers"):
-        io.read(tmp_path / "a.geojson", layers=["zones"])
+        formats.read(tmp_path / "a.geojson", layers=["zones"])
 
 
 def test_the_rest_of_a_layer_is_read_on_request(tmp_path: Path) -> None:
     path = write(tmp_path / "a.gpkg", [SQUARE, BOW], begin_time=["", HOURS[0]])
     with pytest.raises(InvalidInput) as caught:
-        io.read(path)
+        formats.read(path)
     assert [(one.key, one.field) for one in caught.value] == [("area '2'", "begin_time")]
-    contents = io.read(path, skip_invalid=True)
+    contents = formats.read(path, skip_invalid=True)
     assert [area.key for area in contents.areas] == ["1"]
     assert [one.key for one in contents.skipped if one.is_whole] == ["area '2'"]
 
@@ -148,7 +148,7 @@ def test_gpx_tracks_are_read_as_positions(tmp_path: Path) -> None:
     path = tmp_path / "a.gpx"
     first = point(4, HOURS[0]) + point(4.1, "2026-03-01T07:00:00.25+01:00") + point(4.2, "") + point(4.2, HOURS[2])
     path.write_text(GPX.format(first, point(5, HOURS[0]) + point(5.1, HOURS[1]), point(6, HOURS[0])))
-    contents = io.read(path)
+    contents = formats.read(path)
     assert [(track.key, track.name) for track in contents.tracks] == [("Boat.1", "Boat"), ("Boat.2", "Boat")]
     times = [parse_instant(HOURS[0]), parse_instant(HOURS[1]) + 250_000, parse_instant(HOURS[2])]
     assert contents.tracks[0].times_us.tolist() == times
@@ -170,4 +170,4 @@ def test_text_that_is_not_utf_8_is_refused(tmp_path: Path) -> None:
     kml += "</outerBoundaryIs></Polygon></Placemark></kml>"
     path.write_bytes(kml.encode("latin-1"))
     with pytest.raises(InvalidInput, match="cannot be read by OGR"):
-        io.read(path)
+        formats.read(path)

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from conflictdb import io
+from conflictdb import formats
 from conflictdb.errors import InvalidInput
-from conflictdb.io.instants import parse_instant
+from conflictdb.formats.instants import parse_instant
 
 HAVEN = {"fore_m": 10, "aft_m": 5, "port_m": 2, "starboard_m": 2}
 POINT = {
@@ -28,10 +28,10 @@ def feature(**changes: Any) -> dict[str, Any]:
     }
 
 
-def read(tmp_path: Path, document: object) -> io.Contents:
+def read(tmp_path: Path, document: object) -> formats.Contents:
     path = tmp_path / "movers.mfjson"
     path.write_text(json.dumps(document))
-    return io.read(path)
+    return formats.read(path)
 
 
 @pytest.mark.parametrize("wrap", [lambda f: {"type": "FeatureCollection", "features": [f]}, lambda f: f])

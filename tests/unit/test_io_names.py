@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from conflictdb import io
+from conflictdb import formats
 from conflictdb.errors import MOST_TOLD, InvalidInput
-from conflictdb.io.instants import parse_instant
-from conflictdb.io.scene_file import scene_text
-from conflictdb.model import Area, Scene, Track
+from conflictdb.formats.instants import parse_instant
+from conflictdb.formats.scene_file import scene_text
+from conflictdb.model.plans import Area, Scene, Track
 
 HAVEN = {"fore_m": 5, "aft_m": 5, "port_m": 2, "starboard_m": 2}
 TIMES = ["2026-03-01T05:00:00Z", "2026-03-01T06:00:00Z"]
@@ -27,10 +27,10 @@ def track(key: str = "T", **properties: Any) -> dict[str, Any]:
     return {"type": "Feature", "id": key, "geometry": geometry, "properties": {"times": TIMES, **HAVEN, **properties}}
 
 
-def read(tmp_path: Path, *features: dict[str, Any], **members: Any) -> io.Contents:
+def read(tmp_path: Path, *features: dict[str, Any], **members: Any) -> formats.Contents:
     path = tmp_path / "plan.geojson"
     path.write_text(json.dumps({"type": "FeatureCollection", **members, "features": features}))
-    return io.read(path)
+    return formats.read(path)
 
 
 def mistakes(tmp_path: Path, *features: dict[str, Any], **members: Any) -> list[tuple[str, str, str]]:
@@ -228,7 +228,7 @@ def test_what_is_exported_with_suspect_properties_reads_back() -> None:
     odd = Area("A", square, properties={"begin": TIMES[0], "separation_m": 5, "colour": "red"})
     text = "".join(scene_text(Scene("s"), [odd], []))
     assert json.loads(text)["foreign"] == ["begin", "separation_m"]
-    from conflictdb.io.scene_file import read_scene
+    from conflictdb.formats.scene_file import read_scene
 
     assert read_scene(text, "s").areas[0].properties == odd.properties
 
@@ -255,7 +255,7 @@ def test_columns_of_positions_are_judged_by_the_same_rule(tmp_path: Path, column
     path = tmp_path / "fixes.csv"
     path.write_text(f"id,time,lon,lat,{column}\na,{TIMES[0]},4,57,\na,{TIMES[1]},4.1,57,{cell}\n")
     with pytest.raises(InvalidInput, match=rule) as caught:
-        io.read(path)
+        formats.read(path)
     assert [(one.key, one.field) for one in caught.value] == [("file", f"column {column}")]
 
 
@@ -263,7 +263,7 @@ def test_other_columns_of_positions_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "fixes.csv"
     rows = [f"a,{TIMES[0]},4,57,9,3,Bergen,12", f"a,{TIMES[1]},4.1,57,9,3,Bergen,12"]
     path.write_text("\n".join(["id,time,lon,lat,length_m,width_m,port,speed_kn", *rows]) + "\n")
-    assert io.read(path).tracks[0].properties == {"port": "Bergen", "speed_kn": "12"}
+    assert formats.read(path).tracks[0].properties == {"port": "Bergen", "speed_kn": "12"}
 
 
 def test_all_mistakes_of_a_file_of_positions_are_told(tmp_path: Path) -> None:
@@ -271,14 +271,14 @@ def test_all_mistakes_of_a_file_of_positions_are_told(tmp_path: Path) -> None:
     rows = [f"a,{TIMES[0]},4,x", "a,yesterday,4,57", f"b,{TIMES[0]},4", f"b,{TIMES[0]},4,99"]
     path.write_text("\n".join(["id,time,lon,lat", *rows]) + "\n")
     with pytest.raises(InvalidInput) as caught:
-        io.read(path)
+        formats.read(path)
     assert [one.field for one in caught.value] == ["line 2, lat", "line 3, time", "line 4", "line 5, lat"]
 
 
 def test_positions_without_sizes_are_remarked_on(tmp_path: Path) -> None:
     path = tmp_path / "fixes.csv"
     path.write_text(f"id,time,lon,lat\na,{TIMES[0]},4,57\na,{TIMES[1]},4.1,57\n")
-    assert [remark.text for remark in io.read(path).remarks] == [
+    assert [remark.text for remark in formats.read(path).remarks] == [
         "has no columns of sizes (length_m and width_m, or fore_m, aft_m, port_m and starboard_m): all are points"
     ]
 
@@ -324,7 +324,7 @@ def test_a_track_that_is_too_fast_is_refused_unless_that_is_meant(tmp_path: Path
     found = mistakes(tmp_path, fast, track("good"), late, scene={"motion": motion})
     assert [(key, field) for key, field, _ in found] == [("track 'fast'", "speed_kn"), ("track 'late'", "times[1]")]
     assert found[0][2].startswith("is 120,000 kn, beyond 2000 kn; if that is meant, raise --max-speed-kn")
-    tracks = io.read(tmp_path / "plan.geojson", max_speed_kn=120_000).tracks
+    tracks = formats.read(tmp_path / "plan.geojson", max_speed_kn=120_000).tracks
     assert [item.key for item in tracks] == ["fast", "good", "late"]
     assert tracks[2].times_us[1] == parse_instant("2026-03-01T05:00:10Z")
     assert isinstance(tracks[0], Track)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import shapely
 
-from conflictdb import io
+from conflictdb import formats
 from conflictdb.errors import InvalidInput
-from conflictdb.io.instants import parse_instant
+from conflictdb.formats.instants import parse_instant
 
 pyogrio = pytest.importorskip("pyogrio", reason="the extra 'ogr' is not installed")
 
@@ -42,7 +42,7 @@ def test_polygons_become_areas_with_their_columns(tmp_path: Path, name: str) -> 
         floor_m=[-9.0],
         colour=np.array(["red"], dtype=object),
     )
-    (area,) = io.read(path).areas
+    (area,) = formats.read(path).areas
     assert (area.key, area.name, area.floor_m, area.ceiling_m) == ("A1", "Firing", -9.0, None)
     assert (area.start_us, area.end_us) == (parse_instant("2026-03-01T06:00:00Z"), None)
     assert area.properties == {"colour": "red"}
@@ -60,14 +60,14 @@ def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
         remark=np.array(["2026", "at 2026-03-01"], dtype=object),
         draught=[7.5, 1e9],
     )
-    contents = io.read(path)
+    contents = formats.read(path)
     assert [area.start_us for area in contents.areas] == [None, None]
     (remark,) = contents.remarks
     rule = "valid_from, day, activeUntil look like times and are not read; rename what is meant as these"
     assert remark.text == f"2 areas without start or end: {rule}"
     known = {name: np.array(["2026-03-01T06:00:00Z"], dtype=object) for name in ("start", "revised")}
     known["end"] = np.array(["2026-03-01T08:00:00Z"], dtype=object)
-    assert list(io.read(write(tmp_path / "known.gpkg", [SQUARE], **known)).remarks) == []
+    assert list(formats.read(write(tmp_path / "known.gpkg", [SQUARE], **known)).remarks) == []
 
 
 KML = """<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>
@@ -84,38 +84,40 @@ def test_a_track_of_kml_is_refused_with_the_reason(tmp_path: Path, track: str) -
     path = tmp_path / "plan.kml"
     path.write_text(KML.format(track))
     with pytest.raises(InvalidInput, match=r"times: are missing: .* as a gx:Track has"):
-        io.read(path)
-    contents = io.read(path, skip_invalid=True)
+        formats.read(path)
+    contents = formats.read(path, skip_invalid=True)
     assert (len(contents.areas), contents.tracks) == (1, [])
     assert [one.is_refused for one in contents.skipped] == [True]
     path.write_text(KML.format("<LineString><coordinates>9,57 9.4,57</coordinates></LineString>"))
-    assert [one.reason for one in io.read(path).skipped] == ["1 features are LineStrings, without times: no tracks (1)"]
+    assert [one.reason for one in formats.read(path).skipped] == [
+        "1 features are LineStrings, without times: no tracks (1)"
+    ]
 
 
 def test_lines_without_times_name_columns_that_look_like_them(tmp_path: Path) -> None:
     line = shapely.LineString([(4.0, 57.0), (5.0, 58.0)])
     laid = np.array(["2026-03-01"], "datetime64[D]")
-    (skipped,) = io.read(write(tmp_path / "cables.gpkg", [line], kind="LineString", laid=laid)).skipped
+    (skipped,) = formats.read(write(tmp_path / "cables.gpkg", [line], kind="LineString", laid=laid)).skipped
     assert "(laid look like times, but not of each point): no tracks" in skipped.reason
 
 
 def test_other_reference_systems_are_transformed(tmp_path: Path) -> None:
     edge = np.radians([4.0, 5.0]) * 6378137.0
     path = write(tmp_path / "areas.gpkg", [shapely.box(edge[0], 0.0, edge[1], 1000.0)], crs="EPSG:3857")
-    west, south, east, _ = io.read(path).areas[0].footprint.bounds
+    west, south, east, _ = formats.read(path).areas[0].footprint.bounds
     assert (west, south, east) == pytest.approx((4.0, 0.0, 5.0), abs=1e-9)
 
 
 def test_features_without_id_are_numbered_and_layers_named(tmp_path: Path) -> None:
     path = write(tmp_path / "areas.gpkg", [SQUARE, SQUARE])
-    assert [area.key for area in io.read(path).areas] == ["1", "2"]
+    assert [area.key for area in formats.read(path).areas] == ["1", "2"]
     write(path, [SQUARE])
-    assert [area.key for area in io.read(path).areas] == ["areas.1", "areas.2", "second.1"]
+    assert [area.key for area in formats.read(path).areas] == ["areas.1", "areas.2", "second.1"]
 
 
 def test_numeric_ids_become_strings(tmp_path: Path) -> None:
     path = write(tmp_path / "areas.gpkg", [SQUARE], id=[1234567890])
-    assert io.read(path).areas[0].key == "1234567890"
+    assert formats.read(path).areas[0].key == "1234567890"
 
 
 @pytest.mark.parametrize(
@@ -141,27 +143,27 @@ def test_what_is_no_area_is_refused(
 ) -> None:
     path = write(tmp_path / "areas.gpkg", [shape], kind="Unknown", **columns)
     with pytest.raises(InvalidInput, match=rule) as caught:
-        io.read(path)
+        formats.read(path)
     assert (caught.value.source, caught.value.key, caught.value.field) == (str(path), key, field)
 
 
 def test_duplicate_ids_are_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "areas.gpkg", [SQUARE, SQUARE], id=np.array(["a", "a"], dtype=object))
     with pytest.raises(InvalidInput, match="feature 1 of layer 'areas' and feature 2"):
-        io.read(path)
+        formats.read(path)
 
 
 def test_an_unknown_reference_system_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "areas.shp", [SQUARE])
     path.with_suffix(".prj").unlink()
     with pytest.raises(InvalidInput, match=r"reference system: is unknown"):
-        io.read(path)
+        formats.read(path)
 
 
 def test_a_file_that_ogr_does_not_know_is_refused(tmp_path: Path) -> None:
     (tmp_path / "areas.xyz").write_text("hello")
     with pytest.raises(InvalidInput, match="cannot be read by OGR"):
-        io.read(tmp_path / "areas.xyz")
+        formats.read(tmp_path / "areas.xyz")
 
 
 @pytest.mark.parametrize("missing", ["pyogrio", "pyproj"])
@@ -169,4 +171,4 @@ def test_without_the_extra_the_error_names_it(tmp_path: Path, monkeypatch: pytes
     path = write(tmp_path / "areas.gpkg", [SQUARE], crs="EPSG:3857")
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(InvalidInput, match=r"pip install 'conflictdb\[ogr\]'"):
-        io.read(path)
+        formats.read(path)

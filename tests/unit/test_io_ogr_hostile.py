@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 import shapely
 
-from conflictdb import io
+from conflictdb import formats
 from conflictdb.errors import InvalidInput
-from conflictdb.io import confined, ogr, ogr_process
+from conflictdb.formats import confined, ogr, ogr_process
 
 pyogrio = pytest.importorskip("pyogrio", reason="the extra 'ogr' is not installed")
 
@@ -27,7 +27,7 @@ SECRET = "stolen from another file"  # noqa: S105
 def refusal(path: Path) -> str:
     began = time.monotonic()
     with pytest.raises(InvalidInput) as caught:
-        io.read(path)
+        formats.read(path)
     assert time.monotonic() - began < LONGEST_S
     message = str(caught.value)
     assert message.startswith(str(path))
@@ -104,7 +104,7 @@ def test_no_other_file_is_read(tmp_path: Path, secret: Path, name: str, text: st
     path = tmp_path / name
     path.write_text(text.format(secret))
     try:
-        contents = io.read(path)
+        contents = formats.read(path)
     except InvalidInput as refused:
         assert SECRET not in str(refused)  # noqa: PT017
     else:
@@ -118,7 +118,7 @@ def test_no_address_is_fetched(tmp_path: Path, listener: tuple[str, list[bytes]]
     path = tmp_path / "areas.kml"
     path.write_text(text.format(f"{address}/areas.kml"))
     with suppress(InvalidInput):
-        assert not io.read(path).areas
+        assert not formats.read(path).areas
     assert not asked
 
 
@@ -127,7 +127,7 @@ def test_no_address_is_fetched(tmp_path: Path, listener: tuple[str, list[bytes]]
 )
 def test_what_is_no_file_does_not_exist(path: str) -> None:
     with pytest.raises(InvalidInput, match="does not exist"):
-        io.read(path)
+        formats.read(path)
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_a_geopackage_reaches_no_other_file(tmp_path: Path, secret: Path, statem
             database.execute("INSERT INTO sqlite_master VALUES (?, ?, ?, ?, ?)", row)
         database.close()
     try:
-        names = [area.name for area in io.read(path).areas]
+        names = [area.name for area in formats.read(path).areas]
     except InvalidInput as refused:
         assert SECRET not in str(refused)  # noqa: PT017
     else:
@@ -196,8 +196,8 @@ def test_a_small_archive_of_gigabytes_is_refused(tmp_path: Path, little: None) -
 def test_more_than_the_limit_is_refused(tmp_path: Path) -> None:
     path = geopackage(tmp_path / "areas.gpkg", "n" * 20_000)
     with pytest.raises(InvalidInput, match=r"holds more than 0\.01 MB"):
-        io.read(path, max_file_mb=0.01)
-    assert len(io.read(path, max_file_mb=1.0).areas) == 1
+        formats.read(path, max_file_mb=0.01)
+    assert len(formats.read(path, max_file_mb=1.0).areas) == 1
 
 
 @pytest.mark.parametrize(
@@ -219,7 +219,7 @@ def test_nested_xml_is_refused(tmp_path: Path, text: str) -> None:
 def test_settings_of_the_caller_do_not_reach_ogr(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GDAL_SKIP", "GPKG")
     monkeypatch.setenv("OGR_SKIP", "GPKG")
-    assert len(io.read(geopackage(tmp_path / "areas.gpkg")).areas) == 1
+    assert len(formats.read(geopackage(tmp_path / "areas.gpkg")).areas) == 1
 
 
 def test_points_without_a_time_are_told_in_no_time(tmp_path: Path) -> None:
@@ -230,7 +230,7 @@ def test_points_without_a_time_are_told_in_no_time(tmp_path: Path) -> None:
         f"<trk><trkseg>{points}</trkseg></trk></gpx>"
     )
     began = time.monotonic()
-    (skipped,) = io.read(path).skipped
+    (skipped,) = formats.read(path).skipped
     assert time.monotonic() - began < LONGEST_S
     assert len(skipped.lines) == 30_000
 
@@ -249,7 +249,7 @@ def test_layers_that_are_called_as_those_of_gpx_are_read_as_others(tmp_path: Pat
             layer=layer,
             append=path.exists(),
         )
-    assert len(io.read(path).areas) == 5
+    assert len(formats.read(path).areas) == 5
 
 
 def test_many_columns_are_refused(tmp_path: Path) -> None:
@@ -268,8 +268,8 @@ def test_missing_values_count_as_what_they_take(tmp_path: Path) -> None:
     values = [np.array([None] * 1_000, dtype=object) for _ in names]
     pyogrio.raw.write(path, geometry=shapes, field_data=values, fields=names, geometry_type="Polygon", crs="EPSG:4326")
     with pytest.raises(InvalidInput, match=r"holds more than 1 MB"):
-        io.read(path, max_file_mb=1.0)
-    assert len(io.read(path, max_file_mb=3.0).areas) == 1_000
+        formats.read(path, max_file_mb=1.0)
+    assert len(formats.read(path, max_file_mb=3.0).areas) == 1_000
 
 
 def test_geometries_in_geometries_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from conflictdb import io
+from conflictdb import formats
 from conflictdb.errors import InvalidInput
-from conflictdb.io.instants import parse_instant
+from conflictdb.formats.instants import parse_instant
 
 HAVEN = {"fore_m": 5, "aft_m": 5, "port_m": 2, "starboard_m": 2}
 TIMES = ["2026-03-01T05:00:00Z", "2026-03-01T06:00:00Z"]
@@ -40,14 +40,14 @@ def write(tmp_path: Path, *features: dict[str, Any], **members: Any) -> Path:
     ],
 )
 def test_ids_may_be_numbers_or_properties(tmp_path: Path, key: Any, properties: Any, expected: str) -> None:
-    (one,) = io.read(write(tmp_path, area(key, **properties, note="x"))).areas
+    (one,) = formats.read(write(tmp_path, area(key, **properties, note="x"))).areas
     assert one.key == expected
     assert one.properties == {"note": "x"} | ({"id": "second"} if key == "first" else {})
 
 
 def test_a_number_and_its_text_are_the_same_id(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"area '7': id: is given twice, by features\[0\] and features\[1\]"):
-        io.read(write(tmp_path, area(7), area("7")))
+        formats.read(write(tmp_path, area(7), area("7")))
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_a_number_and_its_text_are_the_same_id(tmp_path: Path) -> None:
 )
 def test_longitude_and_latitude_have_many_names(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "pyproj", None)  # not even asked
-    (one,) = io.read(write(tmp_path, area(), crs={"type": "name", "properties": {"name": name}})).areas
+    (one,) = formats.read(write(tmp_path, area(), crs={"type": "name", "properties": {"name": name}})).areas
     assert one.footprint.bounds == (4, 57, 5, 58)
 
 
@@ -82,7 +82,7 @@ def test_other_reference_systems_are_transformed(tmp_path: Path, crs: Any) -> No
     circle["geometry"] = {"type": "Point", "coordinates": ring[1]}
     plain = area("P", [[4, 0], [5, 0], [5, 1], [4, 0]])
     plain["crs"] = {"properties": {"name": "EPSG:4326"}}  # the nearer one counts
-    contents = io.read(write(tmp_path, area("A", ring), track, mover, circle, plain, crs=crs))
+    contents = formats.read(write(tmp_path, area("A", ring), track, mover, circle, plain, crs=crs))
     assert contents.areas[0].footprint.bounds[:3] == pytest.approx((4, 0, 5), abs=1e-9)
     for one in contents.tracks:
         assert one.positions_deg == pytest.approx(np.array([[4, 0], [5, 0]]), abs=1e-9)
@@ -93,7 +93,7 @@ def test_other_reference_systems_are_transformed(tmp_path: Path, crs: Any) -> No
 def test_without_the_extra_another_reference_system_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "pyproj", None)
     with pytest.raises(InvalidInput, match=r"file: crs: is EPSG:3857; to transform it needs the extra 'ogr'"):
-        io.read(write(tmp_path, area(), crs={"properties": {"name": "EPSG:3857"}}))
+        formats.read(write(tmp_path, area(), crs={"properties": {"name": "EPSG:3857"}}))
 
 
 @pytest.mark.parametrize("name", ["plan.geojson", "plan.csv", "plan.json"])
@@ -101,7 +101,7 @@ def test_latin_1_is_refused(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_bytes(json.dumps({"type": "FeatureCollection", "name": "Å"}, ensure_ascii=False).encode("latin-1"))
     with pytest.raises(InvalidInput, match="must be UTF-8 text"):
-        io.read(path)
+        formats.read(path)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_latin_1_is_refused(tmp_path: Path, name: str) -> None:
 def test_positions_may_have_seconds_since_1970(tmp_path: Path, column: str, cell: str, instant: str) -> None:
     path = tmp_path / "fixes.csv"
     path.write_text(f"id,{column},lon,lat\na,{cell},4,57\na,1772348400,4.1,57\n")
-    assert io.read(path).tracks[0].times_us[0] == parse_instant(instant)
+    assert formats.read(path).tracks[0].times_us[0] == parse_instant(instant)
 
 
 @pytest.mark.parametrize("cell", ["20260301", "20260301060000", "1772344800000", "5", "-1772344800"])
@@ -125,7 +125,7 @@ def test_numbers_that_may_be_dates_or_milliseconds_are_refused(tmp_path: Path, c
     path = tmp_path / "fixes.csv"
     path.write_text(f"id,time,lon,lat\na,{cell},4,57\na,1772348400,4.1,57\n")
     with pytest.raises(InvalidInput, match="a number is seconds since 1970, from 100000000 to 100000000000"):
-        io.read(path)
+        formats.read(path)
 
 
 BOW = [[0, 0], [1, 1], [1, 0], [0, 1], [0, 0]]
@@ -139,8 +139,8 @@ def test_on_request_the_rest_of_a_file_is_read(tmp_path: Path) -> None:
     features = [area("bow", BOW, begin=TIMES[0]), area("A"), fast, area("A", note="again"), {"type": "x"}, slow]
     path = write(tmp_path, *features)
     with pytest.raises(InvalidInput) as caught:
-        io.read(path)
-    contents = io.read(path, skip_invalid=True)
+        formats.read(path)
+    contents = formats.read(path, skip_invalid=True)
     assert [one.key for one in [*contents.areas, *contents.tracks]] == ["A", "S"]
     assert contents.areas[0].properties == {}
     keys = ["area 'bow'", "features[4]", "area 'A'", "track 'F'"]
@@ -151,4 +151,4 @@ def test_on_request_the_rest_of_a_file_is_read(tmp_path: Path) -> None:
 
 def test_mistakes_of_the_file_itself_are_not_skipped(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="separation_m"):
-        io.read(write(tmp_path, area(), separation_m=5), skip_invalid=True)
+        formats.read(write(tmp_path, area(), separation_m=5), skip_invalid=True)

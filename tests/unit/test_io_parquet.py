@@ -20,13 +20,13 @@ from scene_strategies import assert_same, scenes
 from workloads import GROWING, throw
 
 from conflictdb import InvalidInput, solve
-from conflictdb.arrays.arrow.objects import of_objects
-from conflictdb.io import parquet, read, write
-from conflictdb.io.geoparquet import CRS84
-from conflictdb.io.parquet_process import Rows
-from conflictdb.io.parquet_writing import write_objects
-from conflictdb.io.reading import read_parts
-from conflictdb.model import Area, Scene, Track
+from conflictdb.arrays.arrow.object_rows import of_objects
+from conflictdb.formats import parquet, read, write
+from conflictdb.formats.geoparquet import CRS84
+from conflictdb.formats.parquet_process import Rows
+from conflictdb.formats.parquet_writing import write_objects
+from conflictdb.formats.reading import read_parts
+from conflictdb.model.plans import Area, Scene, Track
 
 SQUARE = shapely.box(9.0, 54.0, 9.5, 54.25)
 LINE = shapely.LineString([(9.0, 54.0), (9.5, 54.5)])

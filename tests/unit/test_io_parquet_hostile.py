@@ -12,12 +12,12 @@ import pyarrow.parquet as pq
 import pytest
 import shapely
 
-from conflictdb import io
+from conflictdb import formats
 from conflictdb.arrays.arrow.found import FOUND, GEOMETRIES
-from conflictdb.arrays.arrow.objects import OBJECTS
+from conflictdb.arrays.arrow.object_rows import OBJECTS
 from conflictdb.errors import InvalidInput
-from conflictdb.io import contents
-from conflictdb.io.computed import read_conflicts
+from conflictdb.formats import contents
+from conflictdb.formats.computed import read_conflicts
 
 LONGEST_S = 20.0
 SQUARE = shapely.box(4, 57, 5, 58).wkb
@@ -45,7 +45,7 @@ def refusal(path: Path, table: pa.Table) -> str:
     pq.write_table(table, path)
     began = time.monotonic()
     with pytest.raises(InvalidInput) as caught:
-        io.read(path)
+        formats.read(path)
     message = str(caught.value)
     assert time.monotonic() - began < LONGEST_S
     assert message.startswith(str(path))
@@ -129,8 +129,8 @@ def test_nulls_count_as_what_they_take(tmp_path: Path) -> None:
     path = tmp_path / "fixes.parquet"
     pq.write_table(pa.table({name: pa.nulls(100_000) for name in ("id", "time", "lon", "lat")}), path)
     with pytest.raises(InvalidInput, match="holds more than 3 MB"):
-        io.read(path, max_file_mb=3.0)
-    assert io.read(path, max_file_mb=4.0).skipped
+        formats.read(path, max_file_mb=3.0)
+    assert formats.read(path, max_file_mb=4.0).skipped
 
 
 def test_mistakes_without_end_are_not_all_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,7 +139,7 @@ def test_mistakes_without_end_are_not_all_kept(tmp_path: Path, monkeypatch: pyte
     message = refusal(tmp_path / "plan.parquet", table)
     assert "has more than 100 mistakes, and is not read any further" in message
     with pytest.raises(InvalidInput, match="more than 100 mistakes"):
-        io.read(tmp_path / "plan.parquet", skip_invalid=True)
+        formats.read(tmp_path / "plan.parquet", skip_invalid=True)
 
 
 def test_a_reference_system_opens_no_file(tmp_path: Path) -> None:

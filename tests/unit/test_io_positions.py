@@ -6,22 +6,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conflictdb import io
+from conflictdb import formats
 from conflictdb.errors import InvalidInput
 
 HEADER = "id,time,lon,lat,length_m,width_m"
 
 
-def read(tmp_path: Path, *lines: str, name: str = "fixes.csv", max_speed_kn: float | None = None) -> io.Contents:
+def read(tmp_path: Path, *lines: str, name: str = "fixes.csv", max_speed_kn: float | None = None) -> formats.Contents:
     (tmp_path / name).write_text("\n".join(lines) + "\n")
-    return io.read(tmp_path / name, max_speed_kn=max_speed_kn)
+    return formats.read(tmp_path / name, max_speed_kn=max_speed_kn)
 
 
 def fix(key: str, minute: int, lon: float, size: str = "100,20") -> str:
     return f"{key},2026-03-01T00:{minute:02}:00Z,{lon},57,{size}"
 
 
-def reasons(contents: io.Contents) -> dict[tuple[str, str], tuple[tuple[int, ...], bool]]:
+def reasons(contents: formats.Contents) -> dict[tuple[str, str], tuple[tuple[int, ...], bool]]:
     return {(s.key, s.reason): (s.lines, s.is_whole) for s in contents.skipped}
 
 
@@ -50,7 +50,7 @@ def test_ais_names_utc_times_and_constant_columns(tmp_path: Path) -> None:
         "2026-03-01 00:10:00,7,4.01,57,11,Cargo,,Vessel,14",
     )
     (tmp_path / "ais.csv.gz").write_bytes(gzip.compress("\n".join(rows).encode()))
-    (track,) = io.read(tmp_path / "ais.csv.gz").tracks
+    (track,) = formats.read(tmp_path / "ais.csv.gz").tracks
     assert (track.key, track.name, track.properties) == ("7", "Vessel", {"shiptype": "Cargo"})
     assert np.ptp(track.outline_m, axis=0).tolist() == [14, 90]
 

@@ -10,18 +10,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from scene_strategies import INSTANT, assert_same, scenes
 
-from conflictdb import io
+from conflictdb import formats
 from conflictdb.earth import geodesy
-from conflictdb.io.instants import format_instant, parse_instant
-from conflictdb.io.scene_file import read_scene, scene_text
-from conflictdb.model import (
-    METRES_PER_NMI,
-    Area,
-    EarthModel,
-    Scene,
-    Track,
-)
-from conflictdb.speeds import MPS_PER_KNOT
+from conflictdb.formats.instants import format_instant, parse_instant
+from conflictdb.formats.scene_file import read_scene, scene_text
+from conflictdb.model.plans import METRES_PER_NMI, Area, EarthModel, Scene, Track
+from conflictdb.model.speeds import MPS_PER_KNOT
 
 
 @settings(suppress_health_check=[HealthCheck.too_slow])  # a busy machine takes its time
@@ -57,10 +51,10 @@ def test_instant_forms(text: str, instant_us: int) -> None:
     assert parse_instant(text) == instant_us
 
 
-def read(tmp_path: Path, features: list[dict[str, Any]], **members: Any) -> io.Contents:
+def read(tmp_path: Path, features: list[dict[str, Any]], **members: Any) -> formats.Contents:
     path = tmp_path / "plan.v2.geojson"
     path.write_text(json.dumps({"type": "FeatureCollection", **members, "features": features}))
-    return io.read(path)
+    return formats.read(path)
 
 
 def track_feature(**properties: Any) -> dict[str, Any]:
@@ -130,4 +124,4 @@ def test_a_crs_member_that_says_wgs84_is_accepted(tmp_path: Path, name: str) -> 
 def test_compressed_and_marked_files_read_like_plain_ones(tmp_path: Path) -> None:
     text = '\ufeff{"type": "FeatureCollection", "scene": {}, "features": []}'
     (tmp_path / "plan.geojson.gz").write_bytes(gzip.compress(text.encode()))
-    assert io.read(tmp_path / "plan.geojson.gz").scene == Scene("plan")
+    assert formats.read(tmp_path / "plan.geojson.gz").scene == Scene("plan")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 
-from conflictdb.io import wkb
+from conflictdb.formats import wkb
 
 COLLECTION, MULTIPOLYGON, POLYGON, LINESTRING = 7, 6, 3, 2
 SQUARE = shapely.box(4, 57, 5, 58)

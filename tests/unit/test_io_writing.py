@@ -13,8 +13,8 @@ import shapely
 
 import conflictdb
 from conflictdb.errors import InvalidInput
-from conflictdb.io.conflict_text import APPROACH_COLUMNS, COLUMNS
-from conflictdb.model import Scene
+from conflictdb.formats.conflict_text import APPROACH_COLUMNS, COLUMNS
+from conflictdb.model.plans import Scene
 
 AREA = scenes.area("A", shapely.box(0.4, -0.1, 0.6, 0.1))
 ALWAYS = scenes.area("B", shapely.box(0.5, -0.1, 0.7, 0.1))

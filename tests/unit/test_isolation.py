@@ -15,13 +15,13 @@ from verdicts import periods_us
 import conflictdb
 from conflictdb import kernel
 from conflictdb.arrays.isolation import isolated
+from conflictdb.earth.registry import plane_of
 from conflictdb.errors import KernelMissing
-from conflictdb.model import Area, Method, Motion, Scene, Track, rectangle_outline_m
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces import covers
-from conflictdb.pipeline import closest_approaches, run, whole_areas
-from conflictdb.results import Verdict
-from conflictdb.stage4 import contacts
+from conflictdb.model.plans import Area, Method, Motion, Scene, Track, rectangle_outline_m
+from conflictdb.model.results import Verdict
+from conflictdb.stages import closest_approaches, run, whole_areas
+from conflictdb.stages.pieces import covers
+from conflictdb.stages.stage4 import contact_search
 
 T0_US = 1_700_000_000_000_000
 HOUR_US = 3_600_000_000
@@ -139,7 +139,7 @@ def test_a_pair_that_the_kernel_cannot_decide_is_unresolved(monkeypatch: pytest.
 
 def test_pairs_of_areas_whose_judgement_fails_are_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:
     """The kernel measures what is no number as none."""
-    monkeypatch.setattr(contacts, "distances", lambda scene, a, *_: np.full(len(a), np.nan))
+    monkeypatch.setattr(contact_search, "distances", lambda scene, a, *_: np.full(len(a), np.nan))
     assert answer(Scene("s"))["A0", "A1"].verdict == Verdict.UNRESOLVED
 
 

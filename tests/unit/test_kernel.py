@@ -15,23 +15,23 @@ import pytest
 import shapely
 from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, OCEAN, Workload, throw
 
-from conflictdb import model
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
+from conflictdb.earth.registry import plane_of
 from conflictdb.errors import InvalidInput, KernelMissing
 from conflictdb.kernel import Plane, Questions, Scene, Work, build, contacts
 from conflictdb.kernel.approach import closest
+from conflictdb.kernel.kernel_scene import HeldPairs, HeldPieces, State
 from conflictdb.kernel.library import LEAST_PART, SHARE, TAKES, library, shared
 from conflictdb.kernel.meeting import distances
-from conflictdb.kernel.scene import HeldPairs, HeldPieces, State
-from conflictdb.model import MAX_HAVEN_CORNERS, Area, EarthModel, Track, rectangle_outline_m
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.results import Kind, Verdict
-from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
+from conflictdb.model import plans
+from conflictdb.model.plans import MAX_HAVEN_CORNERS, Area, EarthModel, Track, rectangle_outline_m
+from conflictdb.model.results import Kind, Verdict
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.stage1_broad_phase import candidates
+from conflictdb.stages.stage2_intersection import intersections
 
 Columns = tuple[np.ndarray, ...]
 UNRESOLVED = Verdict.UNRESOLVED.code
@@ -403,7 +403,7 @@ def test_the_work_of_a_pair_that_meets_for_ever_is_bounded() -> None:
 
 def test_distances_of_a_pair_take_a_bounded_share_of_work() -> None:
     """Ten metres from a pole all of a parallel is as near: one distance takes hundreds of halvings."""
-    scene = model.Scene("s", earth=EarthModel.SPHERE)
+    scene = plans.Scene("s", earth=EarthModel.SPHERE)
     square = rectangle_outline_m(1.0, 1.0, 1.0, 1.0)
     way = Track("T", np.array([(10.0, 60.0), (12.0, 60.0)]), np.array([0, 3_600_000_000]), square)
     areas = AreaBatch.of([Area("A", shapely.MultiPolygon([shapely.box(0.0, 0.0, 90.0, 5.0)]))])

@@ -9,10 +9,10 @@ import pytest
 import shapely
 from verdicts import periods_us
 
-from conflictdb import io, solve
+from conflictdb import formats, solve
 from conflictdb.errors import InvalidInput
-from conflictdb.io.scene_file import read_scene, scene_text
-from conflictdb.model import Area, Method, Scene, Track, rectangle_outline_m
+from conflictdb.formats.scene_file import read_scene, scene_text
+from conflictdb.model.plans import Area, Method, Scene, Track, rectangle_outline_m
 
 T0_US = 1_772_323_200_000_000
 HOUR_US = 3_600_000_000
@@ -109,7 +109,7 @@ def feature(**properties: Any) -> dict[str, Any]:
 def read(tmp_path: Path, **properties: Any) -> Track:
     path = tmp_path / "plan.geojson"
     path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature(**properties)]}))
-    return io.read(path).tracks[0]
+    return formats.read(path).tracks[0]
 
 
 def test_a_file_gives_heights_per_leg_and_gets_them_back(tmp_path: Path) -> None:

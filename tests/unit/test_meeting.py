@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
 from conflictdb import kernel
+from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.geodesy import Floats
+from conflictdb.earth.contract import Plane
+from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.meeting import distances, meetings
 from conflictdb.kernel.movement import Movement
-from conflictdb.model import EarthModel, Motion, Scene
-from conflictdb.motion.contract import Plane
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.stage4.meeting import meeting_points
+from conflictdb.model.plans import EarthModel, Motion, Scene
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.stage4.meeting_points import meeting_points
 
 ALPS = Scene("s", Motion.GREAT_CIRCLE, centre=(10.0, 46.0))
 PLANES = [plane_of(Scene("s")), plane_of(Scene("s", earth=EarthModel.SPHERE)), plane_of(ALPS)]

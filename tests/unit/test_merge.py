@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US
-from conflictdb.pipeline.merge import _periods
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
+from conflictdb.stages.merge import _periods
 
 # Seconds that stand for no beginning and no end.
 EVER = (-1e6, 1e6)

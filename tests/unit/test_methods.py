@@ -13,13 +13,13 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.earth.registry import plane_of
 from conflictdb.errors import InvalidInput
-from conflictdb.methods import METHODS, Method, MethodSpec, Solver
-from conflictdb.model import EarthModel, Scene
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.cutting import area_pieces, track_pieces
-from conflictdb.results import Verdict
-from conflictdb.stage4.contacts import contacts
+from conflictdb.model.methods import METHODS, Method, MethodSpec, Solver
+from conflictdb.model.plans import EarthModel, Scene
+from conflictdb.model.results import Verdict
+from conflictdb.stages.pieces.cutting import area_pieces, track_pieces
+from conflictdb.stages.stage4.contact_search import contacts
 
 ROOT = Path(__file__).resolve().parents[2]
 

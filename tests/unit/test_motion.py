@@ -13,11 +13,11 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
+from conflictdb.earth.mercator import Mercator
+from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.movement import Movement
-from conflictdb.model import EarthModel, Scene, Track
-from conflictdb.motion.mercator import Mercator
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.cutting import track_pieces
+from conflictdb.model.plans import EarthModel, Scene, Track
+from conflictdb.stages.pieces.cutting import track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
 SAMPLES = 65

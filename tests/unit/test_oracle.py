@@ -15,7 +15,7 @@ from pyproj import Geod
 from reference import data
 from workloads import LOW_LATITUDE, throw
 
-from conflictdb.model import Area, EarthModel, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
 
 
 def rows(path: Path) -> list[dict[str, str]]:

@@ -15,10 +15,10 @@ from workloads import WORKLOADS, Workload, throw
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
+from conflictdb.earth.registry import plane_of
 from conflictdb.errors import InvalidInput
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Motion, Scene, Track
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.cutting import MAX_SLICES, area_pieces, check_plane, track_pieces
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Motion, Scene, Track
+from conflictdb.stages.pieces.cutting import MAX_SLICES, area_pieces, check_plane, track_pieces
 
 
 def hull(pieces: Pieces, k: int) -> shapely.Polygon:

@@ -14,14 +14,14 @@ from workloads import LOW_LATITUDE, throw
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.library import SHARE
-from conflictdb.methods import Method
-from conflictdb.model import EarthModel, Scene
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pipeline.run import Funnel, PairSource, run_scene
-from conflictdb.pipeline.source import Chunk
-from conflictdb.stage1_broad_phase import candidates
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import EarthModel, Scene
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.run import Funnel, PairSource, run_scene
+from conflictdb.stages.source import Chunk
+from conflictdb.stages.stage1_broad_phase import candidates
 
 SCENE, AREAS, TRACKS = throw(LOW_LATITUDE, 3, 6, 6)
 SCENE = replace(SCENE, nearest_m=20_000.0)

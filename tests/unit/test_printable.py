@@ -12,14 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conflictdb.cli import output
-from conflictdb.cli.report import conflict_table, loaded_text, skipped_text
+from conflictdb.cli.load_report import conflict_table, loaded_text, skipped_text
 from conflictdb.db.store import LoadCounts
-from conflictdb.errors import InvalidInput
-from conflictdb.io import Skipped, conflict_text
-from conflictdb.io.json_text import dumped
-from conflictdb.methods import Method
-from conflictdb.printable import printable
-from conflictdb.results import Conflict, Kind, Verdict
+from conflictdb.errors import InvalidInput, printable
+from conflictdb.formats import Skipped, conflict_text
+from conflictdb.formats.json_text import dumped
+from conflictdb.model.methods import Method
+from conflictdb.model.results import Conflict, Kind, Verdict
 from conflictdb.session.loading import Loaded
 
 TITLE = "\x1b]0;owned\x07"

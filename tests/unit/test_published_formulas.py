@@ -20,7 +20,7 @@ from published import (
 from tables import markdown, put_into
 
 from conflictdb.earth.geodesy import earth_of
-from conflictdb.model import EarthModel
+from conflictdb.model.plans import EarthModel
 
 
 @pytest.mark.parametrize(("fore", "aft"), [(4000, 2000), (2000, 4000)])

@@ -9,9 +9,10 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
-from conflictdb import Approach, Conflict, Kind, Method, Results, Verdict, record, write
+from conflictdb import Approach, Conflict, Kind, Method, Results, Verdict, write
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.arrow.found import FOUND, of_rows
+from conflictdb.model import record
 
 OUTPUTS = Path(__file__).with_name("record_outputs.txt")
 START, END = datetime(2026, 6, 1, 8, 0, 0, 250, tzinfo=UTC), datetime(2026, 6, 1, 9, 30, tzinfo=UTC)

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from conflictdb.earth.geodesy import earth_of
+from conflictdb.earth.mercator import Mercator
 from conflictdb.kernel import build
 from conflictdb.kernel.contacts import CONTACT
-from conflictdb.model import EarthModel
-from conflictdb.motion.mercator import Mercator
-from conflictdb.results import Verdict
+from conflictdb.model.plans import EarthModel
+from conflictdb.model.results import Verdict
 
 SUPPORT: Final = Path(__file__).parents[1] / "support"
 # What a motion is behind, and what stands on it.

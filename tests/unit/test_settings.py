@@ -1,4 +1,4 @@
-"""Scene files, the command line and their pages have the settings of the table `conflictdb.settings`."""
+"""Scene files, the command line and their pages have the settings of the table `conflictdb.model.settings`."""
 
 from pathlib import Path
 
@@ -7,8 +7,8 @@ import pytest
 from conflictdb import Scene
 from conflictdb.cli.commands import build
 from conflictdb.errors import InvalidInput
-from conflictdb.io.scene_file import scene_of, settings_of
-from conflictdb.settings import METRES, NAMES, SETTINGS, STORED_BY_DETECT, given
+from conflictdb.formats.scene_file import scene_of, settings_of
+from conflictdb.model.settings import METRES, NAMES, SETTINGS, STORED_BY_DETECT, given
 
 FILES = Path(__file__).resolve().parents[2] / "docs/reference/files.md"
 

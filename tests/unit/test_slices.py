@@ -11,15 +11,15 @@ from workloads import WORKLOADS, Workload, throw
 from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.earth.contract import Plane, padding_m
+from conflictdb.earth.gnomonic import Gnomonic
+from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.movement import Movement
-from conflictdb.model import EarthModel, Scene
-from conflictdb.motion.contract import Plane, padding_m
-from conflictdb.motion.gnomonic import Gnomonic
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pieces.cutting import track_pieces
-from conflictdb.results import Kind
-from conflictdb.stage1_broad_phase import hulls_of
+from conflictdb.model.plans import EarthModel, Scene
+from conflictdb.model.results import Kind
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.pieces.cutting import track_pieces
+from conflictdb.stages.stage1_broad_phase import hulls_of
 
 # A ring may reach so many paddings, where two of its edges meet (kernel.h).
 FURTHEST = 2.5

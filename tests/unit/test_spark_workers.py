@@ -21,21 +21,21 @@ from spark_answers import answer_of_one_machine, in_order
 from workloads import GROWING, OCEAN, SEAM, Workload, throw
 
 from conflictdb import kernel
-from conflictdb.arrays.arrow.objects import OBJECTS as FORM
-from conflictdb.arrays.arrow.objects import of_objects
+from conflictdb.arrays.arrow.object_rows import OBJECTS as FORM
+from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.packed import WORD, begins_in, packed, unpacked
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import ConflictDBError, InvalidInput
+from conflictdb.formats.scene_file import settings_of as settings_as_json
 from conflictdb.in_memory import solve
-from conflictdb.io.scene_file import settings_of as settings_as_json
-from conflictdb.methods import Method
-from conflictdb.model import Area, EarthModel, Scene, Track
-from conflictdb.motion.registry import centred, plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.spark import crowding, pieces, solving
+from conflictdb.model.methods import Method
+from conflictdb.model.plans import Area, EarthModel, Scene, Track
+from conflictdb.spark import crowding, cut_objects, solving
 from conflictdb.spark.crowding import Cells, two_blocks
-from conflictdb.stage1_broad_phase import candidates
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.stage1_broad_phase import candidates
 
 Objects = tuple[Scene, list[Area], list[Track]]
 THROWN = [throw(SEAM, 3, 8, 16), throw(GROWING, 5, 4, 10), throw(OCEAN, 6, 6, 8)]
@@ -155,9 +155,9 @@ def test_a_terminal_shows_how_far_spark_is(monkeypatch: pytest.MonkeyPatch, caps
 
 def test_a_column_that_would_be_lost_is_refused() -> None:
     """Spark takes names in any case, and the form OBJECTS as they are; others may be called as they like."""
-    pieces.check_case("objects", [*FORM.schema.names, "Port", "speed"])
+    cut_objects.check_case("objects", [*FORM.schema.names, "Port", "speed"])
     with pytest.raises(InvalidInput, match="objects: column Start: must be written start: rename it"):
-        pieces.check_case("objects", ["id", "Start"])
+        cut_objects.check_case("objects", ["id", "Start"])
 
 
 def in_batches(rows: pa.Table | pa.RecordBatch, most: int, rng: np.random.Generator) -> list[pa.RecordBatch]:
@@ -176,7 +176,7 @@ def answer_of_workers(objects: Objects, seed: int) -> pa.Table:
     scene, areas, tracks = objects
     scene = centred(scene, areas, tracks)
     given = in_batches(of_objects(areas, tracks), 5, rng)
-    rows = pa.Table.from_batches(list(pieces.cut(given, scene)), schema=pieces.SCHEMA)
+    rows = pa.Table.from_batches(list(cut_objects.cut(given, scene)), schema=cut_objects.SCHEMA)
     assert rows["refused"].null_count == len(rows)
     has_pieces = rows["pieces"].is_valid()
     large, rows = rows.filter(pc.invert(has_pieces)), rows.filter(has_pieces)
@@ -229,7 +229,7 @@ def test_each_pair_of_pieces_is_met_once(workload: Workload, monkeypatch: pytest
     monkeypatch.setattr(solving, "_PAIRS_AT_ONCE", 3)
     scene, areas, tracks = throw(workload, 7, 8, 24)
     batch = of_objects(areas, [*tracks, *(replace(tracks[0], key=f"version {i}") for i in range(12))])
-    rows = pa.Table.from_batches(list(pieces.cut([batch], centred(scene, areas, tracks))))
+    rows = pa.Table.from_batches(list(cut_objects.cut([batch], centred(scene, areas, tracks))))
     rows = rows.filter(rows["pieces"].is_valid())
     sizes = [len(pieces_in([one])) for one in rows["pieces"].to_pylist()]
     keys = np.repeat(rows["key"].to_numpy(), sizes)
@@ -291,7 +291,7 @@ def test_large_outlines_have_rows_of_their_own(monkeypatch: pytest.MonkeyPatch) 
     comb = shapely.union_all([ring, *(shapely.box(0.01 * i, 0, 0.01 * i + 0.004, 0.2) for i in range(20))])
     areas = [Area("COMB", comb), Area("BOX", shapely.MultiPolygon([shapely.box(0, 0.1, 1, 1)]))]
     scene = Scene("large", tolerance_m=1_000.0)
-    (rows, large) = pieces.cut([of_objects(areas, [])], scene)
+    (rows, large) = cut_objects.cut([of_objects(areas, [])], scene)
     assert large["key"].to_pylist() == ["COMB", "BOX"]
     assert shapely.from_wkb(large["outline"][0].as_py()) == comb
     assert large["outline"][1].as_py() is None
@@ -300,7 +300,7 @@ def test_large_outlines_have_rows_of_their_own(monkeypatch: pytest.MonkeyPatch) 
     expected = answer_of_one_machine(scene, areas, []).to_pylist()
     assert expected
     for most in (0, 10_000):
-        monkeypatch.setattr(pieces, "_MOST_CARRIED", most)
+        monkeypatch.setattr(cut_objects, "_MOST_CARRIED", most)
         assert answer_of_workers((scene, areas, []), 1).to_pylist() == expected
 
 
@@ -308,7 +308,7 @@ def test_rows_are_made_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of crowded units they would be more than a column holds; however many at once, the pairs are the same."""
     comb = shapely.MultiPolygon([shapely.box(0.01 * i, 0, 0.01 * i + 0.004, 0.2) for i in range(20)])
     areas = [Area("DOWN", comb), Area("ACROSS", shapely.affinity.rotate(comb, 90.0))]
-    rows, _ = pieces.cut([of_objects(areas, [])], Scene("s"))
+    rows, _ = cut_objects.cut([of_objects(areas, [])], Scene("s"))
     whole = met_in(pa.table(rows), np.random.default_rng(1))
     pairs = sum(len(mates) // WORD for mates in whole["mates"].to_pylist())
     assert pairs > 200
@@ -356,8 +356,8 @@ def test_refused_objects_are_rows_that_say_so() -> None:
     """An object that the plane cannot hold is refused with the words of `solve`."""
     known = scenes.hole(EarthModel.WGS84)
     polar = Area("N", shapely.MultiPolygon([shapely.box(0, 89.5, 1, 89.9)]))
-    (row,) = next(iter(pieces.cut([of_objects([polar], [])], known.scene))).to_pylist()
-    refusal = pieces.refusal_of(row["refused"])
+    (row,) = next(iter(cut_objects.cut([of_objects([polar], [])], known.scene))).to_pylist()
+    refusal = cut_objects.refusal_of(row["refused"])
     with pytest.raises(InvalidInput, match=re.escape(str(refusal))):
         solve([], [polar], known.scene)
     assert "area 'N': geometry" in str(refusal)
@@ -367,7 +367,7 @@ def test_the_second_of_two_objects_with_one_key_is_refused() -> None:
     """Also where they come in different batches."""
     known = scenes.hole(EarthModel.WGS84)
     batch = of_objects(known.areas, [])
-    *first, second = pieces.cut([batch, batch], known.scene)
+    *first, second = cut_objects.cut([batch, batch], known.scene)
     assert all(part["refused"].null_count == len(part) for part in first)
     with pytest.raises(InvalidInput, match=f"object '{known.areas[0].key}': id: occurs more than once"):
-        raise pieces.refusal_of(second["refused"][0].as_py())
+        raise cut_objects.refusal_of(second["refused"][0].as_py())

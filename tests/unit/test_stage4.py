@@ -14,12 +14,12 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.model import Area, EarthModel, Method, Scene, Track
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.cutting import area_pieces, track_pieces
-from conflictdb.published import linear_program, nonlinear_program
-from conflictdb.published.encounters import Encounters
-from conflictdb.results import Verdict
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.plans import Area, EarthModel, Method, Scene, Track
+from conflictdb.model.results import Verdict
+from conflictdb.stages.pieces.cutting import area_pieces, track_pieces
+from conflictdb.stages.published import linear_program, nonlinear_program
+from conflictdb.stages.published.encounters import Encounters
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
 SCENE = Scene("s", earth=EarthModel.SPHERE)

@@ -17,11 +17,11 @@ from scenes import FLATTENING, RADIUS_M, T0_US
 
 from conflictdb import Conflict, solve
 from conflictdb.earth.geodesy import earth_of
-from conflictdb.model import Area, EarthModel, Motion, Scene, Track
-from conflictdb.motion.gnomonic import Gnomonic
-from conflictdb.motion.mercator import Mercator
-from conflictdb.motion.registry import plane_of
-from conflictdb.results import Verdict
+from conflictdb.earth.gnomonic import Gnomonic
+from conflictdb.earth.mercator import Mercator
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track
+from conflictdb.model.results import Verdict
 
 RADIUS = RADIUS_M[EarthModel.SPHERE]
 DEGREE = np.radians(RADIUS)

@@ -15,12 +15,12 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
+from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.meeting import distances
 from conflictdb.kernel.movement import Movement
-from conflictdb.model import EarthModel, Motion, Scene
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.stage4.constants import TOUCH_M
+from conflictdb.model.plans import EarthModel, Motion, Scene
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.stage4.constants import TOUCH_M
 
 SCENE = Scene("sphere", earth=EarthModel.SPHERE)
 SPHERE = plane_of(SCENE)

@@ -15,15 +15,15 @@ from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.earth.registry import plane_of
 from conflictdb.kernel import Questions, Work
 from conflictdb.kernel.meeting import distances
-from conflictdb.model import Area, EarthModel, Scene, Track
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.covers import pieces_of
-from conflictdb.pieces.cutting import area_pieces
-from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
-from conflictdb.stage4.contacts import CONFLICT, GRAZING, UNRESOLVED, contacts
+from conflictdb.model.plans import Area, EarthModel, Scene, Track
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.pieces.cutting import area_pieces
+from conflictdb.stages.stage1_broad_phase import candidates
+from conflictdb.stages.stage2_intersection import intersections
+from conflictdb.stages.stage4.contact_search import CONFLICT, GRAZING, UNRESOLVED, contacts
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
 

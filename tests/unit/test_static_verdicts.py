@@ -6,13 +6,13 @@ import shapely
 
 from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch
-from conflictdb.model import EarthModel, Scene
-from conflictdb.motion.registry import plane_of
-from conflictdb.pieces.cutting import area_pieces
-from conflictdb.stage1_broad_phase import candidates
-from conflictdb.stage2_intersection import intersections
-from conflictdb.stage4.constants import TOUCH_M
-from conflictdb.stage4.contacts import CONFLICT, GRAZING, UNRESOLVED, static_verdicts
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.plans import EarthModel, Scene
+from conflictdb.stages.pieces.cutting import area_pieces
+from conflictdb.stages.stage1_broad_phase import candidates
+from conflictdb.stages.stage2_intersection import intersections
+from conflictdb.stages.stage4.constants import TOUCH_M
+from conflictdb.stages.stage4.contact_search import CONFLICT, GRAZING, UNRESOLVED, static_verdicts
 
 APART = -1
 

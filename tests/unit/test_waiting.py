@@ -7,14 +7,14 @@ from threading import Event
 
 import pytest
 
-from conflictdb.waiting import cancel_thread, run_in_thread, wait_for
+from conflictdb.kernel.waiting import cancel_thread, run_in_thread, wait_for
 
 # Of thousands of interrupts, some microseconds after a wait began, those that are told as something else: of
 # Future.result itself five in a thousand are. In a process of its own, for they come again until one is noticed.
 INTERRUPTED = """
 import signal
 from concurrent.futures import Future
-from conflictdb.waiting import wait_for
+from conflictdb.kernel.waiting import wait_for
 
 def interrupt(*_):
     raise KeyboardInterrupt

@@ -28,10 +28,10 @@ from conflictdb.arrays.arrow.columns import (
 from conflictdb.arrays.arrow.forms import INSTANT, Array, Batch, Form
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.errors import InvalidInput
-from conflictdb.inputs import EPOCH, MICROSECOND
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US, Scene
-from conflictdb.record import COLUMNS, MEASURED, STATES, Column, Type
-from conflictdb.results import Conflict, Kind, Position, Verdict
+from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
+from conflictdb.model.record import COLUMNS, MEASURED, STATES, Column, Type
+from conflictdb.model.results import Conflict, Kind, Position, Verdict
 
 _PERIOD: Final = pa.struct([pa.field("start", INSTANT), pa.field("end", INSTANT)])
 _TYPES: Final = {
@@ -55,7 +55,7 @@ FOUND: Final = Form.of(
     [pa.field(one.name, _TYPES[one.type], nullable=not one.required or one.name in _MAY_LACK) for one in _COLUMNS],
 )
 # The input of computed conflicts: settings of the scene (JSON) and the number of pairs, the same in all rows, and the
-# state of each object, with a digest of its data (`conflictdb.pieces.contents`).
+# state of each object, with a digest of its data (`conflictdb.stages.pieces.digests`).
 COMPUTED: Final = Form.of(
     "computed",
     1,

@@ -16,7 +16,7 @@ from conflictdb.cli.parser import (
     command,
 )
 from conflictdb.cli.values import count, duration_s, height, instant, instants, metres, name, whole
-from conflictdb.settings import STORED_BY_DETECT
+from conflictdb.model.settings import STORED_BY_DETECT
 
 
 def add(commands: Any) -> None:

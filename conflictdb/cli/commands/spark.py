@@ -4,7 +4,7 @@ from typing import Any
 
 from conflictdb.cli.parser import Parser, add_lock_timeout, add_memory, add_settings, command
 from conflictdb.cli.values import count, name, option, speed_kn
-from conflictdb.settings import SETTINGS
+from conflictdb.model.settings import SETTINGS
 
 
 def add(commands: Any) -> None:

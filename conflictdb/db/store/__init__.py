@@ -30,7 +30,7 @@ from conflictdb.db.store.connection import (
     translated,
     waiting_at_most,
 )
-from conflictdb.db.store.detection import (
+from conflictdb.db.store.detections import (
     Pending,
     changed_areas,
     changed_tracks,
@@ -41,8 +41,47 @@ from conflictdb.db.store.detection import (
 )
 from conflictdb.db.store.elsewhere import ObjectStates, cover, object_states
 from conflictdb.db.store.few import Begun, Few, begin_detection, put_pieces, some_areas, some_tracks
+from conflictdb.db.store.listing import (
+    RunStatus,
+    approaches,
+    conflict_events,
+    conflicts,
+    conflicts_known_at,
+    each_approach,
+    each_conflict,
+    explain_conflict,
+    explained_text,
+    runs,
+    scene_state,
+    wait_until_current,
+)
 from conflictdb.db.store.locking import SAY_AFTER_S, Say, begin_locked, longest_wait_s
-from conflictdb.db.store.objects import (
+from conflictdb.db.store.map_rows import (
+    TILES,
+    changes,
+    hear_changes,
+    map_areas,
+    map_conflicts,
+    map_overview,
+    map_shapes,
+    map_tracks,
+    may_acknowledge,
+    never_write,
+    tile,
+)
+from conflictdb.db.store.parts import Shared, firsts, numbered, query, require_state, shared_snapshot
+from conflictdb.db.store.service import (
+    WORKER_NAME,
+    Service,
+    listen,
+    map_dsn,
+    service,
+    wait_for_change,
+    worker_dsn,
+    writers_notify,
+)
+from conflictdb.db.store.sharing import Share, protect_scenes, share_scene, shares, unshare_scene
+from conflictdb.db.store.stored_objects import (
     LoadCounts,
     Numbered,
     SceneStatus,
@@ -58,9 +97,8 @@ from conflictdb.db.store.objects import (
     set_scene,
     waiting_scenes,
 )
-from conflictdb.db.store.pairs import Candidates, Parts, boxes, bundles, candidates
-from conflictdb.db.store.parts import Shared, firsts, numbered, query, require_state, shared_snapshot
-from conflictdb.db.store.probes import (
+from conflictdb.db.store.stored_pairs import Candidates, Parts, boxes, bundles, candidates
+from conflictdb.db.store.stored_probes import (
     ProbeRequest,
     answer_probe,
     keys_of,
@@ -73,45 +111,7 @@ from conflictdb.db.store.probes import (
     request_probe,
     wait_for_probe,
 )
-from conflictdb.db.store.reading import (
-    RunStatus,
-    approaches,
-    conflict_events,
-    conflicts,
-    conflicts_known_at,
-    each_approach,
-    each_conflict,
-    explain_conflict,
-    explained_text,
-    runs,
-    scene_state,
-    wait_until_current,
-)
-from conflictdb.db.store.service import (
-    WORKER_NAME,
-    Service,
-    listen,
-    map_dsn,
-    service,
-    wait_for_change,
-    worker_dsn,
-    writers_notify,
-)
-from conflictdb.db.store.sharing import Share, protect_scenes, share_scene, shares, unshare_scene
-from conflictdb.db.store.showing import (
-    TILES,
-    changes,
-    hear_changes,
-    map_areas,
-    map_conflicts,
-    map_overview,
-    map_shapes,
-    map_tracks,
-    may_acknowledge,
-    never_write,
-    tile,
-)
-from conflictdb.db.store.writing import (
+from conflictdb.db.store.write_rows import (
     RunOutcome,
     RunRecord,
     Staged,

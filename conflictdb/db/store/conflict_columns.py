@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.polygons import SRID, Polygons
 from conflictdb.db.store import copy_binary
-from conflictdb.model import MINUS_INFINITY_US
-from conflictdb.record import MEASURED, STATES, Column, Type
-from conflictdb.results import Verdict
+from conflictdb.model.plans import MINUS_INFINITY_US
+from conflictdb.model.record import MEASURED, STATES, Column, Type
+from conflictdb.model.results import Verdict
 
 Columns = dict[str, copy_binary.Column]
 _VERDICT_NAMES = copy_binary.Ragged.of([Verdict.of_code(code).encode() for code in range(len(Verdict))])

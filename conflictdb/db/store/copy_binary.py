@@ -19,7 +19,7 @@ from psycopg.pq.abc import PGresult
 from conflictdb.db.store.connection import call, query_of, translated
 from conflictdb.db.store.parameters import Array, ArrayDumper
 from conflictdb.kernel.rows import Part, interleaved
-from conflictdb.model import INFINITY_US, MINUS_INFINITY_US
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 
 Bytes = NDArray[np.uint8]
 Offsets = NDArray[np.int64]

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call
-from conflictdb.db.store.detection import area_batch, track_batch
-from conflictdb.db.store.objects import each_area_row, each_track_row
-from conflictdb.pieces.contents import area_digests, track_digests
-from conflictdb.results import Kind
+from conflictdb.db.store.detections import area_batch, track_batch
+from conflictdb.db.store.stored_objects import each_area_row, each_track_row
+from conflictdb.model.results import Kind
+from conflictdb.stages.pieces.digests import area_digests, track_digests
 
 
 @dataclass(frozen=True, slots=True)

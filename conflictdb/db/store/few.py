@@ -14,7 +14,17 @@ from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db.store import copy_binary
-from conflictdb.db.store.bundles import (
+from conflictdb.db.store.connection import call, transaction
+from conflictdb.db.store.detections import (
+    AREA_COLUMNS,
+    AREA_STRINGS,
+    TRACK_COLUMNS,
+    TRACK_STRINGS,
+    area_batch,
+    track_batch,
+)
+from conflictdb.db.store.locking import Say, begin_taking
+from conflictdb.db.store.stored_bundles import (
     PIECE_COLUMNS,
     PIECE_STRINGS,
     decoded,
@@ -24,21 +34,11 @@ from conflictdb.db.store.bundles import (
     scalars,
     shapes,
 )
-from conflictdb.db.store.connection import call, transaction
-from conflictdb.db.store.detection import (
-    AREA_COLUMNS,
-    AREA_STRINGS,
-    TRACK_COLUMNS,
-    TRACK_STRINGS,
-    area_batch,
-    track_batch,
-)
-from conflictdb.db.store.locking import Say, begin_taking
-from conflictdb.db.store.objects import scene_of
-from conflictdb.db.store.pairs import Parts
-from conflictdb.model import Scene
-from conflictdb.pieces.bundles import bundles_of
-from conflictdb.results import Kind
+from conflictdb.db.store.stored_objects import scene_of
+from conflictdb.db.store.stored_pairs import Parts
+from conflictdb.model.plans import Scene
+from conflictdb.model.results import Kind
+from conflictdb.stages.pieces.bundling import bundles_of
 
 # The parameters of _put_pieces for each piece, in order.
 _TYPES: Final = {

@@ -19,7 +19,7 @@ from conflictdb.db.store import copy_binary
 from conflictdb.db.store.conflict_columns import columns_of
 from conflictdb.db.store.connection import call
 from conflictdb.db.store.parameters import Array
-from conflictdb.results import Verdict
+from conflictdb.model.results import Verdict
 
 # Greater than every version.
 _NEVER: Final = 2**63 - 1

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from psycopg.rows import tuple_row
 
 from conflictdb.db.store.connection import require_idle, snapshot, translated
-from conflictdb.db.store.objects import Numbered, areas_of, tracks_of
+from conflictdb.db.store.stored_objects import Numbered, areas_of, tracks_of
 from conflictdb.errors import StoreError
-from conflictdb.results import Kind
+from conflictdb.model.results import Kind
 
 # The query of readers. Texts and instants are bytes, so they do not depend on connection settings. Names and properties
 # are not read.

@@ -1,0 +1,389 @@
+"""Convert areas and tracks to and from Arrow: one row each, with the names of scene files, as in GeoParquet files.
+
+id, kind                text; `area` or `track`
+object_id, version      numbers of the object and of its state in the stages; may be missing in files
+name                    text, or null
+geometry                WKB in longitude and latitude: a MultiPolygon or Polygon, or the LineString of the waypoints
+start, end              areas: active during [start, end), null where unbounded
+times                   tracks: of the waypoints
+outline_m               tracks: the haven, a list of [starboard, forward], at the first waypoint
+grow_mps                tracks: outward speed of every side of the haven, or null
+outlines_m              tracks: the haven at every waypoint, or null
+floor_m, ceiling_m      height band, null where unbounded; of a track with one per leg the lowest and the highest
+floors_m, ceilings_m    tracks: of every leg, null within where unbounded; or null
+properties              JSON, or null
+
+Instants are to the microsecond, in UTC.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.arrays.arrow.columns import (
+    instants,
+    lists,
+    measures,
+    numbers,
+    of_lists,
+    of_numbers,
+)
+from conflictdb.arrays.arrow.forms import INSTANT, Array, Batch, Form
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.ragged import offsets, ragged_rows, stacked
+from conflictdb.errors import InvalidInput
+from conflictdb.model.inputs import all_certain, certain
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Track
+from conflictdb.model.results import Kind
+
+_METRES: Final = pa.list_(pa.float64())
+_RING: Final = pa.list_(_METRES)
+OBJECTS: Final = Form.of(
+    "objects",
+    1,
+    [
+        pa.field("id", pa.string(), nullable=False),
+        pa.field("kind", pa.string(), nullable=False),
+        pa.field("object_id", pa.int64()),
+        pa.field("version", pa.int64()),
+        pa.field("name", pa.string()),
+        pa.field("geometry", pa.binary(), nullable=False),
+        pa.field("start", INSTANT),
+        pa.field("end", INSTANT),
+        pa.field("times", pa.list_(INSTANT)),
+        pa.field("outline_m", _RING),
+        pa.field("grow_mps", pa.float64()),
+        pa.field("outlines_m", pa.list_(_RING)),
+        pa.field("floor_m", pa.float64()),
+        pa.field("ceiling_m", pa.float64()),
+        pa.field("floors_m", _METRES),
+        pa.field("ceilings_m", _METRES),
+        pa.field("properties", pa.string()),
+    ],
+)
+_WHO: Final = f"Arrow form {OBJECTS.name!r}"
+
+
+def of_objects(
+    areas: Sequence[Area],
+    tracks: Sequence[Track],
+    object_ids: NDArray[np.int64] | None = None,
+    versions: NDArray[np.int64] | None = None,
+) -> "pa.RecordBatch":
+    """Return areas, then tracks, as a batch of the form OBJECTS.
+
+    object_ids, versions : (n,) of all objects, if known
+    """
+    items: list[Area | Track] = [*areas, *tracks]
+    n, none = len(items), len(areas) * [None]
+    lines = _linestrings([track.positions_deg for track in tracks])
+    shapes = np.concatenate([np.empty(0, object), _as_objects([area.footprint for area in areas]), lines])
+    return OBJECTS.batch(
+        {
+            "id": pa.array([item.key for item in items], pa.string()),
+            "kind": pa.array([Kind.AREA.value] * len(areas) + [Kind.TRACK.value] * len(tracks), pa.string()),
+            "object_id": pa.nulls(n, pa.int64()) if object_ids is None else of_numbers(object_ids),
+            "version": pa.nulls(n, pa.int64()) if versions is None else of_numbers(versions),
+            "name": pa.array([item.name for item in items], pa.string()),
+            "geometry": pa.array(shapely.to_wkb(shapes, byte_order=1, include_srid=False), pa.binary()),
+            "start": pa.array([*(area.start_us for area in areas), *(None for _ in tracks)], pa.int64()).view(INSTANT),
+            "end": pa.array([*(area.end_us for area in areas), *(None for _ in tracks)], pa.int64()).view(INSTANT),
+            "times": _of_ragged([*none, *(track.times_us for track in tracks)], INSTANT),
+            "outline_m": _of_rings([*none, *(None if t.outlines_m is not None else t.outline_m for t in tracks)]),
+            "grow_mps": pa.array([*none, *(track.grow_mps or None for track in tracks)], pa.float64()),
+            "outlines_m": _of_outlines([*none, *(track.outlines_m for track in tracks)]),
+            "floor_m": pa.array([item.floor_m for item in items], pa.float64()),
+            "ceiling_m": pa.array([item.ceiling_m for item in items], pa.float64()),
+            "floors_m": _of_heights([*none, *(track.floors_m for track in tracks)]),
+            "ceilings_m": _of_heights([*none, *(track.ceilings_m for track in tracks)]),
+            "properties": pa.array([_document(item.properties) for item in items], pa.string()),
+        }
+    )
+
+
+def to_objects(given: Batch) -> tuple[list[Area], list[Track]]:
+    """Return the areas and tracks of a batch or table of the form OBJECTS, fully checked.
+
+    Raises InvalidInput for a table that does not fit, and for the first refused object.
+    """
+    columns = OBJECTS.columns(given)
+    is_track = _is_track(columns["kind"])
+    of_areas, of_tracks = (_taken(columns, np.flatnonzero(one)) for one in (~is_track, is_track))
+    return list(_areas(of_areas)), list(_tracks(of_tracks))
+
+
+def to_batches(given: Batch) -> tuple[AreaBatch, TrackBatch]:
+    """Return the numbered areas and tracks of a batch or table of the form OBJECTS as arrays.
+
+    Checks only that the table fits the form; the objects themselves must have been checked before, for example by
+    `to_objects`. Raises InvalidInput if it does not fit.
+    """
+    columns = OBJECTS.columns(given)
+    if columns["object_id"].null_count:
+        raise InvalidInput(_WHO, "object_id", "must be known of all objects")
+    is_track = _is_track(columns["kind"])
+    of_areas, of_tracks = (_taken(columns, np.flatnonzero(one)) for one in (~is_track, is_track))
+    return _area_batch(of_areas), _track_batch(of_tracks)
+
+
+def _area_batch(columns: Mapping[str, Array]) -> AreaBatch:
+    return AreaBatch(
+        numbers(columns["object_id"]),
+        numbers(columns["version"].fill_null(1)),
+        _footprints(columns),
+        instants(columns["start"], MINUS_INFINITY_US),
+        instants(columns["end"], INFINITY_US),
+        measures(columns["floor_m"], -np.inf),
+        measures(columns["ceiling_m"], np.inf),
+    )
+
+
+def _track_batch(columns: Mapping[str, Array]) -> TrackBatch:
+    course, way = _courses(columns)
+    outline_m, ring = _rings(columns["outline_m"], "outline_m")
+    rings, of_ring = lists(columns["outlines_m"])
+    changing_m, corner = _rings(rings, "outlines_m")
+    changes = np.flatnonzero(np.diff(of_ring) > 0)
+    if changes.size:
+        corners, first = np.diff(corner), of_ring[changes]
+        count = np.diff(of_ring)[changes]
+        if not np.array_equal(count, np.diff(way)[changes]) or (corners != np.repeat(corners[first], count)).any():
+            raise InvalidInput(_WHO, "outlines_m", "must be one outline per waypoint, all of as many vertices")
+        if np.diff(ring)[changes].any():
+            raise InvalidInput(_WHO, "outline_m", "must not be given together with outlines_m")
+        steady = np.flatnonzero(np.diff(of_ring) == 0)
+        each = np.diff(ring)
+        each[changes] = corners[first]
+        kept = offsets(each)
+        outline = np.empty((kept[-1], 2))
+        outline[ragged_rows(kept, steady)[1]] = outline_m
+        outline[ragged_rows(kept, changes)[1]] = changing_m[ragged_rows(corner, first)[1]]
+        outline_m, ring = outline, kept
+    if (np.diff(ring) == 0).any():
+        raise InvalidInput(_WHO, "outline_m", "is missing: a track needs its haven, here or in outlines_m")
+    legs = np.diff(way) - 1
+    return TrackBatch(
+        numbers(columns["object_id"]),
+        numbers(columns["version"].fill_null(1)),
+        way,
+        course,
+        _times(columns),
+        ring,
+        outline_m,
+        _leg_heights(columns, "floor", legs, -np.inf),
+        _leg_heights(columns, "ceiling", legs, np.inf),
+        measures(columns["grow_mps"], 0.0),
+        offsets(np.diff(corner[of_ring])),
+        changing_m,
+    )
+
+
+def _areas(columns: Mapping[str, Array]) -> list[Area]:
+    start_us, end_us = (columns[name].view(pa.int64()).to_pylist() for name in ("start", "end"))
+    heights = zip(columns["floor_m"].to_pylist(), columns["ceiling_m"].to_pylist(), strict=True)
+    return [
+        Area(key, footprint, name, certain(start), certain(end), floor_m, ceiling_m, properties)
+        for key, footprint, name, start, end, (floor_m, ceiling_m), properties in zip(
+            columns["id"].to_pylist(),
+            _footprints(columns),
+            columns["name"].to_pylist(),
+            start_us,
+            end_us,
+            heights,
+            _documents(columns),
+            strict=True,
+        )
+    ]
+
+
+def _tracks(columns: Mapping[str, Array]) -> list[Track]:
+    course, way = _courses(columns)
+    times_us = _times(columns)
+    outline_m, ring = _rings(columns["outline_m"], "outline_m")
+    rings, of_ring = lists(columns["outlines_m"])
+    changing_m, corner = _rings(rings, "outlines_m")
+    floors_m, ceilings_m = (_of_legs(columns[f"{name}s_m"]) for name in ("floor", "ceiling"))
+    keys, names, documents = columns["id"].to_pylist(), columns["name"].to_pylist(), _documents(columns)
+    floor_m, ceiling_m = columns["floor_m"].to_pylist(), columns["ceiling_m"].to_pylist()
+    growth = measures(columns["grow_mps"], 0.0).tolist()
+    tracks = []
+    for i, key in enumerate(keys):
+        outlines = [changing_m[corner[k] : corner[k + 1]] for k in range(of_ring[i], of_ring[i + 1])] or None
+        tracks.append(
+            Track(
+                key,
+                course[way[i] : way[i + 1]],
+                all_certain(times_us[way[i] : way[i + 1]]),
+                outline_m[ring[i] : ring[i + 1]] if outlines is None else outlines[0],
+                name=names[i],
+                floor_m=floor_m[i],
+                ceiling_m=ceiling_m[i],
+                properties=documents[i],
+                grow_mps=growth[i],
+                outlines_m=outlines,
+                floors_m=floors_m(i, -np.inf),
+                ceilings_m=ceilings_m(i, np.inf),
+                max_speed_kn=np.inf,
+            )
+        )
+    return tracks
+
+
+def _is_track(kind: Array) -> NDArray[np.bool_]:
+    """Return which objects are tracks; raises InvalidInput for other kinds than area and track."""
+    of = numbers(kind)
+    is_track = np.asarray(of == Kind.TRACK.value, np.bool_)
+    strange = np.flatnonzero(~is_track & (of != Kind.AREA.value))
+    if strange.size:
+        raise InvalidInput(_WHO, "kind", f"must be 'area' or 'track'; got {of[strange[0]]!r:.60}")
+    return is_track
+
+
+def _taken(columns: Mapping[str, Array], rows: NDArray[np.int64]) -> Mapping[str, Array]:
+    if rows.size == len(columns["id"]):
+        return columns
+    return {name: column.take(pa.array(rows)) for name, column in columns.items()}
+
+
+def _shapes(columns: Mapping[str, Array]) -> NDArray[np.object_]:
+    try:
+        with np.errstate(invalid="ignore"):  # NaN coordinates are refused later, with their object
+            shapes = shapely.from_wkb(_as_objects(columns["geometry"].to_pylist()))
+    except shapely.errors.GEOSException as error:
+        raise InvalidInput(_WHO, "geometry", f"must be WKB: {error}") from error
+    return np.asarray(shapes, dtype=object)
+
+
+def _footprints(columns: Mapping[str, Array]) -> NDArray[np.object_]:
+    """Return the geometries of areas, polygons as MultiPolygons; other types are refused later."""
+    shapes = _shapes(columns)
+    single = np.flatnonzero(shapely.get_type_id(shapes) == shapely.GeometryType.POLYGON)
+    if single.size:
+        shapes[single] = shapely.multipolygons(shapes[single], indices=np.arange(single.size))
+    return shapes
+
+
+def _courses(columns: Mapping[str, Array]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the waypoints of tracks, (w, 2) longitude and latitude, and their offsets; checks the number of times."""
+    shapes = _shapes(columns)
+    if not (shapely.get_type_id(shapes) == shapely.GeometryType.LINESTRING).all():
+        raise InvalidInput(_WHO, "geometry", "of a track must be a LineString")
+    count = np.asarray(shapely.get_num_points(shapes), np.int64)
+    given = np.diff(lists(columns["times"])[1])
+    if not np.array_equal(count, given):
+        i = int(np.flatnonzero(count != given)[0])
+        rule = f"must be one per waypoint: {count[i]} waypoints, {given[i]} times"
+        raise InvalidInput(f"track {columns['id'][i].as_py()!r}", "times", rule)
+    return np.asarray(shapely.get_coordinates(shapes)), offsets(count)
+
+
+def _times(columns: Mapping[str, Array]) -> NDArray[np.int64]:
+    """Return the instants of all waypoints of tracks (w,); raises InvalidInput for nulls."""
+    items, offset = lists(columns["times"])
+    if items.null_count:
+        i = int(np.searchsorted(offset, items.is_null().index(True).as_py(), side="right")) - 1
+        raise InvalidInput(f"track {columns['id'][i].as_py()!r}", "times", "must not hold nulls: one per waypoint")
+    return instants(items)
+
+
+def _rings(column: Array, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the vertices (k, 2) of a column of rings, and their offsets; a null has no vertices."""
+    vertices, offset = lists(column)
+    values, ends = lists(vertices)
+    if (np.diff(ends) != 2).any() or values.null_count:
+        raise InvalidInput(_WHO, name, "must be a ring of [starboard, forward] metres")
+    return numbers(values).reshape(-1, 2), offset
+
+
+def _leg_heights(columns: Mapping[str, Array], name: str, legs: NDArray[np.int64], none: float) -> NDArray[np.float64]:
+    """Return the height of each leg of all tracks: its own where the track has heights per leg, else the track's."""
+    heights = np.repeat(measures(columns[f"{name}_m"], none), legs)
+    given, offset = lists(columns[f"{name}s_m"])
+    own = np.flatnonzero(np.diff(offset))
+    if own.size:
+        if not np.array_equal(np.diff(offset)[own], legs[own]):
+            raise InvalidInput(_WHO, f"{name}s_m", "must be one number per leg")
+        heights[ragged_rows(offsets(legs), own)[1]] = measures(given, none)
+    return heights
+
+
+def _of_legs(column: Array) -> Callable[[int, float], NDArray[np.float64] | None]:
+    """Return a function that returns the heights of a track's legs by row; None for a track without."""
+    given, offset = lists(column)
+    is_known = numbers(column.is_valid())
+
+    def heights(i: int, unbounded: float) -> NDArray[np.float64] | None:
+        return measures(given[offset[i] : offset[i + 1]], unbounded) if is_known[i] else None
+
+    return heights
+
+
+def _documents(columns: Mapping[str, Array]) -> list[dict[str, Any]]:
+    documents = []
+    for key, text in zip(columns["id"].to_pylist(), columns["properties"].to_pylist(), strict=True):
+        try:
+            document = {} if text is None else json.loads(text)
+        except (ValueError, RecursionError):
+            document = None
+        if not isinstance(document, dict):
+            raise InvalidInput(f"object {key!r}", "properties", f"must be a JSON object; got {text!r:.60}")
+        documents.append(document)
+    return documents
+
+
+def _document(properties: Mapping[str, Any]) -> str | None:
+    return json.dumps(dict(properties), ensure_ascii=False, allow_nan=False) if properties else None
+
+
+def _as_objects(values: Sequence[Any]) -> NDArray[np.object_]:
+    filled = np.empty(len(values), dtype=object)
+    filled[:] = values
+    return filled
+
+
+def _linestrings(positions_deg: Sequence[NDArray[np.float64]]) -> NDArray[np.object_]:
+    if not positions_deg:
+        return np.empty(0, object)
+    owner = np.repeat(np.arange(len(positions_deg)), [len(one) for one in positions_deg])
+    return np.asarray(shapely.linestrings(stacked(positions_deg), indices=owner), dtype=object)
+
+
+def _of_ragged(given: Sequence[NDArray[Any] | None], of: Any) -> Array:
+    """Return arrays as a column of lists, None as null."""
+    items = np.concatenate([np.empty(0, np.int64), *(one for one in given if one is not None)])
+    return of_lists(of_numbers(items).view(of), _lengths(given), _missing(given))
+
+
+def _of_heights(given: Sequence[NDArray[np.float64] | None]) -> Array:
+    items = np.concatenate([np.empty(0), *(one for one in given if one is not None)])
+    filled = pa.array(items, mask=np.isinf(items))
+    return of_lists(filled, _lengths(given), _missing(given))
+
+
+def _of_rings(given: Sequence[NDArray[np.float64] | None]) -> Array:
+    vertices = stacked([one for one in given if one is not None])
+    return of_lists(_of_vertices(vertices), _lengths(given), _missing(given))
+
+
+def _of_outlines(given: Sequence[NDArray[np.float64] | None]) -> Array:
+    known = [one for one in given if one is not None]
+    vertices = stacked([one.reshape(-1, 2) for one in known])
+    rings = of_lists(_of_vertices(vertices), offsets([one.shape[1] for one in known for _ in one]))
+    return of_lists(rings, _lengths(given), _missing(given))
+
+
+def _of_vertices(vertices: NDArray[np.float64]) -> Array:
+    return of_lists(of_numbers(vertices.reshape(-1)), 2 * np.arange(len(vertices) + 1))
+
+
+def _lengths(given: Sequence[NDArray[Any] | None]) -> NDArray[np.int64]:
+    return offsets([0 if one is None else len(one) for one in given])
+
+
+def _missing(given: Sequence[NDArray[Any] | None]) -> NDArray[np.bool_]:
+    return np.array([one is None for one in given], np.bool_)

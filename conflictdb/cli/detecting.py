@@ -1,0 +1,122 @@
+"""`detect`, `conflicts`, `approaches` and `explain`."""
+
+import argparse
+import json
+from itertools import chain
+
+from conflictdb.cli.codes import CONFLICTS_FOUND, DONE, LEFT_OUT
+from conflictdb.cli.load_report import (
+    approach_table,
+    listed,
+    loaded_text,
+    print_approaches,
+    print_conflicts,
+    remark_loaded,
+    require_current,
+    run_text,
+)
+from conflictdb.cli.output import data, note, out, progress, remark
+from conflictdb.cli.parser import check
+from conflictdb.cli.session import database, load_files, show_progress
+from conflictdb.model.settings import STORED_BY_DETECT, given
+from conflictdb.session.database import Database
+
+
+def detect(args: argparse.Namespace) -> int:
+    """Load files, detect, and print the conflicts."""
+    check(
+        args,
+        [
+            (not args.files and args.scene is None, "give files, or --scene NAME of a scene that is in the database"),
+            (args.replace and not args.files, "--replace is for files"),
+            (args.max_speed_kn is not None and not args.files, "--max-speed-kn is for files"),
+            (args.layer is not None and not args.files, "--layer is for files"),
+            (args.skip_invalid and not args.files, "--skip-invalid is for files"),
+            (args.max_file_mb is not None and not args.files, "--max-file-mb is for files"),
+        ],
+    )
+    with database(args) as db:
+        scenes = [args.scene]
+        is_complete = True
+        if args.files:
+            loaded = load_files(db, args)
+            remark_loaded(loaded)
+            for one in loaded:
+                remark(loaded_text(one))
+            scenes = [one.scene for one in loaded]
+            is_complete = not any(one.invalid for one in loaded)
+        runs = []
+        for scene in scenes:
+            run = db.scene(scene).detect(
+                full=args.full,
+                jobs=args.jobs,
+                memory_mb=args.memory_mb,
+                progress=show_progress,
+                lock_timeout_s=args.lock_timeout,
+                say=remark,
+                **given(args, STORED_BY_DETECT),
+            )
+            progress("")
+            note(run_text(scene, run))
+            runs.append(run)
+        found = [db.scene(scene).stream_conflicts(with_region=_wants_region(args)) for scene in scenes]
+        near = [db.scene(scene).stream_approaches(only_near=True) for scene in scenes]
+        states = [one.state for one in found]
+        if args.format == "table":
+            print_conflicts(chain.from_iterable(found), states, args.format)
+            if rows := list(chain.from_iterable(near)):
+                out("\nno conflict, but near:\n" + approach_table(rows))
+        else:
+            near_rows = (approach.as_near() for approach in chain.from_iterable(near))
+            print_conflicts(chain(chain.from_iterable(found), near_rows), states, args.format)
+    if args.fail_on_conflict and any(run.conflicts for run in runs):
+        return CONFLICTS_FOUND
+    return DONE if is_complete else LEFT_OUT
+
+
+def conflicts(args: argparse.Namespace) -> int:
+    """Print the known conflicts, or those known at an instant."""
+    if args.known_at is not None:
+        others = args.at is not None or args.wait is not None or args.require_current
+        check(args, [(others, "--known-at goes without --at, --wait and --require-current")])
+        with database(args) as db:
+            print_conflicts(db.scene(args.scene).conflicts_known_at(args.known_at), [], args.format)
+        return DONE
+    with database(args) as db:
+        _wait(db, args)
+        found = db.scene(args.scene).stream_conflicts(args.at, with_region=_wants_region(args))
+        require_current(args, found.state)
+        print_conflicts(found, [found.state], args.format)
+    return listed(found.state)
+
+
+def approaches(args: argparse.Namespace) -> int:
+    """Print the known closest approaches."""
+    with database(args) as db:
+        _wait(db, args)
+        found = db.scene(args.scene).stream_approaches()
+        require_current(args, found.state)
+        print_approaches(found, [found.state], args.format)
+    return listed(found.state)
+
+
+def explain(args: argparse.Namespace) -> int:
+    """Print why two objects are in conflict or not."""
+    with database(args) as db:
+        _wait(db, args)
+        require_current(args, db.scene(args.scene).state())
+        found = db.scene(args.scene).explain(*args.keys)
+    if args.format == "json":
+        data([json.dumps(found.facts, indent=2), "\n"], is_json=True)
+    else:
+        out(found.text)
+    return DONE
+
+
+def _wait(db: Database, args: argparse.Namespace) -> None:
+    if args.wait is not None:
+        db.scene(args.scene).wait_until_current(args.wait)
+
+
+def _wants_region(args: argparse.Namespace) -> bool:
+    return args.format in ("json", "geojson", "geoparquet") and not args.no_region

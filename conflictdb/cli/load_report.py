@@ -1,0 +1,214 @@
+"""Format results for a terminal: conflicts, runs, and the effects of loading."""
+
+import argparse
+import shlex
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Any
+
+from conflictdb.cli.codes import DONE, NOT_CURRENT
+from conflictdb.cli.output import binary, data, out, remark, table
+from conflictdb.errors import MOST_TOLD, NotCurrent
+from conflictdb.formats import Skipped, conflict_text
+from conflictdb.model.results import Approach, Conflict, SceneState
+from conflictdb.session.loading import Loaded
+
+if TYPE_CHECKING:
+    from conflictdb.db.detect import Run
+
+_SECOND = timedelta(seconds=1)
+
+
+def print_conflicts(
+    conflicts: Iterable[Conflict],
+    states: Sequence[SceneState],
+    form: str,
+    more: Sequence[conflict_text.MoreColumn] = (),
+) -> None:
+    """Print conflicts as a table, JSON, CSV, GeoJSON or GeoParquet, and remarks on incomplete scenes.
+
+    All formats but the table, which needs its column widths, are printed as a stream.
+    """
+    remark_incomplete(states)
+    if form == "table":
+        complete = all(state.is_current for state in states)
+        rows = list(conflicts)
+        out(conflict_table(rows, more) if rows else "no conflicts" if complete else "no conflict is known")
+        return
+    if form == "geoparquet":
+        from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
+        from conflictdb.formats.parquet_writing import write_conflicts  # needs pyarrow
+
+        with binary() as stream:
+            write_conflicts(stream, conflicts)
+        return
+    _write(conflicts, states, form, conflict_text.COLUMNS, more)
+
+
+def print_approaches(approaches: Iterable[Approach], states: Sequence[SceneState], form: str) -> None:
+    """Print closest approaches as `print_conflicts` prints conflicts."""
+    remark_incomplete(states)
+    if form == "table":
+        rows = list(approaches)
+        out(approach_table(rows) if rows else "no closest approach is known")
+        return
+    _write(approaches, states, form, conflict_text.APPROACH_COLUMNS)
+
+
+def remark_incomplete(states: Iterable[SceneState]) -> None:
+    """Print which scenes are incomplete, and other remarks on their state."""
+    for state in states:
+        if state.remark:
+            remark(f"{state.scene}: {state.remark if state.is_current else _incomplete(state)}")
+
+
+def require_current(args: argparse.Namespace, state: SceneState) -> None:
+    """Raise NotCurrent if `--require-current` is given and the scene is not current."""
+    if args.require_current and not state.is_current:
+        raise NotCurrent(f"{state.scene}: {_incomplete(state)}")
+
+
+def listed(state: SceneState) -> int:
+    """Return the exit code of a list of a scene; a scene without a detection does not count as empty."""
+    return DONE if state.is_current or state.detected_at is not None else NOT_CURRENT
+
+
+def _incomplete(state: SceneState) -> str:
+    return f"not complete: {state.remark} (`conflictdb detect --scene {shlex.quote(state.scene)}` does it)"
+
+
+def _write(
+    pairs: Iterable[Conflict | Approach],
+    states: Sequence[SceneState],
+    form: str,
+    columns: Sequence[str],
+    more: Sequence[conflict_text.MoreColumn] = (),
+) -> None:
+    if form == "csv":
+        lines = conflict_text.as_csv(pairs, columns, more)
+    elif form == "geojson":
+        lines = conflict_text.as_geojson(pairs, states, more)
+    else:
+        lines = conflict_text.as_json(pairs, more)
+    data(lines, is_json=form != "csv")
+
+
+def conflict_table(conflicts: Sequence[Conflict], more: Sequence[conflict_text.MoreColumn] = ()) -> str:
+    """Return a table of conflicts, one line per pair, times in UTC rounded outward to the second."""
+    several = len({conflict.scene for conflict in conflicts}) > 1
+    header = ["A", "B", "VERDICT", "FIRST CONTACT (UTC)", "LAST CONTACT (UTC)", "PERIODS"]
+    rows = [
+        [
+            conflict.a_key,
+            conflict.b_key,
+            _verdict_text(conflict),
+            moment_text(conflict.first_contact, up=False),
+            moment_text(conflict.last_contact, up=True),
+            len(conflict.periods),
+        ]
+        for conflict in conflicts
+    ]
+    _add_columns(header, rows, conflicts, more)
+    if several:
+        header.insert(0, "SCENE")
+        for row, conflict in zip(rows, conflicts, strict=True):
+            row.insert(0, conflict.scene)
+    return table(header, rows, right=["PERIODS"])
+
+
+def _add_columns(
+    header: list[str],
+    rows: list[list[Any]],
+    conflicts: Sequence[Any],
+    more: Sequence[conflict_text.MoreColumn],
+) -> None:
+    """Insert further columns before those of a table."""
+    header[:0] = [column.name.upper() for column in more]
+    for row, conflict in zip(rows, conflicts, strict=True):
+        row[:0] = [column.text(conflict) for column in more]
+
+
+def approach_table(approaches: Sequence[Approach | Conflict], more: Sequence[conflict_text.MoreColumn] = ()) -> str:
+    """Return a table of closest approaches, one line per pair, times in UTC to the second."""
+    several = len({approach.scene for approach in approaches}) > 1
+    header = ["A", "B", "VERDICT", "CLOSEST (UTC)", "METRES"]
+    rows = [
+        [
+            approach.a_key,
+            approach.b_key,
+            _verdict_text(approach),
+            moment_text(approach.closest_at, up=False),
+            None if approach.closest_m is None else f"{approach.closest_m:.1f}",
+        ]
+        for approach in approaches
+    ]
+    _add_columns(header, rows, approaches, more)
+    if several:
+        header.insert(0, "SCENE")
+        for row, approach in zip(rows, approaches, strict=True):
+            row.insert(0, approach.scene)
+    return table(header, rows, right=["METRES"])
+
+
+def _verdict_text(pair: Conflict | Approach) -> str:
+    marks = ["outdated"] if pair.is_current is False else []
+    if isinstance(pair, Conflict) and pair.acknowledged_by is not None:
+        marks.append("acknowledged")
+    return f"{pair.verdict} ({', '.join(marks)})" if marks else pair.verdict
+
+
+def moment_text(moment: datetime | None, *, up: bool) -> str:
+    """Return a moment in UTC to the second, rounded up or down; two dots for an unbounded end."""
+    if moment is None:
+        return ".."
+    moment = moment.astimezone(UTC)
+    whole = moment.replace(microsecond=0)
+    if up and whole != moment and whole.year < datetime.max.year:
+        whole += _SECOND
+    return whole.strftime("%Y-%m-%d %H:%M:%S")
+
+
+def run_text(scene: str, run: "Run") -> str:
+    """Return a line on the results of a detection."""
+    parts = [f"{run.conflicts} conflict{'' if run.conflicts == 1 else 's'}"]
+    if run.unresolved:
+        parts.append(f"{run.unresolved} of them unresolved")
+    changes = [f"{n} {what}" for n, what in ((run.opened, "new"), (run.changed, "changed"), (run.closed, "gone")) if n]
+    parts.append(", ".join(changes) if changes else "nothing changed")
+    return f"{scene}: {', '.join(parts)} (run {run.run_id}, {run.total_s:.2f} s)"
+
+
+def loaded_text(loaded: Loaded) -> str:
+    """Return a line on the effects of loading on a scene."""
+    counts = loaded.counts
+    changes = f"{counts.added} added, {counts.updated} updated, {counts.removed} removed, {counts.unchanged} unchanged"
+    invalid = len({(one.source, one.key) for one in loaded.invalid})
+    return f"{loaded.scene}: {changes}" + (f", {invalid} LEFT OUT" if invalid else "")
+
+
+def remark_loaded(loaded: Iterable[Loaded]) -> None:
+    """Print the objects left out of files with reasons, and remarks on unintended input."""
+    for one in loaded:
+        for line in skipped_text(one.skipped):
+            remark(line)
+        for odd in one.remarks[:MOST_TOLD]:
+            remark(str(odd))
+        if len(one.remarks) > MOST_TOLD:
+            remark(f"and {len(one.remarks) - MOST_TOLD:,} more remarks")
+
+
+def skipped_text(skipped: Iterable[Skipped]) -> list[str]:
+    """Return one line per file and reason, with the names of the objects and the number of rows of each."""
+    groups: dict[tuple[str, str], list[Skipped]] = defaultdict(list)
+    lines = []
+    for one in skipped:
+        if one.lines:
+            groups[one.source, one.reason].append(one)
+        else:
+            lines.append(str(one))
+    for (source, reason), members in groups.items():
+        rows = sum(len(one.lines) for one in members)
+        named = ", ".join(f"{one.key} ({'all' if one.is_whole else len(one.lines)})" for one in members)
+        lines.append(f"{source}: left out {rows} row{'' if rows == 1 else 's'}, {reason}: {named}")
+    return lines

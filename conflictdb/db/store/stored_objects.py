@@ -1,0 +1,402 @@
+"""Load scenes, areas and tracks into the database and read them, in sets, exact to the last bit."""
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import psycopg
+import shapely
+from numpy.typing import NDArray
+from psycopg.types.json import Jsonb
+
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.db.store import copy_binary
+from conflictdb.db.store.connection import call, call_many, require_writable, transaction
+from conflictdb.errors import InvalidInput
+from conflictdb.model.inputs import all_certain, certain
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
+from conflictdb.model.settings import SETTINGS, Type
+
+_AREA_COLUMNS = [
+    ("area_id", "i8"),
+    ("version", "i8"),
+    ("start", "i8"),
+    ("end", "i8"),
+    ("floor_m", "f8"),
+    ("ceiling_m", "f8"),
+    ("has_name", "b1"),
+]
+_AREA_STRINGS = ["footprint", "key", "name", "properties"]
+_TRACK_COLUMNS = [
+    ("track_id", "i8"),
+    ("version", "i8"),
+    ("floor_m", "f8"),
+    ("ceiling_m", "f8"),
+    ("has_name", "b1"),
+    ("grow_mps", "f8"),
+]
+_TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings", "key", "name", "properties"]
+_Rows = tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]
+
+
+@dataclass(frozen=True, slots=True)
+class LoadCounts:
+    """How many objects of a scene a load added, updated, removed and found unchanged."""
+
+    added: int
+    updated: int
+    removed: int
+    unchanged: int
+
+
+@dataclass(frozen=True, slots=True)
+class SceneStatus:
+    """A scene and its state.
+
+    areas, tracks, conflicts : their numbers
+    pending : objects that changed since the last detection
+    run_id, finished_at, error : the last detection; None if there was none (error: None unless it failed)
+    is_current : whether nothing changed since the last detection that succeeded
+    """
+
+    scene_id: int
+    scene: Scene
+    areas: int
+    tracks: int
+    pending: int
+    conflicts: int
+    run_id: int | None
+    finished_at: datetime | None
+    error: str | None
+    is_current: bool
+
+
+def replace_scene(
+    conn: psycopg.Connection[Any], scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], *, merge: bool
+) -> LoadCounts:
+    """Update a scene to the given settings and objects, in one transaction.
+
+    Equal objects stay unchanged. Without `merge`, objects that are not given are removed. Raises InvalidInput, and
+    changes nothing, if an object cannot be stored.
+    """
+    return replace_scene_by_parts(conn, scene, [(areas, tracks)], merge=merge)
+
+
+def replace_scene_by_parts(
+    conn: psycopg.Connection[Any],
+    scene: Scene,
+    parts: Iterable[tuple[Sequence[Area], Sequence[Track]]],
+    *,
+    merge: bool,
+) -> LoadCounts:
+    """Update a scene as `replace_scene` does, from batches of areas and tracks; errors of `parts` roll back."""
+    require_writable(conn)
+    with transaction(conn):
+        call(conn, "_begin_load")
+        for areas, tracks in parts:
+            copy_binary.send(conn, "pg_temp.staged_area", _staged_areas(areas))
+            copy_binary.send(conn, "pg_temp.staged_track", _staged_tracks(tracks))
+        counts = call(conn, "_load", scene.name, _settings(scene), merge)
+    return LoadCounts(*counts)
+
+
+def set_scene(conn: psycopg.Connection[Any], scene: Scene) -> int:
+    """Create a scene or change its settings, in one transaction; return its id."""
+    require_writable(conn)
+    with transaction(conn):
+        return int(call(conn, "_put_scene", scene.name, _settings(scene))[0])
+
+
+def scene_id(conn: psycopg.Connection[Any], name: str) -> int:
+    """Return the id of a scene; raises InvalidInput, naming the known scenes, if it does not exist."""
+    with transaction(conn):
+        return int(call(conn, "_scene_id", name)[0])
+
+
+def list_scenes(conn: psycopg.Connection[Any]) -> list[SceneStatus]:
+    """Return every scene, by name."""
+    with transaction(conn):
+        return [SceneStatus(row[0], scene_of(row[1]), *row[2:]) for row in call_many(conn, "_scenes")]
+
+
+def waiting_scenes(conn: psycopg.Connection[Any]) -> dict[str, float]:
+    """Return the scenes that changed since their last detection and their waiting times, seconds; longest first."""
+    with transaction(conn):
+        return dict(call_many(conn, "_waiting_scenes"))
+
+
+def read_scene(
+    conn: psycopg.Connection[Any], name: str, keys: Sequence[str] | None = None
+) -> tuple[Scene, list[Area], list[Track]]:
+    """Return a scene and its objects as they were loaded, in load order; InvalidInput if the scene does not exist.
+
+    keys : keys of the objects to read; None: all
+    """
+    among = None if keys is None else list(keys)
+    with transaction(conn):
+        number = scene_id(conn, name)
+        sent = copy_binary.receive(conn, "_read_areas", [number, among], _AREA_COLUMNS, _AREA_STRINGS)
+        areas = areas_of(*sent)
+        sent = copy_binary.receive(conn, "_read_tracks", [number, among], _TRACK_COLUMNS, _TRACK_STRINGS)
+        return read_settings(conn, number), areas, tracks_of(*sent)
+
+
+@dataclass(frozen=True, slots=True)
+class Numbered:
+    """A batch of a scene's objects, areas or tracks, with ids and versions (n,)."""
+
+    areas: list[Area]
+    tracks: list[Track]
+    object_id: NDArray[np.int64]
+    version: NDArray[np.int64]
+
+
+def each_object(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[Numbered]:
+    """Yield the objects of a scene in batches, areas first; the connection is busy until the last batch."""
+    for columns, strings in each_area_row(conn, scene_id):
+        yield Numbered(areas_of(columns, strings), [], columns["area_id"], columns["version"])
+    for columns, strings in each_track_row(conn, scene_id):
+        yield Numbered([], tracks_of(columns, strings), columns["track_id"], columns["version"])
+
+
+def each_area_row(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[_Rows]:
+    """Yield the rows of `_read_areas` of a scene, undecoded."""
+    return copy_binary.receive_each(conn, "_read_areas", [scene_id, None], _AREA_COLUMNS, _AREA_STRINGS)
+
+
+def each_track_row(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[_Rows]:
+    """Yield the rows of `_read_tracks` of a scene, undecoded."""
+    return copy_binary.receive_each(conn, "_read_tracks", [scene_id, None], _TRACK_COLUMNS, _TRACK_STRINGS)
+
+
+def scene_settings(conn: psycopg.Connection[Any], name: str) -> Scene | None:
+    """Return the settings of a scene; None if it does not exist."""
+    with transaction(conn):
+        return next((scene_of(settings) for (settings,) in call_many(conn, "_scene_named", name)), None)
+
+
+def is_scene(conn: psycopg.Connection[Any], scene_id: int) -> bool:
+    """Return whether a scene with that id exists."""
+    with transaction(conn):
+        return bool(call_many(conn, "_scene", scene_id))
+
+
+def read_settings(conn: psycopg.Connection[Any], scene_id: int) -> Scene:
+    """Return the settings of the scene with that id, as the transaction sees them."""
+    return scene_of(call(conn, "_scene", scene_id)[0])
+
+
+def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]) -> list[Area]:
+    """Decode areas from rows of `_read_areas`."""
+    start, end = (copy_binary.microseconds(columns[name]).tolist() for name in ("start", "end"))
+    footprints = shapely.from_wkb(strings["footprint"])
+    return [
+        Area(
+            key=strings["key"][i].decode(),
+            footprint=footprints[i],
+            name=strings["name"][i].decode() if has_name else None,
+            start_us=certain(None if start[i] == MINUS_INFINITY_US else start[i]),
+            end_us=certain(None if end[i] == INFINITY_US else end[i]),
+            floor_m=None if math.isinf(floor_m) else floor_m,
+            ceiling_m=None if math.isinf(ceiling_m) else ceiling_m,
+            properties=json.loads(strings["properties"][i]),
+        )
+        for i, (has_name, floor_m, ceiling_m) in enumerate(
+            zip(*(columns[name].tolist() for name in ("has_name", "floor_m", "ceiling_m")), strict=True)
+        )
+    ]
+
+
+def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence[bytes]]) -> list[Track]:
+    """Decode tracks from rows of `_read_tracks`."""
+    positions, times, way = decode_paths(strings["path"])
+    outline, ring = decode_rings(strings["outline"])
+    changing, change = decode_outlines(strings["outlines"], way)
+    outlines = [
+        changing[change[i] : change[i + 1]].reshape(way[i + 1] - way[i], -1, 2) if change[i] < change[i + 1] else None
+        for i in range(len(way) - 1)
+    ]
+    return [
+        Track(
+            key=strings["key"][i].decode(),
+            positions_deg=positions[way[i] : way[i + 1]],
+            times_us=all_certain(times[way[i] : way[i + 1]]),
+            outline_m=outline[ring[i] : ring[i + 1]] if given is None else given[0],
+            name=strings["name"][i].decode() if has_name else None,
+            floor_m=None if math.isinf(floor_m) else floor_m,
+            ceiling_m=None if math.isinf(ceiling_m) else ceiling_m,
+            properties=json.loads(strings["properties"][i]),
+            grow_mps=grow_mps,
+            outlines_m=given,
+            floors_m=decode_heights(strings["floors"][i], -np.inf),
+            ceilings_m=decode_heights(strings["ceilings"][i], np.inf),
+            max_speed_kn=math.inf,
+        )
+        for i, (has_name, floor_m, ceiling_m, grow_mps, given) in enumerate(
+            zip(
+                *(columns[name].tolist() for name in ("has_name", "floor_m", "ceiling_m", "grow_mps")),
+                outlines,
+                strict=True,
+            )
+        )
+    ]
+
+
+def decode_paths(
+    wkb: Sequence[bytes],
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return positions (degrees), instants (microseconds) and offsets of LineStringM paths, M in Unix seconds."""
+    xym, offset = copy_binary.vertices(wkb, copy_binary.WKB_LINESTRING_M)
+    return np.ascontiguousarray(xym[:, :2]), np.rint(xym[:, 2] * 1e6).astype(np.int64), offset
+
+
+def decode_rings(wkb: Sequence[bytes]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the open rings of polygons, concatenated, and their offsets; points and lines as they were stored."""
+    return copy_binary.open_rings(*copy_binary.vertices(wkb, copy_binary.WKB_POLYGON))
+
+
+def decode_outlines(wkb: Sequence[bytes], way: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return outlines per waypoint (MultiPolygons, empty bytes for none) as open rings, concatenated, and offsets.
+
+    way : (n + 1,) offsets of the waypoints of each track
+    """
+    present = np.flatnonzero([bool(item) for item in wkb])
+    count = np.zeros(len(wkb), dtype=np.int64)
+    rings: list[NDArray[np.float64]] = [np.empty((0, 2))]
+    for i in present.tolist():
+        closed = shapely.get_coordinates(shapely.from_wkb(wkb[i])).reshape(way[i + 1] - way[i], -1, 2)
+        vertices = closed.shape[1] - 1
+        if vertices == 3 and (closed[:, 1] == closed[:, 2]).all():
+            vertices = 1 if (closed[:, 0] == closed[:, 1]).all() else 2
+        rings.append(closed[:, :vertices].reshape(-1, 2))
+        count[i] = len(rings[-1])
+    return np.concatenate(rings), copy_binary.offsets(count)
+
+
+def decode_heights(sent: bytes, unbounded: float) -> NDArray[np.float64] | None:
+    """Return the heights of legs (metres) from array_send format, null for unbounded; None for no bytes."""
+    if not sent:
+        return None
+    heights = copy_binary.float8_array(sent)
+    return np.where(np.isnan(heights), unbounded, heights)
+
+
+def _encoded_heights(heights: NDArray[np.float64] | None) -> bytes | None:
+    """Encode the heights of legs as the text of an array, with all digits."""
+    if heights is None:
+        return None
+    return ("{" + ",".join(repr(x) if math.isfinite(x) else "NULL" for x in heights.tolist()) + "}").encode()
+
+
+def _encoded_outlines(outlines: NDArray[np.float64] | None) -> bytes | None:
+    """Encode outlines (w, m, 2) as a MultiPolygon of closed rings: a ring has at least four points."""
+    if outlines is None:
+        return None
+    index = [*range(outlines.shape[1]), 0] if outlines.shape[1] > 2 else [0, -1, -1, 0]
+    rings = shapely.polygons(np.ascontiguousarray(outlines[:, index]))
+    return bytes(shapely.to_wkb(shapely.multipolygons(rings), byte_order=1))
+
+
+def _staged_areas(areas: Sequence[Area]) -> dict[str, copy_binary.Column]:
+    batch = AreaBatch.of(areas)
+    return {
+        "key": _texts("area", [a.key for a in areas], [a.key for a in areas], "id"),
+        "name": _texts("area", [a.key for a in areas], [a.name for a in areas], "name"),
+        "footprint": copy_binary.Ragged.of(shapely.to_wkb(batch.footprint, byte_order=1).tolist()),
+        "span_start": copy_binary.instants(batch.start_us),
+        "span_end": copy_binary.instants(batch.end_us),
+        "floor_m": copy_binary.fixed(batch.floor_m, "f8"),
+        "ceiling_m": copy_binary.fixed(batch.ceiling_m, "f8"),
+        "properties": _documents("area", [a.key for a in areas], [a.properties for a in areas]),
+    }
+
+
+def _staged_tracks(tracks: Sequence[Track]) -> dict[str, copy_binary.Column]:
+    batch = TrackBatch.of(tracks)
+    seconds = batch.times_us / 1e6
+    lost = np.flatnonzero(np.rint(seconds * 1e6).astype(np.int64) != batch.times_us)
+    if lost.size:
+        i = int(np.searchsorted(batch.waypoint_offset, lost[0], side="right")) - 1
+        raise InvalidInput(
+            f"track {tracks[i].key!r}",
+            f"times[{lost[0] - batch.waypoint_offset[i]}]",
+            "cannot be kept to the microsecond: before October 1697 and after March 2242 it must be a whole second "
+            "(give `times`, not a speed)",
+        )
+    outline, ring = copy_binary.closed_rings(batch.outline_m, batch.outline_offset)
+    keys = [t.key for t in tracks]
+    return {
+        "key": _texts("track", keys, keys, "id"),
+        "name": _texts("track", keys, [t.name for t in tracks], "name"),
+        "path": copy_binary.lines_m(
+            np.concatenate([batch.positions_deg, seconds[:, None]], axis=1), batch.waypoint_offset
+        ),
+        "outline": copy_binary.polygons(outline, ring, 0),
+        "floor_m": copy_binary.fixed([-np.inf if t.floor_m is None else t.floor_m for t in tracks], "f8"),
+        "ceiling_m": copy_binary.fixed([np.inf if t.ceiling_m is None else t.ceiling_m for t in tracks], "f8"),
+        "floors": copy_binary.Ragged.of([_encoded_heights(t.floors_m) for t in tracks]),
+        "ceilings": copy_binary.Ragged.of([_encoded_heights(t.ceilings_m) for t in tracks]),
+        "properties": _documents("track", keys, [t.properties for t in tracks]),
+        "grow_mps": copy_binary.fixed(batch.grow_mps, "f8"),
+        "outlines": copy_binary.Ragged.of([_encoded_outlines(t.outlines_m) for t in tracks]),
+    }
+
+
+def _texts(kind: str, keys: Sequence[str], texts: Sequence[str | None], field: str) -> copy_binary.Ragged:
+    encoded = [None if text is None else text.encode("utf-8", "surrogatepass") for text in texts]
+    for i, text in enumerate(texts):
+        if text is not None and not _is_storable(text):
+            raise InvalidInput(f"{kind} {keys[i]!r}", field, "must be Unicode text without the character U+0000")
+    return copy_binary.Ragged.of(encoded)
+
+
+def _documents(kind: str, keys: Sequence[str], documents: Sequence[Mapping[str, Any]]) -> copy_binary.Ragged:
+    encoded: list[bytes | None] = []
+    for key, document in zip(keys, documents, strict=True):
+        if not document:
+            encoded.append(b"\x01{}")
+            continue
+        try:
+            text = json.dumps(document, ensure_ascii=False, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise InvalidInput(f"{kind} {key!r}", "properties", f"must be JSON: {error}") from error
+        if not _is_storable(text) or ("\\u0000" in text and _has_null_character(document)):
+            raise InvalidInput(f"{kind} {key!r}", "properties", "must be Unicode text without the character U+0000")
+        encoded.append(b"\x01" + text.encode())  # version 1 of jsonb's binary form
+    return copy_binary.Ragged.of(encoded)
+
+
+def _is_storable(text: str) -> bool:
+    """Return whether PostgreSQL can store a text: no U+0000, no unpaired surrogate."""
+    return "\0" not in text and (text.isascii() or not any("\ud800" <= c <= "\udfff" for c in text))
+
+
+def _has_null_character(value: object) -> bool:
+    if isinstance(value, str):
+        return "\0" in value
+    if isinstance(value, Mapping):
+        return any(_has_null_character(item) for pair in value.items() for item in pair)
+    return isinstance(value, list | tuple) and any(_has_null_character(item) for item in value)
+
+
+def _settings(scene: Scene) -> Jsonb:
+    """Return the settings of a scene by the columns of its row; those that are None are left out."""
+    columns: dict[str, Any] = {}
+    for setting in SETTINGS:
+        value = getattr(scene, setting.name)
+        if value is not None:
+            columns.update(zip(setting.columns, value if setting.type is Type.PLACE else (value,), strict=True))
+    return Jsonb(columns)
+
+
+def scene_of(columns: Mapping[str, Any]) -> Scene:
+    """Build a scene from its name and the settings in its row (_settings_of)."""
+    settings: dict[str, Any] = {}
+    for setting in SETTINGS:
+        values = [columns[name] for name in setting.columns]
+        settings[setting.name] = values[0] if len(values) == 1 else None if None in values else tuple(values)
+    return Scene(columns["name"], **settings)

@@ -1,0 +1,101 @@
+"""Read the candidates of stage 1: pairs of rows of pieces whose boxes overlap, in chunks, and the pieces.
+
+In the second transaction of a detection: `boxes`, or `candidates` where it returns no rows; then `bundles` of their
+rows.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final, Self
+
+import numpy as np
+import psycopg
+from numpy.typing import NDArray
+
+from conflictdb.arrays.pieces import Bundles
+from conflictdb.db.store import copy_binary
+from conflictdb.db.store.connection import call_each
+from conflictdb.db.store.stored_bundles import PIECE_COLUMNS, PIECE_STRINGS, decoded
+from conflictdb.kernel.boxes import RowBoxes
+
+# Rows and pairs per answer, limited by the 1 GB of a value: 134 bytes for a row's box, 52 for a pair, with room for all
+# pairs of the last two objects.
+_MOST_ROWS: Final = 7_000_000
+_MOST_PAIRS: Final = 10_000_000
+# The columns of _row_boxes, which returns each as an array.
+_BOX_COLUMNS: Final = [
+    ("piece_id", "i8"), ("pieces", "i4"), ("object", "i8"), ("turn", "i2"), ("low_x", "f8"), ("low_y", "f8"),
+    ("high_x", "f8"), ("high_y", "f8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("start", "i8"), ("end", "i8"),
+]  # fmt: skip
+
+
+# The parts (n,), (n,) of the two pieces of each pair.
+Parts = tuple[NDArray[np.int64], NDArray[np.int64]]
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """n pairs of rows of pieces (bundles or not) whose boxes overlap; pairs of the same two objects are adjacent.
+
+    a, b : (n,) ids of the rows
+    a_pieces, b_pieces : (n,) numbers of pieces in each row
+    objects : (n,) a number for the two objects
+    """
+
+    a: NDArray[np.int64]
+    b: NDArray[np.int64]
+    a_pieces: NDArray[np.int64]
+    b_pieces: NDArray[np.int64]
+    objects: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.a)
+
+    def take(self, rows: slice) -> Self:
+        """Return a slice of the pairs."""
+        return type(self)(self.a[rows], self.b[rows], self.a_pieces[rows], self.b_pieces[rows], self.objects[rows])
+
+
+def candidates(conn: psycopg.Connection[Any], scene_id: int, at_once: int) -> Iterator[Candidates]:
+    """Yield the candidates of changed objects in chunks of about `at_once` pairs.
+
+    Each pair comes with its first changed object. All pairs of the same two objects are in one chunk, and no chunk
+    exceeds one answer. Raises StoreError outside of a
+    snapshot.
+    """
+    for sent in call_each(conn, "_candidates", scene_id, min(at_once, _MOST_PAIRS), rows_at_once=2):
+        kinds = ("i8", "i8", "i4", "i4", "i8")
+        *found, ranks = (copy_binary.array_values([one], kind) for one, kind in zip(sent, kinds, strict=True))
+        order = np.argsort(ranks, kind="stable")
+        yield Candidates(*(column.astype(np.int64)[order] for column in (*found, ranks)))
+
+
+def boxes(
+    conn: psycopg.Connection[Any], scene_id: int, most: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], RowBoxes]:
+    """Return ids, numbers of pieces and boxes of all rows of pieces, if all objects of the scene changed.
+
+    Returns no rows if only some objects changed, or there are more rows than `most` or than fit one answer. Raises
+    StoreError outside of a snapshot.
+    """
+    rows = copy_binary.receive_arrays(conn, "_row_boxes", [scene_id, min(most, _MOST_ROWS)], _BOX_COLUMNS)
+    found = RowBoxes(
+        boxes=np.stack([rows.pop(name) for name in ("low_x", "low_y", "high_x", "high_y")], axis=1),
+        floor_m=rows["floor_m"],
+        ceiling_m=rows["ceiling_m"],
+        start_us=copy_binary.microseconds(rows["start"]),
+        end_us=copy_binary.microseconds(rows["end"]),
+        object=rows["object"],
+        is_copy=rows["turn"] != 0,
+    )
+    return rows["piece_id"], rows["pieces"].astype(np.int64), found
+
+
+def bundles(
+    conn: psycopg.Connection[Any], scene_id: int, piece_ids: NDArray[np.int64]
+) -> tuple[Bundles, NDArray[np.int64]]:
+    """Read rows of pieces of a scene as bundles; also return the rank of each piece.
+
+    Ranks follow kind, key, part and turn, so they do not depend on the database's ids.
+    """
+    return decoded(*copy_binary.receive(conn, "_pieces", [scene_id, piece_ids.tolist()], PIECE_COLUMNS, PIECE_STRINGS))

@@ -1,0 +1,223 @@
+"""Probe plans: find the pieces of a scene that a plan may meet; read, send and answer requests."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Any, cast
+
+import numpy as np
+import psycopg
+import shapely
+
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.db.store import copy_binary
+from conflictdb.db.store.connection import call, call_by_name, call_many, transaction
+from conflictdb.db.store.listing import decode_periods
+from conflictdb.db.store.stored_objects import decode_paths, decode_rings
+from conflictdb.db.store.stored_pairs import Candidates, Parts
+from conflictdb.errors import InvalidInput
+from conflictdb.model.inputs import all_certain, certain
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Conflict, Kind, Verdict
+from conflictdb.stages.stage1_broad_phase import hulls_of
+
+# Key of a plan without one; never shown.
+_NO_KEY = "plan"
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeRequest:
+    """A question about a plan: a row of `probe_request`; geometries as WKB."""
+
+    probe_id: int
+    scene_id: int
+    kind: Kind
+    key: str | None
+    footprint: bytes | None
+    start_us: int | None
+    end_us: int | None
+    path: bytes | None
+    outline: bytes | None
+    grow_mps: float
+    floor_m: float | None
+    ceiling_m: float | None
+
+
+def pieces_meeting(
+    conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces, key: str | None, most_compared: int
+) -> tuple[Candidates, Parts | None]:
+    """Return the pairs of one object's pieces with those of a scene, after stage 2 if few pieces are involved.
+
+    Returns ids of rows, and the parts of the pieces; None: stage 2 has not run, and the pairs are rows whose boxes
+    overlap in space, time and height. Leaves out the object `key`. The given pieces, which are in no row, are numbered
+    -1, -2, ....
+
+    most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
+    """
+    columns = (pieces.start_us, pieces.end_us, pieces.end_inclusive, pieces.floor_m, pieces.ceiling_m, pieces.turn)
+    hulls = list(shapely.to_wkb(hulls_of(pieces)))
+    rows = call_many(
+        conn, "_pieces_meeting", scene_id, most_compared, key, hulls, *(column.tolist() for column in columns)
+    )
+    is_compared = not rows or rows[0][4] is not None
+    found = np.array([row if is_compared else row[:4] for row in rows], dtype=np.int64).reshape(-1, 4 + is_compared)
+    row, piece_id, count, number, *part = found[np.argsort(found[:, 3], kind="stable")].T
+    near = Candidates(-1 - row, piece_id, np.ones_like(row), count, number)
+    return near, (pieces.part[row].astype(np.int64), part[0]) if is_compared else None
+
+
+def keys_of(conn: psycopg.Connection[Any], scene_id: int, found: Conflicts) -> dict[tuple[int, int], str]:
+    """Return the keys of the objects of conflicts, by the code of their kind and their id."""
+    kinds, ids = np.concatenate([found.a_kind, found.b_kind]), np.concatenate([found.a_id, found.b_id])
+    members = sorted(set(zip(kinds.tolist(), ids.tolist(), strict=True)))
+    kind, number = [kind for kind, _ in members], [number for _, number in members]
+    return {(kind, number): key for kind, number, key in call_many(conn, "_keys_of", scene_id, kind, number)}
+
+
+def next_probe(conn: psycopg.Connection[Any]) -> tuple[int, int] | None:
+    """Return number and scene of the next request to answer, None if there is none; locks it in the transaction."""
+    rows = call_many(conn, "_next_probe")
+    return (rows[0][0], rows[0][1]) if rows else None
+
+
+def read_probe(conn: psycopg.Connection[Any], probe_id: int, scene_id: int) -> ProbeRequest:
+    """Return a request."""
+    kind, *rest = call(conn, "_probe_request", probe_id)
+    return ProbeRequest(probe_id, scene_id, Kind.of_code(kind), *rest)
+
+
+def plan_of(request: ProbeRequest) -> Area | Track:
+    """Return the plan of a request; raises InvalidInput if it is not valid."""
+    key = request.key or _NO_KEY
+    floor_m, ceiling_m = request.floor_m, request.ceiling_m
+    if request.kind is Kind.AREA:
+        footprint = cast("shapely.MultiPolygon", shapely.from_wkb(request.footprint))
+        span = certain(request.start_us), certain(request.end_us)
+        return Area(key, footprint, None, *span, floor_m=floor_m, ceiling_m=ceiling_m)
+    positions, times, _ = decode_paths([request.path or b""])
+    outline, _ = decode_rings([request.outline or b""])
+    return Track(
+        key,
+        positions,
+        all_certain(times),
+        outline,
+        floor_m=floor_m,
+        ceiling_m=ceiling_m,
+        grow_mps=request.grow_mps,
+        max_speed_kn=math.inf,
+    )
+
+
+def request_probe(conn: psycopg.Connection[Any], scene: str, plan: Area | Track) -> int:
+    """Send a question about a plan to the workers and return its number; they see it once it is committed.
+
+    Raises InvalidInput for a plan that is invalid, or that a question cannot express.
+    """
+    area, track = (plan, None) if isinstance(plan, Area) else (None, plan)
+    path = outline = None
+    if track is not None:
+        seconds = track.times_us / 1e6
+        fits = np.rint(seconds * 1e6) == track.times_us
+        if track.outlines_m is not None or track.floors_m is not None or not fits.all():
+            rule = (
+                "has a haven that changes its shape, heights of its legs or times beyond the year 2242, which a worker "
+                "cannot be asked about: probe without one"
+            )
+            raise InvalidInput(f"track {track.key!r}", "plan", rule)
+        waypoints = np.column_stack([track.positions_deg, seconds])
+        path = copy_binary.lines_m(waypoints, copy_binary.offsets([len(waypoints)])).data.tobytes()
+        rings = copy_binary.closed_rings(track.outline_m, copy_binary.offsets([len(track.outline_m)]))
+        outline = copy_binary.polygons(*rings, 0).data.tobytes()
+    with transaction(conn):
+        (probe_id,) = call(
+            conn,
+            "_request_probe",
+            scene,
+            plan.key,
+            (Kind.AREA if area else Kind.TRACK).code,
+            shapely.to_wkb(area.footprint, byte_order=1) if area else None,
+            area.start_us if area else None,
+            area.end_us if area else None,
+            path,
+            outline,
+            plan.floor_m,
+            plan.ceiling_m,
+            track.grow_mps if track else None,
+        )
+    return int(probe_id)
+
+
+def wait_for_probe(
+    conn: psycopg.Connection[Any], scene: Scene, plan: Area | Track, probe_id: int, timeout: timedelta
+) -> list[Conflict]:
+    """Wait for the answer to a question; return conflicts ordered by key.
+
+    Raises NotCurrent on timeout, InvalidInput if the plan is invalid.
+    """
+    mine = (Kind.AREA if isinstance(plan, Area) else Kind.TRACK), plan.key
+    answer = []
+    with transaction(conn):
+        rows = call_by_name(conn, "_wait_for_probe", probe_id, timeout)
+    for row in rows:
+        pair = sorted([mine, (Kind(row["kind"]), row["key"])], key=lambda one: (one[0].code, one[1].encode()))
+        closest_at = row["closest_at"]
+        answer.append(
+            Conflict(
+                scene=scene.name,
+                a_key=pair[0][1],
+                a_kind=pair[0][0],
+                b_key=pair[1][1],
+                b_kind=pair[1][0],
+                verdict=Verdict(row["verdict"]),
+                periods=decode_periods(row["periods"]),
+                time_error_s=row["time_error_s"],
+                method=scene.method,
+                first_contact_deg=None if row["lon_deg"] is None else (row["lon_deg"], row["lat_deg"]),
+                closest_at=None if closest_at is None else closest_at.astimezone(UTC),
+                closest_m=row["closest_m"],
+                closest_error_m=row["closest_error_m"],
+            )
+        )
+    return sorted(answer, key=lambda one: (one.a_kind.code, one.a_key.encode(), one.b_key.encode()))
+
+
+def answer_probe(
+    conn: psycopg.Connection[Any], request: ProbeRequest, plan: Area | Track, found: Sequence[Conflict]
+) -> None:
+    """Write the conflicts found for a request."""
+    rows = []
+    for one in found:
+        is_a = (one.a_key, one.a_kind) != (plan.key, request.kind)
+        lon_deg, lat_deg = one.first_contact_deg or (None, None)
+        rows.append(
+            {
+                "kind": (one.a_kind if is_a else one.b_kind).code,
+                "key": one.a_key if is_a else one.b_key,
+                "verdict": one.verdict,
+                "periods": [[_text(start), _text(end)] for start, end in one.periods],
+                "time_error_s": one.time_error_s,
+                "lon_deg": lon_deg,
+                "lat_deg": lat_deg,
+                "closest_at": _text(one.closest_at),
+                "closest_m": one.closest_m,
+                "closest_error_m": one.closest_error_m,
+            }
+        )
+    call(conn, "_answer_probe", request.probe_id, None, json.dumps(rows))
+
+
+def refuse_probe(conn: psycopg.Connection[Any], probe_id: int, reason: str) -> None:
+    """Write why a request cannot be answered."""
+    call(conn, "_answer_probe", probe_id, reason, "[]")
+
+
+def probe_failed(conn: psycopg.Connection[Any], probe_id: int, reason: str) -> None:
+    """Count a failed attempt at a request; the third refuses it."""
+    call(conn, "_probe_failed", probe_id, reason)
+
+
+def _text(instant: datetime | None) -> str | None:
+    return None if instant is None else instant.isoformat()

@@ -1,0 +1,11 @@
+"""Read scene files and files of other programs; write scenes and conflicts.
+
+`read` is the entry point for reading (`reading` chooses the format), `write` for writing (`writing`).
+"""
+
+from conflictdb.formats.contents import Contents, Remark, Skipped
+from conflictdb.formats.reading import read
+from conflictdb.formats.scene_file import scene_text
+from conflictdb.formats.writing import write, write_lines
+
+__all__ = ["Contents", "Remark", "Skipped", "read", "scene_text", "write", "write_lines"]

@@ -1,0 +1,152 @@
+"""Approximate circles by polygons that contain them and exceed the radius by at most a thousandth.
+
+A circle is the set of points within the radius of its centre along geodesics of the scene's earth. The polygon's
+corners lie on a slightly wider circle; its edges are straight in the scene's plane, as those of all areas.
+
+Great circles: an edge between corners that are the angle h apart, seen from the centre, comes nearest half-way, where
+tan(r) = tan(R) cos(h / 2). The wider radius R follows from the radius r exactly.
+
+Rhumb lines: the wider circle is a curve in the Mercator plane. The chord between corners deviates from it by at most
+max |second derivative by the azimuth| h^2 / 8 plane metres. That derivative is at most k R (1 + 2 R tan(lat) / rho),
+with k the scale of the plane and rho the least radius of curvature of the earth: the curve has the speed k m, m the
+reduced length, and curves by the geodesic curvature m' / m of the circle and by the gradient of ln k; and m <= R, m' <=
+1. Points deeper inside the curve than that deviation are inside the polygon.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M
+from conflictdb.errors import InvalidInput
+from conflictdb.model.plans import MAX_RHUMB_LATITUDE_DEG, EarthModel, Motion, Scene
+
+Floats = NDArray[np.float64]
+
+EXCESS: Final = 1e-3  # share of the radius by which the polygon may exceed the circle
+MAX_RADIUS_M: Final = 5e6  # beyond this, a circle on the earth differs too much from one on a map
+_ROUNDING_M: Final = 1e-7  # rounding of longitudes and latitudes in float64, and of the steps to them
+_LEAST_CORNERS: Final = 64
+_MOST_CORNERS: Final = 4096
+# For all circles of a file: 800 MB, or some 300,000 usual circles.
+MAX_CORNERS: Final = 50_000_000
+# Variation of the reduced length with azimuth on the ellipsoid, relative: below 0.002 (R / a)^3, from its equation m''
+# = -K m and the gradient of the curvature K, at most 0.03 / a^3.
+_UNEVEN: Final = 0.01
+# A ring around a pole begins at a longitude within a turn east of this, so that it ends within 360.
+_WEST_DEG: Final = -360.0
+
+
+@dataclass(slots=True)
+class Corners:
+    """The number of corners of a file's circles; a hundred bytes of a file may describe a circle of 4,096."""
+
+    made: int = 0
+
+    def add(self, who: str, count: int) -> None:
+        """Add corners; raises InvalidInput above the limit."""
+        if self.made + count > MAX_CORNERS:
+            rule = f"is a circle too many: those of a file have at most {MAX_CORNERS:,} corners; split the file"
+            raise InvalidInput(who, "radius_m", rule)
+        self.made += count
+
+
+def disc(
+    who: str, lon_deg: float, lat_deg: float, radius_m: float, scene: Scene, made: Corners | None = None
+) -> shapely.MultiPolygon:
+    """Return a polygon (longitude, latitude, degrees) that contains a circle; raises InvalidInput.
+
+    made : counts the corners of a file
+    """
+    made = made or Corners()
+    if not 0.0 < radius_m <= MAX_RADIUS_M:
+        rule = f"must be a number of metres, more than 0 and at most {MAX_RADIUS_M:,.0f}; got {radius_m:g}"
+        raise InvalidInput(who, "radius_m", rule)
+    if scene.motion == Motion.GREAT_CIRCLE:
+        corners = int(np.ceil(np.pi / np.arccos(1.0 / (1.0 + 0.5 * EXCESS))))
+        made.add(who, corners)
+        angle = radius_m / MEAN_RADIUS_M
+        wider_m = MEAN_RADIUS_M * float(np.arctan(np.tan(angle) / np.cos(np.pi / corners))) + _ROUNDING_M
+        return _ring(*_at(lon_deg, lat_deg, wider_m, corners, EarthModel.SPHERE), lat_deg, wider_m)
+    corners = _LEAST_CORNERS
+    while corners <= _MOST_CORNERS:
+        margin_m = _margin_m(who, lon_deg, lat_deg, radius_m, corners, scene.earth)
+        if margin_m <= 0.5 * EXCESS * radius_m:
+            made.add(who, corners)
+            lon, lat = _at(lon_deg, lat_deg, radius_m + margin_m + _ROUNDING_M, corners, scene.earth)
+            return _ring(lon, lat, lat_deg, 0.0)
+        corners *= 2
+    raise InvalidInput(who, "radius_m", "is too large a circle so near the limit of the scene's plane; give a polygon")
+
+
+def _margin_m(who: str, lon_deg: float, lat_deg: float, radius_m: float, corners: int, earth: EarthModel) -> float:
+    """Return the widening, metres, of the corners' circle that keeps edges along rhumb lines outside the circle."""
+    flattening = WGS84_FLATTENING if earth == EarthModel.WGS84 else 0.0
+    least_curved_m = WGS84_RADIUS_M * (1.0 - flattening) ** 2 if flattening else MEAN_RADIUS_M
+    wider_m = (1.0 + 0.5 * EXCESS) * radius_m
+    highest = np.radians(MAX_RHUMB_LATITUDE_DEG)
+    if abs(np.radians(lat_deg)) + wider_m / least_curved_m > highest:
+        rule = (
+            f"reaches beyond {MAX_RHUMB_LATITUDE_DEG:g} degrees of latitude, the limit of a scene with motion 'rhumb'"
+        )
+        raise InvalidInput(who, "radius_m", f"{rule}; use motion 'great_circle'")
+    step = 2.0 * np.pi / corners
+    lat = np.abs(np.radians(_at(lon_deg, lat_deg, wider_m, corners, earth)[1]))
+    nearby = wider_m * step / least_curved_m  # latitude range around each corner that contains both edges
+    largest = np.minimum(lat + nearby, highest)
+    second = wider_m * (1.0 + _UNEVEN + 2.0 * wider_m * np.tan(largest) / least_curved_m) * step**2 / 8.0
+    scale = np.cos(np.maximum(lat - nearby, 0.0)) / np.cos(largest)
+    return float((second * scale).max())
+
+
+def _ring(lon: Floats, lat: Floats, centre_lat: float, wider_m: float) -> shapely.MultiPolygon:
+    """Return the polygon of the corners; around a pole it is closed along the pole, as on maps."""
+    pole = np.copysign(90.0, centre_lat)
+    if wider_m and np.radians(90.0 - abs(centre_lat)) * MEAN_RADIUS_M <= wider_m:
+        turns = np.sort(np.remainder(lon - _WEST_DEG, 360.0) + _WEST_DEG)
+        order = np.argsort(np.remainder(lon - _WEST_DEG, 360.0))
+        edge = np.concatenate([np.stack([turns, lat[order]], axis=1), [[turns[0] + 360.0, lat[order[0]]]]])
+        ring = np.concatenate([edge, [[edge[-1, 0], pole], [edge[0, 0], pole]]])
+    else:
+        ring = np.stack([lon, lat], axis=1)
+    return shapely.MultiPolygon([shapely.Polygon(ring)])
+
+
+def _at(lon_deg: float, lat_deg: float, distance_m: float, count: int, earth: EarthModel) -> tuple[Floats, Floats]:
+    """Return longitude and latitude (count,) at a distance along geodesics of evenly spread azimuths, degrees.
+
+    T. Vincenty, "Direct and inverse solutions of geodesics on the ellipsoid", Survey Review 23 (1975), eqs. 1-11.
+    """
+    is_round = earth == EarthModel.SPHERE
+    radius, f = (MEAN_RADIUS_M, 0.0) if is_round else (WGS84_RADIUS_M, WGS84_FLATTENING)
+    azimuth = 2.0 * np.pi * np.arange(count) / count
+    sine, cosine = np.sin(azimuth), np.cos(azimuth)
+    reduced = np.arctan((1.0 - f) * np.tan(np.radians(np.clip(lat_deg, -90.0, 90.0))))
+    sin_u, cos_u = np.sin(reduced), np.cos(reduced)
+    sigma_1 = np.arctan2(sin_u, cos_u * cosine)
+    sin_alpha = cos_u * sine
+    cos2_alpha = 1.0 - sin_alpha**2
+    u2 = cos2_alpha * (1.0 / (1.0 - f) ** 2 - 1.0)
+    big_a = 1.0 + u2 / 16384.0 * (4096.0 + u2 * (-768.0 + u2 * (320.0 - 175.0 * u2)))
+    big_b = u2 / 1024.0 * (256.0 + u2 * (-128.0 + u2 * (74.0 - 47.0 * u2)))
+    first = distance_m / (radius * (1.0 - f) * big_a)
+    sigma = first
+    for _ in range(8):  # each step gains three digits
+        middle = np.cos(2.0 * sigma_1 + sigma)
+        inner = np.cos(sigma) * (2.0 * middle**2 - 1.0) - big_b / 6.0 * middle * (4.0 * np.sin(sigma) ** 2 - 3.0) * (
+            4.0 * middle**2 - 3.0
+        )
+        sigma = first + big_b * np.sin(sigma) * (middle + big_b / 4.0 * inner)
+    middle = np.cos(2.0 * sigma_1 + sigma)
+    sin_s, cos_s = np.sin(sigma), np.cos(sigma)
+    lat = np.arctan2(
+        sin_u * cos_s + cos_u * sin_s * cosine,
+        (1.0 - f) * np.hypot(sin_alpha, sin_u * sin_s - cos_u * cos_s * cosine),
+    )
+    turn = np.arctan2(sin_s * sine, cos_u * cos_s - sin_u * sin_s * cosine)
+    c = f / 16.0 * cos2_alpha * (4.0 + f * (4.0 - 3.0 * cos2_alpha))
+    turn -= (1.0 - c) * f * sin_alpha * (sigma + c * sin_s * (middle + c * cos_s * (2.0 * middle**2 - 1.0)))
+    return lon_deg + np.degrees(turn), np.degrees(lat)

@@ -1,0 +1,72 @@
+"""Build areas and tracks from features: a shapely geometry, and columns named as in scene files."""
+
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any, Final
+
+import shapely
+
+from conflictdb.errors import InvalidInput
+from conflictdb.formats import file_objects
+from conflictdb.formats.fields import Fields, number_as_key
+from conflictdb.formats.fields import key as checked_key
+from conflictdb.model.plans import Area, Track
+
+ALIASES: Final = {"begin": "start"}  # KML's name
+POLYGONS: Final = frozenset({shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON})
+LINES: Final = frozenset({shapely.GeometryType.LINESTRING, shapely.GeometryType.MULTILINESTRING})
+POINTS: Final = frozenset({shapely.GeometryType.POINT, shapely.GeometryType.MULTIPOINT})
+
+
+def polygon_area(where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.Setting) -> Area:
+    """Return the area of a feature; `number` is its key if it has none. Raises InvalidInput with all errors."""
+    key, values = _keyed(where, number, values, file_objects.AREA_MEMBERS)
+    fields = Fields(f"area {key!r}", values)
+    with fields.refusals:
+        if shape is None or shape.is_empty:
+            raise InvalidInput(where, "geometry", "must be a non-empty Polygon or MultiPolygon; there is none")
+        if shapely.get_type_id(shape) not in POLYGONS:
+            raise InvalidInput(where, "geometry", f"must be a Polygon or MultiPolygon; got a {shape.geom_type}")
+    members = file_objects.area_members(fields, setting)
+    fields.raise_found()
+    footprint = shapely.multipolygons(shapely.get_parts(shapely.force_2d(shape)))
+    if setting.to_degrees is not None:
+        footprint = shapely.transform(footprint, setting.to_degrees)
+    return Area(key, footprint, **members)
+
+
+def line_track(
+    where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.Setting
+) -> Track | file_objects.TrackAtSpeed:
+    """Return the track of a feature; `number` is its key if it has none. Raises InvalidInput with all errors."""
+    key, values = _keyed(where, number, values, file_objects.TRACK_MEMBERS)
+    fields = Fields(f"track {key!r}", values)
+    parts = shapely.get_parts(shape)
+    with fields.refusals:
+        if len(parts) != 1:
+            raise fields.refusal("geometry", f"must be one line: a track has no gaps; got {len(parts)}")
+    geometry = {"type": "LineString", "coordinates": shapely.get_coordinates(shape).tolist()}
+    return file_objects.track(key, geometry, fields, setting)
+
+
+def _keyed(where: str, number: str, values: Mapping[str, Any], members: frozenset[str]) -> tuple[str, dict[str, Any]]:
+    """Return the key of a feature, and its columns named as in scene files."""
+    values = _known_names(values, members)
+    key = number_as_key(values.pop("id", None))
+    return checked_key(where, "id", number if key is None or key == "" else key), values
+
+
+def _known_names(values: Mapping[str, Any], members: frozenset[str]) -> dict[str, Any]:
+    """Return columns named as in scene files; lists are parsed from JSON text, since few formats have lists."""
+    known = {}
+    for name, value in values.items():
+        lower = ALIASES.get(name.lower(), name.lower())
+        if lower not in members | {"id"} or lower in known:
+            known[name] = value
+            continue
+        if isinstance(value, str) and value.lstrip().startswith("["):
+            with suppress(ValueError, RecursionError):  # invalid JSON is refused later, as text
+                value = json.loads(value)
+        known[lower] = value
+    return known

@@ -1,0 +1,423 @@
+"""Convert the properties of GeoJSON features to areas and tracks, and back.
+
+Includes the reading of havens and speeds that other formats share.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.earth import geodesy
+from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.formats.discs import Corners, disc
+from conflictdb.formats.fields import Fields, finite, instant
+from conflictdb.formats.geometry import AREA_TYPES, CIRCLE_TYPE, line, multipolygon, pairs, point
+from conflictdb.formats.instants import format_instant
+from conflictdb.formats.names import RENAME_MEMBER, SETTING_RULE, SETTINGS, misnamed
+from conflictdb.formats.reference import Systems, ToDegrees
+from conflictdb.model.inputs import all_certain, certain
+from conflictdb.model.plans import (
+    MAX_LATITUDE_DEG,
+    MAX_RHUMB_LATITUDE_DEG,
+    METRES_PER_NMI,
+    Area,
+    Motion,
+    Scene,
+    Track,
+    rectangle_outline_m,
+)
+from conflictdb.model.speeds import MPS_PER_KNOT, SPEED_SLACK, too_fast
+
+SIDES: Final = ("fore", "aft", "port", "starboard")
+TIMES: Final = ("times", "datetimes")
+SPEED: Final = ("start", "speed_kn", "speed_mps")
+# Names that the reader uses; a property with such a name, set by SQL, would not be read back as a property.
+AREA_MEMBERS: Final = frozenset({"kind", "name", "start", "end", "floor_m", "ceiling_m"})
+TRACK_MEMBERS: Final = frozenset(
+    {"kind", "name", "floor_m", "ceiling_m", "outline_m", "grow_mps", "outlines_m", *TIMES, *SPEED}
+    | {f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi")}
+)
+# Members whose loss would change conflicts, and where else they belong.
+AREA_GUARDED: Final = tuple(sorted(AREA_MEMBERS - {"kind", "name"}))
+TRACK_GUARDED: Final = tuple(sorted(TRACK_MEMBERS - {"kind", "name"}))
+_SETTINGS: Final = dict.fromkeys(SETTINGS, SETTING_RULE)
+AREA_ELSEWHERE: Final = _SETTINGS | dict.fromkeys(
+    TRACK_MEMBERS - AREA_MEMBERS, "has a meaning for tracks only; an area stays as it is from start to end"
+)
+AREA_ELSEWHERE["radius_m"] = "has a meaning for a Point only, which it makes a circle"
+TRACK_ELSEWHERE: Final = _SETTINGS | {
+    "radius_m": "has a meaning for areas only: the haven of a track has four sides, or an outline",
+    "end": "has a meaning for areas only: a track ends with its last waypoint; to stay, give that twice, with times",
+}
+# A longer plan leaves the years 1 to 9999 anyway; below this limit, microseconds fit 64 bits.
+MAX_DURATION_S: Final = 3.2e11
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Context of a file for reading its objects.
+
+    scene : its settings, or defaults
+    foreign : names of members to ignore
+    to_degrees : conversion of coordinates to longitude and latitude
+    remedy : advice for a name that resembles a known one
+    systems : reference systems that it names
+    corners : count of all circles' corners
+    """
+
+    scene: Scene
+    foreign: Collection[str] = ()
+    to_degrees: ToDegrees = None
+    remedy: str = RENAME_MEMBER
+    systems: Systems = field(default_factory=dict)
+    corners: Corners = field(default_factory=Corners)
+
+
+def area(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) -> Area:
+    """Return the area of a feature; raises InvalidInput with all errors."""
+    with fields.refusals:
+        footprint = _footprint(geometry, fields, setting)
+    members = area_members(fields, setting)
+    fields.raise_found()
+    return Area(key, footprint, **members)
+
+
+def _footprint(geometry: dict[str, Any], fields: Fields, setting: Setting) -> shapely.MultiPolygon:
+    """Return the polygon of an area, or one that contains its circle."""
+    if geometry["type"] in AREA_TYPES:
+        footprint = multipolygon(fields.who, geometry)
+        return footprint if setting.to_degrees is None else shapely.transform(footprint, setting.to_degrees)
+    if not fields.has("radius_m"):
+        rule = f"must be a {' or '.join(AREA_TYPES)} (an area) or a LineString (a track); got '{CIRCLE_TYPE}'"
+        raise fields.refusal("geometry", f"{rule}, which needs radius_m to be a circle")
+    place = point(fields.who, geometry.get("coordinates"))
+    if setting.to_degrees is not None:
+        place = setting.to_degrees(place)
+    radius_m = fields.number("radius_m")
+    if radius_m is None:
+        return shapely.MultiPolygon()
+    return disc(fields.who, float(place[0, 0]), float(place[0, 1]), radius_m, setting.scene, setting.corners)
+
+
+def area_members(fields: Fields, setting: Setting) -> dict[str, Any]:
+    """Return the members of an area besides key and footprint; errors are added to the fields' refusals."""
+    members = {
+        "name": fields.text("name"),
+        "start_us": certain(fields.instant("start")),
+        "end_us": certain(fields.instant("end")),
+        "floor_m": fields.number("floor_m"),
+        "ceiling_m": fields.number("ceiling_m"),
+        "properties": fields.rest(),
+    }
+    known = (*AREA_GUARDED, *(fields.known & {"radius_m"}))  # only for circles
+    rest = setting.foreign, setting.remedy
+    fields.refusals.extend(misnamed(fields.who, fields.values, known, AREA_ELSEWHERE, *rest))
+    return members
+
+
+@dataclass(frozen=True, slots=True)
+class TrackAtSpeed:
+    """A track whose times are not yet computed from its start and the speed on each leg.
+
+    positions_deg : (n, 2) float64, longitude and latitude of the waypoints
+    speed_mps : (n - 1,) float64, on each leg, from field `speed`
+    members : all but its key, positions and times
+    """
+
+    key: str
+    positions_deg: NDArray[np.float64]
+    start_us: int
+    speed: str
+    speed_mps: NDArray[np.float64]
+    members: Mapping[str, Any]
+
+    def refusal(self, field: str, rule: str) -> InvalidInput:
+        """Return the error that refuses a field of this track."""
+        return InvalidInput(f"track {self.key!r}", field, rule)
+
+
+def track(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) -> Track | TrackAtSpeed:
+    """Return the track of a feature; raises InvalidInput with all errors.
+
+    Its times are given, one per waypoint (`times`, or `datetimes` as OGC Moving Features calls them), or follow from
+    `start` and a speed over the ground. The latter needs the lengths of its legs, which `timed` computes for many
+    tracks at once.
+    """
+    by_times = [name for name in TIMES if fields.has(name)]
+    by_speed = [name for name in SPEED if fields.has(name)]
+    positions: NDArray[np.float64] = np.empty((0, 2))
+    with fields.refusals:
+        positions = line(fields.who, "geometry.coordinates", geometry.get("coordinates"))
+        if setting.to_degrees is not None:
+            positions = setting.to_degrees(positions)
+    with fields.refusals:
+        if by_times and (by_speed or len(by_times) > 1):
+            twice = (*by_speed, *by_times)[0]
+            rule = f"must not be given together with {by_times[-1]}: give times, or start and a speed"
+            raise fields.refusal(twice, rule)
+        if not by_times and not by_speed:
+            rule = "is missing: give times (one per waypoint), or start and speed_kn or speed_mps"
+            raise fields.refusal("times", rule)
+        if by_times:
+            times_us = instants(fields, by_times[0])
+        else:
+            if not fields.has("start"):
+                raise fields.refusal("start", "is missing: a track with a speed needs its start")
+            start_us = fields.instant("start")
+            speed, speed_mps = _speeds_mps(fields, len(positions) - 1)
+    members = track_members(fields, setting)
+    fields.raise_found()
+    if by_times:
+        return Track(key, positions, all_certain(times_us), **members, max_speed_kn=np.inf)
+    assert start_us is not None  # noqa: S101
+    return TrackAtSpeed(key, positions, start_us, speed, speed_mps, members)
+
+
+def timed(tracks: Sequence[TrackAtSpeed], scene: Scene, max_speed_kn: float, refusals: Refusals) -> list[Track | None]:
+    """Return tracks with times computed from their speeds and the lengths of their legs in a scene.
+
+    A refused track is None, and its errors are added to the refusals.
+    """
+    if not tracks:
+        return []
+    positions = np.concatenate([track.positions_deg for track in tracks])
+    # Latitudes beyond the limit are refused below; clip them for the computation.
+    highest = _highest_latitude_deg(scene)
+    lon, lat = positions[:, 0], np.clip(positions[:, 1], -highest, highest)
+    ends = lon[:-1], lat[:-1], lon[1:], lat[1:]
+    if scene.motion == Motion.GREAT_CIRCLE:
+        length_m = geodesy.great_circle_distance(*ends)
+    else:
+        length_m = geodesy.rhumb_distance(geodesy.earth_of(scene.earth), *ends)
+    until = np.cumsum([len(track.positions_deg) for track in tracks]).tolist()
+    starts = [0, *until[:-1]]
+    done: list[Track | None] = [None] * len(tracks)
+    for k, (track, i, j) in enumerate(zip(tracks, starts, until, strict=True)):
+        with refusals:
+            done[k] = _timed(track, length_m[i : j - 1], highest)
+            fastest_kn = float(track.speed_mps.max()) / MPS_PER_KNOT
+            if fastest_kn > max_speed_kn * (1.0 + SPEED_SLACK):
+                done[k] = None
+                raise track.refusal(track.speed, f"is {too_fast(fastest_kn, max_speed_kn)}")
+    return done
+
+
+def _highest_latitude_deg(scene: Scene) -> float:
+    return MAX_LATITUDE_DEG if scene.motion == Motion.GREAT_CIRCLE else MAX_RHUMB_LATITUDE_DEG
+
+
+def track_members(fields: Fields, setting: Setting) -> dict[str, Any]:
+    """Return the members of a track besides key, positions and times: haven, name, heights, properties.
+
+    Errors are added to the fields' refusals.
+    """
+    members: dict[str, Any] = {}
+    with fields.refusals:
+        outlines = havens(fields)
+        members = {"outline_m": haven(fields) if outlines is None else outlines[0], "outlines_m": outlines}
+    members |= _heights(fields, "floor_m", -np.inf) | _heights(fields, "ceiling_m", np.inf)
+    members |= {
+        "name": fields.text("name"),
+        "grow_mps": fields.number("grow_mps") or 0.0,
+        "properties": fields.rest(),
+    }
+    rest = setting.foreign, setting.remedy
+    fields.refusals.extend(misnamed(fields.who, fields.values, TRACK_GUARDED, TRACK_ELSEWHERE, *rest))
+    return members
+
+
+def _heights(fields: Fields, name: str, unbounded: float) -> dict[str, Any]:
+    """Return a height of a track: one, or one per leg, null for unbounded."""
+    value = fields.get(name)
+    if not isinstance(value, list):
+        return {name: fields.number(name)}
+    heights = []
+    for i, height in enumerate(value):
+        with fields.refusals:
+            heights.append(unbounded if height is None else finite(fields.who, f"{name}[{i}]", height))
+    return {name.replace("_m", "s_m"): np.array(heights, dtype=np.float64)}
+
+
+def instants(fields: Fields, name: str) -> NDArray[np.int64]:
+    """Return a member that must be a list of ISO 8601 instants, in microseconds since 1970."""
+    values = fields.get(name)
+    if not isinstance(values, list):
+        raise fields.refusal(name, f"must be a list of dates and times, one per waypoint; got {values!r:.60}")
+    return np.array([instant(fields.who, f"{name}[{i}]", v) for i, v in enumerate(values)], dtype=np.int64)
+
+
+def haven(fields: Fields) -> NDArray[np.float64]:
+    """Return the (m, 2) outline (starboard, forward) in metres of the haven in the fields.
+
+    Raises InvalidInput if there is none, if it is given twice, or if a size is negative.
+    """
+    sides = [f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi") if fields.has(f"{side}_{unit}")]
+    if fields.has("outline_m"):
+        if sides:
+            raise fields.refusal(sides[0], "must not be given together with outline_m")
+        outline = pairs(fields.who, "outline_m", fields.get("outline_m"), "[starboard, forward] in metres")
+        closed = len(outline) > 1 and bool(np.all(outline[0] == outline[-1]))
+        return outline[:-1] if closed else outline
+    if not sides:
+        rule = "is missing: a track needs its haven, four sides in _m or _nmi, or outline_m (all 0 is a point)"
+        raise fields.refusal("fore_m", rule)
+    sizes = [_side_m(fields, side) for side in SIDES]
+    return rectangle_outline_m(*(0.0 if size is None else size for size in sizes))
+
+
+def havens(fields: Fields) -> NDArray[np.float64] | None:
+    """Return the (n, m, 2) outlines (starboard, forward) in metres per waypoint, None for a constant haven.
+
+    Raises InvalidInput if the haven is given twice, or if the outlines are not rings of equally many vertices.
+    """
+    if not fields.has("outlines_m"):
+        return None
+    others = [f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi")]
+    given = [name for name in ("outline_m", "grow_mps", *others) if fields.has(name)]
+    if given:
+        raise fields.refusal(given[0], "must not be given together with outlines_m")
+    value = fields.get("outlines_m")
+    if not isinstance(value, list) or not value:
+        raise fields.refusal("outlines_m", f"must be a list of outlines, one per waypoint; got {value!r:.60}")
+    meaning = "[starboard, forward] in metres"
+    rings = [pairs(fields.who, f"outlines_m[{k}]", ring, meaning) for k, ring in enumerate(value)]
+    for k, ring in enumerate(rings):
+        if not len(ring):
+            raise fields.refusal(f"outlines_m[{k}]", f"must be a ring of {meaning}")
+        if len(ring) != len(rings[0]):
+            rule = f"must have as many vertices as outlines_m[0]: {len(rings[0])}, not {len(ring)}"
+            raise fields.refusal(f"outlines_m[{k}]", f"{rule} (a vertex may be given twice)")
+    outlines = np.stack(rings)
+    closed = outlines.shape[1] > 1 and bool(np.all(outlines[:, 0] == outlines[:, -1]))
+    return outlines[:, :-1] if closed else outlines
+
+
+def _side_m(fields: Fields, side: str) -> float | None:
+    given = [name for name in (f"{side}_m", f"{side}_nmi") if fields.has(name)]
+    with fields.refusals:
+        if len(given) > 1:
+            raise fields.refusal(given[1], f"must not be given together with {given[0]}")
+        if not given:
+            raise fields.refusal(f"{side}_m", "is missing: the other sides of the haven are given (0 is allowed)")
+        size = fields.number(given[0])
+        if size is not None and size < 0.0:
+            raise fields.refusal(given[0], f"must not be negative; got {size:g}")
+        return size if size is None or given[0].endswith("_m") else size * METRES_PER_NMI
+    return None
+
+
+def _timed(track: TrackAtSpeed, length_m: NDArray[np.float64], highest_latitude_deg: float) -> Track:
+    positions = track.positions_deg
+    worst = float(np.abs(positions[:, 1]).max())
+    if worst > MAX_LATITUDE_DEG:  # refused by Track
+        return Track(
+            track.key, positions, np.arange(len(positions), dtype=np.int64), **track.members, max_speed_kn=np.inf
+        )
+    if worst > highest_latitude_deg:
+        rule = f"rhumb lines are followed up to {MAX_RHUMB_LATITUDE_DEG:g} degrees of latitude only; got {worst:g}"
+        raise track.refusal("geometry", rule)
+    with np.errstate(over="ignore"):
+        elapsed_s = np.cumsum(length_m / track.speed_mps)
+    if not elapsed_s[-1] < MAX_DURATION_S:
+        raise track.refusal(track.speed, "is so slow that the track would leave the years 1 to 9999")
+    times_us = np.concatenate([[0], np.rint(elapsed_s * 1e6).astype(np.int64)]) + track.start_us
+    short = np.flatnonzero(times_us[1:] <= times_us[:-1])
+    if short.size:
+        i = int(short[0])
+        where = f"waypoints {i} and {i + 1} (from 0)"
+        if np.all(positions[i] == positions[i + 1]):
+            rule = f"{where} are the same place: a speed cannot say how long to stay; give times"
+        else:
+            rule = f"{where} are less than a microsecond apart, the resolution of times"
+        raise track.refusal(track.speed, rule)
+    return Track(track.key, positions, all_certain(times_us), **track.members, max_speed_kn=np.inf)
+
+
+def _speeds_mps(fields: Fields, legs: int) -> tuple[str, NDArray[np.float64]]:
+    """Return the name of the speed field, and the speed on each leg (legs,) in metres per second."""
+    given = [name for name in ("speed_kn", "speed_mps") if fields.has(name)]
+    if not given:
+        raise fields.refusal(
+            "speed_kn", "is missing: a track with a start needs speed_kn or speed_mps (or give times instead)"
+        )
+    if len(given) > 1:
+        raise fields.refusal("speed_mps", "must not be given together with speed_kn")
+    name = given[0]
+    value = fields.get(name)
+    if isinstance(value, list):
+        if len(value) != legs and legs > 0:  # without legs the waypoints are refused
+            raise fields.refusal(name, f"must be one number, or one per leg: {legs} legs, {len(value)} speeds")
+        named = [(f"{name}[{i}]", speed) for i, speed in enumerate(value)]
+    else:
+        named = [(name, value)] * legs
+    speeds = np.array([finite(fields.who, where, speed) for where, speed in named])
+    still = np.flatnonzero(speeds <= 0.0)
+    if still.size:
+        i = int(still[0])
+        raise fields.refusal(named[i][0], f"must be greater than 0; got {speeds[i]:g} (to stay in place, give times)")
+    return name, speeds * (MPS_PER_KNOT if name == "speed_kn" else 1.0)
+
+
+def suspect_properties(item: Area | Track) -> Iterator[str]:
+    """Yield the names of an object's properties that `area` or `track` would take for misspelt members."""
+    is_track = isinstance(item, Track)
+    members = track_properties(item) if isinstance(item, Track) else area_properties(item)
+    known, elsewhere = (TRACK_GUARDED, TRACK_ELSEWHERE) if is_track else (AREA_GUARDED, AREA_ELSEWHERE)
+    return (refused.field for refused in misnamed(item.key, members, known, elsewhere))
+
+
+def area_properties(item: Area) -> dict[str, Any]:
+    """Return the properties from which `area` reads the same area."""
+    return {
+        **{name: value for name, value in item.properties.items() if name not in AREA_MEMBERS},
+        **_present(kind="area", name=item.name, start=_instant(item.start_us), end=_instant(item.end_us)),
+        **_present(floor_m=item.floor_m, ceiling_m=item.ceiling_m),
+    }
+
+
+def track_properties(item: Track) -> dict[str, Any]:
+    """Return the properties from which `track` reads the same track."""
+    return {
+        **{name: value for name, value in item.properties.items() if name not in TRACK_MEMBERS},
+        **_present(kind="track", name=item.name),
+        "times": [format_instant(int(t)) for t in item.times_us],
+        **_haven_properties(item),
+        **_present(
+            floor_m=item.floor_m if item.floors_m is None else _listed(item.floors_m),
+            ceiling_m=item.ceiling_m if item.ceilings_m is None else _listed(item.ceilings_m),
+        ),
+    }
+
+
+def _listed(heights: NDArray[np.float64]) -> list[float | None]:
+    """Return heights as JSON values, null for unbounded."""
+    return [height if np.isfinite(height) else None for height in heights.tolist()]
+
+
+def _haven_properties(item: Track) -> Mapping[str, Any]:
+    """Return the four sides if they give exactly this outline, else the outline or outlines; and the growth."""
+    if item.outlines_m is not None:
+        rings = item.outlines_m
+        if rings.shape[1] > 1 and np.all(rings[:, 0] == rings[:, -1]):
+            rings = np.concatenate([rings, rings[:, :1]], axis=1)  # else they would be read as closed
+        return {"outlines_m": rings.tolist()}
+    growth = {"grow_mps": item.grow_mps} if item.grow_mps else {}
+    outline_m = item.outline_m
+    starboard, fore = (float(x) for x in outline_m.max(axis=0))
+    port, aft = (-float(x) for x in outline_m.min(axis=0))
+    sides = (fore, aft, port, starboard)
+    if min(sides) >= 0.0 and np.array_equal(rectangle_outline_m(*sides), outline_m):
+        return {f"{side}_m": size + 0.0 for side, size in zip(SIDES, sides, strict=True)} | growth
+    return {"outline_m": outline_m.tolist()} | growth
+
+
+def _instant(instant_us: int | None) -> str | None:
+    return None if instant_us is None else format_instant(instant_us)
+
+
+def _present(**members: Any) -> dict[str, Any]:
+    return {name: value for name, value in members.items() if value is not None}

@@ -1,0 +1,112 @@
+"""Combine several files into scenes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.formats.contents import Contents, Remark, Skipped, left_out, name_of, without_objects
+from conflictdb.formats.fields import key as checked_key
+from conflictdb.formats.reading import read, stem
+from conflictdb.model.plans import Area, Scene, Track
+
+
+@dataclass(slots=True)
+class Plan:
+    """The objects of one scene, from one or more files.
+
+    name : of the scene
+    settings : from a file, None if no file has settings
+    sources : the files, in the order given
+    source_of : the file of each object, by key
+    """
+
+    name: str
+    settings: Scene | None = None
+    sources: list[str] = field(default_factory=list)
+    areas: list[Area] = field(default_factory=list)
+    tracks: list[Track] = field(default_factory=list)
+    skipped: list[Skipped] = field(default_factory=list)
+    remarks: list[Remark] = field(default_factory=list)
+    source_of: dict[str, str] = field(default_factory=dict)
+
+    def leave_out(self, source: str, refused: InvalidInput) -> None:
+        """Leave out the refused objects of a file, by name."""
+        refusals = Refusals()
+        with refusals:
+            raise refused
+        gone = {one.key for one in refused}
+        self.skipped.extend(left_out(source, refusals))
+        self.areas = [area for area in self.areas if f"area {area.key!r}" not in gone]
+        self.tracks = [track for track in self.tracks if f"track {track.key!r}" not in gone]
+
+
+def gather(
+    paths: Sequence[str | Path],
+    scene: str | None = None,
+    *,
+    max_speed_kn: float | None = None,
+    layers: Sequence[str] = (),
+    skip_invalid: bool = False,
+    max_file_mb: float | None = None,
+) -> list[Plan]:
+    """Return the scenes in some files, in order of first appearance.
+
+    Parameters
+    ----------
+    paths : sequence of paths
+        Files of one scene are combined as if they were one file.
+    scene : str, optional
+        Name of the one scene of all files; default is the name in each file, else the name of the file.
+    max_speed_kn, layers, skip_invalid, max_file_mb : optional
+        See `conflictdb.formats.read`.
+
+    Raises
+    ------
+    InvalidInput
+        A file is refused or has neither objects nor settings, an id appears in two files of a scene, or the files have
+        different settings.
+    """
+    plans: dict[str, Plan] = {}
+    refusals = Refusals()
+    for i, path in enumerate(paths):
+        with refusals:
+            if path in paths[:i]:
+                raise InvalidInput("file", "", "is given twice", str(path))
+            contents = read(
+                path, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid, max_file_mb=max_file_mb
+            )
+            name = scene_name(path, contents.scene, scene)
+            if contents.scene is None and not (contents.areas or contents.tracks):
+                raise without_objects("file", str(path), contents.skipped)
+            _add(plans.setdefault(name, Plan(name)), str(path), contents, refusals)
+    refusals.raise_found()
+    return list(plans.values())
+
+
+def scene_name(path: str | Path, settings: Scene | None, scene: str | None) -> str:
+    """Return the scene name of a file: `scene` if given, else the name in the file, else the file's name."""
+    own = settings.name if settings else stem(Path(path))
+    return checked_key("scene", "name", own if scene is None else scene)
+
+
+def _add(plan: Plan, source: str, contents: Contents, refusals: Refusals) -> None:
+    if contents.scene is not None:
+        settings = replace(contents.scene, name=plan.name)
+        if plan.settings is not None and (differing := settings.differing(plan.settings)):
+            rule = f"differs from that in {plan.sources[0]}; a scene has one set of settings"
+            with refusals:
+                raise InvalidInput(f"scene {plan.name!r}", differing[0], rule, source)
+        plan.settings = settings
+    items: list[Area | Track] = [*contents.areas, *contents.tracks]
+    for item in items:
+        other = plan.source_of.setdefault(item.key, source)
+        if other != source:
+            rule = f"is also in {other}; ids must be unique in the scene"
+            with refusals:
+                raise InvalidInput(name_of(item), "id", rule, source)
+    plan.sources.append(source)
+    plan.areas.extend(contents.areas)
+    plan.tracks.extend(contents.tracks)
+    plan.skipped.extend(contents.skipped)
+    plan.remarks.extend(contents.remarks)

@@ -1,0 +1,118 @@
+"""Convert GeoJSON geometries to arrays and polygons, checking each number.
+
+A third number of a position (altitude, RFC 7946) is accepted and ignored, because heights of a scene are bands
+(`floor_m`, `ceiling_m`) of whole objects or legs. This can only report more conflicts: without a band an object is at
+all heights.
+"""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.errors import InvalidInput
+from conflictdb.formats.fields import finite
+
+AREA_TYPES = ("Polygon", "MultiPolygon")
+TRACK_TYPE = "LineString"
+CIRCLE_TYPE = "Point"
+
+T = TypeVar("T")
+
+
+def geometry_type(who: str, geometry: Any) -> str:
+    """Return the type of a GeoJSON geometry that can be an area or a track; refuse all others."""
+    rule = f"must be a {', '.join(AREA_TYPES)} (an area) or a {TRACK_TYPE} (a track), or a {CIRCLE_TYPE} with radius_m"
+    if geometry is None:
+        raise InvalidInput(who, "geometry", f"{rule}; there is none")
+    if not isinstance(geometry, dict):
+        raise InvalidInput(who, "geometry", f"{rule}; got {geometry!r:.60}")
+    kind = geometry.get("type")
+    if kind not in (*AREA_TYPES, TRACK_TYPE, CIRCLE_TYPE):
+        raise InvalidInput(who, "geometry", f"{rule}; got {kind!r:.60}")
+    return str(kind)
+
+
+def line(who: str, where: str, coordinates: Any) -> NDArray[np.float64]:
+    """Return the (n, 2) longitudes and latitudes of a LineString in degrees, n >= 2."""
+    positions = _positions(who, where, coordinates)
+    if len(positions) < 2:
+        raise InvalidInput(who, where, f"a track needs at least two waypoints; got {len(positions)}")
+    return positions
+
+
+def point(who: str, coordinates: Any) -> NDArray[np.float64]:
+    """Return the (1, 2) longitude and latitude of a Point in degrees."""
+    return _positions(who, "geometry.coordinates", [coordinates])
+
+
+def multipolygon(who: str, geometry: dict[str, Any]) -> shapely.MultiPolygon:
+    """Return a Polygon or MultiPolygon of GeoJSON, in degrees; the model checks its validity."""
+    where, coordinates = "geometry.coordinates", geometry.get("coordinates")
+    if geometry["type"] == "Polygon":
+        return shapely.MultiPolygon([_polygon(who, where, coordinates)])
+    return shapely.MultiPolygon(_each(who, where, coordinates, "polygons", _polygon))
+
+
+def pairs(who: str, where: str, value: Any, meaning: str) -> NDArray[np.float64]:
+    """Return a JSON list of pairs of numbers as (n, 2) float64; `meaning` describes a pair in errors."""
+    if not isinstance(value, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in value):
+        raise InvalidInput(who, where, f"must be a list of {meaning}")
+    rows = [[finite(who, f"{where}[{i}][{j}]", x) for j, x in enumerate(pair)] for i, pair in enumerate(value)]
+    return np.array(rows, dtype=np.float64).reshape(-1, 2)
+
+
+def _polygon(who: str, where: str, coordinates: Any) -> shapely.Polygon:
+    rings = _each(who, where, coordinates, "rings", _ring)
+    return shapely.Polygon(rings[0], rings[1:])
+
+
+def _ring(who: str, where: str, coordinates: Any) -> NDArray[np.float64]:
+    ring = _positions(who, where, coordinates)
+    if len(ring) < 4:
+        raise InvalidInput(
+            who, where, f"a ring needs at least four positions, the last equal to the first; got {len(ring)}"
+        )
+    if np.any(ring[0] != ring[-1]):
+        raise InvalidInput(who, where, "a ring must be closed: its last position must equal its first")
+    return ring
+
+
+def _each(who: str, where: str, value: Any, what: str, read: Callable[[str, str, Any], T]) -> list[T]:
+    if not isinstance(value, list):
+        raise InvalidInput(who, where, f"must be a list of {what}; got {value!r:.60}")
+    if not value:
+        raise InvalidInput(who, where, "must not be empty")
+    return [read(who, f"{where}[{i}]", member) for i, member in enumerate(value)]
+
+
+def _positions(who: str, where: str, value: Any) -> NDArray[np.float64]:
+    if not isinstance(value, list):
+        raise InvalidInput(who, where, f"must be a list of positions; got {value!r:.60}")
+    if not value:
+        raise InvalidInput(who, where, "must not be empty")
+    # Check the types of all numbers at once: numpy would convert true to 1 and "4" to 4.
+    plain = all(type(p) is list and (len(p) == 2 or len(p) == 3) for p in value)
+    if plain and {type(x) for p in value for x in p} <= {int, float}:
+        try:
+            positions = np.array([p[:2] for p in value], dtype=np.float64)
+            spare = np.array([x for p in value for x in p[2:]], dtype=np.float64)
+        except OverflowError:
+            pass
+        else:
+            if np.isfinite(positions).all() and np.isfinite(spare).all():
+                return positions
+    return _first_fault(who, where, value)
+
+
+def _first_fault(who: str, where: str, value: list[Any]) -> NDArray[np.float64]:
+    """Raise InvalidInput for the first position that is not two or three finite numbers."""
+    for i, position in enumerate(value):
+        if not isinstance(position, list) or len(position) not in (2, 3):
+            rule = "must be a position: [longitude, latitude] (a third number, the altitude, is left aside)"
+            raise InvalidInput(who, f"{where}[{i}]", f"{rule}; got {position!r:.60}")
+        for j, number in enumerate(position):
+            finite(who, f"{where}[{i}][{j}]", number)
+    raise AssertionError(value)  # the caller found a fault

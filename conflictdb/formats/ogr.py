@@ -1,0 +1,244 @@
+"""Read areas and tracks from files that the OGR library opens (GeoPackage, Shapefile, KML, GPX, …), through pyogrio.
+
+Needs the extra `ogr`: ``pip install 'conflictdb[ogr]'``. Every polygon of every layer, or of the selected layers,
+becomes an area. A line becomes a track if its layer has a column of times or a speed (OGR drops the M values). The
+track points of GPX become tracks as positions do. A line of KML with a begin and an end (gx:Track) is refused. All
+other points and lines are left out and listed.
+
+Columns named like members of scene files, in upper or lower case, are read as these members, lists as JSON; all others
+are kept as properties. Without an id column the number of the feature is the id, after the name of its layer if there
+are several. Other reference systems are transformed vertex by vertex to longitude and latitude; edges are then straight
+in the scene's plane.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.formats import file_objects, wkb
+from conflictdb.formats.contents import (
+    Contents,
+    FileRefusals,
+    Remark,
+    Skipped,
+    check_columns,
+    given_twice,
+    left_out,
+    name_of,
+)
+from conflictdb.formats.features import LINES, POINTS, line_track, polygon_area
+from conflictdb.formats.fixes import Fixes, track_of
+from conflictdb.formats.instants import parse_instant
+from conflictdb.formats.names import RENAME_COLUMN
+from conflictdb.formats.ogr_process import Layer, read_layers
+from conflictdb.formats.reference import of_name
+from conflictdb.formats.speed_columns import within_speed
+from conflictdb.formats.time_columns import is_time_like
+from conflictdb.model.plans import Area, Scene, Track
+
+# Columns that make the lines of a layer tracks.
+_WHEN: Final = frozenset({"times", "datetimes", "speed_kn", "speed_mps"})
+# Features left out by geometry that are listed by number.
+_MOST_NAMED: Final = 10
+# Some of the columns that OGR gives the features of KML.
+_KML_FIELDS: Final = frozenset({"begin", "end", "altitudeMode", "tessellate", "extrude"})
+_KML_TRACK: Final = (
+    "are missing: a line with a begin and an end, as a gx:Track has, whose times of each point the OGR library does "
+    "not give; write it as GPX, or as a line with a column times"
+)
+_GPX_POINTS: Final = "track_points"
+_POINT_BYTES: Final = 21  # of a point in WKB
+_GPX_LAYERS: Final = frozenset({"waypoints", "routes", "tracks", "route_points", _GPX_POINTS})
+
+
+def read_objects(
+    path: Path, max_file_mb: float, max_speed_kn: float, names: Sequence[str] = (), *, skip_invalid: bool = False
+) -> Contents:
+    """Return the areas and tracks of a file that OGR opens; raises InvalidInput, also without pyogrio.
+
+    max_file_mb, max_speed_kn : see `conflictdb.formats.read`
+    names : layers to read; none: all
+    skip_invalid : leave out refused objects
+    """
+    layers = read_layers(path, max_file_mb)
+    if not layers:
+        raise InvalidInput("file", "", "holds no layer with geometries")
+    known = [layer.name for layer in layers]
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise InvalidInput("file", "layer", f"there is no layer {unknown[0]!r}; the file has {', '.join(known)}")
+    chosen = [layer for layer in layers if not names or layer.name in names]
+    contents = Contents(None, [], [], [])
+    refusals = FileRefusals()
+    if _is_gpx(layers):
+        _read_gpx(str(path), layers, chosen, max_speed_kn, contents)
+    else:
+        _read_features(str(path), chosen, len(layers) > 1, max_speed_kn, contents, refusals)
+    if not skip_invalid:
+        refusals.raise_found()
+    contents.skipped.extend(left_out(str(path), refusals))
+    return contents
+
+
+def _read_features(
+    source: str, layers: Sequence[Layer], prefixed: bool, max_speed_kn: float, contents: Contents, refusals: Refusals
+) -> None:
+    """Add the areas and tracks of some layers; errors are added to the refusals."""
+    seen: dict[str, str] = {}
+    at_speed: list[file_objects.TrackAtSpeed] = []
+    tracks: list[Track] = []
+    scene = Scene("file")
+    for layer in layers:
+        for where, item in _features(source, layer, f"{layer.name}." if prefixed else "", scene, contents, refusals):
+            first = seen.setdefault(item.key, where)
+            with refusals:
+                if first != where:
+                    raise given_twice(name_of(item), f"{first} and {where}")
+                if isinstance(item, Area):
+                    contents.areas.append(item)
+                elif isinstance(item, Track):
+                    tracks.append(item)
+                else:
+                    at_speed.append(item)
+    timed = file_objects.timed(at_speed, scene, max_speed_kn, refusals)
+    tracks.extend(track for track in timed if track is not None)
+    contents.tracks.extend(within_speed(tracks, scene.motion, max_speed_kn, refusals))
+
+
+def _features(
+    source: str, layer: Layer, prefix: str, scene: Scene, contents: Contents, refusals: Refusals
+) -> Iterator[tuple[str, Area | Track | file_objects.TrackAtSpeed]]:
+    """Yield the place of each object in the file, and the object."""
+    who = f"layer {layer.name!r:.100}"
+    check_columns(who, layer.fields)
+    shapes = _shapes(who, layer)
+    if layer.crs is None:
+        rule = "is unknown: the file must say its reference system (a Shapefile needs its .prj)"
+        raise InvalidInput(who, "reference system", rule)
+    setting = file_objects.Setting(scene, (), of_name(who, layer.crs), RENAME_COLUMN)
+    has_times = not _WHEN.isdisjoint(name.lower() for name in layer.fields)
+    others: dict[str, list[str]] = defaultdict(list)
+    is_kml = set(layer.fields) >= _KML_FIELDS
+    time_like: dict[str, None] = {}
+    for i, number in enumerate(layer.numbers):
+        shape = shapes[i]
+        where = f"feature {number} of {who}"
+        values = {name: column[i] for name, column in zip(layer.fields, layer.columns, strict=True)}
+        kind = None if shape is None else shapely.get_type_id(shape)
+        is_track = kind in LINES and has_times
+        if is_kml and kind in LINES and not is_track and values["begin"] is not None and values["end"] is not None:
+            with refusals:
+                raise InvalidInput(where, "times", _KML_TRACK)
+            continue
+        if kind in LINES and not is_track:
+            time_like.update(dict.fromkeys(name for name, value in values.items() if is_time_like(name, value)))
+        if kind in POINTS | LINES and not is_track:
+            others[shape.geom_type].append(str(number))
+            continue
+        with refusals:
+            if is_track:
+                yield where, line_track(where, f"{prefix}{number}", values, shape, setting)
+            else:
+                yield where, polygon_area(where, f"{prefix}{number}", values, shape, setting)
+    for kind_name, numbers in others.items():
+        named = ", ".join(numbers[:_MOST_NAMED]) + (", …" if len(numbers) > _MOST_NAMED else "")
+        what = f"{_without_times(time_like)}: no tracks" if "Line" in kind_name else "no areas or tracks"
+        contents.skipped.append(
+            Skipped(source, who, f"{len(numbers)} features are {kind_name}s, {what} ({named})", (), is_whole=False)
+        )
+
+
+def _without_times(time_like: Collection[str]) -> str:
+    """Return a text that lines have no times, naming columns that look like times."""
+    if not time_like:
+        return "without times"
+    return f"without a column times or datetimes ({', '.join(time_like)} look like times, but not of each point)"
+
+
+def _shapes(who: str, layer: Layer) -> NDArray[np.object_]:
+    """Return the geometries of a layer; raises InvalidInput."""
+    try:
+        return wkb.decoded(layer.shapes)
+    except (ValueError, shapely.errors.GEOSException) as error:
+        raise InvalidInput(who, "geometry", f"holds what is no simple geometry: {error}") from error
+
+
+def _is_gpx(layers: Sequence[Layer]) -> bool:
+    """Return whether the layers are those of a GPX file, with the columns and geometries that OGR gives them."""
+    by_name = {layer.name: layer for layer in layers}
+    if set(by_name) != _GPX_LAYERS:
+        return False
+    points, tracks = by_name[_GPX_POINTS], by_name["tracks"]
+    column = dict(zip(points.fields, points.columns, strict=True))
+    kinds = (("time", str | None), ("track_fid", int), ("track_seg_id", int))
+    titles = dict(zip(tracks.fields, tracks.columns, strict=True)).get("name", [0])
+    return (
+        all(name in column and all(isinstance(one, kind) for one in column[name]) for name, kind in kinds)
+        and all(isinstance(one, str | None) for one in titles)
+        and all(shape is not None and len(shape) == _POINT_BYTES for shape in points.shapes)
+    )
+
+
+def _read_gpx(
+    source: str, layers: Sequence[Layer], chosen: Sequence[Layer], max_speed_kn: float, contents: Contents
+) -> None:
+    """Add the tracks of a GPX file from the usable points of each segment, as for other observed positions."""
+    by_name = {layer.name: layer for layer in layers}
+    for name, what in (("waypoints", "waypoints"), ("routes", "routes, which have no times")):
+        count = len(by_name[name].numbers)
+        if count and by_name[name] in chosen:
+            reason = f"{count} features are {what}: no tracks"
+            contents.skipped.append(Skipped(source, f"layer {name!r}", reason, (), is_whole=False))
+    if not {"tracks", _GPX_POINTS} & {layer.name for layer in chosen}:
+        return
+    points, tracks = by_name[_GPX_POINTS], by_name["tracks"]
+    column = dict(zip(points.fields, points.columns, strict=True))
+    titles = dict(zip(tracks.numbers, dict(zip(tracks.fields, tracks.columns, strict=True))["name"], strict=True))
+    places = shapely.get_coordinates(_shapes(f"layer {_GPX_POINTS!r}", points))
+    keys = _gpx_keys(list(zip(column["track_fid"], column["track_seg_id"], strict=True)), titles)
+    segments: dict[tuple[int, int], Fixes] = {}
+    missing: dict[tuple[str, str], list[int]] = defaultdict(list)
+    for i, when in enumerate(column["time"]):
+        segment = column["track_fid"][i], column["track_seg_id"][i]
+        own = segments.setdefault(segment, Fixes())
+        if when is None:
+            missing[keys[segment], "no time"].append(i + 1)
+            continue
+        try:
+            own.times_us.append(parse_instant(when, naive_is_utc=True))
+        except ValueError as error:
+            raise InvalidInput(f"layer {_GPX_POINTS!r}", f"point {i + 1}, time", str(error)) from None
+        own.positions_deg.append((float(places[i, 0]), float(places[i, 1])))
+        own.lines.append(i + 1)
+    for segment, own in segments.items():
+        key = keys[segment]
+        title = titles.get(segment[0])
+        own.constant["name"] = title
+        track = track_of(key, own, (), max_speed_kn, missing)
+        if track is not None:
+            contents.tracks.append(track)
+    kept = {track.key for track in contents.tracks}
+    for (key, reason), numbers in missing.items():
+        contents.skipped.append(Skipped(source, key, reason, tuple(sorted(numbers)), is_whole=key not in kept))
+    if contents.tracks:
+        contents.remarks = [Remark(source, "file", "says nothing of sizes: all tracks are points")]
+
+
+def _gpx_keys(segments: Sequence[tuple[int, int]], titles: Mapping[int, Any]) -> dict[tuple[int, int], str]:
+    """Return the key of each segment: the track's name if unique, else its number; and the segment's number."""
+    keys = {}
+    different = dict.fromkeys(segments)
+    parts = Counter(number for number, _ in different)
+    same = Counter(titles.values())
+    for number, part in different:
+        title = titles.get(number)
+        is_name = bool(title) and same[title] == 1
+        segment = f".{part + 1}" if parts[number] > 1 else ""
+        keys[number, part] = (str(title) if is_name else str(number + 1)) + segment
+    return keys

@@ -1,0 +1,424 @@
+"""Read areas and tracks from Parquet files: GeoParquet, files of `export`, and plain columns of positions.
+
+Needs the extra `parquet`. A file of the Arrow form OBJECTS, from any writer, is read as exactly these objects. In other
+files, columns have the names and meanings of scene files, in upper or lower case: a polygon is an area, a point with
+`radius_m` a circle, and a line a track if the file has a column of times or the line an M (seconds since 1970). Rows
+with a point, or columns `lon` and `lat`, and a time are positions: one row per waypoint, by the rules of
+`formats.positions`. All other points and lines are left out and listed. Other columns are properties; one that
+resembles a known name is refused.
+"""
+
+import csv
+import json
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from io import StringIO
+from itertools import chain
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.arrays.arrow.forms import METADATA_KEY, metadata_of
+from conflictdb.arrays.arrow.object_rows import OBJECTS, to_objects
+from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.formats import file_objects
+from conflictdb.formats.arrow_values import check_wkb, leaves, plain
+from conflictdb.formats.contents import (
+    TOO_LARGE,
+    Contents,
+    Parts,
+    Remark,
+    Skipped,
+    check_columns,
+    given_twice,
+    left_out,
+    name_of,
+    rows_apart,
+)
+from conflictdb.formats.features import LINES, POINTS, line_track, polygon_area
+from conflictdb.formats.fields import Fields, number_as_key
+from conflictdb.formats.fields import key as checked_key
+from conflictdb.formats.geoparquet import COVERING, GEOMETRY, PLANAR, Layout
+from conflictdb.formats.geoparquet import METADATA_KEY as METADATA_GEO
+from conflictdb.formats.instants import format_instant
+from conflictdb.formats.json_text import check_storable, check_text
+from conflictdb.formats.names import RENAME_COLUMN
+from conflictdb.formats.parquet_process import decoded
+from conflictdb.formats.positions import COLUMNS, read_positions
+from conflictdb.formats.scene_file import scene_of
+from conflictdb.formats.speed_columns import within_speed
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Kind
+
+# Limit on a file in Arrow format; as objects it takes five times that memory, JSON thirty times.
+MAX_PARQUET_MB: Final = 400.0
+# Limit on a file that is read in parts and not kept in memory.
+MAX_PARTS_MB: Final = 4_000.0
+# Columns that make lines tracks.
+_WHEN: Final = frozenset({"times", "datetimes", "speed_kn", "speed_mps"})
+_INDEX: Final = "__index_level_0__"  # of pandas
+# Rows left out by geometry that are listed by number.
+_MOST_NAMED: Final = 10
+_UNSURE: Final = "does not say its reference system: taken for longitude and latitude on WGS84"
+
+
+# Returns the first row with an object's key, given the present row.
+First = Callable[[str, int], int]
+
+
+@dataclass(slots=True)
+class _Found:
+    """The objects of a part; `others` collects rows of unusable geometry, by type, over all parts."""
+
+    refusals: Refusals
+    first: First
+    areas: list[Area] = field(default_factory=list)
+    tracks: list[Track] = field(default_factory=list)
+    at_speed: list[file_objects.TrackAtSpeed] = field(default_factory=list)
+    others: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+
+    def add(self, row: int, item: Area | Track | file_objects.TrackAtSpeed) -> None:
+        """Add the object of a row; refuse an id that an earlier row has."""
+        first = self.first(item.key, row)
+        with self.refusals:
+            if first != row:
+                raise given_twice(name_of(item), rows_apart(first, row))
+            if isinstance(item, Area):
+                self.areas.append(item)
+            elif isinstance(item, Track):
+                self.tracks.append(item)
+            else:
+                self.at_speed.append(item)
+
+
+def read_parquet(
+    path: Path,
+    stem: str,
+    max_file_mb: float | None,
+    max_speed_kn: float | None,
+    fastest_kn: float,
+    *,
+    skip_invalid: bool,
+) -> Contents:
+    """Return the areas and tracks of a Parquet file, or of the parts in a directory; raises InvalidInput.
+
+    max_file_mb, max_speed_kn, skip_invalid : see `conflictdb.formats.read`
+    stem : name of the scene if the file has settings without a name
+    fastest_kn : `max_speed_kn`, or its default for plans
+    """
+    first: dict[str, int] = {}
+    most_mb = MAX_PARQUET_MB if max_file_mb is None else max_file_mb
+    most = most_mb, most_mb
+    areas: list[Area] = []
+    tracks: list[Track] = []
+    with parquet_parts(path, stem, most, max_speed_kn, fastest_kn, first.setdefault) as parts:
+        for some_areas, some_tracks in parts.each:
+            areas += some_areas
+            tracks += some_tracks
+    if not skip_invalid:
+        parts.refusals.raise_found()
+    contents = Contents(parts.settings, areas, tracks, [*left_out(str(path), parts.refusals), *parts.skipped])
+    contents.remarks = parts.remarks
+    return contents
+
+
+@contextmanager
+def parquet_parts(
+    path: Path, stem: str, most_mb: tuple[float, float], max_speed_kn: float | None, fastest_kn: float, first: First
+) -> Iterator[Parts]:
+    """Yield the result of `read_parquet` in parts; a file of rows per waypoint is a single part.
+
+    most_mb : limits in Arrow format: of a file, and of a file that is a single part
+    first : returns the first row that has a key
+    """
+    source = str(path)
+    with decoded(path, most_mb[0]) as rows:
+        schema = rows.schema
+        check_columns("file", list(leaves("", schema)))
+        said = metadata_of("file", schema)
+        settings = scene_of(said["scene"], stem) if said.get("scene") is not None else None
+        parts = Parts(settings, iter(()))
+        found = _Found(parts.refusals, first)
+        layout = Layout.of(schema)
+        is_own = said.get("form") == OBJECTS.name
+        if is_own or _fits(schema):
+            if layout.geometry not in (None, GEOMETRY):
+                rule = f"primary_column must be {GEOMETRY}, as the other columns are; got {layout.geometry!r:.60}"
+                raise InvalidInput("file", "metadata geo", rule)
+            parts.remarks += _remarks(source, layout, is_sure=is_own and METADATA_GEO not in (schema.metadata or {}))
+            parts.each = _taken(_of_form(found, rows.batches, said, layout), found, settings, fastest_kn)
+            yield parts
+            return
+        parts.remarks += _remarks(source, layout, is_sure=False)
+        before, rest = _peeked(rows.batches)
+        if _are_positions(before, layout):
+            rest = _bounded(rest, most_mb[1])
+            contents = read_positions(_as_csv(rest, layout), source, max_speed_kn=max_speed_kn)
+            parts.remarks[:0] = contents.remarks
+            parts.skipped += contents.skipped
+            parts.each = iter([(contents.areas, contents.tracks)])
+            yield parts
+            return
+        if layout.geometry is None:
+            known = ", ".join(schema.names[:20])
+            rule = (
+                f"there is none: no metadata of GeoParquet, no column geometry, no lon and lat with a time; got {known}"
+            )
+            raise InvalidInput("file", "geometry", rule)
+        parts.each = chain(
+            _taken(_of_rows(found, rest, layout, settings), found, settings, fastest_kn),
+            _others(found, source, parts.skipped),
+        )
+        yield parts
+
+
+def _remarks(source: str, layout: Layout, *, is_sure: bool) -> Iterator[Remark]:
+    """Yield remarks on the metadata of GeoParquet.
+
+    is_sure : coordinates are known to be longitude and latitude
+    """
+    if layout.geometry is None:
+        return
+    if not (is_sure or layout.is_sure):
+        yield Remark(source, "file", _UNSURE)
+    if layout.edges != PLANAR:
+        edges = "great circles" if layout.edges == "spherical" else repr(layout.edges[:60])
+        yield Remark(source, "file", f"says that edges are {edges}; here they are what the motion of the scene says")
+    if layout.epoch is not None:
+        text = f"says that its coordinates are of epoch {layout.epoch:g}; they are used as they are"
+        yield Remark(source, "file", text)
+
+
+def _bounded(batches: "Iterator[pa.RecordBatch]", most_mb: float) -> "Iterator[pa.RecordBatch]":
+    """Yield batches; raises InvalidInput above the memory limit."""
+    size = 0
+    for batch in batches:
+        size += batch.nbytes
+        if size > most_mb * 1e6:
+            rule = f"holds more than {most_mb:g} MB of rows per waypoint{TOO_LARGE}"
+            raise InvalidInput("file", "", rule)
+        yield batch
+
+
+def _taken(
+    read: Iterator[None], found: _Found, settings: Scene | None, fastest_kn: float
+) -> Iterator[tuple[list[Area], list[Track]]]:
+    """Yield the objects found in each part."""
+    scene = settings or Scene("file")
+    for _ in read:
+        areas, tracks, at_speed = found.areas, found.tracks, found.at_speed
+        found.areas, found.tracks, found.at_speed = [], [], []
+        timed = file_objects.timed(at_speed, scene, fastest_kn, found.refusals)
+        tracks += [track for track in timed if track is not None]
+        yield areas, within_speed(tracks, scene.motion, fastest_kn, found.refusals)
+
+
+def _of_rows(
+    found: _Found, batches: "Iterator[pa.RecordBatch]", layout: Layout, settings: Scene | None
+) -> Iterator[None]:
+    """Read rows, one object each, in batches."""
+    setting = file_objects.Setting(settings or Scene("file"), (), layout.to_degrees, RENAME_COLUMN)
+    row = 0
+    for batch in batches:
+        _add_rows(found, batch, row, layout, setting)
+        row += batch.num_rows
+        yield
+
+
+def _others(found: _Found, source: str, skipped: list[Skipped]) -> Iterator[tuple[list[Area], list[Track]]]:
+    """List the rows left out by geometry; yields nothing."""
+    for kind, rows in found.others.items():
+        named = ", ".join(map(str, rows[:_MOST_NAMED])) + (", …" if len(rows) > _MOST_NAMED else "")
+        what = "without times: no tracks" if "Line" in kind else "no areas or tracks"
+        skipped.append(Skipped(source, "file", f"{len(rows)} rows are {kind}s, {what} ({named})", (), is_whole=False))
+    yield from ()
+
+
+def _fits(schema: "pa.Schema") -> bool:
+    """Return whether a schema without a declared form fits the form OBJECTS."""
+    if not set(schema.names) <= {*OBJECTS.schema.names, COVERING}:
+        return False
+    try:
+        OBJECTS.columns(schema.empty_table())
+    except InvalidInput:
+        return False
+    return True
+
+
+def _of_form(
+    found: _Found, batches: "Iterator[pa.RecordBatch]", said: dict[str, Any], layout: Layout
+) -> Iterator[None]:
+    """Read the objects of a file of the form OBJECTS, in batches."""
+    row = 0
+    known = {METADATA_KEY: json.dumps({k: v for k, v in said.items() if k != "scene"})}
+    for batch in batches:
+        batch = batch.replace_schema_metadata(known)
+        columns = OBJECTS.columns(batch, row)  # an error here concerns all rows
+        check_wkb(GEOMETRY, columns[GEOMETRY], row)
+        degrees = layout.in_degrees(columns[GEOMETRY], row)
+        if degrees is not columns[GEOMETRY]:
+            batch = batch.set_column(batch.schema.get_field_index(GEOMETRY), GEOMETRY, degrees)
+        try:
+            _add_checked(found, batch, row)
+        except InvalidInput:
+            for i in range(batch.num_rows):  # to report all errors, each with its row
+                with found.refusals:
+                    _add_checked(found, batch.slice(i, 1), row + i)
+        row += batch.num_rows
+        yield
+
+
+def _add_checked(found: _Found, batch: "pa.RecordBatch", row: int) -> None:
+    """Add the objects of a batch whose first row has number `row`; raises InvalidInput for the first error."""
+    areas, tracks = to_objects(batch)
+    items: list[Area | Track] = [*areas, *tracks]
+    is_track = np.array(batch.column("kind").to_pylist()) == Kind.TRACK.value
+    for item in items:
+        who = name_of(item)
+        checked_key(who, "id", item.key)
+        if item.name is not None:
+            check_text(who, "name", item.name)
+        if item.properties:
+            check_storable(who, "", item.properties)
+    for i, item in zip(np.argsort(is_track, kind="stable").tolist(), items, strict=True):
+        found.add(row + i, item)
+
+
+def _peeked(batches: "Iterator[pa.RecordBatch]") -> "tuple[pa.RecordBatch | None, Iterator[pa.RecordBatch]]":
+    """Return the first non-empty batch, and all batches from it on."""
+    for batch in batches:
+        if batch.num_rows:
+            return batch, chain([batch], batches)
+    return None, iter(())
+
+
+def _add_rows(found: _Found, batch: "pa.RecordBatch", row: int, layout: Layout, setting: file_objects.Setting) -> None:
+    """Add the objects of a batch whose first row has number `row`."""
+    shapes = layout.shapes(batch.column(layout.geometry), row)
+    names, columns = _values(batch, {layout.geometry, *layout.aside})
+    has_times = not _WHEN.isdisjoint(name.lower() for name in names)
+    measured = shapely.has_m(shapes)
+    for i, shape in enumerate(shapes):
+        where = f"row {row + i}"
+        values = {name: column[i] for name, column in zip(names, columns, strict=True)}
+        number = str(number_as_key(values.pop(_INDEX, row + i)))
+        kind = None if shape is None else shapely.get_type_id(shape)
+        is_track = kind in LINES and (has_times or bool(measured[i]))
+        is_circle = kind == shapely.GeometryType.POINT and any(name.lower() == "radius_m" for name in names)
+        if kind in POINTS | LINES and not is_track and not is_circle:
+            found.others[shape.geom_type].append(row + i)
+            continue
+        with found.refusals:
+            _check_kind(where, values, is_track=is_track)
+            if is_circle:
+                found.add(row + i, _circle(where, number, values, shape, setting))
+            elif is_track:
+                if measured[i] and all(values.get(name) is None for name in names if name.lower() in _WHEN):
+                    values = {**values, "times": _times_of(where, shape)}
+                found.add(row + i, line_track(where, number, values, shape, setting))
+            else:
+                found.add(row + i, polygon_area(where, number, values, shape, setting))
+
+
+def _check_kind(where: str, values: dict[str, Any], *, is_track: bool) -> None:
+    said = values.get("kind")
+    if said in ("area", "track") and (said == "track") != is_track:
+        rule = f"is {said!r}, but the geometry is that of {'a track' if is_track else 'an area'}"
+        raise InvalidInput(where, "kind", rule)
+
+
+def _circle(where: str, number: str, values: dict[str, Any], shape: Any, setting: file_objects.Setting) -> Area:
+    key = number_as_key(values.pop("id", None))
+    key = checked_key(where, "id", number if key is None or key == "" else key)
+    geometry = {"type": "Point", "coordinates": shapely.get_coordinates(shape)[0].tolist()}
+    fields = Fields(f"area {key!r}", {n.lower() if n.lower() in _CIRCLE else n: v for n, v in values.items()})
+    return file_objects.area(key, geometry, fields, setting)
+
+
+_CIRCLE: Final = file_objects.AREA_MEMBERS | {"radius_m"}
+
+
+def _times_of(where: str, line: Any) -> list[str]:
+    """Return the M of a line, seconds since 1970, as instants."""
+    seconds = shapely.get_coordinates(line, include_m=True)[:, 2]
+    if not (np.abs(seconds) < file_objects.MAX_DURATION_S).all():
+        raise InvalidInput(
+            where, "geometry", "has an M that is no number of seconds since 1970, in the years 1 to 9999"
+        )
+    try:
+        return [format_instant(us) for us in np.rint(seconds * 1e6).astype(np.int64).tolist()]
+    except OverflowError:
+        raise InvalidInput(where, "geometry", "has an M that leaves the years 1 to 9999") from None
+
+
+def _are_positions(first: "pa.RecordBatch | None", layout: Layout) -> bool:
+    """Return whether rows are waypoints: with a time, and a point or lon and lat."""
+    if first is None:
+        return False
+    lower = {name.lower() for name in first.schema.names}
+    if not lower.intersection(COLUMNS["time"]):
+        return False
+    if layout.geometry is None:
+        return all(lower.intersection(COLUMNS[name]) for name in ("lon", "lat"))
+    kinds = shapely.get_type_id(layout.shapes(first.column(layout.geometry), 0))
+    return bool(np.isin(kinds, [shapely.GeometryType.POINT, shapely.GeometryType.MISSING]).all() and (kinds >= 0).any())
+
+
+def _as_csv(batches: "Iterator[pa.RecordBatch]", layout: Layout) -> str:
+    """Return positions as CSV text for `read_positions`; coordinates and instants keep all digits."""
+    text = StringIO()
+    writer = csv.writer(text)
+    aside, row = {_INDEX, *layout.aside}, 0
+    names: list[str] = []
+    for batch in batches:
+        places: list[list[Any]] = []
+        if layout.geometry is not None:
+            own = {name for name in batch.schema.names if name.lower() in (*COLUMNS["lon"], *COLUMNS["lat"])}
+            aside |= {layout.geometry, *own}
+            places = _places(layout, batch, row)
+        names, columns = _values(batch, aside)
+        if not row:
+            writer.writerow([*names, *(("lon", "lat") if places else ())])
+        is_id = [name.lower() in COLUMNS["id"] for name in names]
+        texts = [[_cell(value, is_id=of) for value in column] for of, column in zip(is_id, columns, strict=True)]
+        writer.writerows(zip(*texts, *places, strict=True))
+        row += batch.num_rows
+    return text.getvalue()
+
+
+def _places(layout: Layout, batch: "pa.RecordBatch", row: int) -> list[list[Any]]:
+    shapes = layout.shapes(batch.column(layout.geometry), row)
+    kinds = shapely.get_type_id(shapes)
+    strange = np.flatnonzero(~np.isin(kinds, [shapely.GeometryType.POINT, shapely.GeometryType.MISSING]))
+    if strange.size:
+        i = int(strange[0])
+        rule = f"must be a Point, as in the rows before, which are positions; got a {shapes[i].geom_type}"
+        raise InvalidInput(f"row {row + i}", "geometry", rule)
+    xy: NDArray[np.float64] = np.column_stack([shapely.get_x(shapes), shapely.get_y(shapes)])
+    known = np.asarray(~np.isnan(xy).any(axis=1))
+    if layout.to_degrees is not None:
+        xy[known] = layout.to_degrees(xy[known])
+    return [[repr(x) if ok else "" for x, ok in zip(side.tolist(), known.tolist(), strict=True)] for side in xy.T]
+
+
+def _cell(value: Any, *, is_id: bool) -> str:
+    if value is None:
+        return ""
+    if is_id:
+        value = number_as_key(value)
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _values(batch: "pa.RecordBatch", aside: Collection[str | None]) -> tuple[list[str], list[list[Any]]]:
+    """Return the names of columns and their JSON values, except columns in `aside`."""
+    names = [name for name in batch.schema.names if name not in aside]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InvalidInput("file", f"column {twice}", "is there more than once")
+    return names, [plain(name, batch.column(batch.schema.get_field_index(name))) for name in names]

@@ -1,0 +1,86 @@
+"""Find objects that lie far from all others: a sign of swapped coordinates or a wrong digit."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.earth import geodesy
+from conflictdb.formats.contents import Remark, name_of
+from conflictdb.model.plans import Area, Track
+
+# An object gets a remark if it lies FAR times as far from the middle as nine of ten other objects, and at least
+# _LEAST_M away: less is no sign of a mistake.
+FAR: Final = 10.0
+_LEAST_M: Final = 200_000.0
+# Objects per chunk.
+_AT_ONCE: Final = 50_000
+# Corners of an extent, as columns of longitude and latitude.
+_CORNERS: Final = ([0, 1], [0, 3], [2, 1], [2, 3])
+# A smaller factor suffices if swapping longitude and latitude puts the object among the others.
+_FAR_IF_SWAPPED: Final = 3.0
+
+
+def remarks(source: str, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[Remark]:
+    """Yield a remark on each object that lies far from all others."""
+    items: list[Area | Track] = [*areas, *tracks]
+    extents = np.array([extent(item) for item in items]).reshape(-1, 4)
+    yield from far(source, extents, lambda i: name_of(items[i]))
+
+
+def far(source: str, extents: NDArray[np.float64], name: Callable[[int], str]) -> Iterator[Remark]:
+    """Yield a remark on each object that lies far from all others.
+
+    extents : (n, 4) as `extent` returns them
+    name : returns the name of an object, given its index
+    """
+    n = len(extents)
+    if n < 2:
+        return
+    places = 0.5 * (extents[:, :2] + extents[:, 2:])
+    at = _unit(places)
+    middle = np.array([np.median(at[:, i]) for i in range(3)]) if n > 2 else at[0]
+    # In chunks: there may be millions.
+    size_m, apart_m = np.empty(n), np.empty(n)
+    for first in range(0, n, _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        size_m[some] = np.max([_apart_m(_unit(extents[some][:, corner]), at[some]) for corner in _CORNERS], axis=0)
+        apart_m[some] = _apart_m(at[some], middle)
+    distance_m = np.maximum(apart_m - size_m, 0.0)
+    # Reach of the others: without the farthest, so that an object does not hide itself.
+    nearer = np.argsort(distance_m)[: max(1, min(n - 1, int(0.9 * n)))]
+    reach_m = float((apart_m + size_m)[nearer].max())
+    remote = np.flatnonzero(distance_m > max(_FAR_IF_SWAPPED * reach_m, _LEAST_M))
+    swapped_m = np.full(n, np.inf)
+    can_be_swapped = remote[np.abs(places[remote, 0]) <= 90.0]
+    swapped_m[can_be_swapped] = _apart_m(_unit(places[can_be_swapped, ::-1]), middle)
+    looks_swapped = swapped_m <= np.maximum(reach_m, distance_m / FAR)
+    is_far = (distance_m > max(FAR * reach_m, _LEAST_M)) & (n > 2)
+    for i in np.flatnonzero(is_far | looks_swapped).tolist():
+        text = f"lies {distance_m[i] / 1000.0:,.0f} km from the other objects"
+        if looks_swapped[i]:
+            text += ", but among them if longitude and latitude are swapped: longitude comes first"
+        else:
+            text += f", which lie within {max(reach_m, 1000.0) / 1000.0:,.0f} km of each other; is its position right?"
+        yield Remark(source, name(i), text)
+
+
+def extent(item: Area | Track) -> NDArray[np.float64]:
+    """Return the bounding box of an object: west, south, east, north, degrees."""
+    if isinstance(item, Track):
+        return np.concatenate([item.positions_deg.min(axis=0), item.positions_deg.max(axis=0)])
+    return np.asarray(shapely.bounds(item.footprint))
+
+
+def _unit(places_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return longitudes and latitudes (n, 2) as unit vectors (n, 3)."""
+    lon, lat = np.radians(places_deg).T
+    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=1)
+
+
+def _apart_m(at: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the distance of unit vectors along the earth, metres, to 1 %."""
+    across = np.linalg.norm(np.cross(at, middle), axis=1)
+    return np.asarray(geodesy.MEAN_RADIUS_M * np.arctan2(across, (at * middle).sum(axis=1)))

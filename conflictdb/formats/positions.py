@@ -1,0 +1,279 @@
+"""Read files of observed positions such as AIS (CSV, one row per fix, any order): one track per vessel or aircraft.
+
+Columns ``id,time,lon,lat`` and, each where known, ``name``, the size (``length_m,width_m`` or
+``fore_m,aft_m,port_m,starboard_m``) and the heights (``floor_m,ceiling_m``); the names that AIS archives use are
+accepted too. Other columns whose value never changes for an object become its properties. Without any size column every
+object is a point; with length and width it is a rectangle centred on the reported position.
+
+Observations always contain errors. Unusable data are left out and reported by name (`Skipped`): rows without identity,
+time or position, rows at a time that is already taken, fixes that cannot be reached at `max_speed_kn`, objects without
+a size, and objects with a single fix. A file that is no position file is refused (InvalidInput).
+"""
+
+import csv
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
+from io import StringIO
+from typing import Final
+
+import numpy as np
+
+from conflictdb.errors import InvalidInput
+from conflictdb.formats.contents import Contents, FileRefusals, Remark, Skipped, check_columns
+from conflictdb.formats.fields import key as checked_key
+from conflictdb.formats.fixes import LENGTH_WIDTH, SIDES, Fixes, track_of
+from conflictdb.formats.instants import parse_instant
+from conflictdb.formats.json_text import check_text
+from conflictdb.formats.names import RENAME_COLUMN, SETTING_RULE, SETTINGS, misnamed
+from conflictdb.model.speeds import AIS_MAX_SPEED_KN, MAX_SPEED_KN
+
+# Column of this package -> accepted names, in lower case; the first is the package's own.
+COLUMNS: Final = {
+    "id": ("id", "mmsi", "key", "vessel_id", "icao24"),
+    "time": ("time", "datetime", "basedatetime", "base_date_time", "timestamp", "date_time_utc", "# timestamp"),
+    "lon": ("lon", "longitude", "long"),
+    "lat": ("lat", "latitude"),
+    "name": ("name", "vesselname", "vessel_name", "shipname"),
+    "length_m": ("length_m", "length"),
+    "width_m": ("width_m", "width", "beam"),
+    "fore_m": ("fore_m", "to_bow", "a"),
+    "aft_m": ("aft_m", "to_stern", "b"),
+    "port_m": ("port_m", "to_port", "c"),
+    "starboard_m": ("starboard_m", "to_starboard", "d"),
+    "floor_m": ("floor_m",),
+    "ceiling_m": ("ceiling_m",),
+}
+REQUIRED: Final = ("id", "time", "lon", "lat")
+# Names that no other column may resemble; names without influence on conflicts are not checked.
+_GUARDED: Final = ("lon", "lat", *LENGTH_WIDTH, *SIDES, "floor_m", "ceiling_m")
+_ELSEWHERE: Final = dict.fromkeys(SETTINGS, SETTING_RULE) | dict.fromkeys(
+    ("grow_mps", "outline_m", "outlines_m"),
+    "is read from scene files only: positions have a size, as length or as sides",
+)
+_SIZES: Final = "length_m and width_m, or fore_m, aft_m, port_m and starboard_m"
+# Objects of a file; each takes a kilobyte, however short its rows.
+MAX_OBJECTS: Final = 1_000_000
+MISSING: Final = frozenset({"", "na", "nan", "null", "none", r"\n"})
+
+_NUMBER: Final = re.compile(r"[+-]?\d+(\.\d*)?")
+# Numbers in this range are seconds since 1970 (1973 to 5138): dates in digits (20260301) and milliseconds lie outside.
+EARLIEST_S: Final = 100_000_000
+LATEST_S: Final = 100_000_000_000
+AIS_NO_LATITUDE: Final = 91.0  # "not available", ITU-R M.1371
+AIS_NO_LONGITUDE: Final = 181.0
+
+
+def read_positions(text: str, source: str, *, max_speed_kn: float | None = None) -> Contents:
+    """Return the tracks of a file of positions, and the rows and objects left out.
+
+    Parameters
+    ----------
+    text : str
+        The whole file; the first line names the columns, separated by comma, semicolon or tab.
+    source : str
+        The file, for `Skipped`.
+    max_speed_kn : float, optional
+        A fix that can only be reached faster than this is an error; 102.2 for AIS (a column `mmsi`), else 2,000.
+
+    Raises
+    ------
+    InvalidInput
+        A column is missing, a row has too few or too many cells, or a cell is neither a value nor missing.
+    """
+    reader = _Reader(text)
+    reader.refusals.raise_found()
+    if max_speed_kn is None:
+        max_speed_kn = AIS_MAX_SPEED_KN if reader.is_ais("id") else MAX_SPEED_KN
+    fixes = reader.fixes()
+    reader.refusals.raise_found()
+    left_out = reader.left_out
+    tracks = []
+    for key, rows in fixes.items():
+        with reader.refusals:
+            track = track_of(key, rows, reader.size_columns, max_speed_kn, left_out)
+            if track is not None:
+                tracks.append(track)
+    reader.refusals.raise_found()
+    kept = {track.key for track in tracks}
+    skipped = [
+        Skipped(source, key, reason, tuple(sorted(lines)), is_whole=key not in kept)
+        for (key, reason), lines in left_out.items()
+    ]
+    contents = Contents(None, [], tracks, skipped)
+    if not reader.size_columns:
+        contents.remarks = [Remark(source, "file", f"has no columns of sizes ({_SIZES}): all are points")]
+    return contents
+
+
+class _Reader:
+    """The rows of one file, cell by cell; `left_out` collects line numbers by object and reason."""
+
+    def __init__(self, text: str) -> None:
+        header_line = text.partition("\n")[0]
+        separator = max(",;\t", key=header_line.count)
+        self.rows = csv.reader(StringIO(text, newline=""), delimiter=separator, strict=True)
+        self.refusals = FileRefusals()
+        self.header = [name.strip() for name in next(self._each(), [])]
+        self.refusals.raise_found()
+        check_columns("file", self.header)
+        self.left_out: dict[tuple[str, str], list[int]] = defaultdict(list)
+        lower = [name.lower() for name in self.header]
+        self.at: dict[str, int] = {}
+        for column, names in COLUMNS.items():
+            found = [name for name in names if name in lower]
+            if found:
+                self.at[column] = lower.index(found[0])
+        for column in REQUIRED:
+            with self.refusals:
+                if column not in self.at:
+                    rule = f"is missing: the first line must name the columns, {', '.join(REQUIRED)} among them"
+                    raise InvalidInput("file", f"column {column}", f"{rule} (or {', '.join(COLUMNS[column][1:3])})")
+        by_sides = all(column in self.at for column in SIDES)
+        by_length = any(column in self.at for column in LENGTH_WIDTH)
+        self.size_columns: Sequence[str] = SIDES if by_sides else LENGTH_WIDTH if by_length else ()
+        self._check_sides()
+        self.others = [(i, name) for i, name in enumerate(self.header) if name and i not in self.at.values()]
+        known = dict.fromkeys(self.at, "given")
+        self.suspects = {
+            i: name for i, name in self.others if any(misnamed("file", {**known, name: "0"}, _GUARDED, _ELSEWHERE))
+        }
+
+    def _check_sides(self) -> None:
+        """Refuse an incomplete set of four sides; single letters, as in AIS, may mean anything."""
+        if self.size_columns == SIDES:
+            return
+        for column in SIDES:
+            given = column in self.at and len(self.header[self.at[column]]) > 1
+            with self.refusals:
+                if given:
+                    rule = f"needs the other sides beside it: {', '.join(SIDES)}"
+                    raise InvalidInput("file", f"column {self.header[self.at[column]]}", rule)
+
+    def is_ais(self, column: str) -> bool:
+        """Return whether a column has another name than the package's own."""
+        return column in self.at and self.header[self.at[column]].lower() != COLUMNS[column][0]
+
+    def fixes(self) -> dict[str, Fixes]:
+        """Return the usable rows by object, in order of first appearance."""
+        # AIS times are always UTC; the package's own column `time` needs an offset.
+        naive_is_utc = self.is_ais("time")
+        fixes: dict[str, Fixes] = {}
+        for row in self._each():
+            with self.refusals:
+                if row:
+                    self._take(row, self.rows.line_num, fixes, naive_is_utc)
+            if len(fixes) > MAX_OBJECTS:
+                rule = f"names another object after {MAX_OBJECTS:,}, the most that a file may have: split the file"
+                raise InvalidInput("file", f"line {self.rows.line_num}", rule)
+        return fixes
+
+    def _each(self) -> Iterator[list[str]]:
+        """Yield the remaining rows, until one is not CSV; that error is added to the refusals."""
+        try:
+            yield from self.rows
+        except csv.Error as error:
+            rule = f"is not CSV: {error}"
+            if "field limit" in str(error):
+                rule = f"has a cell of more than {csv.field_size_limit():,} characters: is a quotation mark not closed?"
+            with self.refusals:
+                raise InvalidInput("file", f"line {self.rows.line_num}", rule) from None
+
+    def _take(self, row: list[str], line: int, fixes: dict[str, Fixes], naive_is_utc: bool) -> None:
+        if len(row) != len(self.header):
+            rule = f"has {len(row)} cells, but there are {len(self.header)} columns"
+            raise InvalidInput("file", f"line {line}", rule)
+        key = _cell(row[self.at["id"]])
+        if key is None:
+            self.left_out["(rows without id)", "no id"].append(line)
+            return
+        who = f"track {checked_key('file', f'line {line}', key)!r}"
+        check_text(who, f"line {line}", "".join(row))
+        when = _cell(row[self.at["time"]])
+        place = self._position(who, row, line)
+        # An object exists from its first row on, even if the row is unusable.
+        own = fixes.setdefault(key, Fixes())
+        self._note_cells(who, own, row, line)
+        if when is None or place is None:
+            self.left_out[key, "no time" if when is None else "no position"].append(line)
+            return
+        try:
+            own.times_us.append(_instant_us(when, naive_is_utc))
+        except ValueError as error:
+            raise InvalidInput(who, f"line {line}, {self.header[self.at['time']]}", str(error)) from None
+        own.positions_deg.append(place)
+        own.lines.append(line)
+
+    def _position(self, who: str, row: list[str], line: int) -> tuple[float, float] | None:
+        lon, lat = (self._number(who, row, line, column) for column in ("lon", "lat"))
+        if lon is None or lat is None or lat == AIS_NO_LATITUDE or lon == AIS_NO_LONGITUDE:
+            return None
+        for column, value, limit in (("lon", lon, 360.0), ("lat", lat, 90.0)):
+            if abs(value) > limit:
+                name = "longitude" if column == "lon" else "latitude"
+                rule = f"{name} must lie within +-{limit:g} degrees; got {value:g}"
+                raise InvalidInput(who, f"line {line}, {self.header[self.at[column]]}", rule)
+        return lon, lat
+
+    def _note_cells(self, who: str, own: Fixes, row: list[str], line: int) -> None:
+        """Keep the largest sizes (never smaller than the object), the height band over all rows, and constants."""
+        for column in self.size_columns:
+            size = self._number(who, row, line, column)
+            if size is None or (size == 0.0 and self.is_ais(column)):  # AIS: 0 is "not available"
+                continue
+            if size < 0.0:
+                where = f"line {line}, {self.header[self.at[column]]}"
+                raise InvalidInput(who, where, f"must not be negative; got {size:g}")
+            own.largest[column] = max(size, own.largest.get(column, 0.0))
+        for column, seen, widest in (("floor_m", own.lowest, min), ("ceiling_m", own.largest, max)):
+            height = self._number(who, row, line, column)
+            if height is not None:
+                seen[column] = widest(height, seen.get(column, height))
+        named = [(self.at["name"], "name")] if "name" in self.at else []
+        for i, name in (*named, *self.others):
+            value = _cell(row[i])
+            if value is not None and i in self.suspects:
+                self._judge(i, value)
+            if value is not None and own.constant.setdefault(name, value) != value:
+                own.constant[name] = None  # it varies, so it is no property of the object
+
+    def _judge(self, i: int, value: str) -> None:
+        """Refuse a column whose name resembles a known one, once one of its cells has that one's type."""
+        values = {**dict.fromkeys(self.at, "given"), self.suspects[i]: value}
+        found = list(misnamed("file", values, _GUARDED, _ELSEWHERE, remedy=RENAME_COLUMN))
+        self.refusals.extend(InvalidInput("file", f"column {refused.field}", refused.rule) for refused in found)
+        if found:
+            del self.suspects[i]
+
+    def _number(self, who: str, row: list[str], line: int, column: str) -> float | None:
+        if column not in self.at:
+            return None
+        value = _cell(row[self.at[column]])
+        if value is None:
+            return None
+        try:
+            number = float(value)
+        except ValueError:
+            number = np.nan
+        if not np.isfinite(number):
+            where = f"line {line}, {self.header[self.at[column]]}"
+            raise InvalidInput(who, where, f"must be a finite number, or empty; got {value!r:.60}")
+        return number
+
+
+def _instant_us(text: str, naive_is_utc: bool) -> int:
+    """Return an instant, ISO 8601 or seconds since 1970, in microseconds; raises ValueError with the rule."""
+    if not _NUMBER.fullmatch(text):
+        return parse_instant(text, naive_is_utc=naive_is_utc)
+    seconds = Decimal(text)
+    if not EARLIEST_S <= seconds < LATEST_S:
+        rule = f"a number is seconds since 1970, from {EARLIEST_S} to {LATEST_S}"
+        raise ValueError(f"must be ISO 8601, such as 2026-03-01T06:00:00Z, or a number; {rule}; got {text!r:.60}")
+    return int((seconds * 1_000_000).to_integral_value())
+
+
+def _cell(text: str) -> str | None:
+    """Return a cell without surrounding space, None if it means a missing value."""
+    text = text.strip()
+    return None if text.lower() in MISSING else text

@@ -1,0 +1,204 @@
+"""Read files; the name of a file decides its format.
+
+`read` returns the contents of a file or raises one InvalidInput that names the file and, for every error, the object,
+the field and the rule. To add a format, write a module that returns `Contents` and a case in `_read`. A dialect of JSON
+belongs in `scene_file.read_scene` instead, beside `moving_features`.
+
+Files may be hostile. C libraries that parse files run in a confined process (`confined`: GDAL, Parquet). This process
+parses only
+- JSON and CSV, with Python's own parsers: linear time, nesting and cells bounded by Python, size by MAX_FILE_MB;
+- WKB, with GEOS, after a check of its structure (`wkb`);
+- the text of reference systems, with PROJ, which bounds nesting itself; `reference` bounds the rest.
+Numbers of columns, errors, objects and corners of circles are bounded too (`contents`, `positions`, `discs`).
+"""
+
+import codecs
+import gzip
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from conflictdb.errors import InvalidInput
+from conflictdb.formats import places
+from conflictdb.formats.contents import PARQUET, TOO_LARGE, Contents, Parts, Remark
+from conflictdb.formats.scene_file import read_scene
+from conflictdb.formats.summary import Summary
+from conflictdb.formats.time_columns import TimeColumns
+from conflictdb.model.plans import Area, Track
+from conflictdb.model.speeds import MAX_SPEED_KN
+
+# Limit on a file's unpacked size: JSON takes up to thirty times that memory. Some 150,000 simple objects fit, and a
+# scene may have many files.
+MAX_FILE_MB: Final = 64.0
+
+_UTF_16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
+_JSON: Final = frozenset({".json", ".geojson", ".mfjson"})
+_ROWS: Final = frozenset({".csv", ".tsv"})
+
+
+def read(
+    path: str | Path,
+    *,
+    max_speed_kn: float | None = None,
+    layers: Sequence[str] = (),
+    skip_invalid: bool = False,
+    max_file_mb: float | None = None,
+) -> Contents:
+    """Return the contents of a file.
+
+    Scene files and OGC Moving Features (.geojson, .json, .mfjson), positions (.csv, .tsv), each also compressed (.gz);
+    GeoParquet (.parquet, .geoparquet), also as a directory of parts; areas and tracks of any other format that OGR
+    opens.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; the scene has the name in the file, else the file's name.
+    max_speed_kn : float, optional
+        Legs faster than this, in knots, are refused; default 2,000. In files of positions such fixes are left out, see
+        `conflictdb.formats.positions`.
+    layers : sequence of str
+        The layers to read of a file that OGR opens; by default all.
+    skip_invalid : bool
+        Leave out refused objects of scene files, GeoParquet and OGR files, and read the others; `skipped` lists them.
+    max_file_mb : float, optional
+        Limit on the unpacked size, in millions of bytes; default MAX_FILE_MB, and 400 for GeoParquet.
+
+    Raises
+    ------
+    InvalidInput
+        If the file, an object or a field breaks a rule. Nothing of the file is used then.
+    """
+    path = Path(path)
+    contents = _read(path, max_speed_kn, layers, skip_invalid, max_file_mb)
+    contents.remarks = [*contents.remarks, *_remarks(str(path), contents)]
+    return contents
+
+
+@contextmanager
+def read_parts(
+    path: str | Path, *, max_speed_kn: float | None = None, max_file_mb: float | None = None
+) -> Iterator[Parts]:
+    """Yield the result of `read` for a GeoParquet file in parts, to bound memory.
+
+    The caller raises the refusals, if any, after the last part. `max_file_mb` is 4,000 by default.
+    """
+    path = Path(path)
+    with _named(path):
+        from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
+        from conflictdb.formats.parquet import MAX_PARQUET_MB, MAX_PARTS_MB, parquet_parts  # needs pyarrow
+
+        most = (MAX_PARTS_MB, MAX_PARQUET_MB) if max_file_mb is None else (max_file_mb, max_file_mb)
+        fastest_kn = MAX_SPEED_KN if max_speed_kn is None else max_speed_kn
+        summary = Summary()
+        with parquet_parts(path, stem(path), most, max_speed_kn, fastest_kn, summary.first) as parts:
+            parts.each = _summed_up(parts.each, parts, summary, str(path))
+            yield parts
+
+
+def _summed_up(
+    each: Iterator[tuple[list[Area], list[Track]]], parts: Parts, summary: Summary, source: str
+) -> Iterator[tuple[list[Area], list[Track]]]:
+    """Yield parts; after the last one add the errors and remarks that need all objects."""
+    times = TimeColumns()
+    for areas, tracks in each:
+        summary.add([*areas, *tracks])
+        times.add(areas)
+        yield areas, tracks
+    parts.refusals.extend(summary.twice())
+    parts.remarks += [*(() if len(summary) else (_empty(source),)), *times.remarks(source), *summary.remarks(source)]
+
+
+def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
+    if not contents.areas and not contents.tracks:
+        yield _empty(source)
+    times = TimeColumns()
+    times.add(contents.areas)
+    yield from times.remarks(source)
+    yield from places.remarks(source, contents.areas, contents.tracks)
+
+
+def _empty(source: str) -> Remark:
+    return Remark(source, "file", "holds no objects")
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Add the file's name to every refusal."""
+    try:
+        yield
+    except InvalidInput as refused:
+        raise refused.at(str(path)) from refused.__cause__
+    except RecursionError:  # also raised while formatting an error
+        raise InvalidInput("file", "", "is nested too deeply", str(path)) from None
+    except MemoryError:
+        raise InvalidInput("file", "", "needs more memory than there is", str(path)) from None
+
+
+def _read(
+    path: Path, max_speed_kn: float | None, layers: Sequence[str], skip_invalid: bool, max_file_mb: float | None
+) -> Contents:
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    is_packed = suffixes[-1:] == [".gz"]
+    suffix = suffixes[-2 if is_packed else -1] if len(suffixes) > is_packed else ""
+    fastest_kn = MAX_SPEED_KN if max_speed_kn is None else max_speed_kn
+    with _named(path):
+        if layers and suffix in _JSON | _ROWS | PARQUET:
+            raise InvalidInput("file", "layer", "has no layers: files that OGR opens may have some")
+        if suffix in _JSON:
+            text = _text(path, is_packed, max_file_mb)
+            return read_scene(text, stem(path), fastest_kn, source=str(path), skip_invalid=skip_invalid)
+        if suffix in _ROWS:
+            from conflictdb.formats.positions import read_positions
+
+            return read_positions(_text(path, is_packed, max_file_mb), str(path), max_speed_kn=max_speed_kn)
+        if suffix in PARQUET:
+            if is_packed:
+                raise InvalidInput("file", "", "is compressed twice: Parquet is so already; unpack it")
+            from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
+            from conflictdb.formats.parquet import read_parquet  # needs pyarrow
+
+            return read_parquet(path, stem(path), max_file_mb, max_speed_kn, fastest_kn, skip_invalid=skip_invalid)
+        if not path.exists():
+            raise InvalidInput("file", "", "does not exist")
+        from conflictdb.formats.ogr import read_objects
+
+        most_mb = MAX_FILE_MB if max_file_mb is None else max_file_mb
+        return read_objects(path, most_mb, fastest_kn, layers, skip_invalid=skip_invalid)
+
+
+def is_parquet(path: str | Path) -> bool:
+    """Return whether a file is GeoParquet, by its name."""
+    return Path(path).suffix.lower() in PARQUET
+
+
+def stem(path: Path) -> str:
+    """Return the name of a file without the suffixes of its format."""
+    name = path.name
+    for suffix in reversed(path.suffixes):
+        if suffix.lower() == ".gz" or suffix.lower() in _JSON | _ROWS | PARQUET:
+            name = name.removesuffix(suffix)
+    return name if name != path.name else path.stem
+
+
+def _text(path: Path, is_packed: bool, max_file_mb: float | None) -> str:
+    most_mb = MAX_FILE_MB if max_file_mb is None else max_file_mb
+    limit = int(most_mb * 1e6)
+    try:
+        # Never unpack more than the limit: a small archive can contain gigabytes, and a device has no end.
+        with gzip.open(path) if is_packed else path.open("rb") as stream:
+            data = stream.read(limit + 1)
+    except FileNotFoundError:
+        raise InvalidInput("file", "", "does not exist") from None
+    except (OSError, EOFError, zlib.error) as error:
+        raise InvalidInput("file", "", f"cannot be read: {error}") from error
+    if len(data) > limit:
+        raise InvalidInput("file", "", f"holds more than {most_mb:g} MB{TOO_LARGE}")
+    if data.startswith(_UTF_16):
+        raise InvalidInput("file", "byte 0", "must be UTF-8 text; this is UTF-16, or UTF-32")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InvalidInput("file", f"byte {error.start}", "must be UTF-8 text") from None

@@ -1,0 +1,231 @@
+"""Read and write scene files: GeoJSON (RFC 7946) with a foreign member `scene`.
+
+OGC Moving Features JSON uses the same reader: a feature with a `temporalGeometry` is a moving point.
+"""
+
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import shapely
+
+from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.formats import file_objects, moving_features, names, reference
+from conflictdb.formats.contents import Contents, FileRefusals, given_twice, left_out, name_of
+from conflictdb.formats.fields import Fields, number_as_key
+from conflictdb.formats.fields import key as checked_key
+from conflictdb.formats.geometry import TRACK_TYPE, geometry_type
+from conflictdb.formats.json_text import dumped, parse
+from conflictdb.formats.speed_columns import within_speed
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.settings import NAMES
+
+_SETTINGS: Final = ("name", *NAMES)
+# Rules for members at the wrong place.
+_OF_SCENE: Final = dict.fromkeys(NAMES, 'is a setting: put it into the member "scene"')
+_OF_FEATURE: Final = dict.fromkeys(
+    (file_objects.AREA_MEMBERS | file_objects.TRACK_MEMBERS) - {"kind", "name"},
+    "belongs into the properties of a feature",
+)
+_FEATURE_MEMBERS: Final = ("properties", "geometry", "temporalGeometry", "crs", "trs")
+
+
+def read_scene(
+    text: str, stem: str, max_speed_kn: float = math.inf, *, source: str = "", skip_invalid: bool = False
+) -> Contents:
+    """Return the contents of a scene file or an OGC Moving Features JSON file.
+
+    Parameters
+    ----------
+    text : str
+        The whole file.
+    stem : str
+        Name of the scene if the member `scene` has none.
+    max_speed_kn : float
+        Tracks that move faster on a leg are refused.
+    source : str
+        The file, for `Skipped`.
+    skip_invalid : bool
+        Leave out refused objects; other errors still refuse the file.
+
+    Raises
+    ------
+    InvalidInput
+        Names every object, field and broken rule, without the file.
+    """
+    document = parse(text)
+    if not isinstance(document, dict):
+        raise InvalidInput("file", "", "must be a GeoJSON FeatureCollection")
+    if document.get("type") == "Feature" or moving_features.is_bare(document):
+        document = {"type": "FeatureCollection", "features": [moving_features.as_feature(document, stem)]}
+    if document.get("type") != "FeatureCollection":
+        got = document.get("type")
+        raise InvalidInput("file", "type", f"must be 'FeatureCollection' (GeoJSON, RFC 7946); got {got!r:.60}")
+    refusals = FileRefusals()
+    to_degrees: reference.ToDegrees = None
+    systems: reference.Systems = {}
+    with refusals:
+        to_degrees = reference.of_member("file", document, None, systems)
+    with refusals:
+        moving_features.check_trs("file", document)
+    foreign: Collection[str] = ()
+    with refusals:
+        foreign = _foreign(document.get("foreign"))
+    known = ("scene", "features", "crs", "trs", "foreign")
+    refusals.extend(names.misnamed("file", document, known, _OF_SCENE | _OF_FEATURE, foreign))
+    scene = None
+    with refusals:
+        scene = scene_of(document["scene"], stem) if "scene" in document else None
+    features = document.get("features")
+    if not isinstance(features, list):
+        with refusals:
+            raise InvalidInput("file", "features", "must be a list of features")
+        refusals.raise_found()
+        raise AssertionError
+    in_scene = scene or Scene(stem)
+    setting = file_objects.Setting(in_scene, foreign, to_degrees, systems=systems)
+    of_objects = FileRefusals()
+    items: dict[int, Area | Track | file_objects.TrackAtSpeed] = {}
+    for i, feature in enumerate(features):
+        with of_objects:
+            items[i] = _object(i, feature, setting)
+    _leave_unique(items, of_objects)
+    at_speed = {i: item for i, item in items.items() if isinstance(item, file_objects.TrackAtSpeed)}
+    timed = dict(
+        zip(at_speed, file_objects.timed(list(at_speed.values()), in_scene, max_speed_kn, of_objects), strict=True)
+    )
+    areas = [item for item in items.values() if isinstance(item, Area)]
+    each = ((timed[i] if isinstance(item, file_objects.TrackAtSpeed) else item) for i, item in items.items())
+    tracks = within_speed([item for item in each if isinstance(item, Track)], in_scene.motion, max_speed_kn, of_objects)
+    if not skip_invalid:
+        refusals.found += of_objects.found
+    refusals.raise_found()
+    return Contents(scene, areas, tracks, left_out(source, of_objects))
+
+
+def _foreign(names_: Any) -> frozenset[str]:
+    """Return the names of members to ignore, as declared by the file."""
+    if names_ is None:
+        return frozenset()
+    if not isinstance(names_, list) or not all(isinstance(name, str) for name in names_):
+        raise InvalidInput("file", "foreign", f"must be a list of names of members; got {names_!r:.60}")
+    return frozenset(names_)
+
+
+def _leave_unique(items: dict[int, Area | Track | file_objects.TrackAtSpeed], refusals: Refusals) -> None:
+    """Remove objects that have the id of an earlier one."""
+    seen: dict[str, int] = {}
+    for i, item in list(items.items()):
+        first = seen.setdefault(item.key, i)
+        if first != i:
+            del items[i]
+            with refusals:
+                raise given_twice(name_of(item), f"features[{first}] and features[{i}]")
+
+
+def scene_text(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
+    """Yield the lines of a scene file from which `read_scene` reads exactly these objects, one line per feature."""
+    yield '{ "type": "FeatureCollection",\n'
+    yield f'  "scene": {dumped(settings_of(scene))},\n'
+    items: list[Area | Track] = [*areas, *tracks]
+    foreign = sorted({name for item in items for name in file_objects.suspect_properties(item)})
+    if foreign:  # set by SQL; the reader would take them for misspelt members
+        yield f'  "foreign": {dumped(foreign)},\n'
+    yield '  "features": ['
+    separator = "\n"
+    for item in items:
+        yield f"{separator}    {dumped(_feature(item))}"
+        separator = ",\n"
+    yield " ] }\n"
+
+
+def _feature(item: Area | Track) -> dict[str, Any]:
+    if isinstance(item, Track):
+        geometry: Mapping[str, Any] = {"type": TRACK_TYPE, "coordinates": item.positions_deg.tolist()}
+        properties = file_objects.track_properties(item)
+    else:
+        parts = shapely.get_parts(item.footprint)
+        geometry = shapely.geometry.mapping(parts[0] if len(parts) == 1 else item.footprint)
+        properties = file_objects.area_properties(item)
+    return {"type": "Feature", "id": item.key, "geometry": geometry, "properties": properties}
+
+
+def _object(i: int, feature: Any, setting: file_objects.Setting) -> Area | Track | file_objects.TrackAtSpeed:
+    who = f"features[{i}]"
+    if not isinstance(feature, dict) or feature.get("type") != "Feature":
+        raise InvalidInput(who, "type", "must be a GeoJSON Feature")
+    properties = feature.get("properties")
+    if properties is None:
+        properties = {}
+    key = feature.get("id")
+    if key is None and isinstance(properties, dict):  # as written by OGR and others
+        named = next((name for name in properties if name.lower() == "id" and properties[name] is not None), "")
+        key = properties.get(named)
+        properties = {name: value for name, value in properties.items() if name != named}
+    if key is None:
+        raise InvalidInput(who, "id", "is missing: every feature needs an id, a string that is unique in the scene")
+    key = checked_key(who, "id", number_as_key(key))
+    if not isinstance(properties, dict):
+        raise InvalidInput(f"feature {key!r}", "properties", f"must be an object; got {properties!r:.60}")
+    refusals = FileRefusals()
+    who = f"feature {key!r}"
+    refusals.extend(names.misnamed(who, feature, _FEATURE_MEMBERS, _OF_SCENE | _OF_FEATURE, setting.foreign))
+    item: Area | Track | file_objects.TrackAtSpeed | None = None
+    with refusals:
+        to_degrees = reference.of_member(who, feature, setting.to_degrees, setting.systems)
+        own = replace(setting, to_degrees=to_degrees)
+        if feature.get("temporalGeometry") is not None:
+            item = moving_features.track(key, feature, properties, own)
+        else:
+            item = _plain(key, feature.get("geometry"), properties, own)
+    refusals.raise_found()
+    assert item is not None  # noqa: S101
+    return item
+
+
+def _plain(
+    key: str, geometry: Any, properties: dict[str, Any], setting: file_objects.Setting
+) -> Area | Track | file_objects.TrackAtSpeed:
+    """Return the object of a feature with a geometry of plain GeoJSON."""
+    kind = geometry_type(f"feature {key!r}", geometry)
+    is_track = kind == TRACK_TYPE
+    fields = Fields(f"{'track' if is_track else 'area'} {key!r}", properties)
+    with fields.refusals:
+        said = fields.text("kind")
+        if said not in (None, "area", "track"):
+            raise fields.refusal("kind", f"must be 'area' or 'track'; got {said!r:.60}")
+        if said is not None and (said == "track") != is_track:
+            rule = f"is {said!r}, but the geometry is a {kind}, which is {'a track' if is_track else 'an area'}"
+            raise fields.refusal("kind", rule)
+    with fields.refusals:
+        to_degrees = reference.of_member(fields.who, geometry, setting.to_degrees, setting.systems)
+        setting = replace(setting, to_degrees=to_degrees)
+    fields.refusals.extend(names.misnamed(fields.who, geometry, ("coordinates", "crs"), _OF_FEATURE, setting.foreign))
+    return (
+        file_objects.track(key, geometry, fields, setting)
+        if is_track
+        else file_objects.area(key, geometry, fields, setting)
+    )
+
+
+def settings_of(scene: Scene) -> dict[str, Any]:
+    """Return the settings of a scene as files store them, for `scene_of`: its name, and all that are not None."""
+    return {name: getattr(scene, name) for name in _SETTINGS if getattr(scene, name) is not None}
+
+
+def scene_of(settings: Any, stem: str) -> Scene:
+    """Build a scene from settings in a file; raises InvalidInput with all errors."""
+    if not isinstance(settings, dict):
+        raise InvalidInput("scene", "", f"must be an object of settings; got {settings!r:.60}")
+    refusals = FileRefusals()
+    for name in (name for name in settings if name not in _SETTINGS):
+        meant = names.look_alike(name, _SETTINGS)
+        hint = f"did you mean {meant}?" if meant else f"known are {', '.join(_SETTINGS)}"
+        with refusals:
+            raise InvalidInput("scene", name, f"is no setting of a scene; {hint}")
+    refusals.raise_found()
+    given = {name: value for name, value in settings.items() if value is not None}
+    scene = Scene(**{"name": stem, **given})
+    checked_key("scene", "name", scene.name)
+    return scene

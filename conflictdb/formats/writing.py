@@ -1,0 +1,94 @@
+"""Write files: completely or not at all, compressed if the name ends in .gz."""
+
+import gzip
+from collections.abc import Iterable, Iterator
+from itertools import chain, islice
+from pathlib import Path
+from typing import Final, cast
+
+from conflictdb.errors import InvalidInput
+from conflictdb.formats.conflict_text import as_csv, as_geojson, as_json, columns_of
+from conflictdb.formats.whole_files import whole_file
+from conflictdb.model.results import Approach, Conflict, Listing, Stream
+
+_PARQUET: Final = ".parquet"
+_FORMATS: Final = (".geojson", ".json", ".csv", _PARQUET)
+
+
+def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
+    """Write conflicts or closest approaches, of a database or of `solve`, as GeoJSON, JSON, CSV or GeoParquet.
+
+    Members and columns are those of the views `conflicts` and `approaches`; columns that only a database fills are null
+    without one. A CSV file without rows has the columns of conflicts, unless it is an empty answer of
+    `StoredScene.approaches`. The file appears when it is complete; if writing fails, an older file stays.
+
+    Parameters
+    ----------
+    results : iterable of Conflict, or of Approach
+        Results of a database also give GeoJSON their completeness. They are written as they arrive.
+    path : str or Path
+        The file; its name ends in .geojson, .json or .csv, with .gz added to compress it; or in .parquet, for
+        conflicts, which needs the extra `parquet`.
+
+    Raises
+    ------
+    InvalidInput
+        The name has no known format, or `results` contains anything else, or both kinds; no file has been written.
+    OSError
+        The file cannot be written.
+    """
+    path = Path(path)
+    suffix = (path.with_suffix("") if _is_packed(path) else path).suffix.lower()
+    if suffix not in _FORMATS or (suffix == _PARQUET and _is_packed(path)):
+        rule = f"must end in {', '.join(_FORMATS)} (one of them and .gz), or {_PARQUET}"
+        raise InvalidInput("write", "path", rule, str(path))
+    rule = "must be conflicts, or closest approaches, and not both"
+    if not isinstance(results, Iterable):
+        raise InvalidInput(
+            "write", "results", f"{rule}, in a list or the like; got {type(results).__name__}", str(path)
+        )
+    listing = results if isinstance(results, Listing | Stream) else None
+    rows = iter(results)
+    first = list(islice(rows, 1))
+    kind = listing.kind if listing is not None else Approach if first and isinstance(first[0], Approach) else Conflict
+    each = _each(chain(first, rows), kind, InvalidInput("write", "results", rule, str(path)))
+    if suffix == _PARQUET:
+        if kind is Approach:
+            rule = "are closest approaches: only conflicts are written as GeoParquet"
+            raise InvalidInput("write", "results", rule, str(path))
+        from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
+        from conflictdb.formats.parquet_writing import write_conflicts  # needs pyarrow
+
+        with whole_file(path) as stream:
+            write_conflicts(stream, cast("Iterator[Conflict]", each))
+        return
+    if suffix == ".csv":
+        lines = as_csv(each, columns_of(kind))
+    elif suffix == ".json":
+        lines = as_json(each)
+    else:
+        lines = as_geojson(each, [listing.state] if listing is not None else [])
+    write_lines(path, lines)
+
+
+def _each(
+    rows: Iterable[Conflict | Approach], kind: type[Conflict] | type[Approach], refusal: InvalidInput
+) -> Iterator[Conflict | Approach]:
+    for row in rows:
+        if not isinstance(row, kind):
+            raise refusal
+        yield row
+
+
+def write_lines(path: str | Path, lines: Iterable[str]) -> None:
+    """Write a file of lines; it appears when it is complete, and if writing fails, an older file stays."""
+    with whole_file(path) as raw:
+        if _is_packed(Path(path)):
+            with gzip.GzipFile(filename="", fileobj=raw, mode="wb", mtime=0) as packed:
+                packed.writelines(line.encode() for line in lines)
+        else:
+            raw.writelines(line.encode() for line in lines)
+
+
+def _is_packed(path: Path) -> bool:
+    return path.suffix.lower() == ".gz"  # as `read` tells it

@@ -1,0 +1,94 @@
+"""Format results for a notebook as HTML tables, with all keys escaped."""
+
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from html import escape
+from typing import TYPE_CHECKING, Final
+
+from conflictdb.errors import printable
+
+if TYPE_CHECKING:
+    from conflictdb.model.results import Approach, Conflict, PairRecord
+
+# More rows make a long page that is slow to show.
+_MOST_ROWS: Final = 50
+_UNITS: Final = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
+
+
+def conflicts_html(conflicts: "Sequence[Conflict]") -> str:
+    """Return conflicts as a table, times in UTC; only the first of many."""
+    header = ["A", "B", "verdict", "first contact (UTC)", "last contact (UTC)", "periods", "each end to", "closest, m"]
+    rows = (
+        [
+            one.a_key,
+            one.b_key,
+            one.verdict,
+            instant_text(one.first_contact),
+            instant_text(one.last_contact),
+            str(len(one.periods)),
+            bound_text(one.time_error_s),
+            distance_text(one),
+        ]
+        for one in conflicts[:_MOST_ROWS]
+    )
+    return _table(header, rows, len(conflicts), "no conflicts")
+
+
+def approaches_html(approaches: "Sequence[Approach]") -> str:
+    """Return closest approaches as a table, times in UTC; only the first of many."""
+    header = ["A", "B", "verdict", "closest (UTC)", "metres"]
+    rows = (
+        [
+            one.a_key,
+            one.b_key,
+            one.verdict,
+            instant_text(one.closest_at),
+            distance_text(one),
+        ]
+        for one in approaches[:_MOST_ROWS]
+    )
+    return _table(header, rows, len(approaches), "no closest approaches")
+
+
+def remark_html(remark: str | None) -> str:
+    """Return the remark on a list as HTML, empty if there is none."""
+    return f"<p><strong>{text_of(remark)}</strong></p>" if remark else ""
+
+
+def text_html(text: str) -> str:
+    """Return preformatted text of several lines."""
+    return f"<pre>{escape(printable(text, keep=chr(10)))}</pre>"
+
+
+def text_of(text: str) -> str:
+    """Escape untrusted text for HTML."""
+    return escape(printable(text))
+
+
+def instant_text(instant: datetime | None) -> str:
+    """Return an instant in UTC to the microsecond, or two dots for an unbounded end."""
+    return ".." if instant is None else instant.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S.%f").rstrip("0").rstrip(".")
+
+
+def distance_text(pair: "PairRecord") -> str:
+    """Return the least distance in metres and its error bound, or nothing where that is not known."""
+    if pair.closest_m is None or pair.closest_error_m is None:
+        return ""
+    return f"{pair.closest_m:.3f} ± {pair.closest_error_m:.1g}"
+
+
+def bound_text(seconds: float) -> str:
+    """Return a bound on the error of times, rounded up to a digit; times have microseconds."""
+    if not seconds < float("inf"):
+        return "no bound"
+    unit, name = next((row for row in _UNITS if seconds >= row[0]), _UNITS[-1])
+    return f"{max(1, -int(-seconds // unit))} {name}"
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]], of: int, none: str) -> str:
+    if not of:
+        return f"<p>{none}</p>"
+    head = "".join(f"<th>{text_of(cell)}</th>" for cell in header)
+    body = "".join("<tr>" + "".join(f"<td>{text_of(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    more = f"<p>the first {_MOST_ROWS} of {of:,}</p>" if of > _MOST_ROWS else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"

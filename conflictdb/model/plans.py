@@ -1,0 +1,480 @@
+"""Scenes, areas and tracks, and the rules they must keep.
+
+Units: metres, degrees for longitude and latitude, whole microseconds since 1970-01-01T00:00Z for instants
+(PostgreSQL's own resolution, so that nothing is rounded twice).
+"""
+
+import math
+import sys
+from collections.abc import Mapping
+from dataclasses import InitVar, dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.model import inputs
+from conflictdb.model.methods import METHODS, REMOVED, Method
+from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
+from conflictdb.model.settings import MOST_M, NAMES, SETTINGS, Setting, Type
+from conflictdb.model.settings import EarthModel as EarthModel
+from conflictdb.model.settings import Motion as Motion
+from conflictdb.model.speeds import MAX_SPEED_KN, check_speed
+
+METRES_PER_NMI: Final = 1852.0  # exact, by definition
+
+MAX_LONGITUDE_DEG: Final = 360.0  # unwrapped coordinates may leave +-180, but not by more than half a turn
+MAX_LATITUDE_DEG: Final = 90.0
+MAX_RHUMB_LATITUDE_DEG: Final = 89.0  # the Mercator plane stretches without limit towards the poles
+MAX_FROM_CENTRE_DEG: Final = 60.0  # the gnomonic plane stretches by 4 there, and without limit towards 90
+
+MAX_DISTANCE_M: Final = MOST_M
+
+# Half round the equator; no haven reaches further from its reference point.
+MAX_HAVEN_M: Final = 20_037_508
+# What two of them take grows with the square of this, to half a second (kernel.h: KERNEL_MOST_VERTICES).
+MAX_HAVEN_CORNERS: Final = 10_000
+# More than an area has vertices, or a track waypoints, that anybody drew: about what a file of the size that is read
+# holds. Databases may have lower limits (sql/12_checks.sql, _check_size).
+MAX_POINTS: Final = 1_000_000
+# No position is that uncertain; faster growth is a mistake in units.
+MAX_GROWTH_MPS: Final = 1e6
+
+# Range of instants (years 0001 to 9999): timestamps, ISO 8601 and Python can all express it.
+MIN_INSTANT_US: Final = -62_135_596_800_000_000
+MAX_INSTANT_US: Final = 253_402_300_799_999_999
+# Ends of an unbounded span, in arrays of microseconds.
+MINUS_INFINITY_US: Final = -(2**63)
+INFINITY_US: Final = 2**63 - 1
+
+
+# A scene that does not say gets the earth of its motion.
+_BY_MOTION: Final = cast(EarthModel, None)
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """Settings that every object of a scene shares.
+
+    tolerance_m : closeness that is too close to call, metres, >= 0
+    separation_m : minimum distance wanted between polygons, metres, >= 0 (0: they must touch to conflict)
+    nearest_m : pairs without conflict that come within this are reported with their closest approach, metres, >= 0
+        (0: they are not); methods that stop before stage 4 report none
+    earth : by default wgs84, or for great circles sphere, the only one they are on
+    centre : great circles: longitude and latitude, degrees, that all objects lie within 60 degrees of; None until it
+        follows from the first objects
+    vertical_separation_m : minimum distance wanted between heights, metres to the micrometre, >= 0 (0: they must
+        overlap to conflict)
+    """
+
+    name: str
+    motion: Motion = Motion.RHUMB
+    earth: EarthModel = _BY_MOTION
+    method: Method = Method.EXACT
+    tolerance_m: float = 1.0
+    separation_m: float = 0.0
+    nearest_m: float = 0.0
+    centre: tuple[float, float] | None = None
+    vertical_separation_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        who = f"scene {self.name!r}"
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise InvalidInput("scene", "name", "must be a non-empty string")
+        if self.earth is _BY_MOTION:
+            is_round = self.motion == Motion.GREAT_CIRCLE
+            object.__setattr__(self, "earth", EarthModel.SPHERE if is_round else EarthModel.WGS84)
+        for setting in SETTINGS:
+            if setting.type is not Type.PLACE:
+                object.__setattr__(self, setting.name, _checked(who, setting, getattr(self, setting.name)))
+        if self.motion == Motion.GREAT_CIRCLE and self.earth != EarthModel.SPHERE:
+            raise InvalidInput(
+                who, "earth", f"must be 'sphere' with motion 'great_circle', or left out; got {self.earth.value!r}"
+            )
+        if self.centre is not None:
+            object.__setattr__(self, "centre", self._checked_centre(who))
+
+    def _checked_centre(self, who: str) -> tuple[float, float]:
+        if self.motion != Motion.GREAT_CIRCLE:
+            raise InvalidInput(
+                who, "centre", f"has a meaning with motion 'great_circle' only, not {self.motion.value!r}"
+            )
+        numbers: tuple[Any, ...] = tuple(self.centre) if isinstance(self.centre, list | tuple) else ()
+        sound = len(numbers) == 2 and all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
+        if not (sound and abs(numbers[0]) <= 180.0 and abs(numbers[1]) <= MAX_LATITUDE_DEG):
+            rule = "must be [longitude, latitude] in degrees, within +-180 and +-90"
+            raise InvalidInput(who, "centre", f"{rule}; got {self.centre!r:.60}")
+        return float(numbers[0]) + 0.0, float(numbers[1]) + 0.0
+
+    def differing(self, other: "Scene") -> list[str]:
+        """Return the names of the settings that another scene has others of; its name is none."""
+        return [name for name in NAMES if getattr(self, name) != getattr(other, name)]
+
+    @property
+    def reach_m(self) -> float:
+        """How close two polygons must come to be of any interest, metres."""
+        conflict_m = self.tolerance_m + self.separation_m
+        return conflict_m if METHODS[self.method].solver is None else max(conflict_m, self.nearest_m)
+
+
+def _checked(who: str, setting: Setting, value: Any) -> StrEnum | float:
+    """Return a choice or distance by the rule of its setting; raises InvalidInput."""
+    if setting.choices is not None:
+        try:
+            return setting.choices(value)
+        except ValueError:
+            removed = REMOVED.get(value) if setting.choices is Method and isinstance(value, str) else None
+            rule = f"must be one of {', '.join(setting.choices)}; got {value!r}"
+            raise InvalidInput(who, setting.name, f"{rule}, which {removed}" if removed else rule) from None
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < np.inf:
+        raise InvalidInput(who, setting.name, f"must be a finite number of metres, 0 or more; got {value!r}")
+    if value > MAX_DISTANCE_M:
+        rule = f"must be at most {MAX_DISTANCE_M:.0f} metres, half the way around the earth"
+        raise InvalidInput(who, setting.name, f"{rule}; got {value!r} (is it in metres?)")
+    return float(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A polygon that is closed for a time.
+
+    footprint : MultiPolygon of longitude, latitude in degrees; edges are straight in the scene's plane. May be given as
+        a Polygon, or as the vertices of a ring
+    start_us, end_us : active during [start, end), microseconds since 1970; None is unbounded. May be given as aware
+        datetimes or datetime64 (UTC)
+    floor_m, ceiling_m : height band [floor, ceiling), metres above mean sea level; None is unbounded
+    properties : other members of the file, exported again
+    """
+
+    key: str
+    footprint: shapely.MultiPolygon
+    name: str | None = None
+    start_us: int | None = None
+    end_us: int | None = None
+    floor_m: float | None = None
+    ceiling_m: float | None = None
+    properties: Mapping[str, Any] = field(default_factory=dict)
+
+    if TYPE_CHECKING:  # accepted types; __post_init__ converts them to the stored ones
+
+        def __init__(
+            self,
+            key: str,
+            footprint: inputs.Footprint,
+            name: str | None = None,
+            start_us: inputs.Instant | None = None,
+            end_us: inputs.Instant | None = None,
+            floor_m: float | None = None,
+            ceiling_m: float | None = None,
+            properties: Mapping[str, Any] = ...,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        who = _named("area", self.key)
+        refusals = Refusals()
+        with refusals:
+            _keep(self, footprint=inputs.footprint(who, self.footprint))
+            _check_footprint(who, self.footprint)
+        with refusals:
+            start_us, end_us = inputs.span_us(who, self.start_us, self.end_us)
+            _keep(self, start_us=start_us, end_us=end_us)
+            _check_span(who, start_us, end_us)
+        _keep_heights(who, self, refusals)
+        refusals.raise_found()
+        with refusals:
+            _check_heights(who, self.floor_m, self.ceiling_m)
+        refusals.raise_found()
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """A convex polygon (the haven) carried along waypoints at constant speed on each leg.
+
+    Arrays may be given as lists too, positions as a LineString, outlines as Polygons, and times as aware datetimes or
+    as datetime64 (UTC).
+
+    positions_deg : (n, 2) float64, longitude and latitude of the waypoints, n >= 2
+    times_us : (n,) int64, strictly increasing, microseconds since 1970
+    outline_m : (m, 2) float64, convex haven as (starboard, forward) metres about the reference point, not closed;
+        one vertex (usually the origin) is a point haven, two are a line; of a haven that changes: at the first waypoint
+    floor_m, ceiling_m : height band [floor, ceiling), metres above mean sea level; None is unbounded
+    properties : other members of the file, exported again
+    grow_mps : metres per second, >= 0, at which every side of the haven moves outward from the first waypoint's time on
+    outlines_m : (n, m, 2) float64, instead: the haven at every waypoint, outline_m the first; on a leg each vertex
+        moves straight, and steadily, from its place in one to that in the next; None: it keeps its outline, or grows
+    floors_m, ceilings_m : (n - 1,) float64, instead of floor_m or ceiling_m: the height band on every leg, -inf and
+        +inf where unbounded; floor_m and ceiling_m are then the lowest and the highest of them. At a waypoint the
+        bands of both legs count
+    max_speed_kn : a track that is faster on a leg, over the shortest way, is refused: 2,000 knots unless given here.
+        math.inf takes every speed. It is not kept
+    """
+
+    key: str
+    positions_deg: NDArray[np.float64]
+    times_us: NDArray[np.int64]
+    outline_m: NDArray[np.float64]
+    name: str | None = None
+    floor_m: float | None = None
+    ceiling_m: float | None = None
+    properties: Mapping[str, Any] = field(default_factory=dict)
+    grow_mps: float = 0.0
+    outlines_m: NDArray[np.float64] | None = None
+    floors_m: NDArray[np.float64] | None = None
+    ceilings_m: NDArray[np.float64] | None = None
+    max_speed_kn: InitVar[float] = MAX_SPEED_KN
+
+    if TYPE_CHECKING:  # accepted types; __post_init__ converts them to the stored ones
+
+        def __init__(
+            self,
+            key: str,
+            positions_deg: inputs.Positions,
+            times_us: inputs.Instants,
+            outline_m: inputs.Outline,
+            name: str | None = None,
+            floor_m: float | None = None,
+            ceiling_m: float | None = None,
+            properties: Mapping[str, Any] = ...,
+            grow_mps: float = 0.0,
+            outlines_m: inputs.Outlines | None = None,
+            floors_m: inputs.Heights | None = None,
+            ceilings_m: inputs.Heights | None = None,
+            max_speed_kn: float = MAX_SPEED_KN,
+        ) -> None: ...
+
+    def __post_init__(self, max_speed_kn: float) -> None:
+        who = _named("track", self.key)
+        refusals = Refusals()
+        with refusals:
+            _keep(self, positions_deg=inputs.positions_deg(who, self.positions_deg))
+        with refusals:
+            _keep(self, times_us=inputs.instants_us(who, "times", self.times_us))
+        with refusals:
+            _keep(self, outline_m=inputs.outline_m(who, "outline_m", self.outline_m))
+        if self.outlines_m is not None:
+            with refusals:
+                _keep(self, outlines_m=inputs.outlines_m(who, self.outlines_m))
+        _keep_heights(who, self, refusals)
+        for name, given in (("floor_m", self.floors_m), ("ceiling_m", self.ceilings_m)):
+            if given is not None:
+                with refusals:
+                    _keep(self, **{name.replace("_m", "s_m"): inputs.heights_m(who, name, given)})
+        refusals.raise_found()
+        with refusals:
+            _check_course(who, self.positions_deg, self.times_us)
+            check_speed(who, self.positions_deg, self.times_us, max_speed_kn)
+        with refusals:
+            _check_outline(who, "outline_m", self.outline_m)
+            if self.grow_mps != 0.0:
+                _check_growth(who, self)
+            if self.outlines_m is not None:
+                _check_outlines(who, self)
+        with refusals:
+            if self.floors_m is None and self.ceilings_m is None:
+                _check_heights(who, self.floor_m, self.ceiling_m)
+            else:
+                self._check_leg_heights(who)
+        refusals.raise_found()
+
+    def _check_leg_heights(self, who: str) -> None:
+        """Check the heights of legs, and take the band of the whole track from them."""
+        for name, extreme in (("floor_m", np.min), ("ceiling_m", np.max)):
+            heights, given = getattr(self, name.replace("_m", "s_m")), getattr(self, name)
+            if heights is None:
+                continue
+            if heights.shape != (len(self.positions_deg) - 1,):
+                rule = f"must be one number, or one per leg: {len(self.positions_deg) - 1} legs, {heights.size} heights"
+                raise InvalidInput(who, name, rule)
+            for i, height in enumerate(heights.tolist()):
+                _check_height(
+                    who, f"{name}[{i}]", None if height == (-np.inf if extreme is np.min else np.inf) else height
+                )
+            whole = float(extreme(heights))
+            of_all = whole if np.isfinite(whole) else None
+            if given not in (None, of_all):
+                raise InvalidInput(who, name, f"must be that of all legs ({of_all}), or be left out; got {given}")
+            object.__setattr__(self, name, of_all)
+        floors_m, ceilings_m = self.heights_m()
+        low = np.flatnonzero(ceilings_m <= floors_m)
+        if low.size:
+            i = int(low[0])
+            name = "ceiling_m" if self.ceilings_m is None else f"ceiling_m[{i}]"
+            rule = f"must be above the floor of leg {i} ({floors_m[i]:g}); got {ceilings_m[i]:g}"
+            raise InvalidInput(who, name, rule)
+
+    def heights_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the floor and the ceiling of each leg, (n - 1,) metres, -inf and +inf where unbounded."""
+        legs = len(self.positions_deg) - 1
+        floor_m = -np.inf if self.floor_m is None else self.floor_m
+        ceiling_m = np.inf if self.ceiling_m is None else self.ceiling_m
+        return (
+            np.full(legs, floor_m) if self.floors_m is None else self.floors_m,
+            np.full(legs, ceiling_m) if self.ceilings_m is None else self.ceilings_m,
+        )
+
+
+def rectangle_outline_m(fore_m: float, aft_m: float, port_m: float, starboard_m: float) -> NDArray[np.float64]:
+    """Return the (m, 2) outline (starboard, forward) of a rectangular haven; sizes in metres, each >= 0.
+
+    Sides of zero length leave no duplicate vertices: all zero is one point.
+    """
+    corners = [(starboard_m, fore_m), (starboard_m, -aft_m), (-port_m, -aft_m), (-port_m, fore_m)]
+    return np.array(list(dict.fromkeys((x + 0.0, y + 0.0) for x, y in corners)), dtype=np.float64)
+
+
+def _named(kind: str, key: object) -> str:
+    if not isinstance(key, str) or not key:
+        raise InvalidInput(kind, "id", f"must be a non-empty string; got {key!r:.60}")
+    return f"{kind} {key!r}"
+
+
+def _check_coordinates(who: str, where: str, positions: NDArray[np.float64]) -> None:
+    if not np.isfinite(positions).all():
+        raise InvalidInput(who, where, "coordinates must be finite numbers")
+    worst = np.abs(positions).max(axis=0)
+    if worst[1] > MAX_LATITUDE_DEG:
+        raise InvalidInput(
+            who, where, f"latitude must lie within +-90 degrees; got {worst[1]:g} (is it longitude first?)"
+        )
+    if worst[0] > MAX_LONGITUDE_DEG:
+        raise InvalidInput(who, where, f"longitude must lie within +-360 degrees; got {worst[0]:g}")
+
+
+def _check_size(who: str, where: str, points: int, what: str) -> None:
+    if points > MAX_POINTS:
+        rule = f"must have at most {MAX_POINTS} {what}; got {points} (simplify it, or split it into several objects)"
+        raise InvalidInput(who, where, rule)
+
+
+def _check_course(who: str, positions: NDArray[np.float64], times: NDArray[np.int64]) -> None:
+    if positions.ndim != 2 or positions.shape[1] != 2 or len(positions) < 2:
+        raise InvalidInput(who, "geometry", "a track needs at least two waypoints of longitude and latitude")
+    _check_size(who, "geometry", len(positions), "waypoints")
+    _check_coordinates(who, "geometry", positions)
+    if len(times) != len(positions):
+        raise InvalidInput(who, "times", f"must be one per waypoint: {len(positions)} waypoints, {len(times)} times")
+    if times.min() < MIN_INSTANT_US or times.max() > MAX_INSTANT_US:
+        raise InvalidInput(who, "times", "must lie in the years 1 to 9999")
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if late.size:
+        i = int(late[0])
+        moved = times[i] == times[i + 1] and bool(np.any(positions[i] != positions[i + 1]))
+        rule = "is at two places at the same time" if moved else "must be later than the time before it"
+        raise InvalidInput(who, f"times[{i + 1}]", rule)
+
+
+def _check_footprint(who: str, footprint: shapely.MultiPolygon) -> None:
+    if not isinstance(footprint, shapely.MultiPolygon) or footprint.is_empty:
+        raise InvalidInput(who, "geometry", "must be a non-empty Polygon or MultiPolygon")
+    if shapely.is_empty(shapely.get_parts(footprint)).any():
+        raise InvalidInput(who, "geometry", "must have no empty parts")
+    _check_size(who, "geometry", int(shapely.count_coordinates(footprint)), "vertices")
+    _check_coordinates(who, "geometry", shapely.get_coordinates(footprint))
+    west, _, east, _ = footprint.bounds
+    if east - west > 360.0:
+        raise InvalidInput(who, "geometry", f"must not be wider than 360 degrees; it is {east - west:g} wide")
+    if not shapely.is_valid(footprint):
+        raise InvalidInput(who, "geometry", f"must be a valid polygon: {shapely.is_valid_reason(footprint)}")
+
+
+def _keep(one: Area | Track, **values: object) -> None:
+    """Replace fields of an object that is being made."""
+    for name, value in values.items():
+        object.__setattr__(one, name, value)
+
+
+def _keep_heights(who: str, one: Area | Track, refusals: Refusals) -> None:
+    for name in ("floor_m", "ceiling_m"):
+        with refusals:
+            _keep(one, **{name: inputs.metres(who, name, getattr(one, name))})
+
+
+def _check_height(who: str, name: str, value: float | None) -> None:
+    if value is not None and not np.isfinite(value):
+        raise InvalidInput(who, name, "must be a finite number of metres, or absent")
+
+
+def _check_heights(who: str, floor_m: float | None, ceiling_m: float | None) -> None:
+    _check_height(who, "floor_m", floor_m)
+    _check_height(who, "ceiling_m", ceiling_m)
+    if floor_m is not None and ceiling_m is not None and ceiling_m <= floor_m:
+        raise InvalidInput(who, "ceiling_m", f"must be above floor_m ({floor_m:g}); got {ceiling_m:g}")
+
+
+def _check_span(who: str, start_us: int | None, end_us: int | None) -> None:
+    for name, value in (("start", start_us), ("end", end_us)):
+        if value is not None and not MIN_INSTANT_US <= value <= MAX_INSTANT_US:
+            raise InvalidInput(who, name, "must lie in the years 1 to 9999")
+    if start_us is not None and end_us is not None and end_us <= start_us:
+        raise InvalidInput(who, "end", "must be later than start")
+
+
+def _check_outline(who: str, where: str, outline: NDArray[np.float64]) -> None:
+    if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 1:
+        raise InvalidInput(who, where, "must be a ring of [starboard, forward] metres")
+    if not np.isfinite(outline).all():
+        raise InvalidInput(who, where, "must be finite numbers of metres")
+    if np.abs(outline).max() > MAX_HAVEN_M:
+        raise InvalidInput(who, where, f"must lie within {MAX_HAVEN_M} m of the reference point: half round the earth")
+    if len(outline) > MAX_HAVEN_CORNERS:
+        raise InvalidInput(who, where, f"must have at most {MAX_HAVEN_CORNERS} corners; got {len(outline)}")
+    if len(outline) < 3:
+        return
+    if not _is_convex(outline.tolist()):
+        raise InvalidInput(who, where, "must be a convex ring; split it, or use its convex hull")
+
+
+def _check_growth(who: str, track: Track) -> None:
+    speed = track.grow_mps
+    if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0.0 <= speed <= MAX_GROWTH_MPS:
+        rule = f"must be a number of metres per second from 0 to {MAX_GROWTH_MPS:g}; got {speed!r}"
+        raise InvalidInput(who, "grow_mps", f"{rule} (a haven that shrinks takes outlines_m)")
+    if track.outlines_m is not None:
+        raise InvalidInput(who, "grow_mps", "must not be given together with outlines_m")
+    _, rate, _ = mitred(track.outline_m, np.array([0, len(track.outline_m)]))
+    if not (np.hypot(rate[:, 0], rate[:, 1]) <= FASTEST_TIP).all():
+        rule = f"has a corner sharper than {SHARPEST_CORNER_DEG:g} degree, which would grow into a spike"
+        raise InvalidInput(who, "outline_m", f"{rule}: blunt it, or give outlines_m instead of grow_mps")
+
+
+def _check_outlines(who: str, track: Track) -> None:
+    outlines, waypoints = track.outlines_m, len(track.positions_deg)
+    assert outlines is not None  # noqa: S101
+    if outlines.ndim != 3 or outlines.shape[2] != 2:
+        raise InvalidInput(who, "outlines_m", "must be rings of [starboard, forward] metres with equal vertex counts")
+    if len(outlines) != waypoints:
+        rule = f"must be one per waypoint: {waypoints} waypoints, {len(outlines)} outlines"
+        raise InvalidInput(who, "outlines_m", rule)
+    _check_size(who, "outlines_m", len(outlines) * outlines.shape[1], "vertices")
+    for k, outline in enumerate(outlines):
+        _check_outline(who, f"outlines_m[{k}]", outline)
+    if not np.array_equal(outlines[0], track.outline_m):
+        raise InvalidInput(who, "outline_m", "must be the first of outlines_m")
+    rings = outlines.tolist()
+    for k in range(1, waypoints):
+        if not stays_convex(rings[k - 1], rings[k]):
+            rule = f"does not stay convex on the way from outlines_m[{k - 1}]: each vertex moves straight to its like"
+            raise InvalidInput(who, f"outlines_m[{k}]", f"{rule}; order the vertices alike, or add a waypoint")
+
+
+def _is_convex(outline: list[list[float]]) -> bool:
+    """Return whether a ring of at least three vertices turns one way only, and round once.
+
+    In plain Python: outlines are short, and numpy would take ten times longer for each of a hundred thousand.
+    """
+    edges = [(x2 - x1, y2 - y1) for (x1, y1), (x2, y2) in zip(outline, outline[1:] + outline[:1], strict=True)]
+    turns = [u1 * v2 - v1 * u2 for (u1, v1), (u2, v2) in zip(edges, edges[1:] + edges[:1], strict=True)]
+    # Rounding of the coordinates turns a straight corner by this much at most (metres squared).
+    slack = 8.0 * sys.float_info.epsilon * max(abs(number) for vertex in outline for number in vertex) ** 2
+    if max(turns) > slack and min(turns) < -slack:
+        return False
+    way = 1.0 if max(turns) > slack else -1.0
+    headings = [math.atan2(v, u) for u, v in edges if u != 0.0 or v != 0.0]
+    turned = 0.0
+    for before, after in zip(headings, headings[1:] + headings[:1], strict=True):
+        turn = way * math.remainder(after - before, math.tau)
+        turned += turn + math.tau if turn < -3.0 else turn  # back the way it came: both ways are as far
+    return turned < 1.5 * math.tau

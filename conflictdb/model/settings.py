@@ -1,0 +1,175 @@
+"""The settings of a scene: one table, which everything that carries settings reads.
+
+The rules of `Scene`, options of the command line, scene files, GeoParquet, Spark, the store, reports and the map's page
+loop over it. To add a setting: add a row here, a field to `Scene` (model.py) and to the models of SQLAlchemy
+(models.py), a column to the table `scene` (a revision) and to the view `scenes` (sql/65_scenes.sql), a parameter to
+`create_scene` (sql/15_editing.sql), and act on it.
+"""
+
+from dataclasses import dataclass
+from enum import Enum, StrEnum, auto
+from typing import Any, Final, TypeAlias, TypedDict
+
+from conflictdb.model.methods import METHODS, Method
+
+
+class Motion(StrEnum):
+    """How tracks and edges run between their points."""
+
+    RHUMB = "rhumb"  # at constant bearing
+    GREAT_CIRCLE = "great_circle"  # the shortest way, on the sphere
+
+
+class EarthModel(StrEnum):
+    """Figure of the earth."""
+
+    WGS84 = "wgs84"
+    SPHERE = "sphere"
+
+
+class Type(Enum):
+    """Type of a setting; its rules, its option and its column follow from it."""
+
+    CHOICE = auto()  # one of some names
+    METRES = auto()  # a distance, 0 to MOST_M
+    PLACE = auto()  # longitude and latitude in degrees; in the database two columns, `_lon` and `_lat`
+
+
+# Half the way around the earth: no two places are further apart, and no bound on distances reaches further, metres.
+MOST_M: Final = 20_000_000.0
+
+Choices: TypeAlias = type[StrEnum]
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A setting of a scene.
+
+    meaning : one sentence, for the catalog and reference pages; a place has one for its longitude and its latitude
+    default : None: it follows from the motion and the objects
+    help : of its option on the command line
+    choices : of a CHOICE
+    label, says, says_zero : its row in a report, for a distance, and for 0 unless empty; no row without a label
+    is_stored_by_detect : whether `detect` takes it too; the others need other pieces or planes, and belong into files
+    """
+
+    name: str
+    type: Type
+    meaning: str
+    default: StrEnum | float | None
+    help: str
+    choices: Choices | None = None
+    label: str = ""
+    says: str = "{:g} m"
+    says_zero: str = ""
+    is_stored_by_detect: bool = False
+
+    @property
+    def option(self) -> str:
+        """The option of the command line."""
+        return f"--{self.name.replace('_', '-')}"
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns of the table `scene` and the view `scenes`."""
+        return (f"{self.name}_lon", f"{self.name}_lat") if self.type is Type.PLACE else (self.name,)
+
+
+# In the order of the fields of `Scene`.
+SETTINGS: Final = (
+    Setting(
+        "motion",
+        Type.CHOICE,
+        "Shape of tracks and edges between their points: rhumb or great_circle.",
+        Motion.RHUMB,
+        "how tracks and edges run (default: rhumb)",
+        choices=Motion,
+    ),
+    Setting(
+        "earth",
+        Type.CHOICE,
+        "Figure of the earth: wgs84, or sphere (mean radius 6371008.771415 m).",
+        None,
+        "default: wgs84; of great circles sphere",
+        choices=EarthModel,
+    ),
+    Setting(
+        "method",
+        Type.CHOICE,
+        "Where a detection stops: screen (who might meet), exact (certified times), "
+        "nlp (certified times, found by the published program).",
+        Method.EXACT,
+        f"where to stop: {', '.join(f'{method} ({METHODS[method].says})' for method in Method)}",
+        choices=Method,
+        is_stored_by_detect=True,
+    ),
+    Setting(
+        "tolerance_m",
+        Type.METRES,
+        "Tolerance, metres: pairs whose clearance is within it may be reported as grazing.",
+        1.0,
+        "closeness that is too close to call, metres",
+        label="Tolerance",
+        says="{:g} m: closer to touching than that is too close to call",
+        is_stored_by_detect=True,
+    ),
+    Setting(
+        "separation_m",
+        Type.METRES,
+        "Required separation between polygons, metres; 0: they conflict if they touch.",
+        0.0,
+        "required separation, metres (0: touching)",
+        label="Separation wanted",
+        says_zero="none: they must touch",
+        is_stored_by_detect=True,
+    ),
+    Setting(
+        "nearest_m",
+        Type.METRES,
+        "Pairs without conflict that come within this distance (metres) are stored with their closest approach; "
+        "0: none.",
+        0.0,
+        "also report pairs without conflict that come within M metres, with their closest approach (0: do not)",
+        label="Near is",
+        says="within {:g} m",
+        says_zero="not reported",
+        is_stored_by_detect=True,
+    ),
+    Setting(
+        "centre",
+        Type.PLACE,
+        "great_circle: the centre, degrees; all objects lie within 60 degrees of it.",
+        None,
+        "great circles: the middle (default: that of the objects)",
+    ),
+    Setting(
+        "vertical_separation_m",
+        Type.METRES,
+        "Required vertical separation, metres to the micrometre: objects whose heights are that far apart do not "
+        "conflict; 0: height bands that touch are apart.",
+        0.0,
+        "heights closer than M metres count as overlapping (0: only where they overlap)",
+        label="Vertical separation wanted",
+        says_zero="none: heights must overlap",
+        is_stored_by_detect=True,
+    ),
+)
+NAMES: Final = tuple(setting.name for setting in SETTINGS)
+METRES: Final = tuple(setting.name for setting in SETTINGS if setting.type is Type.METRES)
+STORED_BY_DETECT: Final = tuple(setting for setting in SETTINGS if setting.is_stored_by_detect)
+
+
+class Changes(TypedDict, total=False):
+    """Settings that a detection stores first, for type checkers; None leaves one as it is."""
+
+    method: Method | str | None
+    tolerance_m: float | None
+    separation_m: float | None
+    nearest_m: float | None
+    vertical_separation_m: float | None
+
+
+def given(values: Any, settings: tuple[Setting, ...] = SETTINGS) -> dict[str, Any]:
+    """Return the settings that an object, such as a namespace of argparse, has as attributes and that are not None."""
+    named = {setting.name: getattr(values, setting.name) for setting in settings}
+    return {name: value for name, value in named.items() if value is not None}

@@ -1,1 +1,0 @@
-"""Map scenes to planes in which their tracks and edges are straight."""

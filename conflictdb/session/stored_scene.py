@@ -1,0 +1,603 @@
+"""One scene of a database: detect, read, ask, draw, attach, share."""
+
+import logging
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import timedelta
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Unpack
+
+import psycopg
+
+from conflictdb.db import follow_attached, store
+from conflictdb.errors import IncompleteWarning, InvalidInput
+from conflictdb.formats import scene_text, write_lines
+from conflictdb.formats.reading import is_parquet
+from conflictdb.formats.whole_files import whole_file
+from conflictdb.model import inputs
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Approach, Conflict, ConflictEvent, Explanation, Kind, Listing, SceneState, Stream
+from conflictdb.model.settings import STORED_BY_DETECT, Changes
+from conflictdb.stages.memory import LEAST_MEMORY_MB, MEMORY_MB
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from conflictdb.advice.advise import Advice
+    from conflictdb.db.detect import Progress, Run
+    from conflictdb.db.write_back import WrittenBack
+
+_log = logging.getLogger(__name__)
+
+
+class StoredScene:
+    """A scene of a database, made by `Database.scene` and `Database.load`; it holds no state but the name.
+
+    Every method raises InvalidInput, naming the known scenes, if the scene does not exist.
+    """
+
+    def __init__(self, name: str, connection: "Callable[[], psycopg.Connection[Any]]") -> None:
+        self.name = name
+        self._connected = connection
+
+    def __repr__(self) -> str:
+        return f"StoredScene({self.name!r})"
+
+    @property
+    def connection(self) -> "psycopg.Connection[Any]":
+        """The psycopg connection in use."""
+        return self._connected()
+
+    def settings(self) -> Scene:
+        """Return the settings of the scene."""
+        with store.transaction(self.connection):
+            return store.read_settings(self.connection, store.scene_id(self.connection, self.name))
+
+    def detect(
+        self,
+        *,
+        full: bool = False,
+        jobs: int | None = 1,
+        memory_mb: int = MEMORY_MB,
+        progress: "Progress | None" = None,
+        lock_timeout_s: float | None = None,
+        say: Callable[[str], object] = _log.warning,
+        **settings: Unpack[Changes],
+    ) -> "Run":
+        """Update the conflicts and return the run.
+
+        Parameters
+        ----------
+        full : bool
+            Recompute everything, also unchanged objects.
+        jobs : int, optional
+            Threads to solve in; None is one per processor. Does not change the answer. Method ``nlp`` uses one.
+        memory_mb : int
+            Memory limit of the process, megabytes, at least 256; a smaller limit means smaller chunks. Does not change
+            the answer.
+        progress : callable, optional
+            Called now and then with the amounts done and to do.
+        lock_timeout_s : float, optional
+            Longest wait, seconds, for another detection of the scene or for any other lock; then `LockTimeout` is
+            raised. By default there is no limit for another detection.
+        say : callable
+            Called with the holder of the lock after 5 s of waiting for another detection.
+        **settings : optional
+            New settings of the scene, by their names in a `Scene`: method and distances. They are stored, and changed
+            settings recompute everything.
+        """
+        for name in settings.keys() - {setting.name for setting in STORED_BY_DETECT}:
+            raise TypeError(f"detect() got an unexpected keyword argument {name!r}")
+        if lock_timeout_s is not None:
+            inputs.seconds("detect", "lock_timeout_s", lock_timeout_s)
+        if jobs is not None:
+            inputs.count("detect", "jobs", jobs, 1)
+        inputs.count("detect", "memory_mb", memory_mb, LEAST_MEMORY_MB)
+        changes: dict[str, Any] = {name: value for name, value in settings.items() if value is not None}
+        if changes:
+            store.set_scene(self.connection, replace(self.settings(), **changes))
+        # Imported here: the solvers import scipy, which is slow.
+        from conflictdb.db import detect
+
+        return detect.detect(
+            self.connection,
+            self.name,
+            full=full,
+            jobs=jobs,
+            memory_mb=memory_mb,
+            progress=progress,
+            lock_timeout_s=lock_timeout_s,
+            say=say,
+        )
+
+    def write_back(
+        self,
+        path: str | Path,
+        *,
+        lock_timeout_s: float | None = None,
+        say: Callable[[str], object] = _log.warning,
+    ) -> "WrittenBack":
+        """Write conflicts that Spark computed, with the routine of `detect`, in one transaction.
+
+        Writing them again changes nothing. Objects that changed since the export, or are new or removed, keep their
+        conflicts and wait for a detection.
+
+        Parameters
+        ----------
+        path : path
+            The directory that ``conflictdb spark detect --output`` wrote, computed from objects that `export` wrote.
+        lock_timeout_s, say
+            See `detect`.
+
+        Raises
+        ------
+        InvalidInput
+            The conflicts have other or unknown settings, belong to another scene, or a file is missing; nothing was
+            written.
+        LockTimeout
+            A lock was not free within `lock_timeout_s`; nothing was written.
+        """
+        from conflictdb.arrays import arrow  # noqa: F401  without pyarrow, names the extra to install
+        from conflictdb.db.write_back import write_back
+        from conflictdb.formats.computed import read_computed, read_conflicts  # needs pyarrow
+
+        of = read_computed(Path(path))
+        states = store.ObjectStates.of(of.kind, of.object_id, of.version, of.digest, of.key)
+        found = read_conflicts(Path(path), of.pairs)
+        return write_back(
+            self.connection, self.name, of.settings, states, found, lock_timeout_s=lock_timeout_s, say=say
+        )
+
+    def conflicts(self, at: inputs.Instant | None = None, *, with_region: bool = False) -> Listing[Conflict]:
+        """Return the known conflicts, with `at` only those at that instant.
+
+        Regions (`region`) are read only `with_region`. The list says whether it is complete (`is_current`, `state`);
+        while changes of the scene wait for detection an IncompleteWarning is issued.
+        """
+        instant = None if at is None else inputs.moment("conflicts", "at", at)
+        with store.transaction(self.connection):
+            found = store.conflicts(self.connection, self.name, instant, with_region=with_region)
+        _warn_if_incomplete(found.state)
+        for conflict in found:
+            conflict.found_by(self)
+        return found
+
+    def approaches(self) -> Listing[Approach]:
+        """Return the closest approaches: of conflicts, and of pairs within the scene's `nearest_m`.
+
+        The list says whether it is complete, as that of `conflicts` does.
+        """
+        with store.transaction(self.connection):
+            found = store.approaches(self.connection, self.name)
+        _warn_if_incomplete(found.state)
+        return found
+
+    def stream_conflicts(self, at: inputs.Instant | None = None, *, with_region: bool = False) -> Stream[Conflict]:
+        """Return the conflicts of `conflicts` as a stream: little memory, however many there are.
+
+        A transaction stays open on the connection until the stream is exhausted or closed.
+        """
+        instant = None if at is None else inputs.moment("stream_conflicts", "at", at)
+        state = self._state()
+        return Stream(
+            state, store.each_conflict(self.connection, self.name, instant, with_region=with_region), Conflict
+        )
+
+    def stream_approaches(self, *, only_near: bool = False) -> Stream[Approach]:
+        """Return the closest approaches of `approaches` as a stream; `only_near` leaves out pairs in conflict.
+
+        A transaction stays open on the connection until the stream is exhausted or closed.
+        """
+        return Stream(self._state(), store.each_approach(self.connection, self.name, only_near=only_near), Approach)
+
+    def state(self) -> SceneState:
+        """Return whether the answers are complete."""
+        with store.transaction(self.connection):
+            return store.scene_state(self.connection, self.name)
+
+    def _state(self) -> SceneState:
+        """Return the state; warns the caller's caller if answers are incomplete."""
+        state = self.state()
+        _warn_if_incomplete(state, 4)
+        return state
+
+    def conflicts_known_at(self, at: inputs.Instant) -> list[Conflict]:
+        """Return the conflicts that had been detected by an instant.
+
+        Regions and closest points are not kept. Raises InvalidInput also for an instant before the first detection of
+        the scene, or before its history begins.
+        """
+        instant = inputs.moment("conflicts_known_at", "at", at)
+        with store.transaction(self.connection):
+            return store.conflicts_known_at(self.connection, self.name, instant)
+
+    def conflict_events(
+        self,
+        key: str | None = None,
+        other_key: str | None = None,
+        *,
+        after: int = 0,
+        most: int | None = None,
+    ) -> list[ConflictEvent]:
+        """Return the history of all conflicts, of an object's or of two objects', oldest first.
+
+        Parameters
+        ----------
+        after : int
+            Only events with a greater number; pass the last number seen to miss nothing.
+        most : int, optional
+            Maximal number of events.
+        """
+        with store.transaction(self.connection):
+            return store.conflict_events(self.connection, self.name, key, other_key, after, most)
+
+    def acknowledge(self, a_key: str, b_key: str, reason: str, until: inputs.Instant | None = None) -> int:
+        """Acknowledge the conflict of two objects, as it is known, and return its number.
+
+        The acknowledgement lasts while the conflict gets no worse (no other times, no worse verdict, no closer), and at
+        most until `until`.
+
+        Raises InvalidInput if no such conflict is known, the reason is missing, or `until` is past.
+        """
+        instant = None if until is None else inputs.moment("acknowledge", "until", until)
+        with store.transaction(self.connection):
+            return store.acknowledge(self.connection, self.name, a_key, b_key, reason, instant)
+
+    def unacknowledge(self, a_key: str, b_key: str) -> bool:
+        """Withdraw the acknowledgement of the conflict of two objects; return whether it was acknowledged.
+
+        Raises InvalidInput if no such conflict is known.
+        """
+        with store.transaction(self.connection):
+            return store.unacknowledge(self.connection, self.name, a_key, b_key)
+
+    def explain(self, a_key: str, b_key: str) -> Explanation:
+        """Return why two objects are in conflict or not, as of the last detection.
+
+        Includes their closest approach, also where the scene does not store it. Raises InvalidInput if the scene or one
+        of the objects does not exist.
+        """
+        # Imported here: the stages are slow to import.
+        from conflictdb.db import explanations
+
+        with store.transaction(self.connection):
+            return explanations.explain(self.connection, self.name, a_key, b_key)
+
+    def probe(
+        self,
+        plan: Area | Track | Sequence[Area | Track],
+        *,
+        jobs: int = 1,
+        worker_timeout_s: float | None = None,
+    ) -> Listing[Conflict]:
+        """Return the conflicts that a plan would have, and when, without writing.
+
+        Runs the stages of a detection, with the scene's settings, on the objects that the last detection saw. If the
+        scene has `nearest_m`, near pairs are returned too. An object with the key of the plan is left out, since the
+        plan would replace it. Several plans replace their namesakes together, and are checked against each other too.
+
+        Parameters
+        ----------
+        plan : Area or Track, or a sequence of them
+            The planned objects.
+        jobs : int
+            Threads to solve in. Does not change the answer.
+        worker_timeout_s : float, optional
+            Ask the workers, and wait at most this long, seconds; by default this process computes the answer. Answers
+            of workers lack the closest points.
+
+        Raises
+        ------
+        InvalidInput
+            The scene does not exist, or its plane cannot contain the plan; or the plan cannot be sent to workers: a
+            track whose haven changes its shape, or with heights per leg.
+        NotCurrent
+            No worker answered in time.
+        StoreError
+            A transaction is open: the answer must come from one state of the database, and workers see a question only
+            once it is committed.
+        """
+        plans = _plans(plan)
+        inputs.count("probe", "jobs", jobs, 1)
+        # Imported here: the stages are slow to import.
+        from conflictdb.db import probes
+
+        if worker_timeout_s is None:
+            found = probes.probe(self.connection, self.name, plans, jobs=jobs)
+        else:
+            timeout = timedelta(seconds=inputs.seconds("probe", "worker_timeout_s", worker_timeout_s))
+            found = probes.ask(self.connection, self.name, plans, timeout)
+        _warn_if_incomplete(found.state)
+        return found
+
+    def wait_until_current(self, timeout_s: float = 60.0) -> None:
+        """Wait until no change waits for detection; a worker or another program has to detect.
+
+        Raises
+        ------
+        InvalidInput
+            The scene does not exist.
+        NotCurrent
+            It takes longer than `timeout_s`; the message says what waits.
+        StoreError
+            The connection is in a transaction that cannot see others' changes, or has changed the scene itself.
+        """
+        timeout = timedelta(seconds=inputs.seconds("wait_until_current", "timeout_s", timeout_s))
+        with store.transaction(self.connection):
+            store.wait_until_current(self.connection, self.name, timeout)
+
+    def attach(
+        self,
+        kind: Kind | str,
+        table: str,
+        mapped: Mapping[str, str],
+        *,
+        every_s: float | None = None,
+    ) -> int:
+        """Attach a table of this database, and return the number of the attachment.
+
+        Its rows become objects of the scene with the next `follow`, or detection by the same role, and follow the table
+        from then on. Only sessions of the attaching role run the map; that role must own the table.
+
+        Parameters
+        ----------
+        kind : str
+            The kind of the objects: ``area`` or ``track``.
+        table : str
+            Name of a table, view or foreign table, as in SQL: ``mission.ops``.
+        mapped : mapping of str to str
+            For each field, a column or an SQL expression of the columns of a row; ``where`` is a condition that selects
+            rows, by default all.
+        every_s : float, optional
+            How often to compare all rows, seconds. By default triggers note changes; views and foreign tables, which
+            have no triggers, are compared every minute.
+
+        Raises
+        ------
+        InvalidInput
+            The scene does not exist, or the table or the map cannot be used; nothing has been changed.
+
+        Warns
+        -----
+        UserWarning
+            The map gives areas no times, but the table has columns that look like times.
+        """
+        with store.transaction(self.connection), _notices_as_warnings(self.connection):
+            return store.attach(self.connection, self.name, str(kind), table, mapped, _interval("attach", every_s))
+
+    def preview_attachment(
+        self,
+        kind: Kind | str,
+        table: str,
+        mapped: Mapping[str, str],
+        *,
+        every_s: float | None = None,
+    ) -> store.AttachmentPreview:
+        """Return what `attach` would do, and the first objects; changes nothing, and raises the errors of `attach`."""
+        every = _interval("preview_attachment", every_s)
+        with store.transaction(self.connection), _notices_as_warnings(self.connection):
+            return store.preview_attachment(self.connection, self.name, str(kind), table, mapped, every)
+
+    def detach(self, table: str, *, keep: bool = False) -> int:
+        """Detach a table, and return how many objects were removed with it.
+
+        keep : leave the objects in the scene, as if they had been added one by one
+        """
+        with store.transaction(self.connection):
+            return store.detach(self.connection, self.name, table, keep=keep)
+
+    def attachments(self) -> list[store.Attachment]:
+        """Return the attached tables, and their state."""
+        with store.transaction(self.connection):
+            return store.attachments(self.connection, self.name)
+
+    def unmapped(self) -> list[store.Unmapped]:
+        """Return the rows of attached tables without an up-to-date object, and why."""
+        with store.transaction(self.connection):
+            return store.unmapped(self.connection, self.name)
+
+    def follow(self) -> None:
+        """Update the scene from the tables that this connection's role attached, as its detections do first."""
+        follow_attached.follow(self.connection, self.name, again=True)
+
+    def share(self, role: str, access: str = "read") -> None:
+        """Let a role of the database see the scene, once scenes are protected; only for the scene's owner.
+
+        Parameters
+        ----------
+        role : str
+            Name of the role, which includes its members; ``public`` is every role.
+        access : str
+            ``read``, ``write``, or ``own``, which makes it the owner in place of the present one.
+
+        Raises
+        ------
+        InvalidInput
+            The scene or role does not exist, or the access is another word.
+        StoreError
+            The connection's role does not own the scene.
+        """
+        with store.transaction(self.connection):
+            store.share_scene(self.connection, self.name, role, access)
+
+    def unshare(self, role: str) -> bool:
+        """Revoke what `share` granted a role, and return whether it had anything."""
+        with store.transaction(self.connection):
+            return store.unshare_scene(self.connection, self.name, role)
+
+    def shares(self) -> list[store.Share]:
+        """Return the owner and the roles the scene is shared with, as far as the connection's role sees them."""
+        with store.transaction(self.connection):
+            return store.shares(self.connection, self.name)
+
+    def advise(self, *, sample: int | None = None, seed: int = 0) -> "Advice":
+        """Return the cost and the error of each setting, estimated from a sample; changes nothing.
+
+        Parameters
+        ----------
+        sample : int, optional
+            Pairs of objects to try the settings on; by default as many as take seconds.
+        seed : int
+            Seed of the sample: the same seed draws the same sample.
+        """
+        settings, areas, tracks = self._read()
+        # Imported here: the solvers import scipy, which is slow.
+        from conflictdb.advice import advise
+
+        return advise.advise(settings, areas, tracks, sample=advise.SAMPLE if sample is None else sample, seed=seed)
+
+    def plot(self, a_key: str | None = None, b_key: str | None = None) -> "Figure":
+        """Return a matplotlib figure of the conflicts in place and time, or of two of its objects.
+
+        For two objects it shows their swept areas, the times at which the stages let them meet, and their separation
+        over time, also without a conflict. While changes of the scene wait for detection an IncompleteWarning is
+        issued.
+
+        Raises InvalidInput for unknown scenes and objects, and ConflictDBError, naming the extra to install, without
+        matplotlib.
+        """
+        from conflictdb.drawing import figures
+
+        if (a_key is None) != (b_key is None):
+            raise InvalidInput("plot", "b_key", "is needed with a_key, and the other way round: a figure is of a pair")
+        keys = None if a_key is None or b_key is None else (a_key, b_key)
+        with store.transaction(self.connection):
+            settings, areas, tracks = self._read(keys)
+            found = store.conflicts(self.connection, self.name, with_region=keys is None, keys=keys)
+            known = list(found)
+            if keys is not None and not known:
+                near = store.each_approach(self.connection, self.name, only_near=True, keys=keys)
+                known = [one.as_near() for one in near]
+        _warn_if_incomplete(found.state)
+        if keys is None:
+            return figures.plot_scene(settings, areas, tracks, known, remark=_incomplete(found.state))
+        a, b = _pair_of(self.name, [*areas, *tracks], *keys)
+        return figures.plot_pair(settings, a, b, next(iter(known), None), remark=_incomplete(found.state))
+
+    def plot_conflict(self, conflict: Conflict) -> "Figure":
+        """Return the figure of a conflict of the scene; `conflict.plot()` calls this."""
+        from conflictdb.drawing import figures
+
+        with store.transaction(self.connection):
+            settings, areas, tracks = self._read((conflict.a_key, conflict.b_key))
+            state = store.scene_state(self.connection, self.name)
+        a, b = _pair_of(self.name, [*areas, *tracks], conflict.a_key, conflict.b_key)
+        return figures.plot_pair(settings, a, b, conflict, remark=_incomplete(state))
+
+    def report(self, file: str | Path) -> None:
+        """Write a report, .html or .pdf: the objects and settings checked, the conflicts, and figures.
+
+        While changes of the scene wait for detection the report says so at its top, and an IncompleteWarning is issued.
+
+        Raises InvalidInput for an empty scene, and for other file names; ConflictDBError,
+        naming the extra to install, if a package is missing.
+        """
+        from conflictdb.drawing import report
+
+        report.check_name(file)
+        with store.transaction(self.connection):
+            settings, areas, tracks = self._read()
+            found = store.conflicts(self.connection, self.name, with_region=True)
+            near = [one.as_near() for one in store.each_approach(self.connection, self.name, only_near=True)]
+            run = next(iter(store.runs(self.connection, self.name)), None)
+            server = str(store.service(self.connection))
+        _warn_if_incomplete(found.state)
+        columns = {name: getattr(run, name) for name in run.__slots__} if run else {}
+        checked = report.Checked(settings, areas, tracks, found, near, found.state, server, columns)
+        report.write(checked, file)
+
+    def export(self, path: str | Path) -> None:
+        """Write a scene file that loads as exactly the same objects: GeoParquet if its name ends in .parquet.
+
+        Otherwise GeoJSON, compressed if its name ends in .gz. The file appears when it is complete; if writing fails,
+        an older file stays.
+        """
+        if is_parquet(path):
+            with whole_file(path) as stream:
+                self.write_geoparquet(stream)
+        else:
+            write_lines(path, scene_text(*self._read()))
+
+    def write_geoparquet(self, stream: IO[bytes]) -> None:
+        """Write the scene as GeoParquet that loads as exactly the same objects, in batches, however many there are.
+
+        Raises ConflictDBError, naming the extra to install, without pyarrow.
+        """
+        from conflictdb.arrays.arrow.object_rows import of_objects  # needs pyarrow
+        from conflictdb.formats.parquet_writing import write_objects
+
+        with store.snapshot(self.connection):
+            number = store.scene_id(self.connection, self.name)
+            settings = store.read_settings(self.connection, number)
+            objects = store.each_object(self.connection, number)
+            write_objects(
+                stream, settings, (of_objects(one.areas, one.tracks, one.object_id, one.version) for one in objects)
+            )
+
+    def text(self) -> str:
+        """Return the scene as the text of the file that `export` writes."""
+        return "".join(scene_text(*self._read()))
+
+    def _read(self, keys: Sequence[str] | None = None) -> tuple[Scene, list[Area], list[Track]]:
+        with store.transaction(self.connection):
+            return store.read_scene(self.connection, self.name, keys)
+
+
+def _plans(given: Any) -> list[Area | Track]:
+    """Return a plan, or several, as a list; raises InvalidInput for anything else, and for keys that occur twice."""
+    plans = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
+    seen: set[str] = set()
+    for plan in plans:
+        if not isinstance(plan, Area | Track):
+            raise InvalidInput("probe", "plan", f"must be an Area or a Track, or several; got {type(plan).__name__}")
+        if plan.key in seen:
+            raise InvalidInput(f"plan {plan.key!r}", "key", "occurs more than once: keys must be unique")
+        seen.add(plan.key)
+    if not plans:
+        raise InvalidInput("probe", "plan", "must be an Area or a Track, or several; got none")
+    return plans
+
+
+@contextmanager
+def _notices_as_warnings(connection: "psycopg.Connection[Any]") -> Iterator[None]:
+    """Warn the caller of the method that uses this of notices from the database."""
+    remarks: list[str] = []
+
+    def keep(notice: psycopg.errors.Diagnostic) -> None:
+        remarks.append(notice.message_primary or "")
+
+    connection.add_notice_handler(keep)
+    try:
+        yield
+    finally:
+        connection.remove_notice_handler(keep)
+    for one in remarks:
+        warnings.warn(one, UserWarning, stacklevel=4)
+
+
+def _interval(who: str, every_s: float | None) -> timedelta | None:
+    return None if every_s is None else timedelta(seconds=inputs.seconds(who, "every_s", every_s))
+
+
+def _incomplete(state: SceneState) -> str | None:
+    """Return the remark for figures of a scene whose answers are incomplete."""
+    return None if state.is_current else f"NOT COMPLETE: {state.remark or 'changes wait for detection'}"
+
+
+def _pair_of(scene: str, objects: Sequence[Area | Track], *keys: str) -> list[Area | Track]:
+    """Return the objects of two keys; raises InvalidInput if a key does not exist or both are the same."""
+    by_key = {one.key: one for one in objects}
+    for key in keys:
+        if key not in by_key:
+            raise InvalidInput(f"scene {scene!r}", "object", f"{key!r} is not known")
+    if len(set(keys)) < len(keys):
+        raise InvalidInput("plot", "keys", f"must be of two objects; got {keys[0]!r} twice")
+    return [by_key[key] for key in keys]
+
+
+def _warn_if_incomplete(state: SceneState, stacklevel: int = 3) -> None:
+    """Warn the caller of the method that calls this, or a caller further up (`stacklevel`)."""
+    if not state.is_current:
+        warnings.warn(f"scene {state.scene!r}: {state.remark}", IncompleteWarning, stacklevel=stacklevel)

@@ -1,0 +1,190 @@
+"""Cut objects into pieces on workers: batches of the form OBJECTS in, rows of pieces out.
+
+A row contains a bundle of nearby parts of an area, or one slice of a track. Slices are not bundled: their bundles would
+be much wider than the slices and meet more rows, all of them larger.
+"""
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import shapely
+
+from conflictdb.arrays.arrow.object_rows import OBJECTS, to_objects
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.packed import WORD, packed
+from conflictdb.arrays.pieces import Bundles
+from conflictdb.earth.registry import plane_of
+from conflictdb.errors import InvalidInput, Refusals
+from conflictdb.formats.speed_columns import within_speed
+from conflictdb.kernel.bundles import boxes_of
+from conflictdb.model.plans import Scene
+from conflictdb.model.results import Kind
+from conflictdb.stages.pieces.bundling import bundles_of
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.pieces.cutting import check_plane
+from conflictdb.stages.pieces.digests import area_digests, track_digests
+
+# Bytes of objects cut at a time: their pieces take about ten times as much.
+_AT_ONCE: Final = 4_000_000
+# Number of an object without one.
+NO_NUMBER: Final = -1
+# A larger outline, in bytes (120 vertices), is not repeated in each row of its area: there may be many.
+_MOST_CARRIED: Final = 2_000
+
+# Rows of pieces: their object, the box of their hulls (metres of the plane), span and heights, the packed pieces
+# (`arrays.packed`), and the area's outline (WKB, degrees), which regions may need. Each object also has a row of its
+# own, with kind, key, number, version and digest (`stages.pieces.digests`), and its outline if that is large. A
+# refused object is a row with only `refused`: JSON with key, field and rule.
+SCHEMA: Final = pa.schema(
+    [
+        pa.field("kind", pa.int8()),
+        pa.field("key", pa.string()),
+        pa.field("turn", pa.int16()),
+        pa.field("west", pa.float64()),
+        pa.field("south", pa.float64()),
+        pa.field("east", pa.float64()),
+        pa.field("north", pa.float64()),
+        pa.field("start_us", pa.int64()),
+        pa.field("end_us", pa.int64()),
+        pa.field("end_inclusive", pa.bool_()),
+        pa.field("floor_m", pa.float64()),
+        pa.field("ceiling_m", pa.float64()),
+        pa.field("pieces", pa.binary()),
+        pa.field("outline", pa.binary()),
+        pa.field("object_id", pa.int64()),
+        pa.field("version", pa.int64()),
+        pa.field("digest", pa.int64()),
+        pa.field("refused", pa.string()),
+    ]
+)
+
+
+def check_case(who: str, names: Iterable[str]) -> None:
+    """Raise InvalidInput for a column that differs from a known name only in case, and would be ignored."""
+    for name in names:
+        known = name.lower()
+        if name != known and known in OBJECTS.schema.names:
+            raise InvalidInput(who, f"column {name}", f"must be written {known}: rename it")
+
+
+def cut(batches: Iterable[pa.RecordBatch], scene: Scene, max_speed_kn: float = np.inf) -> Iterator[pa.RecordBatch]:
+    """Yield the pieces of objects; some objects of which one is refused are one row that says so.
+
+    Of two with the same key the second is refused: they must be in the same batches.
+
+    max_speed_kn : the speed over the ground beyond which a leg is refused, knots
+    """
+    seen: set[str] = set()
+    for batch in batches:
+        rows = max(1, batch.num_rows * _AT_ONCE // max(batch.get_total_buffer_size(), 1))
+        for first in range(0, batch.num_rows, rows):
+            some = batch.slice(first, rows)
+            try:
+                _refuse_twins(some.column("id").to_pylist(), seen)
+                yield from _pieces(some, scene, max_speed_kn)
+            except InvalidInput as refusal:
+                yield _refused(refusal)
+
+
+def _refuse_twins(keys: list[str], seen: set[str]) -> None:
+    for key in keys:
+        if key in seen:
+            raise InvalidInput(f"object {key!r}", "id", "occurs more than once: keys must be unique")
+        seen.add(key)
+
+
+def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterator[pa.RecordBatch]:
+    """Yield the pieces of some objects, and these themselves."""
+    areas, tracks = to_objects(batch)
+    refusals = Refusals()
+    within_speed(tracks, scene.motion, max_speed_kn, refusals)
+    refusals.raise_found()
+    plane = plane_of(scene)
+    check_plane(plane, areas, tracks)
+    keys = {Kind.AREA: [area.key for area in areas], Kind.TRACK: [track.key for track in tracks]}
+    of_kind = {kind: np.flatnonzero(_column(batch, "kind", "").to_numpy(False) == kind.value) for kind in Kind}
+    versions, numbers = (
+        {kind: _column(batch, name, value).to_numpy(False)[rows] for kind, rows in of_kind.items()}
+        for name, value in (("version", 1), ("object_id", NO_NUMBER))
+    )
+    of_areas = replace(AreaBatch.of(areas), version=versions[Kind.AREA])
+    of_tracks = replace(TrackBatch.of(tracks), version=versions[Kind.TRACK])
+    pieces = pieces_of(scene, plane, of_areas, of_tracks)
+    is_slice = pieces.kind == Kind.TRACK.code
+    parts, slices = (pieces.take(np.flatnonzero(one)) for one in (~is_slice, is_slice))
+    bundles = Bundles.concatenate([bundles_of(parts), Bundles.of_each(slices)])
+    pieces = bundles.pieces
+    # Pieces number their objects within the batch.
+    row = pieces.object_id + np.where(pieces.kind == Kind.TRACK.code, len(areas), 0)
+    number = np.concatenate([numbers[Kind.AREA], numbers[Kind.TRACK]])
+    outline = pa.array(shapely.to_wkb([area.footprint for area in areas]), pa.binary())
+    is_carried = pc.less_equal(pc.binary_length(outline), _MOST_CARRIED)
+    carried = pa.concat_arrays([pc.if_else(is_carried, outline, None), pa.nulls(len(tracks), pa.binary())])
+    key, of = pa.array([*keys[Kind.AREA], *keys[Kind.TRACK]], pa.string()), pa.array(row[bundles.offset[:-1]])
+    yield rows_of(replace(bundles, pieces=replace(pieces, object_id=number[row])), key.take(of), carried.take(of))
+    large = pc.if_else(is_carried, None, outline)
+    yield _rows_with(
+        kind=pa.array(
+            np.repeat([kind.code for kind in keys], [len(of_kind) for of_kind in keys.values()]).astype("i1")
+        ),
+        key=key,
+        outline=pa.concat_arrays([large, pa.nulls(len(tracks), pa.binary())]),
+        object_id=pa.array(number),
+        version=pa.array(np.concatenate([of_areas.version, of_tracks.version])),
+        digest=pa.array(np.concatenate([area_digests(of_areas), track_digests(of_tracks)])),
+    )
+
+
+def rows_of(bundles: Bundles, key: pa.Array, outline: pa.Array) -> pa.RecordBatch:
+    """Return bundles of pieces as rows, with the keys and outlines (n,) of their objects."""
+    pieces, first, last = bundles.pieces, bundles.offset[:-1], bundles.offset[1:] - 1
+    words, offset = packed(pieces)
+    boxes = boxes_of(pieces)
+    low, high = (
+        reduce.reduceat(some, first) if len(first) else some
+        for reduce, some in ((np.minimum, boxes[:, :2]), (np.maximum, boxes[:, 2:]))
+    )
+    buffers = [None, pa.py_buffer((offset[bundles.offset] * WORD).astype(np.int32)), pa.py_buffer(words)]
+    columns = [
+        pa.array(pieces.kind[first]),
+        key,
+        pa.array(pieces.turn[first]),
+        *(pa.array(np.ascontiguousarray(side)) for side in (*low.T, *high.T)),
+        pa.array(pieces.start_us[first]),
+        pa.array(pieces.end_us[last]),
+        pa.array(pieces.end_inclusive[last]),
+        pa.array(pieces.floor_m[first]),
+        pa.array(pieces.ceiling_m[first]),
+        pa.Array.from_buffers(pa.binary(), len(bundles), buffers),
+        outline,
+    ]
+    rest = [pa.nulls(len(bundles), field.type) for field in list(SCHEMA)[len(columns) :]]
+    return pa.RecordBatch.from_arrays([*columns, *rest], schema=SCHEMA)
+
+
+def _column(batch: pa.RecordBatch, name: str, missing: object) -> pa.Array:
+    """Return a column of a batch; nulls, or a missing column, are replaced by a value."""
+    if batch.schema.get_field_index(name) < 0:
+        return pa.array([missing] * batch.num_rows)
+    return batch.column(name).fill_null(missing)
+
+
+def _refused(refusal: InvalidInput) -> pa.RecordBatch:
+    return _rows_with(refused=pa.array([json.dumps([refusal.key, refusal.field, refusal.rule, refusal.source])]))
+
+
+def _rows_with(**known: pa.Array) -> pa.RecordBatch:
+    """Return rows with the given columns; all others are null."""
+    n = len(next(iter(known.values())))
+    columns = [known.get(field.name, pa.nulls(n, field.type)) for field in SCHEMA]
+    return pa.RecordBatch.from_arrays(columns, schema=SCHEMA)
+
+
+def refusal_of(text: str) -> InvalidInput:
+    """Parse the refusal in a row."""
+    return InvalidInput(*json.loads(text))

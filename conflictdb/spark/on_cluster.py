@@ -1,0 +1,183 @@
+"""Detect a scene through the four stages on Spark, with the answer of `detect`.
+
+Workers cut objects into pieces; join the pieces of each unit of space and time; and solve the pairs of each group of
+objects. Spark shuffles in between. Repeated tasks give the same rows.
+"""
+
+import math
+import weakref
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import shapely
+from pyspark.sql import DataFrame, SparkSession, functions
+from pyspark.sql.pandas.types import from_arrow_schema
+from pyspark.sql.types import BinaryType
+from pyspark.storagelevel import StorageLevel
+
+from conflictdb.arrays.arrow.object_rows import OBJECTS
+from conflictdb.earth.registry import middle_deg, summed_directions
+from conflictdb.errors import InvalidInput
+from conflictdb.model.plans import Motion, Scene
+from conflictdb.model.speeds import MAX_SPEED_KN
+from conflictdb.spark import cut_objects, joining, solving
+from conflictdb.spark.crowding import blocks_for
+from conflictdb.spark.engine import with_sedona
+from conflictdb.stages.memory import MEMORY_MB, Memory
+
+# Partitions per processor of the cluster: several, so that the last to end are short.
+_PER_PROCESSOR: Final = 4
+# Groups of pairs for each partition, so that partitions are about equal; most pairs of a group, for a worker's memory.
+_GROUPS: Final = 4
+_MOST_PAIRS: Final = 500_000
+# Memory of a worker for pyspark and pandas, beyond that of a process of `detect`.
+_SPARK_MB: Final = 64
+# Columns that no stage reads.
+_UNUSED: Final = ("name", "properties")
+_SUMS: Final = pa.schema([pa.field(name, pa.float64()) for name in ("count", "x", "y", "z")])
+
+
+@dataclass(frozen=True, slots=True)
+class Detected:
+    """The result of `detect_on_spark`, and the objects it was computed from.
+
+    conflicts : rows of the form FOUND
+    objects : key, kind (code), object_id (NO_NUMBER where unknown), version, and a digest of the data that was cut into
+        pieces
+    """
+
+    conflicts: DataFrame
+    objects: DataFrame
+
+
+def detect_on_spark(
+    spark: SparkSession,
+    objects: DataFrame,
+    scene: Scene,
+    *,
+    partitions: int | None = None,
+    memory_mb: int = MEMORY_MB,
+    max_speed_kn: float = MAX_SPEED_KN,
+) -> DataFrame:
+    """Return the conflicts of a scene: the same rows as `detect`, for any number of partitions.
+
+    Objects are cut and counted at once; conflicts are computed lazily. Pieces stay in Spark's cache, on disk where
+    memory ends, as long as this DataFrame is referenced.
+
+    Parameters
+    ----------
+    objects : rows of the Arrow form OBJECTS, as in GeoParquet files of conflictdb; `geometry` is WKB, or Sedona's type
+    scene : settings; great circles without a centre get the middle of the objects
+    partitions : of pieces and of pairs of objects; by default four per processor
+    memory_mb : of each Python worker, megabytes, that it keeps below
+    max_speed_kn : the speed over the ground beyond which a leg is refused, knots
+
+    Raises
+    ------
+    EngineMissing
+        Sedona's jars are missing.
+    InvalidInput
+        An object is refused, or two have the same key.
+    """
+    found = detected(spark, objects, scene, partitions=partitions, memory_mb=memory_mb, max_speed_kn=max_speed_kn)
+    return found.conflicts
+
+
+def detected(
+    spark: SparkSession,
+    objects: DataFrame,
+    scene: Scene,
+    *,
+    partitions: int | None = None,
+    memory_mb: int = MEMORY_MB,
+    max_speed_kn: float = MAX_SPEED_KN,
+) -> Detected:
+    """Detect as `detect_on_spark` does; the objects stay cached as long as the conflicts are referenced."""
+    with_sedona(spark)
+    cut_objects.check_case("objects", objects.columns)
+    if not isinstance(objects.schema["geometry"].dataType, BinaryType):
+        objects = objects.withColumn("geometry", functions.expr("ST_AsBinary(geometry)"))
+    objects = objects.select([name for name in objects.columns if name in OBJECTS.schema.names and name not in _UNUSED])
+    scene = _centred(objects, scene)
+    count = partitions or spark.sparkContext.defaultParallelism * _PER_PROCESSOR
+    into_pieces = partial(cut_objects.cut, scene=scene, max_speed_kn=max_speed_kn)
+    cut = mapped(objects.repartition(count, "id"), into_pieces, cut_objects.SCHEMA)
+    cut = cut.persist(StorageLevel.MEMORY_AND_DISK)
+    rows, large = joining.counted(cut)
+    cells = joining.cells_of(cut, rows, count)
+    in_units = joining.placed(spark, cut, cells).repartition(count, "unit").sortWithinPartitions("unit")
+    blocks = blocks_for(max(_GROUPS * count, math.ceil(cells.pairs / _MOST_PAIRS)))
+    met = mapped(in_units, partial(solving.meeting, cells=cells, blocks=blocks), solving.MET)
+    together = met.repartition(count, "group").sortWithinPartitions("group")
+    outlines = _outlines(spark, cut if large else None)
+    solve = partial(
+        solving.solved, scene=scene, outlines=outlines, pairs_at_once=Memory.of(memory_mb - _SPARK_MB).pairs
+    )
+    found = mapped(together, solve, solving.SCHEMA)
+    weakref.finalize(found, _free, cut).atexit = False
+    read = cut.where("digest IS NOT NULL").select("key", "kind", "object_id", "version", "digest")
+    return Detected(found, read)
+
+
+def _free(cached: DataFrame) -> None:
+    """Release cached rows, if their session still runs."""
+    if cached.sparkSession.sparkContext._jsc is not None:
+        cached.unpersist()
+
+
+def mapped(
+    rows: DataFrame, function: Callable[[Iterable[pa.RecordBatch]], Iterable[pa.RecordBatch]], schema: pa.Schema
+) -> DataFrame:
+    """Apply a function on workers to the batches of each partition."""
+    return rows.mapInArrow(function, from_arrow_schema(schema))
+
+
+def _centred(objects: DataFrame, scene: Scene) -> Scene:
+    """Return the scene with a centre, if its motion needs one, as `motion.registry.centred` does.
+
+    Raises InvalidInput for objects all around the earth, for which no centre is valid.
+    """
+    if scene.motion != Motion.GREAT_CIRCLE or scene.centre is not None:
+        return scene
+    sums = mapped(objects.select("geometry"), _directions, _SUMS).collect()
+    if not any(row["count"] for row in sums):
+        return scene
+    middle = middle_deg(np.array([math.fsum(column) for column in zip(*sums, strict=True)]))
+    if middle is None:
+        rule = (
+            "does not follow from objects all around the earth; with motion 'great_circle' all must lie within 60 "
+            "degrees of it: split the scene, or use motion 'rhumb'"
+        )
+        raise InvalidInput(f"scene {scene.name!r}", "centre", rule)
+    return replace(scene, centre=middle)
+
+
+def _directions(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+    """Yield the number of corners and waypoints of objects, and the sums of their direction vectors."""
+    for batch in batches:
+        places = shapely.get_coordinates(shapely.from_wkb(np.array(batch.column(0).to_pylist(), dtype=object)))
+        yield pa.RecordBatch.from_arrays(list(summed_directions(places).reshape(4, 1)), schema=_SUMS)
+
+
+class _Outlines:
+    """Large outlines of areas by key, broadcast once to each machine, and read on demand."""
+
+    def __init__(self, sent: Any) -> None:
+        self._sent = sent
+
+    def __call__(self) -> Mapping[str, bytes]:
+        outlines: Mapping[str, bytes] = self._sent.value
+        return outlines
+
+
+def _outlines(spark: SparkSession, cut: DataFrame | None) -> solving.Outlines:
+    rows = (
+        cut.where("pieces IS NULL AND outline IS NOT NULL").select("key", "outline").collect()
+        if cut is not None
+        else []
+    )
+    return _Outlines(spark.sparkContext.broadcast({key: bytes(outline) for key, outline in rows}))

@@ -1,0 +1,167 @@
+"""Cut objects into pieces; cover an object whose cutting fails by one piece, which is reported and stops no other.
+
+A cover is one piece as wide as the plane, during all of the object's time and at all of its heights, with part number
+COVER. It is a candidate with everything, and is not solved: its pairs are `unresolved` while they share time and
+height. It is replaced like other pieces when the object changes. (A polygon that merely cannot be triangulated is
+replaced by its hull instead, see `convex`.)
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays import Floats
+from conflictdb.arrays.isolation import isolated
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.earth.contract import Plane
+from conflictdb.earth.geodesy import MEAN_RADIUS_M
+from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, Scene
+from conflictdb.model.results import Kind
+from conflictdb.stages.pieces.cutting import area_pieces, track_pieces
+
+# Part number of covers.
+COVER: Final = -1
+# No object lies wholly beyond this latitude in a Mercator plane.
+_HIGHEST_DEG: Final = 89.5
+
+_MOST_ROUNDED_M: Final = 1e9
+
+Batch = TypeVar("Batch", AreaBatch, TrackBatch)
+
+
+def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
+    """Return the pieces of objects; an object that cannot be cut is covered.
+
+    Each end of their heights is half of the scene's vertical separation further out, rounded to the micrometre, so that
+    two of them overlap where the objects' heights are closer than that.
+    """
+    made = [
+        *_pieces(scene, plane, areas, areas.area_id, area_pieces, _area_covers),
+        *_pieces(scene, plane, tracks, tracks.track_id, track_pieces, _track_covers),
+    ]
+    pieces = Pieces.concatenate(made or [area_pieces(scene, plane, areas)])
+    if scene.vertical_separation_m == 0.0:
+        return pieces
+    half_m = 0.5 * scene.vertical_separation_m
+    return replace(
+        pieces,
+        floor_m=_to_micrometres(pieces.floor_m - half_m),
+        ceiling_m=_to_micrometres(pieces.ceiling_m + half_m),
+    )
+
+
+def _to_micrometres(height_m: Floats) -> Floats:
+    """Return heights rounded, so that sums of equal decimals are equal; from _MOST_ROUNDED_M on they are too coarse."""
+    return np.where(
+        np.abs(height_m) < _MOST_ROUNDED_M, np.round(np.clip(height_m, -_MOST_ROUNDED_M, _MOST_ROUNDED_M), 6), height_m
+    )
+
+
+def is_covered(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
+    """Return (n,) whether piece a or b (n,) is a cover, of which only time and heights are known."""
+    return (pieces.part[a] == COVER) | (pieces.part[b] == COVER)
+
+
+def _pieces(
+    scene: Scene,
+    plane: Plane,
+    batch: Batch,
+    ids: NDArray[np.int64],
+    cut: Callable[[Scene, Plane, Batch], Pieces],
+    covers: Callable[[Plane, Batch], Pieces],
+) -> list[Pieces]:
+    kind = "area" if isinstance(batch, AreaBatch) else "track"
+    every = np.arange(len(batch))
+
+    def cut_some(rows: NDArray[np.int64]) -> Pieces:
+        return cut(scene, plane, batch if len(rows) == len(batch) else batch.take(rows))
+
+    def cover(rows: NDArray[np.int64]) -> Pieces:
+        return covers(plane, batch.take(rows))
+
+    found = []
+    for rows, pieces in isolated(every, cut_some, cover, f"{kind} in row"):
+        unsound = rows[~np.isin(ids[rows], _sound(pieces, ids[rows]))]
+        if unsound.size:
+            found.append(pieces.take(np.flatnonzero(~np.isin(pieces.object_id, ids[unsound]))))
+            found.append(cover(unsound))
+        else:
+            found.append(pieces)
+    return found
+
+
+def _sound(pieces: Pieces, ids: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the objects that have pieces, all with finite coordinates: NaN would overlap nothing, without an error."""
+    bad = np.zeros(len(pieces), np.bool_)
+    for xy, offset in ((pieces.hull_xy, pieces.hull_offset), (pieces.shape_xy, pieces.shape_offset)):
+        bad[np.repeat(np.arange(len(pieces)), np.diff(offset))[~np.isfinite(xy).all(axis=1)]] = True
+        bad |= np.diff(offset) == 0
+    return np.setdiff1d(pieces.object_id, pieces.object_id[bad])
+
+
+def _area_covers(plane: Plane, areas: AreaBatch) -> Pieces:
+    spans = areas.start_us, areas.end_us
+    return _covers(plane, Kind.AREA, areas, areas.area_id, *spans, areas.floor_m, areas.ceiling_m)
+
+
+def _track_covers(plane: Plane, tracks: TrackBatch) -> Pieces:
+    start, end = tracks.times_us[tracks.waypoint_offset[:-1]], tracks.times_us[tracks.waypoint_offset[1:] - 1]
+    # The lowest floor and highest ceiling of all legs.
+    first_leg = tracks.waypoint_offset[:-1] - np.arange(len(tracks))
+    floor_m = np.minimum.reduceat(tracks.floor_m, first_leg)
+    ceiling_m = np.maximum.reduceat(tracks.ceiling_m, first_leg)
+    return _covers(plane, Kind.TRACK, tracks, tracks.track_id, start, end, floor_m, ceiling_m)
+
+
+def _covers(
+    plane: Plane,
+    kind: Kind,
+    batch: AreaBatch | TrackBatch,
+    ids: NDArray[np.int64],
+    start_us: NDArray[np.int64],
+    end_us: NDArray[np.int64],
+    floor_m: Floats,
+    ceiling_m: Floats,
+) -> Pieces:
+    n = len(ids)
+    corners = _whole(plane)
+    shape = corners if kind is Kind.AREA else np.zeros((1, 2))
+    shape_xy = np.tile(shape, (n, 1))
+    nothing, none_us = np.zeros((n, 2)), np.zeros(n, np.int64)
+    is_track = kind is Kind.TRACK
+    return Pieces(
+        piece_id=np.full(n, -1, np.int64),
+        kind=np.full(n, kind.code, np.int8),
+        object_id=ids,
+        version=batch.version,
+        part=np.full(n, COVER, np.int32),
+        turn=np.zeros(n, np.int16),
+        start_us=start_us,
+        end_us=end_us,
+        end_inclusive=np.zeros(n, np.bool_),
+        floor_m=floor_m,
+        ceiling_m=ceiling_m,
+        hull_xy=np.tile(np.concatenate([corners, corners[:1]]), (n, 1)),
+        hull_offset=np.arange(n + 1, dtype=np.int64) * (len(corners) + 1),
+        shape_xy=shape_xy,
+        shape_to_xy=shape_xy,
+        shape_offset=np.arange(n + 1, dtype=np.int64) * len(shape),
+        leg_start_us=start_us if is_track else none_us,
+        leg_end_us=end_us if is_track else none_us,
+        leg_start_deg=nothing,
+        leg_end_deg=nothing,
+        bearing_deg=np.zeros(n),
+    )
+
+
+def _whole(plane: Plane) -> Floats:
+    """Return the corners (4, 2) of a box that all hulls of the plane meet, counter-clockwise, plane metres."""
+    if plane.turn_m:
+        x, y = 0.5 * plane.turn_m, float(plane.to_plane(0.0, _HIGHEST_DEG)[1])
+    else:
+        x = y = MEAN_RADIUS_M * float(np.tan(np.radians(MAX_FROM_CENTRE_DEG)))
+    return np.array([(-x, -y), (x, -y), (x, y), (-x, y)])

@@ -1,0 +1,216 @@
+"""Run a scene through the four stages by its method, chunk by chunk: stage 1 at its source, the others here."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb import kernel
+from conflictdb.arrays import Floats
+from conflictdb.arrays.answers import Conflicts, Contacts
+from conflictdb.arrays.isolation import isolated
+from conflictdb.arrays.pairs import PairRows, Pairs
+from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.polygons import Polygons
+from conflictdb.earth.contract import Plane
+from conflictdb.model.methods import METHODS
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
+from conflictdb.model.results import Kind, Verdict
+from conflictdb.stages.closest_approaches import with_closest_approaches
+from conflictdb.stages.funnel import Funnel, Progress
+from conflictdb.stages.merge import merged_by_object
+from conflictdb.stages.object_pairs import company_of
+from conflictdb.stages.pieces.covers import is_covered
+from conflictdb.stages.published.stage3_projection import windows
+from conflictdb.stages.source import PairSource
+from conflictdb.stages.stage2_intersection import intersections
+from conflictdb.stages.stage4.contact_search import contacts, static_verdicts
+from conflictdb.stages.whole_areas import Footprints
+
+_SHORTEST_S: Final = 1e-9  # divisor if the clock shows no time
+
+__all__ = ["Footprints", "Funnel", "PairSource", "Progress", "run_scene", "run_stages"]
+
+
+def run_scene(
+    scene: Scene,
+    plane: Plane,
+    source: PairSource,
+    *,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Iterator[tuple[Conflicts, Funnel]]:
+    """Yield the conflicts among the pieces of a source and the counts, for each chunk of its pairs.
+
+    plane : of the scene and of its pieces
+    jobs, progress : see `run_stages`
+    """
+    decided = 0
+    chunks = source.candidates()
+    while True:
+        clock = time.perf_counter()
+        chunk = next(chunks, None)
+        if chunk is None:
+            return
+        pieces, a, b, candidate_pairs, stage2_s = chunk
+        stage1_s = time.perf_counter() - clock - stage2_s
+        clock = time.perf_counter()
+        pairs = intersections(pieces, a, b, regions=METHODS[scene.method].needs_regions)
+        stage2_s += time.perf_counter() - clock
+        found, funnel = run_stages(
+            scene,
+            plane,
+            pieces,
+            pairs,
+            source.footprints,
+            jobs=jobs,
+            progress=_after(decided, progress),
+        )
+        funnel.candidate_pairs = len(a) if candidate_pairs is None else candidate_pairs
+        funnel.intersecting_pairs = len(pairs)
+        funnel.stage1_s, funnel.stage2_s = stage1_s, stage2_s
+        decided += funnel.solved_pairs + funnel.effort.exact.closed_forms
+        # Free before the next chunk is allocated.
+        del chunk, pieces, a, b, pairs
+        yield found, funnel
+        del found, funnel
+
+
+def _after(decided: int, progress: Progress | None) -> Progress | None:
+    """Return a callback that adds `decided` earlier pairs to its counts."""
+    if progress is None:
+        return None
+    return lambda done, of: progress(decided + done, decided + of)
+
+
+def run_stages(
+    scene: Scene,
+    plane: Plane,
+    pieces: Pieces,
+    pairs: Pairs,
+    footprints: Footprints,
+    *,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> tuple[Conflicts, Funnel]:
+    """Return the conflicts of pairs of pieces that passed stage 2, by stages 3 and 4 of the scene's method.
+
+    plane : of the scene and of its pieces
+    footprints : called for whole areas if contacts are shallow in all parts of one
+    jobs : threads of the kernel; the answer does not depend on it
+    progress : called with the number of decided pairs, and of all pairs
+    """
+    funnel = Funnel()
+    started = time.perf_counter()
+    method = METHODS[scene.method]
+    pairs = replace(pairs, company=company_of(pieces, pairs))
+    covered = is_covered(pieces, pairs.a, pairs.b)
+    static = (pieces.kind[pairs.a] == Kind.AREA.code) & (pieces.kind[pairs.b] == Kind.AREA.code)
+    # Once, for all queries about the pairs.
+    prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)
+    parts = [
+        _unresolved(pieces, pairs, PairRows(np.flatnonzero(covered))),
+        _static_contacts(scene, plane, prepared, pairs, PairRows(np.flatnonzero(static & ~covered))),
+    ]
+    funnel.window_pairs = sum(map(len, parts))
+    moving = PairRows(np.flatnonzero(~static & ~covered))
+    if method.solver is None:
+        parts.append(_unresolved(pieces, pairs, moving))
+    elif moving.size:
+        clock = time.perf_counter()
+        first, last = _windows(scene, plane, prepared, pairs.take(moving), funnel)
+        if method.needs_regions:
+            funnel.stage3_s = time.perf_counter() - clock
+        possible = np.flatnonzero(first <= last)
+        moving, first, last = PairRows(moving[possible]), first[possible], last[possible]
+        tell = _counting(len(moving), progress)
+        clock = time.perf_counter()
+        solved, funnel.effort = contacts(scene, plane, prepared, pairs.take(moving), first, last, tell, threads=jobs)
+        exact = funnel.effort.exact
+        # The kernel adds up seconds over threads; their ratio is that of the elapsed times.
+        funnel.stage3_s += (time.perf_counter() - clock) * exact.closed_form_s / max(exact.contacts_s, _SHORTEST_S)
+        funnel.projected_pairs += exact.closed_forms
+        funnel.window_pairs += len(moving) - exact.closed_apart
+        funnel.solved_pairs = len(moving) - exact.closed_forms
+        parts.append(solved.of_pairs(moving))
+    found = Contacts.concatenate(parts)
+    funnel.met_pairs = len(np.unique(found.pair))
+    conflicts, meetings = merged_by_object(scene, plane, prepared, pairs, found, footprints, jobs)
+    if method.solver is not None:
+        conflicts = with_closest_approaches(scene, prepared, pairs, meetings, conflicts, funnel.effort.exact, jobs)
+    funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s
+
+    def where(rows: NDArray[np.int64]) -> Polygons:
+        began = time.perf_counter()
+        found = meetings.regions(rows)
+        funnel.stage4_s += time.perf_counter() - began
+        return found
+
+    return replace(conflicts, where=where), funnel
+
+
+def _counting(of: int, progress: Progress | None) -> Callable[[int], None] | None:
+    """Return a callback that takes numbers of newly decided pairs and reports their sum; report 0 first."""
+    if progress is None:
+        return None
+    decided = 0
+
+    def advance(count: int) -> None:
+        nonlocal decided
+        decided += count
+        progress(decided, of)
+
+    advance(0)
+    return advance
+
+
+def _windows(scene: Scene, plane: Plane, prepared: kernel.Scene, pairs: Pairs, funnel: Funnel) -> tuple[Floats, Floats]:
+    """Return the windows of the search for contacts, seconds: whole shared spans unless stage 3 projects regions.
+
+    Without regions stage 3 is the kernel's closed form, which finds the times of the pairs that it decides.
+    """
+    if not METHODS[scene.method].needs_regions:
+        return _spans_s(prepared.pieces, pairs)
+    funnel.projected_pairs = len(pairs)
+    first, last = np.zeros(len(pairs)), np.zeros(len(pairs))
+    for rows, (low, high) in isolated(
+        np.arange(len(pairs)),
+        lambda rows: windows(scene, plane, prepared, pairs.take(PairRows(rows))),
+        lambda rows: _spans_s(prepared.pieces, pairs.take(PairRows(rows))),
+        "pair of pieces",
+    ):
+        first[rows], last[rows] = low, high
+    return first, last
+
+
+def _spans_s(pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
+    start, end = pieces.shared_span(pairs.a, pairs.b)
+    return np.zeros(len(pairs)), (end - start) / 1e6
+
+
+def _static_contacts(scene: Scene, plane: Plane, prepared: kernel.Scene, pairs: Pairs, rows: PairRows) -> Contacts:
+    """Return the contacts of pairs of areas, for the time that both exist."""
+    verdict, touches = static_verdicts(scene, plane, prepared, pairs.take(rows))
+    meets = np.flatnonzero(verdict >= 0)
+    return _whole_spans(prepared.pieces, pairs, PairRows(rows[meets]), verdict[meets], touches[meets])
+
+
+def _unresolved(pieces: Pieces, pairs: Pairs, rows: PairRows) -> Contacts:
+    """Return undecided pairs, with their shared time."""
+    verdict, touches = np.full(len(rows), Verdict.UNRESOLVED.code, np.int8), np.ones(len(rows), np.bool_)
+    return _whole_spans(pieces, pairs, rows, verdict, touches)
+
+
+def _whole_spans(
+    pieces: Pieces, pairs: Pairs, rows: PairRows, verdict: NDArray[np.int8], touches: NDArray[np.bool_]
+) -> Contacts:
+    """Return the shared spans of some pairs as contacts: the exact time for areas, a safe one for a screening."""
+    start, end = pieces.shared_span(PieceRows(pairs.a[rows]), PieceRows(pairs.b[rows]))
+    unbounded = (start == MINUS_INFINITY_US) | (end == INFINITY_US)
+    width = np.where(unbounded, np.inf, (end - np.where(unbounded, 0, start)) / 1e6)
+    # Areas that meet do so during all of their shared time; the place is unknown.
+    error = np.where((verdict == Verdict.UNRESOLVED.code) & np.isfinite(width), width, 0.0)
+    return Contacts(rows, np.zeros(len(rows)), width, error, verdict, touches)

@@ -1,0 +1,25 @@
+"""Counts of the work of stage 4."""
+
+from dataclasses import asdict, dataclass, field
+
+from conflictdb import kernel
+from conflictdb.stages.published.calls import Programs
+
+
+@dataclass(slots=True)
+class Effort:
+    """The work of the kernel and the calls of the published programs."""
+
+    exact: kernel.Work = field(default_factory=kernel.Work)
+    programs: Programs = field(default_factory=Programs)
+
+    def add(self, other: "Effort") -> None:
+        """Add the counts of another effort."""
+        for mine, theirs in ((self.exact, other.exact), (self.programs, other.programs)):
+            for name, count in asdict(theirs).items():
+                setattr(mine, name, getattr(mine, name) + count)
+
+    def counts(self) -> dict[str, int]:
+        """Return all counts by name, without seconds."""
+        counted = {**asdict(self.exact), **asdict(self.programs)}
+        return {name: count for name, count in counted.items() if isinstance(count, int)}

@@ -1,0 +1,71 @@
+"""Convert conflicts of numbered objects to results for users."""
+
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
+from conflictdb.model.record import MEASURED, Type
+from conflictdb.model.results import Conflict, Kind, Position, Verdict
+
+
+def to_results(scene: Scene, keys: Mapping[tuple[int, int], str], conflicts: Conflicts) -> list[Conflict]:
+    """Return conflicts and near pairs in the order of their keys, areas first.
+
+    keys : of objects, by the code of their kind and their number
+    """
+    members = [
+        [(kind, keys[kind, number]) for kind, number in zip(kinds.tolist(), numbers.tolist(), strict=True)]
+        for kinds, numbers in ((conflicts.a_kind, conflicts.a_id), (conflicts.b_kind, conflicts.b_id))
+    ]
+    is_swapped = [_rank(*b) < _rank(*a) for a, b in zip(*members, strict=True)]
+    conflicts = conflicts.turned(np.array(is_swapped, np.bool_))
+    answer = []
+    for k, pair in enumerate(zip(*members, strict=True)):
+        (a_kind, a_key), (b_kind, b_key) = reversed(pair) if is_swapped[k] else pair
+        periods = conflicts.period_us[conflicts.period_offset[k] : conflicts.period_offset[k + 1]].tolist()
+        measured: dict[str, Any] = {one.field: _VALUE[one.type](getattr(conflicts, one.array)[k]) for one in MEASURED}
+        answer.append(
+            Conflict(
+                scene=scene.name,
+                a_key=a_key,
+                a_kind=Kind.of_code(a_kind),
+                b_key=b_key,
+                b_kind=Kind.of_code(b_kind),
+                verdict=Verdict.of_code(int(conflicts.verdict[k])),
+                periods=tuple((_instant(start), _instant(end)) for start, end in periods),
+                method=scene.method,
+                **measured,
+            )
+        )
+    return sorted(answer, key=lambda one: (one.a_kind.code, one.a_key.encode(), one.b_key.encode()))
+
+
+def _rank(kind: int, key: str) -> tuple[int, bytes]:
+    return kind, key.encode()
+
+
+def _instant(us: np.int64 | int) -> datetime | None:
+    return None if us in (MINUS_INFINITY_US, INFINITY_US) else EPOCH + int(us) * MICROSECOND
+
+
+def _number(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)
+
+
+def _position(position_deg: NDArray[np.float64]) -> Position | None:
+    lon, lat = position_deg.tolist()
+    return None if np.isnan(lon) else (lon, lat)
+
+
+# How a value of an array becomes that of a `Conflict`.
+_VALUE: Final[dict[Type, Callable[[Any], Any]]] = {
+    Type.INSTANT: _instant,
+    Type.NUMBER: _number,
+    Type.POINT: _position,
+}
