@@ -41,12 +41,12 @@ from _pytest.runner import runtestprotocol
 ROOT: Final = Path(__file__).resolve().parents[2]
 # fmt: off
 MODULES: Final = (
-    "earth.geodesy", "motion.mercator", "motion.gnomonic",
-    "motion.contract", "published.encounters", "earth.rhumb_distance", "pieces.cutting",
-    "pieces.convex", "outlines", "arrays.ragged", "arrays.objects", "arrays.pieces", "arrays.pairs",
-    "arrays.answers", "pipeline.run", "pipeline.merge", "pipeline.whole_areas",
-    "pipeline.closest_approaches", "pipeline.object_pairs", "published.stage3_projection", "stage4.contacts",
-    "stage4.closest_approach", "published.linear_program", "published.nonlinear_program",
+    "earth.geodesy", "earth.mercator", "earth.gnomonic",
+    "earth.contract", "stages.published.encounters", "earth.rhumb_distance", "stages.pieces.cutting",
+    "stages.pieces.convex_parts", "model.outlines", "arrays.ragged", "arrays.objects", "arrays.pieces", "arrays.pairs",
+    "arrays.answers", "stages.run", "stages.merge", "stages.whole_areas",
+    "stages.closest_approaches", "stages.object_pairs", "stages.published.stage3_projection", "stages.stage4.contact_search",
+    "stages.stage4.closest_approach", "stages.published.linear_program", "stages.published.nonlinear_program",
     "advice.estimates",
 )
 # fmt: on

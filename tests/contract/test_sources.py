@@ -1,4 +1,4 @@
-"""What every source of pairs keeps (`pipeline.source.PairSource`): the pairs that brute force finds, the same rows."""
+"""What every source of pairs keeps (`stages.source.PairSource`): the pairs that brute force finds, the same rows."""
 
 from collections.abc import Sequence
 from typing import Final

@@ -131,7 +131,7 @@ def test_mistakes_are_told(strait: Client) -> None:
     for path, status in [
         ("/api/pair?a=CABLE&b=nobody", 400),
         ("/api/nothing", 404),
-        ("/page/../../model.py", 404),
+        ("/page/../../errors.py", 404),
         ("/vendor/vendor.json", 404),
         ("/tiles/havens/0/0/0", 404),
         ("/tiles/areas/2/9/0", 400),
