@@ -1,6 +1,6 @@
 -- Stage 2 (intersection): candidate pairs whose hulls meet while both pieces exist. Runs here where few pieces are
 -- involved: detection of few changes, probes, candidates() and explain_conflict. Whole scenes compare hulls at the
--- client (conflictdb/kernel/narrow/apart.c), in a tenth of the time.
+-- client (conflictdb/kernel/broad/apart.c), in a tenth of the time.
 
 CREATE OR REPLACE FUNCTION _boxes_meet(p_a geometry, p_b geometry) RETURNS boolean
 LANGUAGE sql IMMUTABLE PARALLEL SAFE

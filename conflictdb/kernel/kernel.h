@@ -1,7 +1,8 @@
 /* conflictdb kernel: contacts, distances and candidate pairs of moving convex polygons.
  *
- * A scene holds pieces: convex polygons that stand still (parts of areas) or ride along a leg (havens). For a pair of
- * pieces during [low_s, high_s] the kernel reports every contact, and proves that there is no other or reports the pair
+ * A haven is the protected polygon that a ship or an aircraft carries along its legs. A piece is a convex polygon that
+ * stands still (part of an area) or moves along one leg (a haven, or part of one). A scene is the prepared pieces of a
+ * batch. For a pair of pieces during [low_s, high_s] the kernel reports every contact, and proves that there is no other or reports the pair
  * as unresolved (KernelVerdict). The proofs cover the continuous motion and allow for rounding; nothing is decided by
  * sampling. docs/explanation/kernel.md explains how.
  *
@@ -15,7 +16,12 @@
  * Memory: each call frees its working memory. Callers allocate the result arrays, with two exceptions:
  * free scenes with kernel_scene_free, contacts with kernel_contacts_free.
  *
- * Sections: status and limits; scene; narrow phase; regions; broad phase; bytes.
+ * Stages: a detection finds candidate pairs by boxes (stage 1) and swept hulls (2), and contact times in closed form (3)
+ * or by certified windows and search (4).
+ *
+ * Sections, and the folders that implement them: status and limits; scene (scene/); narrow phase (narrow/); regions
+ * (regions/); broad phase (broad/); bytes (bytes/). They share planes/ (motion and distances in a plane) and geometry/
+ * (polygons, roots).
  */
 #ifndef CONFLICTDB_KERNEL_H
 #define CONFLICTDB_KERNEL_H
@@ -180,8 +186,8 @@ KERNEL_API KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows
 
 /* ---- Narrow phase ----------------------------------------------------------------------------------------------- */
 
-/* Pairs of pieces and their times. [low_s, high_s] lies within the slices of both pieces. Pairs with an invalid piece, or
- * with seconds beyond KERNEL_LONGEST_S, are undecided. */
+/* Pairs of pieces and their times. [low_s, high_s] lies within the slices of both pieces. Pairs with an invalid piece, with
+ * low_s > high_s, or with seconds beyond KERNEL_LONGEST_S, are KERNEL_UNRESOLVED, NaN or unknown. */
 typedef struct {
     int64_t count;
     const int64_t *a, *b;          /* (count,) indices of pieces */
@@ -217,7 +223,8 @@ typedef struct {
     double start_s, end_s; /* seconds from the pair's zero; the true contact lies within */
     double error_s;        /* each true end lies at most this far inside */
     int32_t verdict;       /* KernelVerdict */
-    int32_t touches;       /* 1: the separation is violated during it; 0: it is only within the tolerance of that */
+    int32_t touches;       /* 1: the separation is violated during it, or may be (KERNEL_UNRESOLVED); 0: it is only within
+                              the tolerance of that */
 } KernelContact;
 
 /* Work counters and seconds by the clock. No answer depends on them. */
@@ -231,8 +238,10 @@ typedef struct {
     double contacts_s;      /* of all pairs of kernel_contacts */
 } KernelWork;
 
-/* Find all contacts of pairs, ordered by pair and time. Pairs with an invalid piece are unresolved, and so are pairs that
- * exhaust the work budget of their distances; other pairs that exhaust their budget report what is proven by then.
+/* Find all contacts of pairs, ordered by pair and time. Work has two budgets, which the pairs of two objects share
+ * (pairs_of_objects): intervals of time in the search, and steps of distances on the earth. When the first is exhausted,
+ * the times that are not proven apart by then are reported, as KERNEL_UNRESOLVED or KERNEL_GRAZING, or within a larger
+ * error_s. When the second is exhausted, the whole pair is KERNEL_UNRESOLVED.
  *
  * contacts : allocated here, free with kernel_contacts_free
  */

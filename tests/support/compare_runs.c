@@ -10,7 +10,7 @@
 #include <stdlib.h>
 
 #include "draw.h"
-#include "narrow/runs.h"
+#include "geometry/runs.h"
 
 enum { MOST = 2000, KINDS = 8 };
 

@@ -2,7 +2,7 @@
 #include <stdlib.h>
 
 #include "narrow/approach.h"
-#include "narrow/border.h"
+#include "scene/border.h"
 
 /* middle, bound, box : (count,) metres, as approach_during and approach_at_least tell; NaN where a piece cannot be. */
 int floors(const KernelScene *scene, const KernelPairs *pairs, double *middle, double *bound, double *box) {

@@ -41,7 +41,7 @@ def test_steps_grow_as_the_number_of_vertices_does(tmp_path: Path) -> None:
     """Two circles, apart: blocks of the program that are run, which are the same on every machine."""
     counter, counted = tmp_path / "counter.c", tmp_path / "counted.so"
     counter.write_text(
-        """#include "narrow/polygon.h"
+        """#include "geometry/polygon.h"
            long long steps, sizes[] = {sizeof(Polygon), sizeof(Gap)};
            void __sanitizer_cov_trace_pc(void) { steps++; }"""
     )

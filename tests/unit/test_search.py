@@ -19,8 +19,8 @@ from conflictdb.model.results import Verdict
 
 SUPPORT: Final = Path(__file__).parents[1] / "support"
 # What a motion is behind, and what stands on it.
-FILES: Final = ("earth", "polygon", "runs", "plane", "mercator", "gnomonic", "roots", "encounter", "window", "contact")
-MORE_FILES: Final = ("proofs", "search", "zone", "distance")
+FILES: Final = ("earth", "polygon", "runs", "plane", "mercator", "gnomonic", "roots", "encounter", "window", "certain")
+MORE_FILES: Final = ("proofs", "search", "zone", "approach_bounds")
 SWING_S: Final = 100.0
 BY_M: Final = 50.0
 RATE: Final = 2.0 * np.pi / SWING_S

@@ -29,7 +29,7 @@ def _detect(commands: Any) -> None:
     parser = command(
         commands,
         "detect",
-        "detection:detect",
+        "detecting:detect",
         "load files, detect, and print the conflicts",
         "Only pairs with a changed member are computed again. The settings given here become the scene's and stay. "
         "Files of one scene are taken together, as if they were one.",
@@ -52,7 +52,7 @@ def _load(commands: Any) -> None:
     parser = command(
         commands,
         "load",
-        "objects:load",
+        "load_and_export:load",
         "load files, without detecting",
         "Files of one scene are combined as if they were one. All mistakes of all files are reported together; "
         "if one object of one file is refused, or a file has no objects, nothing is changed.",
@@ -66,7 +66,7 @@ def _load(commands: Any) -> None:
 
 def _export(commands: Any) -> None:
     parser = command(
-        commands, "export", "objects:export", "write a scene file", "Loading it again gives exactly the same objects."
+        commands, "export", "load_and_export:export", "write a scene file", "Loading it again gives exactly the same objects."
     )
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to write")
     parser.add_argument(
@@ -79,7 +79,7 @@ def _export(commands: Any) -> None:
 
 def _conflicts(commands: Any) -> None:
     parser = command(
-        commands, "conflicts", "detection:conflicts", "print the conflicts that are known", "Does not detect."
+        commands, "conflicts", "detecting:conflicts", "print the conflicts that are known", "Does not detect."
     )
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to print")
     parser.add_argument("--at", type=instant, metavar="T", help="only those at this instant (ISO 8601 with offset)")
@@ -95,7 +95,7 @@ def _approaches(commands: Any) -> None:
     parser = command(
         commands,
         "approaches",
-        "detection:approaches",
+        "detecting:approaches",
         "print how close pairs come: when, where and how far apart",
         "Every conflict, and with the scene's nearest_m every pair that comes within that distance. Does not detect.",
     )
@@ -109,7 +109,7 @@ def _explain(commands: Any) -> None:
     parser = command(
         commands,
         "explain",
-        "detection:explain",
+        "detecting:explain",
         "say why two objects are in conflict, or are not",
         "Which stage decided, what each of them left, and whether that is current. Does not detect.",
     )

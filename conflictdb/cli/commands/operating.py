@@ -52,7 +52,7 @@ def _service(commands: Any) -> None:
     parser = command(
         commands,
         "service",
-        "service:service",
+        "service_units:service",
         "print what has a system keep scenes current: a unit of systemd, a line for cron, jobs of pg_cron",
         "Written for this program; where the database is, is yours to fill in.",
     )
@@ -122,7 +122,7 @@ def _share(commands: Any) -> None:
     parser = command(
         commands,
         "share",
-        "sharing:share",
+        "share:share",
         "let a role of the database see a scene, or list which may",
         "For who owns the scene. It matters once scenes are protected; until then every reader sees all.",
     )
@@ -133,13 +133,13 @@ def _share(commands: Any) -> None:
         choices=("read", "write", "own"),
         help="what it may do (default: read); own: the scene is its own then, in place of who owns it",
     )
-    parser = command(commands, "unshare", "sharing:unshare", "take back that a scene is shared with a role")
+    parser = command(commands, "unshare", "share:unshare", "take back that a scene is shared with a role")
     parser.add_argument("role", metavar="ROLE", help="role that it is shared with")
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene that is shared")
     parser = command(
         commands,
         "protect",
-        "sharing:protect",
+        "share:protect",
         "have scenes seen by their owners, and by the roles that these share them with",
         "For who owns the schema conflictdb. Workers see all scenes.",
     )
@@ -159,7 +159,7 @@ def _schema(commands: Any) -> None:
     parser = command(
         commands,
         "extension",
-        "extension:extension",
+        "making_extension:extension",
         "make conflictdb an extension of a server: CREATE EXTENSION conflictdb",
         "For servers whose files you may write; `init` needs none and makes the same schema.",
     )

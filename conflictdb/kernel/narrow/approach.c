@@ -15,7 +15,7 @@
 
 #include <stdlib.h>
 
-#include "narrow/border.h"
+#include "scene/border.h"
 #include "narrow/meeting.h"
 
 /* Accuracy of distances, metres, unless a coarser one is enough or the work budget is exhausted. Smaller: more work. */

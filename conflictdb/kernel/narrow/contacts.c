@@ -2,7 +2,7 @@
 #include <stdlib.h>
 
 #include "narrow/answers.h"
-#include "narrow/border.h"
+#include "scene/border.h"
 #include "narrow/search.h"
 
 /* Work budget of the search. Two objects may inspect MAX_INTERVALS intervals, divided among their pairs of pieces. One
@@ -65,9 +65,9 @@ KernelStatus kernel_contacts(const KernelScene *scene, const KernelPairs *pairs,
         int64_t before = answers.count;
         answers.pair = i;
         share_work(&pair, question->pairs_of_objects ? question->pairs_of_objects[i] : 1);
-        bool is_told = low <= high && border_meet(scene, pairs, i, &pair);
-        if (is_told) find_contacts(&pair, low, high, beyond, &guess, &answers);
-        if (is_told && pair.parts_left >= 0) continue;
+        bool is_valid = low <= high && border_meet(scene, pairs, i, &pair);
+        if (is_valid) find_contacts(&pair, low, high, beyond, &guess, &answers);
+        if (is_valid && pair.parts_left >= 0) continue;
         /* Contacts found without all distances are invalid. */
         answers.count = before;
         answers_add(&answers, low, high, high - low, KERNEL_UNRESOLVED, true);

@@ -3,7 +3,7 @@
 
 #include <time.h>
 
-#include "narrow/runs.h"
+#include "geometry/runs.h"
 
 double encounter_clock_s(void) {
     struct timespec now;

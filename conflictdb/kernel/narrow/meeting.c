@@ -1,7 +1,7 @@
 /* Meeting points and distances of pairs at an instant. */
 #include <stdlib.h>
 
-#include "narrow/border.h"
+#include "scene/border.h"
 #include "narrow/meeting.h"
 
 Vector encounter_meeting(Encounter *pair, double t) {

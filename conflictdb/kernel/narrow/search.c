@@ -1,4 +1,4 @@
-/* Contacts of one pair by search, for pairs that contact.c cannot decide:
+/* Contacts of one pair by search, for pairs that certain.c cannot decide:
  *
  * 1. Prove the pair apart at most times; the rest is undecided.
  * 2. Bracket the first and the last contact on the true motion, between an instant apart and one in contact. A guess
@@ -10,9 +10,9 @@
  */
 #include "narrow/search.h"
 
-#include "narrow/contact.h"
+#include "narrow/certain.h"
 #include "narrow/proofs.h"
-#include "narrow/roots.h"
+#include "geometry/roots.h"
 
 /* Clearance at the outer end of a contact, metres on the earth: certainly no touch. Smaller: an end may lie within
  * rounding; larger: contacts are reported too long. */

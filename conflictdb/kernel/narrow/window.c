@@ -2,7 +2,7 @@
  * proves when the pair is apart. The directions are the edge normals of both polygons. */
 #include "narrow/window.h"
 
-#include "narrow/runs.h"
+#include "geometry/runs.h"
 
 static void narrow(Share *share, double g0, double g1) {
     if (g0 > 0.0) share->u = g1 > 0.0 ? 2.0 : most(g0 / (g0 - g1), share->u);

@@ -1,7 +1,7 @@
 /* Proofs in the zone: closing in (the distance changes in one direction only), apart, and near. Closing in is cheap to
  * prove for polygons that meet at a speed.
  *
- * Apart: the distance is at least its chord, minus its largest upward bend (distance.c).
+ * Apart: the distance is at least its chord, minus its largest upward bend (approach_bounds.c).
  *
  * Near: the distance is at most that of two places, one moving with each polygon. Let theta be the angle between them,
  * u and w their speeds on the earth, a1 and a2 their accelerations. The second variation of arc length is smallest for

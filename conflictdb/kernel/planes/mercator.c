@@ -20,7 +20,7 @@
 #include <math.h>
 
 #include "planes/plane.h"
-#include "narrow/runs.h"
+#include "geometry/runs.h"
 
 /* Distances below this, plane radians, are solved by fixed-point iteration. */
 static const double NEARBY = 0.25;

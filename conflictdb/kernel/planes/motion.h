@@ -11,7 +11,7 @@
 #include <math.h>
 
 #include "planes/earth.h"
-#include "narrow/polygon.h"
+#include "geometry/polygon.h"
 
 typedef enum { STANDS_STILL, ON_RHUMB_LINE, ON_GREAT_CIRCLE } Motion;
 

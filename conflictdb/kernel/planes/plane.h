@@ -6,7 +6,7 @@
 #define CONFLICTDB_PLANE_H
 
 #include "planes/earth.h"
-#include "narrow/polygon.h"
+#include "geometry/polygon.h"
 
 /* Bounds on the vertices of polygons, plane metres from the plane's own origin. */
 typedef struct {

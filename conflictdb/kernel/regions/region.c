@@ -7,7 +7,7 @@
  */
 #include <stdlib.h>
 
-#include "narrow/border.h"
+#include "scene/border.h"
 #include "planes/plane.h"
 
 /* Corners closer than this, metres, are merged, and narrower regions are empty: rounding to degrees, which moves

@@ -15,10 +15,10 @@
  * is apart, nearer than at the smallest scale is in contact. In between, in the zone, the distance on the earth
  * decides, if it is proven to change in one direction (zone.h). A pair that stays undecided is searched (search.c).
  */
-#include "narrow/contact.h"
+#include "narrow/certain.h"
 
-#include "narrow/roots.h"
-#include "narrow/runs.h"
+#include "geometry/roots.h"
+#include "geometry/runs.h"
 #include "narrow/window.h"
 #include "narrow/zone.h"
 

@@ -1,7 +1,7 @@
 /* Root finding: secant steps through the last two instants if they stay inside the bracket; else regula falsi (M.
  * Dowell, P. Jarratt, "A modified regula falsi method", BIT 11 (1971), doi:10.1007/BF01934364); and bisection if
  * neither narrows the bracket much, as for functions that only just fall below zero. */
-#include "narrow/roots.h"
+#include "geometry/roots.h"
 
 #include <math.h>
 

@@ -1,8 +1,8 @@
-#include "narrow/polygon.h"
+#include "geometry/polygon.h"
 
 #include <math.h>
 
-#include "narrow/runs.h"
+#include "geometry/runs.h"
 
 /* A polygon is a sliver if it covers less than this fraction of its squared length. Smaller: rounding decides where its
  * centroid is. */

@@ -1,7 +1,7 @@
 /* Padded swept hulls of pieces, which stages 1 and 2 compare. */
 #include <stdlib.h>
 
-#include "narrow/border.h"
+#include "scene/border.h"
 #include "planes/plane.h"
 
 /* The corner of two grown edges replaces the squares' corners if it is within this many paddings along either axis, and

@@ -1,4 +1,4 @@
-#include "narrow/runs.h"
+#include "geometry/runs.h"
 
 #include <math.h>
 

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 
 #include "kernel.h"
-#include "narrow/polygon.h"
+#include "geometry/polygon.h"
 
 /* Largest share of a hull outside the union of its inputs; the hull is then at most a tenth larger than the union. */
 static const double MOST_ADDED = 0.09;

@@ -13,7 +13,7 @@
  */
 #include <stdlib.h>
 
-#include "narrow/border.h"
+#include "scene/border.h"
 
 /* Most cells of a pair inspected per instant; beyond it the depth is unknown. */
 enum { MAX_LOOKS = 1024 };

@@ -7,7 +7,7 @@
 #ifndef CONFLICTDB_RUNS_H
 #define CONFLICTDB_RUNS_H
 
-#include "narrow/polygon.h"
+#include "geometry/polygon.h"
 
 /* Most bends of a polygon of `count` vertices. */
 static inline int64_t runs_room(int64_t count) { return count / 16 + 16; }

@@ -2,8 +2,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "narrow/border.h"
-#include "narrow/runs.h"
+#include "scene/border.h"
+#include "geometry/runs.h"
 
 #ifndef KERNEL_FINGERPRINT
 #define KERNEL_FINGERPRINT ""
