@@ -28,7 +28,7 @@ from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.contract import Plane
+from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.approach import Closest, closest
 from conflictdb.kernel.meeting import meetings
@@ -49,7 +49,7 @@ CROWD = 4
 class Load:
     """Pairs of pieces, grouped by their objects: those of group k are [offset[k], offset[k + 1])."""
 
-    scene: kernel.Scene
+    scene: kernel.KernelScene
     plane: Plane
     a: PieceRows
     b: PieceRows
@@ -79,7 +79,7 @@ class Load:
         a, b = PieceRows(np.concatenate(firsts)), PieceRows(np.concatenate(seconds))
         start, end = pieces.shared_span(a, b)
         offset = np.searchsorted(np.concatenate(groups), np.arange(number + 1))
-        prepared = kernel.Scene(plane.kernel_plane, pieces, a, b)
+        prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
         return cls(prepared, plane, a, b, start, (end - start) / 1e6, offset)
 
     def closest(self, nearest_m: float, first: int, last: int, times: int = 1, threads: int = 1) -> Closest:

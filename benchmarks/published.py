@@ -221,7 +221,7 @@ def errors_of(case: Case, count: int, checked: int, seed: int = 1) -> Errors:
     truth = hulls_s(certified, len(thrown))
     with whole_legs():
         pieces, pairs = one_pair_each(areas, tracks)
-    prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)
+    prepared = kernel.KernelScene(plane.kernel_plane, pieces, pairs.a, pairs.b)
     start_us, end_us = pieces.shared_span(pairs.a, pairs.b)
     shared_s = np.stack([start_us - T0_US, end_us - T0_US], axis=1) / 1e6
     window = shared_s[:, :1] + np.stack(windows(SCENE, plane, prepared, pairs), axis=1)

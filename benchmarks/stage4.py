@@ -55,9 +55,9 @@ class Load:
     start_us: NDArray[np.int64]
     span_s: Floats
 
-    def prepared(self) -> kernel.Scene:
+    def prepared(self) -> kernel.KernelScene:
         """Return the pieces as the kernel takes them."""
-        return kernel.Scene(plane_of(self.scene).kernel_plane, self.pieces, self.pairs.a, self.pairs.b)
+        return kernel.KernelScene(plane_of(self.scene).kernel_plane, self.pieces, self.pairs.a, self.pairs.b)
 
     def questions(self, times: int = 1) -> Questions:
         """Return what is asked about all pairs, so many times over."""
@@ -65,7 +65,7 @@ class Load:
         columns = self.pairs.a, self.pairs.b, self.start_us, zero, self.span_s, zero + np.inf
         return Questions(*(np.tile(column, times) for column in columns))
 
-    def solved(self, prepared: kernel.Scene, separation_m: float = 0.0, tolerance_m: float = 0.0) -> Contacts:
+    def solved(self, prepared: kernel.KernelScene, separation_m: float = 0.0, tolerance_m: float = 0.0) -> Contacts:
         """Ask the kernel about all pairs."""
         return kernel.contacts(prepared, self.questions(), separation_m, tolerance_m, Work())
 

@@ -32,7 +32,7 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.contract import Plane
+from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import plane_of
 from conflictdb.model.results import Kind as ObjectKind
 from conflictdb.stages.pieces.covers import pieces_of
@@ -72,7 +72,7 @@ def stage4(scene: Scene, areas: list[Area], tracks: list[Track]) -> Stage4:
     pairs = intersections(pieces, *candidates(pieces), regions=scene.method is Method.NLP)
     moves = (pieces.kind[pairs.a] == ObjectKind.TRACK.code) | (pieces.kind[pairs.b] == ObjectKind.TRACK.code)
     pairs = pairs.take(PairRows(np.flatnonzero(moves)))
-    prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)
+    prepared = kernel.KernelScene(plane.kernel_plane, pieces, pairs.a, pairs.b)
     if scene.method is Method.NLP:
         first, last = windows(scene, plane, prepared, pairs)
     else:
@@ -100,7 +100,12 @@ def _pair_us(
     some = pairs.take(rows)
     began = time.process_time()
     contacts(
-        scene, plane, kernel.Scene(plane.kernel_plane, pieces, some.a, some.b), some, window[0][rows], window[1][rows]
+        scene,
+        plane,
+        kernel.KernelScene(plane.kernel_plane, pieces, some.a, some.b),
+        some,
+        window[0][rows],
+        window[1][rows],
     )
     return 1e6 * (time.process_time() - began) / len(rows)
 

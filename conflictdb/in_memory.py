@@ -22,7 +22,7 @@ from conflictdb.stages.pieces.cutting import check_plane
 from conflictdb.stages.run import Funnel, run_scene
 from conflictdb.stages.source import Chunk
 from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.telling import to_results
+from conflictdb.stages.to_results import to_results
 
 if TYPE_CHECKING:
     import geopandas

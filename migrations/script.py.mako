@@ -10,6 +10,9 @@ depends_on = None
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
 routines_sha256 = ""
 
+# Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
+changes_answers = False
+
 
 def upgrade() -> None:
     ${upgrades if upgrades else "pass"}

@@ -1,4 +1,4 @@
--- Rules of single objects, identical to conflictdb.model and conflictdb.pieces.cutting.check_plane. 13_validation.sql
+-- Rules of single objects, identical to conflictdb.model.plans and conflictdb.stages.pieces.cutting. 13_validation.sql
 -- calls them.
 
 -- Its parameter is no scene, nor is it LANGUAGE sql: either would keep revisions from adding columns. With
@@ -442,8 +442,8 @@ BEGIN
     END IF;
     PERFORM _check_outline(p_who, d.geom, format('outlines[%s]', d.path[1])) FROM ST_Dump(p_outlines) d
         WHERE 1e12 * abs(ST_Area(ST_ConvexHull(d.geom)) - ST_Area(d.geom)) > ST_Area(d.geom);
-    -- As in conflictdb.outlines.stays_convex: the turn at a corner is a quadratic in time; its Bernstein coefficients
-    -- bound it.
+    -- As in conflictdb.model.outlines.stays_convex: the turn at a corner is a quadratic in time; its Bernstein
+    -- coefficients bound it.
     WITH vertex AS (
         SELECT o.path[1] AS leg, v.path[2] AS n, _not_tiny(ST_X(v.geom)) AS x, _not_tiny(ST_Y(v.geom)) AS y
         FROM ST_Dump(p_outlines) o CROSS JOIN LATERAL ST_DumpPoints(o.geom) v

@@ -1,4 +1,4 @@
--- Position of havens on rhumb lines, exact: the motion model of conflictdb.motion.mercator.
+-- Position of havens on rhumb lines, exact: the motion model of conflictdb.earth.mercator.
 --
 -- Distance along a meridian is proportional to the rectifying latitude mu; the conformal latitude chi gives the
 -- Mercator ordinate psi = asinh(tan chi). A rhumb line is straight in (longitude, psi) and its length is linear in mu.
@@ -293,4 +293,4 @@ END
 $$;
 COMMENT ON FUNCTION _check_haven(text, geometry, geometry, text, double precision, geometry) IS
 'Raises ZC005 for a haven (outline in metres) that leaves the Mercator plane on its path, as check_plane of '
-'conflictdb.pieces does.';
+'conflictdb.stages.pieces does.';

@@ -1,4 +1,4 @@
--- Position of havens on great circles, exact: the motion model of conflictdb.motion.gnomonic.
+-- Position of havens on great circles, exact: the motion model of conflictdb.earth.gnomonic.
 --
 -- Places and headings are unit vectors, arrays of three. At an angle along a leg the reference point is at
 -- cos(angle) start + sin(angle) heading. A vertex is one great-circle step ahead, then one to starboard.
@@ -150,4 +150,4 @@ $$;
 COMMENT ON FUNCTION _check_haven_near_centre(text, geometry, geometry, double precision, double precision,
                                              double precision, geometry) IS
 'Raises ZC005 for a haven (outline in metres) that leaves the gnomonic plane on its path, as check_plane of '
-'conflictdb.pieces does.';
+'conflictdb.stages.pieces does.';

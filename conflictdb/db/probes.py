@@ -30,7 +30,7 @@ from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.cutting import check_plane
 from conflictdb.stages.run import run_scene
 from conflictdb.stages.source import Chunk
-from conflictdb.stages.telling import to_results
+from conflictdb.stages.to_results import to_results
 
 _log = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
 from conflictdb.drawing.style import INK, QUIET
-from conflictdb.earth.contract import Plane
+from conflictdb.earth.plane import Plane
 
 _WIDEST_LABEL: Final = "88°88\N{PRIME}W"
 # Steps between the lines of a graticule, degrees; and how many lines there are about.

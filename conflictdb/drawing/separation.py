@@ -52,7 +52,7 @@ def separation(sketch: Sketch, a: int, b: int, at_us: NDArray[np.int64]) -> Sepa
         return Separation(at_us, low, high)
     n = len(group)
     near = _near(sketch, PieceRows(at_a), PieceRows(at_b))
-    prepared = kernel.Scene(sketch.plane.kernel_plane, near)
+    prepared = kernel.KernelScene(sketch.plane.kernel_plane, near)
     first, second = PieceRows(np.arange(n)), PieceRows(np.arange(n, 2 * n))
     start_us, _ = near.shared_span(first, second)
     still = (near.kind[first] == Kind.AREA.code) & (near.kind[second] == Kind.AREA.code)
@@ -88,7 +88,7 @@ def _near(sketch: Sketch, a: PieceRows, b: PieceRows) -> Pieces:
 
 
 def _depth(
-    sketch: Sketch, prepared: kernel.Scene, a: PieceRows, b: PieceRows, at_us: NDArray[np.int64]
+    sketch: Sketch, prepared: kernel.KernelScene, a: PieceRows, b: PieceRows, at_us: NDArray[np.int64]
 ) -> tuple[Floats, Floats]:
     """Return (low, high): how deep convex pieces are in each other at instants, metres on the earth; 0 if they are not.
 

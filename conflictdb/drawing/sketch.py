@@ -39,7 +39,7 @@ class Sketch:
         self._areas, self._tracks = areas, tracks
         self.pieces = pieces_of(self.scene, self.plane, AreaBatch.of(areas), TrackBatch.of(tracks))
         self._owner = self.pieces.object_id + np.where(self.pieces.kind == Kind.TRACK.code, len(areas), 0)
-        self._prepared = kernel.Scene(self.plane.kernel_plane, self.pieces)
+        self._prepared = kernel.KernelScene(self.plane.kernel_plane, self.pieces)
         self._middle_m = self._middles()
 
     def is_track(self, number: int) -> bool:

@@ -1,1 +1,1 @@
-"""Distances and directions on the ellipsoid and the sphere."""
+"""Distances and directions on the earth; planes in which rhumb lines or great circles are straight."""

@@ -48,8 +48,8 @@ class Gnomonic:
         return False
 
     @property
-    def kernel_plane(self) -> kernel.Plane:
-        return kernel.Plane.gnomonic(MEAN_RADIUS_M, self.centre_lon_deg, self.centre_lat_deg)
+    def kernel_plane(self) -> kernel.KernelPlane:
+        return kernel.KernelPlane.gnomonic(MEAN_RADIUS_M, self.centre_lon_deg, self.centre_lat_deg)
 
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         """Return plane x and y in metres; NaN for points 90 degrees or more from the centre."""

@@ -32,8 +32,8 @@ class Mercator:
         return True
 
     @property
-    def kernel_plane(self) -> kernel.Plane:
-        return kernel.Plane.mercator(self.earth)
+    def kernel_plane(self) -> kernel.KernelPlane:
+        return kernel.KernelPlane.mercator(self.earth)
 
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         return self.earth.to_plane(lon_deg, lat_deg)

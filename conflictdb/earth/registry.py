@@ -10,10 +10,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.earth.contract import Plane
 from conflictdb.earth.geodesy import direction_of, earth_of
 from conflictdb.earth.gnomonic import Gnomonic
 from conflictdb.earth.mercator import Mercator
+from conflictdb.earth.plane import Plane
 from conflictdb.model.plans import Area, Motion, Scene, Track
 
 PLANES: Final[Mapping[Motion, Callable[[Scene], Plane]]] = MappingProxyType(

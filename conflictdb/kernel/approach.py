@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
-from conflictdb.kernel.kernel_scene import HeldPairs, HeldWork, Scene, Work
+from conflictdb.kernel.kernel_scene import HeldPairs, HeldWork, KernelScene, Work
 from conflictdb.kernel.library import Held, check, fields_of, library, shared
 
 _Ints = NDArray[np.int64]
@@ -38,7 +38,7 @@ class Closest:
 
 
 def closest(
-    scene: Scene,
+    scene: KernelScene,
     a: _Ints,
     b: _Ints,
     zero_us: _Ints,

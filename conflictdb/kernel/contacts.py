@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
 from conflictdb.arrays.answers import Contacts
-from conflictdb.kernel.kernel_scene import HeldPairs, HeldWork, Scene, Work
+from conflictdb.kernel.kernel_scene import HeldPairs, HeldWork, KernelScene, Work
 from conflictdb.kernel.library import check, library, shared
 from conflictdb.kernel.waiting import wait_for
 
@@ -63,7 +63,7 @@ class Questions:
 
 
 def contacts(
-    scene: Scene,
+    scene: KernelScene,
     questions: Questions,
     separation_m: float,
     tolerance_m: float,

@@ -20,7 +20,7 @@ _MERCATOR, _GNOMONIC = 0, 1
 _Ints = NDArray[np.int64]
 
 
-class Plane(ctypes.Structure):
+class KernelPlane(ctypes.Structure):
     """KernelPlane: the plane that a scene lies in."""
 
     _fields_ = (
@@ -38,7 +38,7 @@ class Plane(ctypes.Structure):
     )
 
     @classmethod
-    def mercator(cls, earth: "Earth") -> "Plane":
+    def mercator(cls, earth: "Earth") -> "KernelPlane":
         """Return the Mercator plane of a figure of the earth."""
         plane = cls(_MERCATOR, max(len(earth.to_rectifying), len(earth.to_conformal)), earth.radius_m)
         plane.rectifying_m, plane.eccentricity = earth.rectifying_m, earth.eccentricity
@@ -49,7 +49,7 @@ class Plane(ctypes.Structure):
         return plane
 
     @classmethod
-    def gnomonic(cls, radius_m: float, centre_lon_deg: float, centre_lat_deg: float) -> "Plane":
+    def gnomonic(cls, radius_m: float, centre_lon_deg: float, centre_lat_deg: float) -> "KernelPlane":
         """Return the gnomonic plane about a centre, which touches the sphere there."""
         plane = cls(_GNOMONIC, 0, radius_m, radius_m)
         plane.conformal_radius[0] = radius_m
@@ -87,14 +87,14 @@ class State(IntEnum):
     CONVEX = 2  # the vertices stay in convex position
 
 
-class Scene:
+class KernelScene:
     """The pieces of a batch, prepared once for all calls; threads may share it.
 
     handle : pointer to the KernelScene
     vertex_count : (pieces,) number of vertices of each piece
     """
 
-    def __init__(self, plane: Plane, pieces: Pieces, a: _Ints | None = None, b: _Ints | None = None) -> None:
+    def __init__(self, plane: KernelPlane, pieces: Pieces, a: _Ints | None = None, b: _Ints | None = None) -> None:
         """Prepare the pieces of the pairs a, b, or all. Pairs with an invalid piece (KernelState) are unresolved."""
         used = np.full(len(pieces), a is None)
         for rows in (a, b):

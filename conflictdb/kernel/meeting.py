@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
-from conflictdb.kernel.kernel_scene import HeldPairs, Scene
+from conflictdb.kernel.kernel_scene import HeldPairs, KernelScene
 from conflictdb.kernel.library import check, library, shared
 
 _Ints = NDArray[np.int64]
 
 
-def meetings(scene: Scene, a: _Ints, b: _Ints, zero_us: _Ints, at_s: Floats, threads: int = 1) -> Floats:
+def meetings(scene: KernelScene, a: _Ints, b: _Ints, zero_us: _Ints, at_s: Floats, threads: int = 1) -> Floats:
     """Return the meeting points (n, 2) of pieces a and b at instants: longitude in [-180, 180) and latitude, degrees.
 
     A common point if they overlap, else the middle between their nearest points in the plane; NaN if a piece is
@@ -24,7 +24,7 @@ def meetings(scene: Scene, a: _Ints, b: _Ints, zero_us: _Ints, at_s: Floats, thr
     return _measured(scene, library().kernel_meetings, np.empty((len(a), 2)), (a, b, zero_us, at_s, at_s), threads)
 
 
-def distances(scene: Scene, a: _Ints, b: _Ints, zero_us: _Ints, at_s: Floats, threads: int = 1) -> Floats:
+def distances(scene: KernelScene, a: _Ints, b: _Ints, zero_us: _Ints, at_s: Floats, threads: int = 1) -> Floats:
     """Return the distances (n,) of pieces a and b at instants, metres on the earth; minus the depth of overlaps.
 
     Never too large, and too small by less than the plane's `distance_error_m`; NaN if a piece is invalid, and if the
@@ -35,7 +35,9 @@ def distances(scene: Scene, a: _Ints, b: _Ints, zero_us: _Ints, at_s: Floats, th
     return _measured(scene, library().kernel_distances, np.empty(len(a)), (a, b, zero_us, at_s, at_s), threads)
 
 
-def _measured(scene: Scene, measure: Any, found: Floats, columns: tuple[NDArray[Any], ...], threads: int) -> Floats:
+def _measured(
+    scene: KernelScene, measure: Any, found: Floats, columns: tuple[NDArray[Any], ...], threads: int
+) -> Floats:
     pairs = HeldPairs.arrays(*columns)
 
     def solve(rows: slice) -> None:

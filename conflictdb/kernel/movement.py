@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
-from conflictdb.kernel.kernel_scene import Scene
+from conflictdb.kernel.kernel_scene import KernelScene
 from conflictdb.kernel.library import Held, check, fields_of, library
 
 _Ints = NDArray[np.int64]
@@ -50,14 +50,14 @@ class Movement:
     slots : at least the largest number of vertices of these pieces
     """
 
-    scene: Scene
+    scene: KernelScene
     piece: _Ints
     zero_us: _Ints
     origin: Floats
     slots: int
 
     @classmethod
-    def of(cls, scene: Scene, piece: _Ints, zero_us: _Ints, origin: Floats | None = None) -> Self:
+    def of(cls, scene: KernelScene, piece: _Ints, zero_us: _Ints, origin: Floats | None = None) -> Self:
         """Return pieces (n,) of a scene; without `origin`, coordinates count from the plane's own origin."""
         slots = int(scene.vertex_count[piece].max(initial=1))
         return cls(scene, piece, zero_us, np.zeros((2, len(piece))) if origin is None else origin, slots)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
 from conflictdb.arrays.ragged import offsets
-from conflictdb.kernel.kernel_scene import HeldPairs, Scene
+from conflictdb.kernel.kernel_scene import HeldPairs, KernelScene
 from conflictdb.kernel.library import check, library, shared
 
 # KERNEL_REGION_PER_VERTEX and KERNEL_REGION_MORE of kernel.h: result vertices of a pair.
@@ -34,7 +34,7 @@ class RegionKind(IntEnum):
 
 
 def regions(
-    scene: Scene,
+    scene: KernelScene,
     a: _Ints,
     b: _Ints,
     zero_us: _Ints,

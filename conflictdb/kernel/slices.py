@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import offsets
-from conflictdb.kernel.kernel_scene import HeldPieces, Plane
+from conflictdb.kernel.kernel_scene import HeldPieces, KernelPlane
 from conflictdb.kernel.library import check, library, shared
 
 # KERNEL_HULL_PER_VERTEX and KERNEL_HULL_MORE of kernel.h: most vertices of a hull.
@@ -33,7 +33,7 @@ class Hulls:
     reach_m: Floats
 
 
-def hulls(plane: Plane, pieces: Pieces, reach_m: float, threads: int = 1) -> Hulls:
+def hulls(plane: KernelPlane, pieces: Pieces, reach_m: float, threads: int = 1) -> Hulls:
     """Return the swept hull of each piece over its whole time, padded by half of reach_m.
 
     Hulls of two pieces intersect wherever the pieces come within reach_m of each other.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
-from conflictdb.kernel.kernel_scene import HeldPairs, Scene
+from conflictdb.kernel.kernel_scene import HeldPairs, KernelScene
 from conflictdb.kernel.library import Held, check, fields_of, library
 
 _Ints = NDArray[np.int64]
@@ -39,7 +39,7 @@ class Areas:
 
 
 def whole_depths(
-    scene: Scene,
+    scene: KernelScene,
     a: _Ints,
     b: _Ints,
     zero_us: _Ints,

@@ -1,8 +1,9 @@
 """The columns of a conflict: one table, which every output reads.
 
 The views `conflicts` and `approaches`, CSV, JSON, GeoJSON, data frames, Arrow and GeoParquet have these columns, by
-these names. To add a column: add a row here, a field to `Conflict` (results.py), and where it is computed a field to
-`Conflicts` (arrays/answers.py) and a column to the database.
+these names. To add a column: add a row here, a field to `Conflict` (model/results.py), and where it is computed a field
+to `Conflicts` (arrays/answers.py); a column to the table (a revision), to the views (sql/70_conflicts.sql), to the
+models (db/models.py), and to the rows that are written (sql/60_write_back.sql).
 """
 
 from dataclasses import dataclass, replace

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from conflictdb.advice.advise import Advice
     from conflictdb.db.detect import Progress, Run
-    from conflictdb.db.write_back import WrittenBack
+    from conflictdb.db.import_computed import WrittenBack
 
 _log = logging.getLogger(__name__)
 
@@ -140,7 +140,7 @@ class StoredScene:
             A lock was not free within `lock_timeout_s`; nothing was written.
         """
         from conflictdb.arrays import arrow  # noqa: F401  without pyarrow, names the extra to install
-        from conflictdb.db.write_back import write_back
+        from conflictdb.db.import_computed import write_back
         from conflictdb.formats.computed import read_computed, read_conflicts  # needs pyarrow
 
         of = read_computed(Path(path))

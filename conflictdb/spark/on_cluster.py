@@ -137,7 +137,7 @@ def mapped(
 
 
 def _centred(objects: DataFrame, scene: Scene) -> Scene:
-    """Return the scene with a centre, if its motion needs one, as `motion.registry.centred` does.
+    """Return the scene with a centre, if its motion needs one, as `earth.registry.centred` does.
 
     Raises InvalidInput for objects all around the earth, for which no centre is valid.
     """

@@ -14,8 +14,8 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.model.plans import MINUS_INFINITY_US, Scene
 from conflictdb.model.results import Verdict
+from conflictdb.stages.conflict_regions import Meetings
 from conflictdb.stages.object_pairs import numbered, object_keys, ordered_members
-from conflictdb.stages.overlaps import Meetings
 from conflictdb.stages.pieces.covers import is_covered
 from conflictdb.stages.stage4.closest_approach import approaches
 from conflictdb.stages.stage4.constants import TOUCH_M
@@ -45,7 +45,7 @@ class _Queries:
 
 def with_closest_approaches(
     scene: Scene,
-    prepared: kernel.Scene,
+    prepared: kernel.KernelScene,
     pairs: Pairs,
     meetings: Meetings,
     conflicts: Conflicts,

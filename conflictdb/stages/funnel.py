@@ -1,7 +1,7 @@
 """The counts and seconds of a run: one table, which its record and the columns of the table `run` follow.
 
 To add a count: add a row here, a field to `Funnel` and to `Run` (db/detect.py), and count it. It is recorded with the
-settings of the run. To give it a column: a revision, its comment, a field of `RunStatus` (db/store/reading.py), and the
+settings of the run. To give it a column: a revision, its comment, a field of `RunStatus` (db/store/listing.py), and the
 two lists of columns in sql/60_write_back.sql. Counts of the kernel (`kernel.Work`) and the programs (`Programs`) need
 no row: they are recorded by their names.
 """

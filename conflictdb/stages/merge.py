@@ -10,13 +10,13 @@ from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import ragged_rows
-from conflictdb.earth.contract import Plane
+from conflictdb.earth.plane import Plane
 from conflictdb.kernel.whole import Depth
 from conflictdb.model.methods import METHODS
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.results import Kind, Verdict
+from conflictdb.stages.conflict_regions import Meetings
 from conflictdb.stages.object_pairs import numbered, object_keys, ordered_members
-from conflictdb.stages.overlaps import Meetings
 from conflictdb.stages.pieces.covers import is_covered
 from conflictdb.stages.stage4.meeting_points import meeting_points
 from conflictdb.stages.whole_areas import Footprints, deep_in_whole_areas
@@ -25,7 +25,7 @@ from conflictdb.stages.whole_areas import Footprints, deep_in_whole_areas
 def merged_by_object(
     scene: Scene,
     plane: Plane,
-    prepared: kernel.Scene,
+    prepared: kernel.KernelScene,
     pairs: Pairs,
     contacts: Contacts,
     footprints: Footprints,
@@ -123,7 +123,12 @@ def _has_parts(pieces: Pieces, a: PieceRows, b: PieceRows, group: NDArray[np.int
 
 
 def _first_contacts(
-    scene: Scene, prepared: kernel.Scene, pairs: Pairs, contacts: Contacts, earliest: NDArray[np.int64], threads: int
+    scene: Scene,
+    prepared: kernel.KernelScene,
+    pairs: Pairs,
+    contacts: Contacts,
+    earliest: NDArray[np.int64],
+    threads: int,
 ) -> Floats:
     """Return (n, 2) longitude and latitude of where contacts begin; NaN if the method does not compute it."""
     points = np.full((len(earliest), 2), np.nan)

@@ -15,7 +15,7 @@ from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.polygons import Polygons
-from conflictdb.earth.contract import Plane
+from conflictdb.earth.plane import Plane
 from conflictdb.model.methods import METHODS
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.results import Kind, Verdict
@@ -110,7 +110,7 @@ def run_stages(
     covered = is_covered(pieces, pairs.a, pairs.b)
     static = (pieces.kind[pairs.a] == Kind.AREA.code) & (pieces.kind[pairs.b] == Kind.AREA.code)
     # Once, for all queries about the pairs.
-    prepared = kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b)
+    prepared = kernel.KernelScene(plane.kernel_plane, pieces, pairs.a, pairs.b)
     parts = [
         _unresolved(pieces, pairs, PairRows(np.flatnonzero(covered))),
         _static_contacts(scene, plane, prepared, pairs, PairRows(np.flatnonzero(static & ~covered))),
@@ -167,7 +167,9 @@ def _counting(of: int, progress: Progress | None) -> Callable[[int], None] | Non
     return advance
 
 
-def _windows(scene: Scene, plane: Plane, prepared: kernel.Scene, pairs: Pairs, funnel: Funnel) -> tuple[Floats, Floats]:
+def _windows(
+    scene: Scene, plane: Plane, prepared: kernel.KernelScene, pairs: Pairs, funnel: Funnel
+) -> tuple[Floats, Floats]:
     """Return the windows of the search for contacts, seconds: whole shared spans unless stage 3 projects regions.
 
     Without regions stage 3 is the kernel's closed form, which finds the times of the pairs that it decides.
@@ -191,7 +193,9 @@ def _spans_s(pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
     return np.zeros(len(pairs)), (end - start) / 1e6
 
 
-def _static_contacts(scene: Scene, plane: Plane, prepared: kernel.Scene, pairs: Pairs, rows: PairRows) -> Contacts:
+def _static_contacts(
+    scene: Scene, plane: Plane, prepared: kernel.KernelScene, pairs: Pairs, rows: PairRows
+) -> Contacts:
     """Return the contacts of pairs of areas, for the time that both exist."""
     verdict, touches = static_verdicts(scene, plane, prepared, pairs.take(rows))
     meets = np.flatnonzero(verdict >= 0)

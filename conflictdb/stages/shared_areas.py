@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import ragged_rows
-from conflictdb.earth.contract import Plane
+from conflictdb.earth.plane import Plane
 
 # An area may differ from the sum of its parts by this share, by rounding; by more if the parts overlap.
 _AREA_SHARE: Final = 1e-9

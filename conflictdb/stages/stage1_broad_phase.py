@@ -1,4 +1,4 @@
-"""Stage 1 in memory: the pairs of pieces whose boxes meet in space, time and height.
+"""Stage 1 in memory: the pairs of pieces whose boxes meet in space, time and height, for `solve`.
 
 By the predicates of `sql/20_stage1_broad_phase.sql`, which does it for rows of pieces in the database, and leaves those
 of a bundle to the kernel; both find the same pairs.

@@ -14,7 +14,7 @@ from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows
 from conflictdb.arrays.ragged import offsets
-from conflictdb.earth.contract import Plane
+from conflictdb.earth.plane import Plane
 from conflictdb.kernel.whole import Areas, Depth, whole_depths
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
@@ -28,7 +28,7 @@ Footprints = Callable[[NDArray[np.int64]], NDArray[np.object_]]
 def deep_in_whole_areas(
     scene: Scene,
     plane: Plane,
-    prepared: kernel.Scene,
+    prepared: kernel.KernelScene,
     pairs: Pairs,
     contacts: Contacts,
     footprints: Footprints,

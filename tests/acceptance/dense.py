@@ -88,7 +88,7 @@ def solved(workload: Workload, seed: int, objects: int) -> tuple[Scene, Pieces, 
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
     near = _moving(pieces, intersections(pieces, *candidates(pieces), regions=False))
     start, end = pieces.shared_span(near.a, near.b)
-    prepared = kernel.Scene(plane.kernel_plane, pieces, near.a, near.b)
+    prepared = kernel.KernelScene(plane.kernel_plane, pieces, near.a, near.b)
     found, _ = contacts_of(scene, plane, prepared, near, np.zeros(len(near)), (end - start) / 1e6)
     return scene, pieces, near, found
 

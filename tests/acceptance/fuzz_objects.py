@@ -3,7 +3,7 @@
     python tests/acceptance/fuzz_objects.py --objects 10000 --seed 7 [--keep DIRECTORY]
     python tests/acceptance/fuzz_objects.py --replay DIRECTORY/7-12.pickle
 
-Every scene gets some random objects (`tests/hostile_objects.py`), each put by SQL or loaded from a file, where it may
+Every scene gets some random objects (`support/hostile_objects.py`), each put by SQL or loaded from a file, where it may
 be refused; then a witness, an area that all of them meet, and a pair whose conflict is known. Then it is detected.
 Wrong is a detection that fails; a file that is refused with anything but InvalidInput; an object that was accepted and
 has no row with the witness (a silent miss); a pair whose conflict is not what it is without company; a list, an export

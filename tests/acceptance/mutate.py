@@ -42,10 +42,11 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 # fmt: off
 MODULES: Final = (
     "earth.geodesy", "earth.mercator", "earth.gnomonic",
-    "earth.contract", "stages.published.encounters", "earth.rhumb_distance", "stages.pieces.cutting",
+    "earth.plane", "stages.published.encounters", "earth.rhumb_distance", "stages.pieces.cutting",
     "stages.pieces.convex_parts", "model.outlines", "arrays.ragged", "arrays.objects", "arrays.pieces", "arrays.pairs",
     "arrays.answers", "stages.run", "stages.merge", "stages.whole_areas",
-    "stages.closest_approaches", "stages.object_pairs", "stages.published.stage3_projection", "stages.stage4.contact_search",
+    "stages.closest_approaches", "stages.object_pairs", "stages.published.stage3_projection",
+    "stages.stage4.contact_search",
     "stages.stage4.closest_approach", "stages.published.linear_program", "stages.published.nonlinear_program",
     "advice.estimates",
 )

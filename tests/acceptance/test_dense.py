@@ -74,7 +74,7 @@ def test_samples_are_taken_where_pieces_are(workload: Workload, seed: int) -> No
     plane, tracks = plane_of(scene), np.flatnonzero(pieces.kind == Kind.TRACK.code)[::5]
     zero, slots = pieces.leg_start_us[tracks], int(np.diff(pieces.shape_offset).max())
     t = (0.5 * (pieces.start_us + pieces.end_us)[tracks] - zero) / 1e6
-    movement = Movement(kernel.Scene(plane.kernel_plane, pieces), tracks, zero, np.zeros((2, len(tracks))), slots)
+    movement = Movement(kernel.KernelScene(plane.kernel_plane, pieces), tracks, zero, np.zeros((2, len(tracks))), slots)
     xy = movement.positions(t)
     for i, piece in enumerate(tracks):
         mine = placed(scene, pieces, int(piece), int(zero[i]), float(t[i]))

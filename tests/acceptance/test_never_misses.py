@@ -98,7 +98,7 @@ def projected(scene: Scene, areas: list[Area], tracks: list[Track]) -> dict[Pair
     plane = plane_of(scene)
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
     pairs = intersections(pieces, *candidates(pieces), regions=True)
-    first_s, last_s = windows(scene, plane, kernel.Scene(plane.kernel_plane, pieces, pairs.a, pairs.b), pairs)
+    first_s, last_s = windows(scene, plane, kernel.KernelScene(plane.kernel_plane, pieces, pairs.a, pairs.b), pairs)
     start_us, end_us = pieces.shared_span(pairs.a, pairs.b)
     spans: dict[Pair, list[tuple[float, float]]] = {}
     for k in np.flatnonzero(first_s <= last_s).tolist():

@@ -18,7 +18,7 @@ from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.regions import joined
 from conflictdb.model.plans import MINUS_INFINITY_US, Area, EarthModel, Motion, Scene, Track
 from conflictdb.model.results import Kind
-from conflictdb.stages import overlaps
+from conflictdb.stages import conflict_regions
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_stages
 from conflictdb.stages.stage1_broad_phase import candidates
@@ -117,7 +117,7 @@ def test_regions_on_great_circles_hold_all_places_of_contact(workload: Workload)
             shapely.transform(part, lambda at, chart=chart: chart.plane(oracle_circle.space(at)))
             for part in shapely.get_parts(where[k])
         ]
-        around = shapely.union_all([part.buffer(overlaps.AGREE_M + ROUNDED_M) for part in parts])
+        around = shapely.union_all([part.buffer(conflict_regions.AGREE_M + ROUNDED_M) for part in parts])
         pair = [
             (areas if kind[k] == Kind.AREA.code else tracks)[number[k]]
             for kind, number in ((answer.a_kind, answer.a_id), (answer.b_kind, answer.b_id))
@@ -208,7 +208,7 @@ def agrees(scene: Scene, region: shapely.Geometry, one: Area, other: Area, at_us
     # What else the areas have in common are lines and points.
     common = shapely.union_all([p for p in shapely.get_parts(first.intersection(second)) if p.geom_type == "Polygon"])
     apart = shapely.distance(shapely.points(shapely.get_coordinates(here)), common.boundary)
-    assert apart.max() <= 1.01 * overlaps.AGREE_M * scale
+    assert apart.max() <= 1.01 * conflict_regions.AGREE_M * scale
     return True
 
 
@@ -255,7 +255,7 @@ def test_a_region_around_the_earth_has_a_bounded_number_of_corners() -> None:
     corners = [(0.0, 0.0), (1.5e7, 5e6), (3e7, 1e7), (3e7, 1e7 + 1.0), (0.0, 1.0), (0.0, 0.0)]
     ring = np.array(corners) - (1.5e7, 0.0)
     rings = ring, np.array([0, len(ring)]), np.array([0])
-    (region,) = overlaps._in_degrees(plane_of(Scene("s")), *rings, stand=np.array([False]), agree_m=1.0)
+    (region,) = conflict_regions._in_degrees(plane_of(Scene("s")), *rings, stand=np.array([False]), agree_m=1.0)
     assert shapely.is_valid(region)
     assert 1_000 < shapely.get_num_coordinates(region) < 30_000
 

@@ -11,7 +11,7 @@ from shapely.affinity import translate
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.registry import plane_of
 from conflictdb.model.plans import Area, Motion, Scene
-from conflictdb.stages import overlaps, shared_areas
+from conflictdb.stages import conflict_regions, shared_areas
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.cutting import planar
 from conflictdb.stages.run import run_stages
@@ -206,7 +206,7 @@ def test_regions_of_areas_of_many_parts_unite_few(monkeypatch: pytest.MonkeyPatc
         sizes.append(parts.shape[1])
         return united(parts, stand)
 
-    monkeypatch.setattr(overlaps, "united", counted)
+    monkeypatch.setattr(conflict_regions, "united", counted)
     region_of(Scene("s"), star(1, 2000, 0.0, 50.0, 1.0), star(2, 2000, 0.5, 50.3, 1.0))
     assert max(sizes, default=0) < 50
 

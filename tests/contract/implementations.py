@@ -22,7 +22,7 @@ from scenes import FLATTENING, RADIUS_M, T0_US
 from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.contract import Plane
+from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import plane_of
 from conflictdb.errors import InvalidInput
 from conflictdb.kernel.kernel_scene import State
@@ -393,8 +393,8 @@ class Moving:
         return Movement(self.prepared, rows, self.pieces.start_us[rows], self.origin, slots)
 
     @cached_property
-    def prepared(self) -> kernel.Scene:
-        return kernel.Scene(self.row.plane.kernel_plane, self.pieces)
+    def prepared(self) -> kernel.KernelScene:
+        return kernel.KernelScene(self.row.plane.kernel_plane, self.pieces)
 
     @property
     def is_convex(self) -> bool:

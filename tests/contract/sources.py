@@ -16,7 +16,7 @@ import psycopg
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
 from conflictdb.db.sources import FewSource, SceneSource
-from conflictdb.earth.contract import Plane
+from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.in_memory import _InMemory
 from conflictdb.model.plans import Area, Scene, Track

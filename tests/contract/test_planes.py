@@ -13,7 +13,7 @@ from hypothesis import assume
 from hypothesis import strategies as st
 from implementations import MOTIONS, MotionRow, Place, every_motion, for_every_motion, near, places_apart
 
-from conflictdb.earth.contract import ROUNDING_ALLOWANCE_M, padding_m
+from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M, padding_m
 from conflictdb.earth.registry import PLANES
 from conflictdb.model.plans import Motion
 

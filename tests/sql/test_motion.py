@@ -41,7 +41,7 @@ def wanted(scene: Scene, track: Track, us: int) -> np.ndarray:
     plane = plane_of(scene)
     pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
     row = np.flatnonzero((pieces.start_us <= us) & (us < pieces.end_us) & (pieces.turn == 0))[:1]
-    haven = Movement.of(kernel.Scene(plane.kernel_plane, pieces), row, np.array([us]))
+    haven = Movement.of(kernel.KernelScene(plane.kernel_plane, pieces), row, np.array([us]))
     x, y = haven.positions(np.zeros(1))[:, : haven.slots, 0]
     lon, lat = plane.from_plane(x, y)
     return np.stack([lon, lat], axis=1)

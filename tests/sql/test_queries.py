@@ -17,7 +17,7 @@ from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
-from conflictdb.stages import overlaps
+from conflictdb.stages import conflict_regions
 
 Conn = psycopg.Connection[Any]
 
@@ -186,14 +186,14 @@ def test_a_region_on_which_geometry_fails_is_found_out_by_the_database(
     conn: Conn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The other pairs keep theirs, and the detection its end."""
-    put = overlaps._put
+    put = conflict_regions._put
 
     def failing(found: Any, parts: Any, owner: Any) -> None:
         if any(part.area > 1e10 for part in parts):  # WEST and EAST, plane metres
             raise shapely.errors.GEOSException("planted")
         put(found, parts, owner)
 
-    monkeypatch.setattr(overlaps, "_put", failing)
+    monkeypatch.setattr(conflict_regions, "_put", failing)
     load(conn, Scene("s"), AREAS, TRACKS)
     assert detect(conn, "s", jobs=1).conflicts == 8
     assert conn.execute("SELECT count(*) FROM conflictdb.conflict WHERE region IS NULL").fetchone() == (0,)

@@ -23,7 +23,7 @@ from conflictdb.earth.registry import plane_of
 from conflictdb.model.methods import REMOVED, Method
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track, rectangle_outline_m
 from conflictdb.model.results import Verdict
-from conflictdb.stages.overlaps import Meetings
+from conflictdb.stages.conflict_regions import Meetings
 
 Conn = psycopg.Connection[Any]
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from kernel_internals import internals
 
-from conflictdb.earth.contract import Plane
+from conflictdb.earth.plane import Plane
 
 _NUMBER = ctypes.c_double
 

@@ -84,7 +84,7 @@ def test_a_track_of_which_nothing_can_be_proven_takes_bounded_work() -> None:
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     pairs = replace(pairs, company=company_of(pieces, pairs))
     start, end = pieces.shared_span(pairs.a, pairs.b)
-    prepared = kernel.Scene(plane_of(scene).kernel_plane, pieces)
+    prepared = kernel.KernelScene(plane_of(scene).kernel_plane, pieces)
     found, effort = contacts(scene, plane_of(scene), prepared, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
     assert set(found.verdict.tolist()) == {GRAZING}
     assert MAX_INTERVALS < effort.exact.windows < 4 * MAX_INTERVALS

@@ -29,7 +29,7 @@ SCENE = Scene("s", Motion.GREAT_CIRCLE, centre=(20.0, 40.0))
 
 
 def shapes_at(pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray, scene: Scene = SCENE) -> Movement:
-    return Movement.of(kernel.Scene(plane_of(scene).kernel_plane, pieces), rows, zero_us)
+    return Movement.of(kernel.KernelScene(plane_of(scene).kernel_plane, pieces), rows, zero_us)
 
 
 def test_vertices_agree_with_the_oracle() -> None:
@@ -112,7 +112,7 @@ def test_corners_may_dent_alike_whether_they_grow_or_shrink_and_however_they_are
 
     def may_dent(first: np.ndarray, last: np.ndarray) -> np.ndarray:
         pieces = replace(legs, shape_xy=first * RADIUS_M, shape_to_xy=last * RADIUS_M)
-        states = kernel.Scene(plane_of(SCENE).kernel_plane, pieces).states()
+        states = kernel.KernelScene(plane_of(SCENE).kernel_plane, pieces).states()
         assert (states != State.INVALID).all()
         return states == State.NONCONVEX
 

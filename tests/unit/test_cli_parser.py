@@ -1,8 +1,10 @@
 """Every command and option has help; values are checked before anything is started."""
 
 import argparse
+import inspect
 from collections.abc import Iterator
 from datetime import UTC, datetime
+from importlib import import_module
 
 import pytest
 
@@ -30,6 +32,12 @@ def test_every_command_and_option_has_help(path: str) -> None:
     for action in ALL[path]._actions:
         if not isinstance(action, argparse._SubParsersAction):
             assert action.help, action
+
+
+@pytest.mark.parametrize("path", [path for path in ALL if "run" in ALL[path]._defaults])
+def test_every_command_runs_a_function(path: str) -> None:
+    target = inspect.getclosurevars(ALL[path]._defaults["run"]).nonlocals
+    assert callable(getattr(import_module(f"conflictdb.cli.{target['module']}"), target["function"]))
 
 
 @pytest.mark.parametrize("path", list(ALL))

@@ -70,7 +70,7 @@ class Given:
         moving = np.flatnonzero((start < end) & (self.pieces.kind[b] == 1))
         self.a, self.b, self.start_us = a[moving], b[moving], start[moving]
         self.span_s = (end - start)[moving] / 1e6
-        self.held = kernel.Scene(self.plane.kernel_plane, self.pieces)
+        self.held = kernel.KernelScene(self.plane.kernel_plane, self.pieces)
 
     @classmethod
     def of(cls, workload: Workload, seed: int, count: int, earth: EarthModel, nearest_m: float = 0.0) -> "Given":
@@ -221,7 +221,7 @@ def test_answers_of_the_search_in_numpy(case: tuple[str, ...]) -> None:
     always = np.zeros(len(group)), np.full(len(group), np.inf)
     wanted, aim = np.full(objects.shape[1], scene.nearest_m), np.zeros(objects.shape[1])
     found = approaches(
-        kernel.Scene(plane.kernel_plane, pieces), pairs.a, pairs.b, *always, group, wanted, aim, kernel.Work()
+        kernel.KernelScene(plane.kernel_plane, pieces), pairs.a, pairs.b, *always, group, wanted, aim, kernel.Work()
     )
     number = {tuple(column): k for k, column in enumerate(objects.T.tolist())}
     for row in golden()[case]:
@@ -408,7 +408,7 @@ def test_what_stands_still_at_sea_is_as_far_as_it_is(earth: EarthModel, lon: flo
     own = np.array([np.flatnonzero((pieces.object_id == k) & (pieces.turn == 0))[0] for k in range(len(tracks) + 1)])
     a, b = PieceRows(np.full(len(tracks), own[0])), PieceRows(own[1:])
     zero = np.zeros(len(a))
-    held = kernel.Scene(plane.kernel_plane, pieces)
+    held = kernel.KernelScene(plane.kernel_plane, pieces)
     found = approaches(held, a, b, zero, zero + np.inf, np.arange(len(a)), zero + np.inf, zero, kernel.Work())
     assert (np.abs(found.distance_m - expected) <= found.error_m + 1e-6).all()
     assert (found.at_s == 0.0).all()
@@ -421,7 +421,7 @@ def test_what_is_no_number_is_not_known_and_costs_no_other_group_anything() -> N
     expected = given.closest()
     spoilt, shape = int(given.a[0]), given.pieces.shape_xy.copy()
     shape[given.pieces.shape_offset[spoilt]] = np.nan
-    given.held = kernel.Scene(given.plane.kernel_plane, replace(given.pieces, shape_xy=shape, shape_to_xy=shape))
+    given.held = kernel.KernelScene(given.plane.kernel_plane, replace(given.pieces, shape_xy=shape, shape_to_xy=shape))
     found = given.closest()
     its_own = (given.a == spoilt) | (given.b == spoilt)
     assert np.isnan(found.distance_m[its_own]).all()

@@ -31,7 +31,7 @@ def haven(plane: Gnomonic, start: Place, end: Place, outline_m: np.ndarray, orig
     pieces = replace(
         leg, **there, shape_xy=outline_m, shape_to_xy=outline_m, shape_offset=np.array([0, len(outline_m)])
     )
-    return Movement.of(kernel.Scene(plane.kernel_plane, pieces), np.zeros(1, np.int64), LEG.times_us[:1], origin)
+    return Movement.of(kernel.KernelScene(plane.kernel_plane, pieces), np.zeros(1, np.int64), LEG.times_us[:1], origin)
 
 
 @dataclass(frozen=True)

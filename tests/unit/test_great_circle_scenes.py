@@ -216,7 +216,7 @@ def test_loiters_at_a_pole_keep_their_heading_on_whatever_meridian_they_are_writ
     scene = Scene("s", Motion.GREAT_CIRCLE, centre=(0.0, 90.0))
     track = sail("T", (20, 80), (20, 90), (75, 90), (-100, 90), (-100, 85))
     legs = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
-    prepared = kernel.Scene(plane_of(scene).kernel_plane, legs)
+    prepared = kernel.KernelScene(plane_of(scene).kernel_plane, legs)
     tips = []
     for instant_us in (T0_US + HOUR_US - 1, T0_US + HOUR_US, T0_US + 2 * HOUR_US, T0_US + 3 * HOUR_US - 1):
         row = np.flatnonzero((legs.start_us <= instant_us) & (instant_us < legs.end_us))[:1]

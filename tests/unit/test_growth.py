@@ -26,7 +26,7 @@ LASTS_S = 36000.0
 
 
 def shapes_at(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray) -> Movement:
-    return Movement.of(kernel.Scene(plane_of(scene).kernel_plane, pieces), rows, zero_us)
+    return Movement.of(kernel.KernelScene(plane_of(scene).kernel_plane, pieces), rows, zero_us)
 
 
 def whole_legs(pieces: Pieces) -> Pieces:
@@ -261,5 +261,5 @@ def test_polygons_without_any_edge_have_no_depth() -> None:
     pieces = replace(pieces, shape_xy=np.repeat([[0.0, 0.0], [10.0, 0.0]], 4, axis=0))
     zero = np.zeros(1)
     pair = kernel.Questions(np.array([0]), np.array([1]), zero.astype(np.int64), zero, zero + 100.0, zero + np.inf)
-    prepared = kernel.Scene(plane_of(scene).kernel_plane, pieces)
+    prepared = kernel.KernelScene(plane_of(scene).kernel_plane, pieces)
     assert len(kernel.contacts(prepared, pair, 0.0, 1.0, kernel.Work())) == 0

@@ -122,8 +122,8 @@ def test_a_pair_that_the_kernel_cannot_decide_is_unresolved(monkeypatch: pytest.
     """While their pieces are near each other; pieces that are no numbers decide nothing."""
     expected = answer(Scene("s"))
 
-    def spoilt(plane: kernel.Plane, pieces: Any, *members: Any) -> kernel.Scene:
-        return kernel.Scene(plane, replace(pieces, shape_xy=np.nan * pieces.shape_xy), *members)
+    def spoilt(plane: kernel.KernelPlane, pieces: Any, *members: Any) -> kernel.KernelScene:
+        return kernel.KernelScene(plane, replace(pieces, shape_xy=np.nan * pieces.shape_xy), *members)
 
     monkeypatch.setattr(run, "kernel", SimpleNamespace(Scene=spoilt))
     found = answer(Scene("s"))
@@ -149,9 +149,9 @@ def test_an_approach_that_cannot_be_found_is_told(monkeypatch: pytest.MonkeyPatc
     expected = answer(scene)
     approaches = closest_approaches.approaches
 
-    def lost(prepared: kernel.Scene, *given: Any) -> Any:
+    def lost(prepared: kernel.KernelScene, *given: Any) -> Any:
         none = replace(prepared.pieces, shape_xy=np.nan * prepared.pieces.shape_xy)
-        return approaches(kernel.Scene(plane_of(scene).kernel_plane, none), *given)
+        return approaches(kernel.KernelScene(plane_of(scene).kernel_plane, none), *given)
 
     monkeypatch.setattr(closest_approaches, "approaches", lost)
     found = answer(scene)

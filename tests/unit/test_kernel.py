@@ -21,7 +21,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.registry import plane_of
 from conflictdb.errors import InvalidInput, KernelMissing
-from conflictdb.kernel import Plane, Questions, Scene, Work, build, contacts
+from conflictdb.kernel import KernelPlane, KernelScene, Questions, Work, build, contacts
 from conflictdb.kernel.approach import closest
 from conflictdb.kernel.kernel_scene import HeldPairs, HeldPieces, State
 from conflictdb.kernel.library import LEAST_PART, SHARE, TAKES, library, shared
@@ -37,7 +37,7 @@ Columns = tuple[np.ndarray, ...]
 UNRESOLVED = Verdict.UNRESOLVED.code
 
 
-def batch(workload: Workload, seeds: int = 1, count: int = 10) -> tuple[Plane, Pieces, Columns]:
+def batch(workload: Workload, seeds: int = 1, count: int = 10) -> tuple[KernelPlane, Pieces, Columns]:
     """A plane, pieces, and the pairs of them that might meet: a, b, zero_us, low_s, high_s."""
     scene, areas, tracks = throw(workload, seeds, count, count, EarthModel.WGS84, 0.0)
     plane = plane_of(scene)
@@ -49,7 +49,7 @@ def batch(workload: Workload, seeds: int = 1, count: int = 10) -> tuple[Plane, P
 
 
 def found_of(
-    scene: Scene,
+    scene: KernelScene,
     pairs: Columns,
     separation_m: float = 0.0,
     tolerance_m: float = 1.0,
@@ -85,7 +85,7 @@ def test_any_number_of_threads_and_any_order_give_the_same_bits(workload: Worklo
     plane, pieces, pairs = batch(workload)
     many = tuple(np.tile(column, 1 + 5000 // len(column)) for column in pairs)
     order = np.random.default_rng(0).permutation(len(many[0]))
-    scene, works = Scene(plane, pieces), [Work(), Work(), Work()]
+    scene, works = KernelScene(plane, pieces), [Work(), Work(), Work()]
     one, two = (found_of(scene, many, separation_m, 1.0, works[n - 1], threads=n) for n in (1, 2))
     assert_same(one, two)
     mixed = found_of(scene, tuple(column[order] for column in many), separation_m, 1.0, works[2], threads=3)
@@ -98,14 +98,14 @@ def test_any_number_of_threads_and_any_order_give_the_same_bits(workload: Worklo
 @pytest.mark.parametrize("column", ["shape_xy", "leg_start_deg", "leg_end_deg", "bearing_deg"])
 def test_a_piece_that_is_no_number_leaves_its_own_pairs_unresolved(bad: float, column: str) -> None:
     plane, pieces, pairs = batch(HIGH_LATITUDE)
-    expected = found_of(Scene(plane, pieces), pairs)
+    expected = found_of(KernelScene(plane, pieces), pairs)
     spoilt = int(pairs[0][pieces.kind[pairs[0]] == 1][0])
     values = getattr(pieces, column).copy()
     values[pieces.shape_offset[spoilt] if column == "shape_xy" else spoilt] = bad
     columns: dict[str, Any] = {column: values}
     if column == "shape_xy":
         columns["shape_to_xy"] = values
-    found = found_of(Scene(plane, replace(pieces, **columns)), pairs)
+    found = found_of(KernelScene(plane, replace(pieces, **columns)), pairs)
     its_own = (pairs[0] == spoilt) | (pairs[1] == spoilt)
     assert its_own.any()
     assert_unresolved(found, its_own)
@@ -120,7 +120,7 @@ def test_a_piece_without_vertices_leaves_its_pairs_unresolved() -> None:
     count[piece] = 0
     offset, shape = np.concatenate([[0], np.cumsum(count)]), pieces.shape_xy[keep]
     without = replace(pieces, shape_offset=offset, shape_xy=shape, shape_to_xy=shape)
-    found = found_of(Scene(plane, without), pairs)
+    found = found_of(KernelScene(plane, without), pairs)
     assert_unresolved(found, (pairs[0] == piece) | (pairs[1] == piece))
 
 
@@ -132,7 +132,7 @@ def test_offsets_that_do_not_fit_are_refused(offset: list[int], told: str) -> No
     one = pieces.take(np.array([0]))
     one = replace(one, shape_offset=np.array(offset), shape_xy=np.zeros((8, 2)), shape_to_xy=np.zeros((8, 2)))
     with pytest.raises(ValueError, match=told):
-        Scene(plane, one)
+        KernelScene(plane, one)
 
 
 @pytest.mark.parametrize("row", [-1, 10**6, -(2**63), 2**63 - 1])
@@ -141,28 +141,28 @@ def test_pairs_of_pieces_that_there_are_not_are_refused(row: int) -> None:
     a = pairs[0].copy()
     a[-1] = row
     with pytest.raises(ValueError, match="an index of a piece"):
-        found_of(Scene(plane, pieces), (a, *pairs[1:]))
+        found_of(KernelScene(plane, pieces), (a, *pairs[1:]))
 
 
 @pytest.mark.parametrize(("separation_m", "tolerance_m"), [(-1.0, 1.0), (np.nan, 1.0), (0.0, np.nan), (np.inf, 1.0)])
 def test_distances_that_are_none_are_refused(separation_m: float, tolerance_m: float) -> None:
     plane, pieces, pairs = batch(HIGH_LATITUDE)
     with pytest.raises(ValueError, match="separation or tolerance"):
-        found_of(Scene(plane, pieces), pairs, separation_m, tolerance_m)
+        found_of(KernelScene(plane, pieces), pairs, separation_m, tolerance_m)
 
 
 @pytest.mark.parametrize(("low_s", "high_s"), [(np.nan, 1.0), (0.0, np.inf), (2.0, 1.0), (-np.inf, np.inf)])
 def test_times_that_are_none_are_unresolved(low_s: float, high_s: float) -> None:
     plane, pieces, (a, b, zero, _, _) = batch(HIGH_LATITUDE)
     low, high = np.full(len(a), low_s), np.full(len(a), high_s)
-    found = found_of(Scene(plane, pieces), (a, b, zero, low, high))
+    found = found_of(KernelScene(plane, pieces), (a, b, zero, low, high))
     assert_unresolved(found, np.ones(len(a), np.bool_))
 
 
 def test_columns_of_other_lengths_are_refused() -> None:
     plane, pieces, pairs = batch(HIGH_LATITUDE)
     with pytest.raises(ValueError, match="one length"):
-        found_of(Scene(plane, pieces), (*pairs[:-1], pairs[-1][:-1]))
+        found_of(KernelScene(plane, pieces), (*pairs[:-1], pairs[-1][:-1]))
 
 
 @pytest.mark.parametrize("turns", [1, 7], ids=["convex", "wound"])
@@ -177,7 +177,7 @@ def test_thousands_of_vertices_are_taken(turns: int) -> None:
     offset = np.concatenate([[0], both.shape_offset[1:] - both.shape_offset[1] + 3000])
     large = replace(both, shape_xy=shape, shape_to_xy=shape, shape_offset=offset)
     one = np.zeros(1, np.int64)
-    found = found_of(Scene(plane, large), (one, one + 1, pairs[2][[row]], np.zeros(1), pairs[4][[row]]))
+    found = found_of(KernelScene(plane, large), (one, one + 1, pairs[2][[row]], np.zeros(1), pairs[4][[row]]))
     assert UNRESOLVED not in found.verdict
 
 
@@ -200,7 +200,7 @@ def test_an_area_of_a_million_vertices_is_solved_in_seconds() -> None:
     one = np.zeros(1, np.int64)
     began, found = time.process_time(), []
     for count in (1000, 1_000_000):
-        scene = Scene(plane, wide(pieces, (int(a[row]), int(b[row])), count))
+        scene = KernelScene(plane, wide(pieces, (int(a[row]), int(b[row])), count))
         found.append(found_of(scene, (one, one + 1, zero[[row]], np.zeros(1), high[[row]])))
     assert time.process_time() - began < 30.0
     few, many = found
@@ -221,7 +221,7 @@ def test_two_areas_of_a_million_vertices_are_solved_in_seconds(separation_m: flo
     shape = np.concatenate([circle, circle + np.array([apart_m, 0.0])])
     both = replace(both, shape_xy=shape, shape_to_xy=shape, shape_offset=np.array([0, count, 2 * count]))
     began = time.process_time()
-    found = found_of(Scene(plane, both), (one, one + 1, zero[[row]], np.zeros(1), high[[row]]), separation_m)
+    found = found_of(KernelScene(plane, both), (one, one + 1, zero[[row]], np.zeros(1), high[[row]]), separation_m)
     assert time.process_time() - began < 30.0
     assert len(found.pair) == meets
 
@@ -233,7 +233,7 @@ def test_havens_of_too_many_vertices_cannot_be(more: int, is_taken: bool) -> Non
     assert f"#define KERNEL_MOST_VERTICES {MAX_HAVEN_CORNERS}\n" in header
     plane, pieces, (_, b, *_) = batch(HIGH_LATITUDE)
     moving = int(b[pieces.kind[b] == 1][0])
-    state = Scene(plane, wide(pieces, (moving, moving), MAX_HAVEN_CORNERS + more)).states()
+    state = KernelScene(plane, wide(pieces, (moving, moving), MAX_HAVEN_CORNERS + more)).states()
     assert (state[0] != State.INVALID) == is_taken
     angle = 2.0 * np.pi * np.arange(MAX_HAVEN_CORNERS + more) / (MAX_HAVEN_CORNERS + more)
     given = np.array([(0.0, 0.0), (1.0, 1.0)]), np.array([0, 10**9]), np.stack([np.cos(angle), np.sin(angle)], 1) * 1e5
@@ -353,7 +353,7 @@ def test_every_function_of_the_header_meets_hostile_arrays() -> None:
 
 def test_structures_have_the_size_that_the_library_has() -> None:
     """On a platform where all numbers have their natural alignment."""
-    assert ctypes.sizeof(Plane) == 8 + 8 * (4 + 6 + 6 + 7 + 2)
+    assert ctypes.sizeof(KernelPlane) == 8 + 8 * (4 + 6 + 6 + 7 + 2)
     assert ctypes.sizeof(HeldPieces) == 8 * 15
     assert ctypes.sizeof(HeldPairs) == 8 * 6
 
@@ -361,7 +361,7 @@ def test_structures_have_the_size_that_the_library_has() -> None:
 def test_pairs_asked_about_beyond_a_pole_are_unresolved() -> None:
     """A leg that would go on past a pole after its time is nowhere then: told at once, and other pairs as ever."""
     plane, pieces, pairs = batch(HIGH_LATITUDE)
-    scene = Scene(plane, pieces)
+    scene = KernelScene(plane, pieces)
     change_deg = np.abs(pieces.leg_end_deg - pieces.leg_start_deg)[:, 1]
     rate = change_deg / np.maximum((pieces.leg_end_us - pieces.leg_start_us) / 1e6, 1.0)
     faster = np.maximum(rate[pairs[0]], rate[pairs[1]])
@@ -376,7 +376,7 @@ def test_pairs_asked_about_beyond_a_pole_are_unresolved() -> None:
 def test_pairs_of_times_that_cannot_be_are_unresolved_at_once(high_s: float) -> None:
     """No two instants are that far apart: nothing is searched, and other pairs are as ever."""
     plane, pieces, pairs = batch(GROWING_CIRCLES)
-    scene, work, usual = Scene(plane, pieces), Work(), Work()
+    scene, work, usual = KernelScene(plane, pieces), Work(), Work()
     beyond = np.arange(len(pairs[0])) % 2 == 0
     found = found_of(scene, (*pairs[:4], np.where(beyond, high_s, pairs[4])), 2000.0, 1.0, work)
     assert_unresolved(found, beyond)
@@ -389,7 +389,7 @@ def test_pairs_of_times_that_cannot_be_are_unresolved_at_once(high_s: float) -> 
 def test_the_work_of_a_pair_that_meets_for_ever_is_bounded() -> None:
     """Around the earth thousands of times, as no leg goes: it takes no more than its share, in all steps together."""
     plane, pieces, pairs = batch(GROWING_CIRCLES)
-    scene = Scene(plane, pieces)
+    scene = KernelScene(plane, pieces)
     looks = []
     for i in range(len(pairs[0])):
         work = Work()
@@ -415,7 +415,7 @@ def test_distances_of_a_pair_take_a_bounded_share_of_work() -> None:
     a, b = np.array([0]), np.array([1])
     start, end = pieces.shared_span(a, b)
     times = (start, np.zeros(1), (end - start) / 1e6)
-    prepared, work = Scene(plane.kernel_plane, near_pole), Work()
+    prepared, work = KernelScene(plane.kernel_plane, near_pole), Work()
     questions = Questions(a, b, *times, np.array([np.inf]), np.array([1000]))
     found = contacts(prepared, questions, wanted_m, 1e-3, work)
     assert found.verdict.tolist() == [UNRESOLVED]

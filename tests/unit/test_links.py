@@ -3,6 +3,7 @@
 import re
 import unicodedata
 from collections import Counter
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -47,3 +48,30 @@ def test_files_that_are_named_are_there(document: Path) -> None:
         for path in re.findall(rf"(?<![\w/.$~-]){folder}/[\w./-]*\w", document.read_text()):
             is_start = path.endswith("_")  # of a name, as sql/20_ is
             assert (ROOT / path).exists() or (is_start and list(ROOT.glob(f"{path}*"))) or "NNNN" in path, path
+
+
+def is_python(name: str) -> bool:
+    """Return whether a dotted name is a module, a thing in one, or a name that a package gives."""
+    place = ROOT
+    for part in name.split("."):
+        if (place / f"{part}.py").exists():
+            return True
+        if not (place / part).is_dir():
+            return hasattr(import_module(".".join(place.relative_to(ROOT).parts)), part)
+        place /= part
+    return True
+
+
+def test_modules_and_files_that_sources_name_are_there() -> None:
+    """Comments, docstrings and strings follow when a module moves."""
+    files = [f"/{path.relative_to(ROOT)}" for folder in FOLDERS for path in (ROOT / folder).rglob("*.*")]
+    rooms = {path.name for path in (ROOT / "conflictdb").iterdir() if (path / "__init__.py").exists()}
+    wrong = []
+    for path in (ROOT / file[1:] for file in files if file.endswith((".py", ".c", ".h", ".sql"))):
+        text = path.read_text()
+        names = re.findall(r"(?<![\w./-])conflictdb(?:\.[A-Za-z_][A-Za-z_0-9]*)+", text)
+        lost = [name for name in names if name.split(".")[1] in rooms and not is_python(name)]
+        paths = re.findall(r"(?<![\w./{}*-])(?:[a-z_0-9]+/)+[a-z_0-9]+\.(?:py|c|h|sql)\b", text)
+        lost += [name for name in paths if not any(file.endswith(f"/{name}") for file in files)]
+        wrong += [f"{path.relative_to(ROOT)}: {name}" for name in lost]
+    assert wrong == []

@@ -13,7 +13,7 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.contract import Plane
+from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.meeting import distances, meetings
 from conflictdb.kernel.movement import Movement
@@ -41,7 +41,7 @@ def still(*rings: Floats) -> Pieces:
 
 def meeting_xy(plane: Plane, one: Floats, other: Floats) -> Floats:
     """Where two polygons meet, plane metres."""
-    scene = kernel.Scene(plane.kernel_plane, still(one, other))
+    scene = kernel.KernelScene(plane.kernel_plane, still(one, other))
     ((lon, lat),) = meetings(scene, *np.array([[0], [1], [0]]), np.zeros(1))
     x, y = plane.to_plane(lon, lat)
     return np.array([float(x), float(y)])
@@ -126,7 +126,7 @@ def test_what_meets_in_motion_meets_in_both(workload: Workload) -> None:
     moving = (a < b) & (start < end) & (pieces.kind[b] == 1)
     a, b, start, end = a[moving], b[moving], start[moving], end[moving]
     at_s = (end - start) / 2e6
-    held = kernel.Scene(plane.kernel_plane, pieces)
+    held = kernel.KernelScene(plane.kernel_plane, pieces)
     apart_m = distances(held, a, b, start, at_s)
     touch = np.flatnonzero(apart_m <= 0.0)
     pairs = Pairs(PieceRows(a[touch]), PieceRows(b[touch]), np.empty((0, 2)), np.zeros(len(touch) + 1, np.int64))
@@ -150,7 +150,7 @@ def test_longitudes_are_from_the_date_line_to_the_east(plane: Plane) -> None:
         x, y = plane.to_plane(lon, 60.0)
         if not np.isfinite(x) or (not plane.turn_m and abs(lon) > 200.0):
             continue
-        scene = kernel.Scene(plane.kernel_plane, still(np.array([(x, y)]), np.array([(x, y)])))
+        scene = kernel.KernelScene(plane.kernel_plane, still(np.array([(x, y)]), np.array([(x, y)])))
         ((found, lat),) = meetings(scene, *np.array([[0], [1], [0]]), np.zeros(1))
         assert found == pytest.approx((lon + 180.0) % 360.0 - 180.0, abs=1e-9)
         assert lat == pytest.approx(60.0, abs=1e-9)
@@ -159,7 +159,7 @@ def test_longitudes_are_from_the_date_line_to_the_east(plane: Plane) -> None:
 def test_what_is_no_number_meets_nowhere() -> None:
     bad = SQUARE.copy()
     bad[0, 0] = np.nan
-    scene = kernel.Scene(PLANES[0].kernel_plane, still(SQUARE, bad))
+    scene = kernel.KernelScene(PLANES[0].kernel_plane, still(SQUARE, bad))
     a, b, zero = np.array([[0], [1], [0]])
     assert np.isnan(meetings(scene, a, b, zero, np.zeros(1))).all()
     assert np.isnan(distances(scene, a, b, zero, np.zeros(1))).all()

@@ -63,7 +63,7 @@ def test_a_method_that_stops_before_stage_4_is_not_solved_by_another() -> None:
     pieces = Pieces.concatenate([still, moving])
     first, second = np.zeros(1, np.int64), np.full(1, len(still))
     pair = Pairs(first, second, np.empty((0, 2)), np.zeros(2, np.int64))
-    prepared = kernel.Scene(plane_of(scene).kernel_plane, pieces)
+    prepared = kernel.KernelScene(plane_of(scene).kernel_plane, pieces)
     with pytest.raises(ValueError, match="method screen stops before stage 4"):
         contacts(scene, plane_of(scene), prepared, pair, np.zeros(1), np.full(1, 3600.0))
     contacts(replace(scene, method=Method.EXACT), plane_of(scene), prepared, pair, np.zeros(1), np.full(1, 3600.0))

@@ -24,7 +24,7 @@ SAMPLES = 65
 
 
 def havens(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray) -> Movement:
-    return Movement.of(kernel.Scene(plane_of(scene).kernel_plane, pieces), rows, zero_us)
+    return Movement.of(kernel.KernelScene(plane_of(scene).kernel_plane, pieces), rows, zero_us)
 
 
 def legs_as_shapes(scene: Scene, track: Track) -> tuple[Pieces, Movement]:

@@ -11,8 +11,8 @@ from workloads import WORKLOADS, Workload, throw
 from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.contract import Plane, padding_m
 from conflictdb.earth.gnomonic import Gnomonic
+from conflictdb.earth.plane import Plane, padding_m
 from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import EarthModel, Scene
@@ -42,7 +42,7 @@ def swept(plane: Plane, pieces: Pieces, k: int, reach_m: float) -> tuple[np.ndar
         xy = pieces.shape_xy[pieces.shape_offset[k] : pieces.shape_offset[k + 1]]
         scale, deviation = plane.largest_scale(xy.T[:, :, None]), np.zeros(1)
     else:
-        haven = Movement.of(kernel.Scene(plane.kernel_plane, pieces, row), row, pieces.start_us[row])
+        haven = Movement.of(kernel.KernelScene(plane.kernel_plane, pieces, row), row, pieces.start_us[row])
         ends = np.zeros(1), (pieces.end_us[row] - pieces.start_us[row]) / 1e6
         xy = np.concatenate([haven.positions(t)[:, :, 0].T for t in ends])
         bounds = haven.bounds(*ends)
@@ -210,7 +210,7 @@ def test_reach_is_the_way_to_the_reference_point() -> None:
     hulls = kernel.hulls(plane.kernel_plane, pieces, 0.0)
     for k in rows[:20]:
         row = np.array([k])
-        haven = Movement.of(kernel.Scene(plane.kernel_plane, pieces, row), row, pieces.start_us[row])
+        haven = Movement.of(kernel.KernelScene(plane.kernel_plane, pieces, row), row, pieces.start_us[row])
         ends = np.zeros(1), (pieces.end_us[row] - pieces.start_us[row]) / 1e6
         away = [np.hypot(*(haven.positions(t) - haven.reference(t)[:, None, :])[:, :, 0]).max() for t in ends]
         assert hulls.reach_m[k] == pytest.approx(max(away), rel=1e-9)

@@ -37,7 +37,7 @@ def met(scene: Scene, areas: list[Area], tracks: list[Track]) -> tuple[Pieces, P
 
 def windows_of(scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[np.ndarray, np.ndarray]:
     plane = plane_of(scene)
-    return windows(scene, plane, kernel.Scene(plane.kernel_plane, pieces), pairs)
+    return windows(scene, plane, kernel.KernelScene(plane.kernel_plane, pieces), pairs)
 
 
 def union_s(pieces: Pieces, pairs: Pairs, first: np.ndarray, last: np.ndarray) -> tuple[float, float]:

@@ -33,7 +33,9 @@ def leg(area: Area, track: Track, separation_m: float = 0.0) -> Encounters:
     pieces = Pieces.concatenate([still, moving])
     row, none = np.zeros(1, np.int64), np.zeros(2, np.int64)
     pairs = Pairs(row, row + len(still), np.empty((0, 2)), none)
-    return Encounters.of(plane, separation_m, kernel.Scene(plane.kernel_plane, pieces), pairs, row, track.times_us[:1])
+    return Encounters.of(
+        plane, separation_m, kernel.KernelScene(plane.kernel_plane, pieces), pairs, row, track.times_us[:1]
+    )
 
 
 @PROGRAMS

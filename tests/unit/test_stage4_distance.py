@@ -38,7 +38,7 @@ def still(a: np.ndarray, b: np.ndarray) -> Pieces:
 
 def apart_m(pieces: Pieces, a: int = 0, b: int = 1, at_s: float = 0.0, scene: Scene = SCENE) -> float:
     """How far apart two pieces are, seconds after the start of the second one's leg."""
-    held = kernel.Scene(plane_of(scene).kernel_plane, pieces)
+    held = kernel.KernelScene(plane_of(scene).kernel_plane, pieces)
     return float(distances(held, np.array([a]), np.array([b]), pieces.leg_start_us[[b]], np.array([at_s]))[0])
 
 
@@ -178,7 +178,7 @@ def test_sides_that_dent_count_as_their_hull(motion: Motion, lat: float) -> None
             haven = replace(scenes.track("T", course, [0, 3600], 1.0, 1.0, 1.0, 1.0), outline_m=np.array(ring))
             pieces = pieces_of(scene, plane, AreaBatch.of([scenes.area("A", place)]), TrackBatch.of([haven]))
             own = pieces.take(np.array([0, len(pieces) - 1]))
-            held = kernel.Scene(plane.kernel_plane, own)
+            held = kernel.KernelScene(plane.kernel_plane, own)
             vertices = Movement.of(held, np.array([1]), own.leg_start_us[[1]]).positions(np.zeros(1))[:, :, 0].T
             hull = shapely.get_coordinates(shapely.orient_polygons(shapely.MultiPoint(vertices).convex_hull))[:-1]
             small = own.shape_xy[: own.shape_offset[1]]

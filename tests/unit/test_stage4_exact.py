@@ -28,8 +28,8 @@ from conflictdb.stages.stage4.contact_search import CONFLICT, GRAZING, UNRESOLVE
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
 
 
-def prepared(scene: Scene, pieces: Pieces) -> kernel.Scene:
-    return kernel.Scene(plane_of(scene).kernel_plane, pieces)
+def prepared(scene: Scene, pieces: Pieces) -> kernel.KernelScene:
+    return kernel.KernelScene(plane_of(scene).kernel_plane, pieces)
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Batch:
     """All pairs with a track that pass stages 1 and 2, timed from the start of their shared spans."""
 
     scene: Scene
-    prepared: kernel.Scene
+    prepared: kernel.KernelScene
     questions: Questions
 
     @classmethod
@@ -50,7 +50,7 @@ class Batch:
         span, zero = (end - start) / 1e6, np.zeros(len(pairs))
         return cls(
             scene,
-            kernel.Scene(plane.kernel_plane, pieces),
+            kernel.KernelScene(plane.kernel_plane, pieces),
             Questions(pairs.a, pairs.b, start, zero, span, np.full(len(pairs), np.inf)),
         )
 

@@ -29,7 +29,7 @@ def verdict_of(apart_m: float, scene: Scene) -> int:
     pairs = intersections(pieces, *candidates(pieces), regions=False)
     if not len(pairs):
         return APART
-    ((found,), _) = static_verdicts(scene, plane, kernel.Scene(plane.kernel_plane, pieces), pairs)
+    ((found,), _) = static_verdicts(scene, plane, kernel.KernelScene(plane.kernel_plane, pieces), pairs)
     return int(found)
 
 

@@ -48,7 +48,7 @@ def test_a_point_along_the_seam_of_two_strips(lat: float, tolerance_m: float, is
     pairs = Pairs(PieceRows(parts), PieceRows(first), np.empty((0, 2)), np.zeros(3, np.int64))
     both = np.full(2, 900.0), np.full(2, 2700.0), np.zeros(2), np.full(2, GRAZING, np.int8), np.ones(2, np.bool_)
     whole = np.array([shapely.union(SOUTH, NORTH)])
-    prepared = kernel.Scene(plane.kernel_plane, pieces)
+    prepared = kernel.KernelScene(plane.kernel_plane, pieces)
     contacts = Contacts(np.arange(2), *both)
     found = deep_in_whole_areas(scene, plane, prepared, pairs, contacts, lambda numbers: whole[numbers])
     assert (found == Depth.DEEP).any() == is_deep
@@ -87,7 +87,7 @@ def test_what_is_deep_is_what_lies_within_the_area_less_a_margin(lon: float, tol
     pairs = Pairs(a, b, np.empty((0, 2)), np.zeros(m + 1, np.int64))
     # Next to the seam some parts lie a turn away from their area.
     assert (lon > 0.0) == (pieces.shape_xy[:, 0] * lon > 0.0).all()
-    prepared = kernel.Scene(plane.kernel_plane, pieces)
+    prepared = kernel.KernelScene(plane.kernel_plane, pieces)
     depth = deep_in_whole_areas(scene, plane, prepared, pairs, contacts, lambda numbers: batch.footprint[numbers])
     assert not (depth == Depth.UNKNOWN).any()
     is_deep = np.bincount(pieces.object_id[a], depth == Depth.DEEP, minlength=n) > 0
@@ -116,7 +116,7 @@ def depth_of_squares(areas: Areas, one: shapely.Polygon, other: shapely.Polygon)
     batch = AreaBatch.of([scenes.area(key, box) for key, box in zip("ab", boxes, strict=True)])
     pieces: Pieces = pieces_of(scene, plane, batch, TrackBatch.of([]))
     numbers, none = (np.array([k]) for k in range(2)), np.zeros(1)
-    prepared, never = kernel.Scene(plane.kernel_plane, pieces), np.zeros(1, np.int64)
+    prepared, never = kernel.KernelScene(plane.kernel_plane, pieces), np.zeros(1, np.int64)
     (found,) = whole_depths(prepared, *numbers, never, none, none, areas, never, np.zeros(1, np.bool_), none)
     return int(found)
 

@@ -66,7 +66,11 @@ def _load(commands: Any) -> None:
 
 def _export(commands: Any) -> None:
     parser = command(
-        commands, "export", "load_and_export:export", "write a scene file", "Loading it again gives exactly the same objects."
+        commands,
+        "export",
+        "load_and_export:export",
+        "write a scene file",
+        "Loading it again gives exactly the same objects.",
     )
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene to write")
     parser.add_argument(

@@ -39,7 +39,6 @@ from conflictdb.db.store.detections import (
     pending,
     replace_pieces,
 )
-from conflictdb.db.store.elsewhere import ObjectStates, cover, object_states
 from conflictdb.db.store.few import Begun, Few, begin_detection, put_pieces, some_areas, some_tracks
 from conflictdb.db.store.listing import (
     RunStatus,
@@ -69,7 +68,7 @@ from conflictdb.db.store.map_rows import (
     never_write,
     tile,
 )
-from conflictdb.db.store.parts import Shared, firsts, numbered, query, require_state, shared_snapshot
+from conflictdb.db.store.object_states import ObjectStates, cover, object_states
 from conflictdb.db.store.service import (
     WORKER_NAME,
     Service,
@@ -81,6 +80,7 @@ from conflictdb.db.store.service import (
     writers_notify,
 )
 from conflictdb.db.store.sharing import Share, protect_scenes, share_scene, shares, unshare_scene
+from conflictdb.db.store.snapshot_readers import Shared, firsts, numbered, query, require_state, shared_snapshot
 from conflictdb.db.store.stored_objects import (
     LoadCounts,
     Numbered,

@@ -16,7 +16,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.db.store import copy_binary
-from conflictdb.db.store.conflict_columns import columns_of
+from conflictdb.db.store.conflict_encoding import columns_of
 from conflictdb.db.store.connection import call
 from conflictdb.db.store.parameters import Array
 from conflictdb.model.results import Verdict

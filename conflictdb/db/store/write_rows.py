@@ -24,7 +24,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.db.store import copy_binary
-from conflictdb.db.store.conflict_columns import Columns, columns_of
+from conflictdb.db.store.conflict_encoding import Columns, columns_of
 from conflictdb.db.store.connection import call, transaction
 from conflictdb.db.store.known_pairs import DIGEST_KEY_BYTES, KnownPairs, digests
 from conflictdb.db.store.new_rows import NewRows, begin_new, copy_new, finish_new
@@ -32,7 +32,7 @@ from conflictdb.db.store.parameters import Array
 from conflictdb.kernel.waiting import run_in_thread, wait_for
 from conflictdb.model.record import MEASURED, STATES, Type
 from conflictdb.model.results import Verdict
-from conflictdb.stages.overlaps import EDITION
+from conflictdb.stages.conflict_regions import EDITION
 
 # Rows per statement: enough to amortise it, little memory.
 _ROWS_AT_ONCE: Final = 5_000

@@ -1,4 +1,4 @@
-/* Planes: scale (plane metres per metre) and distances on the earth (conflictdb.earth.contract).
+/* Planes: scale (plane metres per metre) and distances on the earth (conflictdb.earth.plane).
  *
  * Along a straight line the scale is at most that at its ends: it is convex along straight lines in both planes.
  */

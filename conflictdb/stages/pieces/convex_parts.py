@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.ragged import offsets, ragged_take
-from conflictdb.earth.contract import ROUNDING_ALLOWANCE_M
+from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M
 
 # A polygon counts as convex if its hull is larger by at most this share of its area: dents less than a micrometre deep,
 # in areas up to 1,000 km across.

@@ -17,8 +17,8 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.contract import Plane
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
+from conflictdb.earth.plane import Plane
 from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, Scene
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.cutting import area_pieces, track_pieces

@@ -19,8 +19,8 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import ragged_rows
-from conflictdb.earth.contract import ROUNDING_ALLOWANCE_M, Plane
 from conflictdb.earth.geodesy import shorter_way_deg
+from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M, Plane
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind

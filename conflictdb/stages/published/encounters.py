@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.earth.contract import Plane, origins
+from conflictdb.earth.plane import Plane, origins
 from conflictdb.kernel.movement import Movement
 
 
@@ -30,7 +30,7 @@ class Encounters:
         cls,
         plane: Plane,
         separation_m: float,
-        prepared: kernel.Scene,
+        prepared: kernel.KernelScene,
         pairs: Pairs,
         rows: NDArray[np.int64],
         zero_us: NDArray[np.int64],

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from conflictdb import kernel
 from conflictdb.arrays.pairs import Pairs
-from conflictdb.earth.contract import Plane
+from conflictdb.earth.plane import Plane
 from conflictdb.stages.published import linear_program, nonlinear_program
 from conflictdb.stages.published.calls import Programs
 from conflictdb.stages.published.encounters import Encounters
@@ -40,7 +40,7 @@ class Guesses:
 
     plane: Plane
     separation_m: float
-    prepared: kernel.Scene
+    prepared: kernel.KernelScene
     pairs: Pairs
     zero_us: NDArray[np.int64]
     programs: Programs

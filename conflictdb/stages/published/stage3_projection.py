@@ -19,7 +19,7 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows
 from conflictdb.arrays.ragged import ragged_rows
-from conflictdb.earth.contract import ROUNDING_ALLOWANCE_M, Plane, padding_m
+from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M, Plane, padding_m
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
@@ -31,7 +31,7 @@ _OUTWARD_S: Final = 1e-6
 _LEAST_WAY_M: Final = 1e-3
 
 
-def windows(scene: Scene, plane: Plane, prepared: kernel.Scene, pairs: Pairs) -> tuple[Floats, Floats]:
+def windows(scene: Scene, plane: Plane, prepared: kernel.KernelScene, pairs: Pairs) -> tuple[Floats, Floats]:
     """Return (first, last): seconds after the start of each pair's shared span between which they can meet, (n,) each.
 
     first > last where they cannot. For pairs of areas, and where a region is missing or a track hardly moves, the
@@ -58,7 +58,7 @@ def windows(scene: Scene, plane: Plane, prepared: kernel.Scene, pairs: Pairs) ->
 def _track_window(
     scene: Scene,
     plane: Plane,
-    prepared: kernel.Scene,
+    prepared: kernel.KernelScene,
     member: PieceRows,
     pairs: Pairs,
     rows: PairRows,
@@ -73,7 +73,7 @@ def _track_window(
 def _fractions(
     scene: Scene,
     plane: Plane,
-    prepared: kernel.Scene,
+    prepared: kernel.KernelScene,
     member: PieceRows,
     duration: Floats,
     pairs: Pairs,

@@ -38,7 +38,7 @@ class Approaches:
 
 
 def approaches(
-    prepared: kernel.Scene,
+    prepared: kernel.KernelScene,
     a: PieceRows,
     b: PieceRows,
     first_s: Floats,

@@ -16,7 +16,7 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.contract import Plane
+from conflictdb.earth.plane import Plane
 from conflictdb.kernel.meeting import distances
 from conflictdb.model.methods import METHODS, Solver
 from conflictdb.model.plans import Scene
@@ -36,7 +36,7 @@ Progress = Callable[[int], None]
 def contacts(
     scene: Scene,
     plane: Plane,
-    prepared: kernel.Scene,
+    prepared: kernel.KernelScene,
     pairs: Pairs,
     first_s: Floats,
     last_s: Floats,
@@ -89,7 +89,7 @@ def _questions(pieces: Pieces, pairs: Pairs, first_s: Floats, last_s: Floats) ->
 
 
 def static_verdicts(
-    scene: Scene, plane: Plane, prepared: kernel.Scene, pairs: Pairs
+    scene: Scene, plane: Plane, prepared: kernel.KernelScene, pairs: Pairs
 ) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
     """Return the verdicts (n,) on pairs of areas, -1 if they are apart; no time is involved.
 

@@ -6,7 +6,7 @@ from conflictdb.arrays.pieces import PieceRows
 from conflictdb.kernel.meeting import meetings
 
 
-def meeting_points(prepared: kernel.Scene, a: PieceRows, b: PieceRows, at_s: Floats, threads: int = 1) -> Floats:
+def meeting_points(prepared: kernel.KernelScene, a: PieceRows, b: PieceRows, at_s: Floats, threads: int = 1) -> Floats:
     """Return (n, 2) longitude and latitude, degrees, of a point at which pieces a and b (n,) meet at an instant.
 
     It is the point of touch, or a point inside both polygons if they overlap; NaN if a piece is invalid.

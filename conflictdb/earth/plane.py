@@ -30,7 +30,7 @@ class Plane(Protocol):
         """Whether angles in the plane equal those on the earth."""
 
     @property
-    def kernel_plane(self) -> kernel.Plane:
+    def kernel_plane(self) -> kernel.KernelPlane:
         """The plane's parameters for the kernel."""
 
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:

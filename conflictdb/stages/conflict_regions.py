@@ -14,7 +14,7 @@ from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.polygons import SRID, Polygons
 from conflictdb.arrays.ragged import offsets, ragged_rows, ragged_take
-from conflictdb.earth.contract import Plane
+from conflictdb.earth.plane import Plane
 from conflictdb.kernel.regions import RegionKind, joined, regions
 from conflictdb.kernel.rows import interleaved
 from conflictdb.model.plans import Scene
@@ -66,7 +66,7 @@ class Meetings:
 
     scene: Scene
     plane: Plane
-    prepared: kernel.Scene
+    prepared: kernel.KernelScene
     a: PieceRows
     b: PieceRows
     start_s: Floats
@@ -97,7 +97,7 @@ class Meetings:
 def regions_of(
     scene: Scene,
     plane: Plane,
-    prepared: kernel.Scene,
+    prepared: kernel.KernelScene,
     a: PieceRows,
     b: PieceRows,
     seconds: tuple[Floats, Floats],
