@@ -3,8 +3,8 @@
 ConflictDBError
 |__ InvalidInput(ValueError)   an object or setting is refused; says which object, which field, which rule
 |__ SchemaError                the database has no usable conflictdb schema
-|   |__ SchemaMissing          run `conflictdb init`
-|   |__ SchemaOutdated         database older than this package: run `conflictdb upgrade`
+|   |__ SchemaMissing          run `conflictdb admin init`
+|   |__ SchemaOutdated         database older than this package: run `conflictdb admin upgrade`
 |   |__ SchemaTooNew           database newer than this package: refuse to start
 |__ ServerError                no PostgreSQL with PostGIS was found, or it does not start
 |__ KernelMissing              the compiled kernel is missing or of other sources: `./run` builds it
@@ -114,11 +114,11 @@ class SchemaError(ConflictDBError):
 
 
 class SchemaMissing(SchemaError):
-    """The database has no conflictdb schema: run `conflictdb init`."""
+    """The database has no conflictdb schema: run `conflictdb admin init`."""
 
 
 class SchemaOutdated(SchemaError):
-    """The schema is older than this program: run `conflictdb upgrade`."""
+    """The schema is older than this program: run `conflictdb admin upgrade`."""
 
 
 class SchemaTooNew(SchemaError):

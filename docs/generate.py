@@ -26,6 +26,7 @@ import psycopg
 import conflictdb
 from conflictdb.arrays.arrow.found import FOUND
 from conflictdb.cli import codes, commands
+from conflictdb.cli.parser import Parser
 from conflictdb.model import record
 
 REFERENCE: Final = Path(__file__).resolve().parent / "reference"
@@ -51,11 +52,18 @@ CLI: Final = f"""\
 
 {NOTE}
 
-`conflictdb [--dsn DSN] [--debug] COMMAND …`, from the source tree `./run COMMAND …`. `conflictdb COMMAND --help` shows
-what is below.
+`conflictdb [--dsn DATABASE] [--debug] COMMAND …`, from the source tree `./run COMMAND …`. `conflictdb COMMAND --help`
+shows what is below.
 
 Results go to stdout; [what is printed](output.md) has their formats. Errors and remarks go to stderr, one line each:
 what, where, which rule, what to do. Progress shows on a terminal and is silent in a pipe.
+
+Without `--scene`, a command uses the scene of `CONFLICTDB_SCENE`, else the last one used in this database, else the
+only one; a line on stderr names it. The last ones are in `~/.local/state/conflictdb/last-scene.json` (or below
+`XDG_STATE_HOME`).
+
+`conflictdb completion bash|zsh|fish` prints a script that completes commands and options; its first lines say where to
+put it.
 """
 
 
@@ -69,20 +77,20 @@ def cli() -> str:
         table(["exit code", "means"], ((str(code), text) for code, text in codes.MEANING.items())),
     ]
     for name, command in _sections(whole):
-        words = " ".join(_words(command))
+        words = " ".join(command.words())
         sections.append(f"## {name}\n\n`conflictdb {name}{' ' if words else ''}{words}`\n\n{command.description}")
         if rows := [*_options(command), *_actions(command)]:
             sections.append(table(["argument or option", "means"], rows))
     return "\n\n".join(part.strip() for part in sections) + "\n"
 
 
-def _commands(whole: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+def _commands(whole: argparse.ArgumentParser) -> Iterator[tuple[str, Parser]]:
     for action in whole._actions:
         if isinstance(action, argparse._SubParsersAction):
             yield from action.choices.items()
 
 
-def _sections(whole: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+def _sections(whole: argparse.ArgumentParser) -> Iterator[tuple[str, Parser]]:
     """Yield each command, and after it those below it that have options of their own."""
     for name, command in _commands(whole):
         yield name, command
@@ -94,26 +102,9 @@ def _actions(command: argparse.ArgumentParser) -> Iterator[tuple[str, str]]:
         yield f"`{name}`", f"{action.description}".rstrip(".")
 
 
-def _words(command: argparse.ArgumentParser) -> Iterator[str]:
-    """Yield what a command takes: what it needs in full, the rest in brackets."""
-    rest = False
-    for action in command._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            yield str(action.metavar)
-        elif not action.option_strings:
-            more = {"*": "[{}…]", "+": "{}…"}.get(str(action.nargs), "{}")
-            yield more.format(action.metavar)
-        elif action.required:
-            yield f"{action.option_strings[-1]} {action.metavar}"
-        else:
-            rest = rest or not isinstance(action, argparse._HelpAction)
-    if rest:
-        yield "[OPTION…]"
-
-
 def _options(command: argparse.ArgumentParser) -> Iterator[tuple[str, str]]:
     for action in command._actions:
-        if isinstance(action, argparse._SubParsersAction | argparse._HelpAction):
+        if isinstance(action, argparse._SubParsersAction) or action.help == argparse.SUPPRESS:
             continue
         name = action.option_strings[-1] if action.option_strings else str(action.metavar)
         value = ""

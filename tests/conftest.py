@@ -2,6 +2,7 @@
 
 import logging
 import os
+import shutil
 import uuid
 from collections.abc import Iterator
 from itertools import count
@@ -24,7 +25,9 @@ def pytest_configure(config: pytest.Config) -> None:
     config.stash[_RUN] = _worker_input(config).get("conflictdb_run") or uuid.uuid4().hex[:8]
     config.stash[_SERVERS] = set()
     os.environ.pop("CONFLICTDB_DSN", None)
+    os.environ.pop("CONFLICTDB_SCENE", None)
     os.environ["CONFLICTDB_HOME"] = str(run_home(config.stash[_RUN]))
+    os.environ["XDG_STATE_HOME"] = f"{run_home(config.stash[_RUN])}-state"
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -56,6 +59,7 @@ def pytest_unconfigure(config: pytest.Config) -> None:
     """Remove what the run leaves: the process that began it does, once its workers have ended."""
     if not _worker_input(config):
         clean_up(config.stash[_RUN])
+        shutil.rmtree(os.environ["XDG_STATE_HOME"], ignore_errors=True)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -27,7 +27,6 @@ def detect(args: argparse.Namespace) -> int:
     check(
         args,
         [
-            (not args.files and args.scene is None, "give files, or --scene NAME of a scene that is in the database"),
             (args.replace and not args.files, "--replace is for files"),
             (args.max_speed_kn is not None and not args.files, "--max-speed-kn is for files"),
             (args.layer is not None and not args.files, "--layer is for files"),
@@ -35,6 +34,7 @@ def detect(args: argparse.Namespace) -> int:
             (args.max_file_mb is not None and not args.files, "--max-file-mb is for files"),
         ],
     )
+    args.needs_scene = not args.files
     with database(args) as db:
         scenes = [args.scene]
         is_complete = True

@@ -5,7 +5,7 @@ from contextlib import suppress
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import note, out
-from conflictdb.cli.session import connections, database
+from conflictdb.cli.session import connections, database, usual_scene
 from conflictdb.db import store
 from conflictdb.errors import ConflictDBError
 from conflictdb.session.database import DEMO_SCENE, Database
@@ -43,7 +43,11 @@ def _write(args: argparse.Namespace) -> int:
 
 
 def _scene(db: Database, name: str | None) -> str:
-    """Return the name of the scene to show; the default, the demo's, is loaded. InvalidInput if it does not exist."""
+    """Return the name of the scene to show, by default the usual one, else the demo's, which is loaded.
+
+    Raises InvalidInput if it does not exist.
+    """
+    name = name or usual_scene(db)
     if name is None:
         if all(status.scene.name != DEMO_SCENE for status in db.scenes()):
             db.load_demo()

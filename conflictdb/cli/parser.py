@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from typing import Any, Final, NoReturn
 
-from conflictdb.cli.values import count, duration_s, megabytes, memory_mb, method, metres, place, speed_kn
+from conflictdb.cli.values import count, duration_s, megabytes, memory_mb, method, metres, name, place, speed_kn
 from conflictdb.model.methods import Method
 from conflictdb.model.settings import Setting, Type
 from conflictdb.stages.memory import MEMORY_MB
@@ -16,12 +16,18 @@ _OF_ALL_COMMANDS: Final = ("--dsn", "--debug", "--version")
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose usage errors are one line that names the help.
+    """A parser with short help, whose usage errors are one line that names the help.
 
     hands_on : it parses only --help; all other arguments are passed unchanged to another program as `arguments`
+    groups : titles and names of commands, as help lists them instead of commands and options; needs a `usage`
     """
 
     hands_on = False
+    groups: Sequence[tuple[str, Sequence[str]]] = ()
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options | {"add_help": False, "allow_abbrev": False})
+        self.add_argument("-h", "--help", action="help", help=argparse.SUPPRESS)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Return the namespace, and unknown arguments."""
@@ -41,12 +47,61 @@ class Parser(argparse.ArgumentParser):
         alike = get_close_matches(option, self._option_string_actions, 1) if option.startswith("--") else []
         return f"; did you mean {alike[0]}?" if alike else ""
 
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Raise ArgumentError for an unknown choice; for a command it names the one that was probably meant."""
+        if not isinstance(action, argparse._SubParsersAction) or value in action.choices:
+            super()._check_value(action, value)
+            return
+        known = {lower: f"{name} {lower}" for name, one in action.choices.items() for lower in subcommands(one)}
+        known |= {name: name for name in action.choices}
+        alike = get_close_matches(str(value), known, 1)
+        hint = f"; did you mean {known[alike[0]]}?" if alike else ""
+        raise argparse.ArgumentError(None, f"unknown command {value!r}{hint}")
+
+    def words(self) -> list[str]:
+        """Return what a command takes: what it needs in full, the rest in brackets."""
+        found, rest = [], False
+        for one in self._actions:
+            if isinstance(one, argparse._SubParsersAction):
+                found.append(f"{one.metavar} …")
+            elif not one.option_strings:
+                more = {"*": "[{}…]", "+": "{}…", "?": "[{}]"}.get(str(one.nargs), "{}")
+                found += [more.format(one.metavar)] * (one.nargs if isinstance(one.nargs, int) else 1)
+            elif one.required:
+                found.append(f"{one.option_strings[-1]} {one.metavar}")
+            else:
+                rest = rest or one.help != argparse.SUPPRESS
+        return [*found, "[OPTION…]"] if rest else found
+
+    def format_help(self) -> str:
+        """Return the help, with the commands in their groups."""
+        if not self.groups:
+            self.usage = " ".join([self.prog, *self.words()]).replace("%", "%%")
+            return super().format_help()
+        formatter = self._get_formatter()
+        formatter.add_usage(self.usage, [], [])
+        formatter.add_text(self.description)
+        (commands,) = (one for one in self._actions if isinstance(one, argparse._SubParsersAction))
+        by_name = {one.dest: one for one in commands._choices_actions}
+        for title, names in self.groups:
+            formatter.start_section(title)
+            formatter.add_arguments([by_name[name] for name in names])
+            formatter.end_section()
+        formatter.add_text(self.epilog)
+        return formatter.format_help()
+
     def error(self, message: str) -> NoReturn:
         """End the program with exit code 2."""
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
-def command(commands: Any, name: str, target: str, summary: str, more: str = "") -> Parser:
+def subcommands(parser: argparse.ArgumentParser) -> list[str]:
+    """Return the names of the commands below a command."""
+    found = (one.choices for one in parser._actions if isinstance(one, argparse._SubParsersAction))
+    return [name for choices in found for name in choices]
+
+
+def command(commands: Any, word: str, target: str, summary: str, more: str = "") -> Parser:
     """Add a command that runs function `target`, written ``module:function``, imported on demand."""
     module, _, function = target.partition(":")
 
@@ -54,17 +109,21 @@ def command(commands: Any, name: str, target: str, summary: str, more: str = "")
         return int(getattr(import_module(f"conflictdb.cli.{module}"), function)(args))
 
     description = f"{summary[0].upper()}{summary[1:]}. {more}".strip()
-    parser: Parser = commands.add_parser(name, help=summary, description=description, allow_abbrev=False)
-    parser.set_defaults(run=run, parser=parser)
+    parser: Parser = commands.add_parser(word, help=summary, description=description)
+    parser.set_defaults(run=run, parser=parser, needs_scene=False)
     return parser
 
 
-def action(actions: Any, name: str, summary: str) -> argparse.ArgumentParser:
+def action(actions: Any, word: str, summary: str) -> Parser:
     """Add an action of a command."""
-    parser: argparse.ArgumentParser = actions.add_parser(
-        name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False
-    )
+    parser: Parser = actions.add_parser(word, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
     return parser
+
+
+def add_scene(parser: Parser, more: str = "") -> None:
+    """Add `--scene`, which every command may leave out."""
+    parser.add_argument("--scene", type=name, metavar="NAME", help=f"scene (default: last used{more})")
+    parser.set_defaults(needs_scene=True)
 
 
 def add_settings(parser: argparse.ArgumentParser, settings: Iterable[Setting]) -> None:
@@ -85,84 +144,59 @@ def add_memory(parser: argparse.ArgumentParser) -> None:
         type=memory_mb,
         default=MEMORY_MB,
         metavar="N",
-        help=f"memory to keep below, megabytes (default {MEMORY_MB}): a detection of more works in smaller parts",
+        help=f"memory limit, megabytes (default {MEMORY_MB})",
     )
 
 
 def add_jobs(parser: Parser) -> None:
     """Add `--jobs`."""
-    parser.add_argument("--jobs", type=count, metavar="N", help="threads to solve in (default: one per processor)")
+    parser.add_argument("--jobs", type=count, metavar="N", help="threads (default: one per processor)")
 
 
 def add_fail_on_conflict(parser: Parser) -> None:
     """Add `--fail-on-conflict`."""
-    parser.add_argument(
-        "--fail-on-conflict", action="store_true", help="exit with 10 if there are conflicts, also unresolved ones"
-    )
+    parser.add_argument("--fail-on-conflict", action="store_true", help="exit with 10 if there are conflicts")
 
 
-def add_lock_timeout(parser: Parser, what: str) -> None:
+def add_lock_timeout(parser: Parser, what: str = "wait no longer for a lock") -> None:
     """Add `--lock-timeout`; `what` is its help text."""
-    parser.add_argument(
-        "--lock-timeout", type=duration_s, metavar="DURATION", help=f"{what}: 30s, 5m (default: no limit)"
-    )
+    parser.add_argument("--lock-timeout", type=duration_s, metavar="DURATION", help=f"{what} (30s, 5m)")
 
 
-def add_loading(parser: Parser) -> None:
-    """Add the options of loading files."""
-    parser.add_argument(
-        "--replace",
-        action="store_true",
-        help="remove objects of the scene that the files do not contain (default: add and update only)",
-    )
-    parser.add_argument(
-        "--layer",
-        action="append",
-        metavar="NAME",
-        help="of files that OGR opens (GeoPackage, KML, S-57): a layer to read; may be repeated (default: all)",
-    )
-    parser.add_argument(
-        "--skip-invalid",
-        action="store_true",
-        help="load the rest where objects are refused; exits with 6 if any is left out",
-    )
-    parser.add_argument(
-        "--max-speed-kn",
-        type=speed_kn,
-        metavar="KN",
-        help="faster tracks are refused, faster fixes of positions left out (default 2000, 102.2 for AIS)",
-    )
-    parser.add_argument(
-        "--max-file-mb",
-        type=megabytes,
-        metavar="MB",
-        help="refuse files that hold, or unpack to, more (default 64, GeoParquet 4000, or 400 if read as a whole)",
-    )
+def add_loading(parser: Parser, *, is_shown: bool = True) -> None:
+    """Add the options of loading files; the help of only one command shows them."""
+
+    def add(option: str, text: str, **more: Any) -> None:
+        parser.add_argument(option, help=text if is_shown else argparse.SUPPRESS, **more)
+
+    add("--replace", "remove objects that the files do not contain", action="store_true")
+    add("--layer", "layer to read (GeoPackage, KML, S-57); repeatable (default: all)", action="append", metavar="NAME")
+    add("--skip-invalid", "leave out refused objects, and exit with 6", action="store_true")
+    add("--max-speed-kn", "refuse faster tracks and fixes (default 2000, AIS 102.2)", type=speed_kn, metavar="KN")
+    add("--max-file-mb", "refuse larger files (default 64; GeoParquet 4000)", type=megabytes, metavar="MB")
 
 
 def add_wait(parser: Parser) -> None:
     """Add `--wait`."""
     parser.add_argument(
-        "--wait",
-        type=duration_s,
-        metavar="DURATION",
-        help="wait until a worker has detected what changed, at most so long (30s, 5m); exit with 7 if it has not",
+        "--wait", type=duration_s, metavar="DURATION", help="wait for a worker to detect changes, else exit with 7"
     )
 
 
 def add_require_current(parser: Parser) -> None:
     """Add `--require-current`."""
-    parser.add_argument(
-        "--require-current",
-        action="store_true",
-        help="exit with 7, and print nothing, if changes of the scene wait for detection",
-    )
+    parser.add_argument("--require-current", action="store_true", help="exit with 7 if changes wait for detection")
+
+
+def add_format(parser: Parser, *formats: str) -> None:
+    """Add `--format`; the first is the default."""
+    parser.add_argument("--format", choices=formats, default=formats[0], help=f"default: {formats[0]}")
 
 
 def add_output(parser: Parser) -> None:
     """Add the options of printing conflicts."""
-    parser.add_argument("--format", choices=(*FORMATS, "geoparquet"), default="table", help="default: table")
-    parser.add_argument("--no-region", action="store_true", help="leave out where each conflict is; tables and csv do")
+    add_format(parser, *FORMATS, "geoparquet")
+    parser.add_argument("--no-region", action="store_true", help="leave out the regions")
 
 
 def check(args: argparse.Namespace, rules: Sequence[tuple[bool, str]]) -> None:

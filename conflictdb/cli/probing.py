@@ -94,7 +94,7 @@ def _plans(args: argparse.Namespace) -> list[Area | Track]:
     from conflictdb.formats.gather import gather
 
     plans: list[Area | Track] = []
-    for read in gather(args.files, args.scene):
+    for read in gather(args.files, "plans"):
         for line in skipped_text(read.skipped):
             remark(line)
         if not (read.areas or read.tracks):

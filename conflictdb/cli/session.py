@@ -1,14 +1,16 @@
 """Open the database of a command, and load its files."""
 
 import argparse
+import os
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from conflictdb.cli.output import note, progress
+from conflictdb.cli.last_scene import recall, remember
+from conflictdb.cli.output import note, progress, remark
 from conflictdb.db import store
-from conflictdb.errors import IncompleteWarning
+from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.server import EmbeddedServer, embedded
 from conflictdb.session.database import Database, connect
 from conflictdb.session.loading import Loaded
@@ -16,19 +18,66 @@ from conflictdb.session.loading import Loaded
 if TYPE_CHECKING:
     from psycopg import Connection
 
+    from conflictdb.cli.parser import Parser
+
 
 @contextmanager
 def database(args: argparse.Namespace) -> Iterator[Database]:
-    """Open the database of a command, and close it at the end; applies --lock-timeout to everything in between."""
+    """Open the database of a command, and close it at the end; applies --lock-timeout to everything in between.
+
+    Commands that need a scene get the usual one without --scene, and a scene that was named and used is remembered.
+    """
+    given = getattr(args, "scene", None)
     with warnings.catch_warnings(), connect(args.dsn, say=note) as opened:
         warnings.simplefilter("ignore", IncompleteWarning)  # commands print their own remarks
         with store.waiting_at_most(opened.connection, getattr(args, "lock_timeout", None)):
+            if given is None and args.needs_scene:
+                args.scene = _needed_scene(opened, args)
             yield opened
+            if given is not None:
+                remember(_name(opened), given)
+
+
+def usual_scene(db: Database) -> str | None:
+    """Return the scene of the environment, else the last one used, else the only one, with a remark; or None."""
+    if (scene := os.environ.get("CONFLICTDB_SCENE")) is not None:
+        reason = "CONFLICTDB_SCENE"
+    elif (scene := recall(_name(db))) is not None and _exists(db, scene):
+        reason = "the last one used"
+    elif len(scenes := db.scenes()) == 1:
+        scene, reason = scenes[0].scene.name, "the only one"
+    else:
+        return None
+    remark(f"scene {scene!r} ({reason})")
+    return scene
+
+
+def _needed_scene(db: Database, args: argparse.Namespace) -> str:
+    if (scene := usual_scene(db)) is not None:
+        return scene
+    known = ", ".join(repr(status.scene.name) for status in db.scenes()) or "none"
+    parser: Parser = args.parser
+    return parser.error(f"which scene? give --scene NAME; known: {known}")
+
+
+def _exists(db: Database, scene: str) -> bool:
+    try:
+        with store.transaction(db.connection):
+            store.scene_id(db.connection, scene)
+    except InvalidInput:
+        return False
+    return True
+
+
+def _name(db: Database) -> str:
+    """Return what tells a database from others, without a password."""
+    info = db.connection.info
+    return f"{info.host}:{info.port}/{info.dbname}"
 
 
 def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
-    """Load the files of a command with its options."""
-    return db.load_files(
+    """Load the files of a command with its options; the last of their scenes is remembered."""
+    loaded = db.load_files(
         args.files,
         args.scene,
         replace=args.replace,
@@ -37,6 +86,8 @@ def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
         skip_invalid=args.skip_invalid,
         max_file_mb=args.max_file_mb,
     )
+    remember(_name(db), loaded[-1].scene)
+    return loaded
 
 
 @contextmanager

@@ -24,14 +24,15 @@ superuser = false
 
 _ONLY_AS_EXTENSION: Final = '\\echo Use "{command}" to load this file. \\quit\n'
 
-# A database made by `conflictdb init` does not become an extension.
+# A database made by `conflictdb admin init` does not become an extension.
 _REFUSE_BESIDE_INIT: Final = """
 DO $$
 BEGIN
     IF to_regclass('conflictdb.alembic_version') IS NOT NULL THEN
-        RAISE EXCEPTION 'database % has the schema conflictdb already, made by `conflictdb init`', current_database()
+        RAISE EXCEPTION 'database % has the schema conflictdb already, made by `conflictdb admin init`',
+                        current_database()
             USING ERRCODE = 'duplicate_schema',
-                  HINT = 'It needs no extension: keep it current by `conflictdb upgrade`.';
+                  HINT = 'It needs no extension: keep it current by `conflictdb admin upgrade`.';
     END IF;
 END
 $$;
@@ -139,7 +140,7 @@ def install_directory(pg_config: str) -> Path:
         raise ServerError(
             f"{pg_config} does not say where its server looks for extensions ({error}): name the pg_config of the "
             "server, --pg-config /usr/lib/postgresql/17/bin/pg_config, or write the files anywhere by "
-            "`conflictdb extension build` and copy them"
+            "`conflictdb admin extension build` and copy them"
         ) from error
     directory = Path(shared, "extension")
     if not directory.is_dir():

@@ -29,7 +29,7 @@ def _geometry(kind: str, srid: int = _DEGREES) -> Geometry:
 
 
 class Base(DeclarativeBase):
-    """Of all models; `conflictdb init` makes the tables, not ``metadata.create_all``."""
+    """Of all models; `conflictdb admin init` makes the tables, not ``metadata.create_all``."""
 
     metadata = MetaData(schema="conflictdb")
     type_annotation_map = {  # noqa: RUF012  as SQLAlchemy wants it

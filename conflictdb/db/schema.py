@@ -44,7 +44,7 @@ FORMER: Final = "0028"
 RESTAMP: Final = f"UPDATE conflictdb.alembic_version SET version_num = '0001' WHERE version_num = '{FORMER}';\n"  # noqa: S608
 _FROM_BEFORE_RELEASE: Final = (
     "export its scenes with the program that made it, run DROP SCHEMA conflictdb CASCADE (of the extension: DROP "
-    "EXTENSION conflictdb), then `conflictdb init`, and load them"
+    "EXTENSION conflictdb), then `conflictdb admin init`, and load them"
 )
 _HOLDERS: Final = """
 SELECT a.pid, a.application_name, coalesce(a.usename, '')::text, a.xact_start
@@ -275,12 +275,12 @@ def check(conn: psycopg.Connection[Any]) -> None:
     """Raise SchemaMissing, SchemaOutdated or SchemaTooNew unless the database's schema is the one of this program."""
     found = revision(conn)
     if found is None:
-        raise SchemaMissing(f"database {conn.info.dbname!r} has no conflictdb schema: run `conflictdb init`")
+        raise SchemaMissing(f"database {conn.info.dbname!r} has no conflictdb schema: run `conflictdb admin init`")
     _check_known(found, conn.info.dbname)
     if found != head():
         raise SchemaOutdated(
             f"the conflictdb schema of database {conn.info.dbname!r} is at revision {found}, this program needs "
-            f"{head()}: run `conflictdb upgrade`"
+            f"{head()}: run `conflictdb admin upgrade`"
         )
     # Between releases a routine may change before it has a revision.
     with store.translated(), conn.transaction():
@@ -289,12 +289,13 @@ def check(conn: psycopg.Connection[Any]) -> None:
     if applied != routines_sha256():
         raise SchemaOutdated(
             f"the routines of schema conflictdb in database {conn.info.dbname!r} are not those of this program: run "
-            "`conflictdb upgrade`"
+            "`conflictdb admin upgrade`"
         )
     if not armed:
         raise SchemaOutdated(
             f"triggers of schema conflictdb in database {conn.info.dbname!r} are switched off, or a restore has reset "
-            "them, and changes go unnoticed: run `conflictdb upgrade`, then `conflictdb detect --full` for each scene"
+            "them, and changes go unnoticed: run `conflictdb admin upgrade`, then `conflictdb detect --full` for each "
+            "scene"
         )
 
 
@@ -385,8 +386,8 @@ def _update_extension(conn: psycopg.Connection[Any], found: str) -> None:
         if _one(conn, known, head()) is not True:
             raise SchemaOutdated(
                 f"database {conn.info.dbname!r} has conflictdb as an extension, of version {found}, and its server has "
-                f"no files of version {head()}: run `conflictdb extension install` on the machine of the server, "
-                "then `conflictdb upgrade` again"
+                f"no files of version {head()}: run `conflictdb admin extension install` on the machine of the server, "
+                "then `conflictdb admin upgrade` again"
             )
         conn.execute(sql.SQL("ALTER EXTENSION conflictdb UPDATE TO {}").format(sql.Literal(head())))
 

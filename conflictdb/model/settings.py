@@ -82,7 +82,7 @@ SETTINGS: Final = (
         Type.CHOICE,
         "Shape of tracks and edges between their points: rhumb or great_circle.",
         Motion.RHUMB,
-        "how tracks and edges run (default: rhumb)",
+        "default: rhumb",
         choices=Motion,
     ),
     Setting(
@@ -90,7 +90,7 @@ SETTINGS: Final = (
         Type.CHOICE,
         "Figure of the earth: wgs84, or sphere (mean radius 6371008.771415 m).",
         None,
-        "default: wgs84; of great circles sphere",
+        "default: wgs84; great circles: sphere",
         choices=EarthModel,
     ),
     Setting(
@@ -108,7 +108,7 @@ SETTINGS: Final = (
         Type.METRES,
         "Tolerance, metres: pairs whose clearance is within it may be reported as grazing.",
         1.0,
-        "closeness that is too close to call, metres",
+        "closer than this is too close to call, metres",
         label="Tolerance",
         says="{:g} m: closer to touching than that is too close to call",
         is_stored_by_detect=True,
@@ -129,7 +129,7 @@ SETTINGS: Final = (
         "Pairs without conflict that come within this distance (metres) are stored with their closest approach; "
         "0: none.",
         0.0,
-        "also report pairs without conflict that come within M metres, with their closest approach (0: do not)",
+        "also report pairs within M metres",
         label="Near is",
         says="within {:g} m",
         says_zero="not reported",
@@ -140,7 +140,7 @@ SETTINGS: Final = (
         Type.PLACE,
         "great_circle: the centre, degrees; all objects lie within 60 degrees of it.",
         None,
-        "great circles: the middle (default: that of the objects)",
+        "of great circles (default: the middle)",
     ),
     Setting(
         "vertical_separation_m",
@@ -148,7 +148,7 @@ SETTINGS: Final = (
         "Required vertical separation, metres to the micrometre: objects whose heights are that far apart do not "
         "conflict; 0: height bands that touch are apart.",
         0.0,
-        "heights closer than M metres count as overlapping (0: only where they overlap)",
+        "required vertical separation, metres",
         label="Vertical separation wanted",
         says_zero="none: heights must overlap",
         is_stored_by_detect=True,

@@ -42,12 +42,12 @@ SELECT md5(v::text)::uuid, i, timestamptz '2026-03-01 08:00Z' + i * interval '1 
 FROM generate_series(1, 3) v, generate_series(0, 4) i,
      ST_Transform(ST_Point(7 + i * 0.3, 55.2 + v * 0.2, 4326), 3857) p;
 """
-AREAS = ("attach", "area", "--scene", "nordsee", "--table", '"Planung"."Sperrgebiete"', "--map")
+AREAS = ("admin", "attach", "area", "--scene", "nordsee", "--table", '"Planung"."Sperrgebiete"', "--map")
 AREA_MAP = (
     "key=Nr,footprint=umriss,start=von AT TIME ZONE 'UTC',end=bis AT TIME ZONE 'UTC',floor_m=-tiefe_ft*0.3048,"
     "name=concat('Gebiet ', \"Nr\"),properties=jsonb_build_object('zustand', \"Zustand\")"
 )
-TRACKS = ("attach", "track", "--scene", "nordsee", "--table", '"Planung".wegpunkte', "--map")
+TRACKS = ("admin", "attach", "track", "--scene", "nordsee", "--table", '"Planung".wegpunkte', "--map")
 TRACK_MAP = (
     "key=fahrt,time=zeit,position=ST_Point(x, y, 3857),fore_m=laenge_m/2,aft_m=laenge_m/2,port_m=breite_m/2,"
     "starboard_m=breite_m/2"
@@ -129,8 +129,8 @@ def test_a_strangers_tables_are_attached_kept_current_and_left_as_they_were(
         took_s.append(until(lambda: is_current() and conflicts() == set()))
         assert min(took_s) < CURRENT_WITHIN_S, took_s
 
-        run("detach", "--scene", "nordsee", "--table", '"Planung"."Sperrgebiete"')
-        assert run("detach", "--scene", "nordsee", "--table", '"Planung".wegpunkte').code == 0
+        run("admin", "detach", "--scene", "nordsee", "--table", '"Planung"."Sperrgebiete"')
+        assert run("admin", "detach", "--scene", "nordsee", "--table", '"Planung".wegpunkte').code == 0
         assert dump() == before
         assert mission.execute("SELECT objects FROM conflictdb.scenes").fetchall() == [(0,)]
         mission.execute('UPDATE "Planung"."Sperrgebiete" SET tiefe_ft = 1')

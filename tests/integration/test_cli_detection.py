@@ -176,6 +176,41 @@ def test_usage_errors(run: Run, words: tuple[str, ...]) -> None:
     assert "--help" in done.err
 
 
+def test_the_scene_is_that_of_the_environment_or_the_last_or_only_one(
+    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """And a remark says which, so that nobody reads the conflicts of another scene."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    run("detect", STRAIT)
+    (tmp_path / "conflictdb" / "last-scene.json").unlink()
+    assert run("conflicts").err == "conflictdb: scene 'strait' (the only one)\n"
+    run("load", STRAIT, "--scene", "other")
+    assert "conflictdb: scene 'other' (the last one used)\n" in run("conflicts").err
+    assert run("conflicts", "--scene", "strait").err == ""
+    assert run("explain", "FERRY", "TOW").err == "conflictdb: scene 'strait' (the last one used)\n"
+    monkeypatch.setenv("CONFLICTDB_SCENE", "other")
+    assert "conflictdb: scene 'other' (CONFLICTDB_SCENE)\n" in run("detect").err
+    monkeypatch.delenv("CONFLICTDB_SCENE")
+    assert run("report", tmp_path / "r.xyz").err.startswith("conflictdb: scene 'strait' (the last one used)\n")
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{", '{"x": 1}', "\0"])
+def test_without_any_hint_the_known_scenes_are_named(
+    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, content: str
+) -> None:
+    """Also where the file of last scenes is damaged, cannot be written, or names a scene that is gone."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    (tmp_path / "conflictdb").mkdir()
+    (tmp_path / "conflictdb" / "last-scene.json").write_text(content)
+    (tmp_path / "conflictdb").chmod(0o500)
+    run("load", STRAIT)
+    run("load", STRAIT, "--scene", "b\x1b[2J")
+    (tmp_path / "conflictdb" / "last-scene.json").write_text(content)
+    done = run("conflicts")
+    assert (done.code, done.out) == (2, "")
+    assert "which scene? give --scene NAME; known: 'b\\x1b[2J', 'strait' (see" in done.err
+
+
 def test_an_unknown_scene_is_refused_and_the_known_ones_named(run: Run) -> None:
     run("load", STRAIT)
     for command in ("detect", "conflicts"):

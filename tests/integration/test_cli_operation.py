@@ -48,10 +48,10 @@ def test_a_database_without_schema_is_exit_3_until_init(empty_dsn: str, capsys: 
     for words in (("status",), ("load", STRAIT), ("conflicts", "--scene", "s"), ("worker", "--once"), ("demo",)):
         done = run(*words)
         assert (done.code, done.out) == (3, "")
-        assert "run `conflictdb init`" in done.err
-    assert run("init").code == 0
-    assert run("init").code == 0
-    assert run("upgrade").out.endswith(f" is at revision {schema.head()}\n")
+        assert "run `conflictdb admin init`" in done.err
+    assert run("admin", "init").code == 0
+    assert run("admin", "init").code == 0
+    assert run("admin", "upgrade").out.endswith(f" is at revision {schema.head()}\n")
     assert run("detect", STRAIT).code == 0
 
 
@@ -59,7 +59,7 @@ def test_a_database_without_schema_is_exit_3_until_init(empty_dsn: str, capsys: 
 def test_a_schema_of_another_version_is_exit_3(run: Run, dsn: str, revision: str, word: str) -> None:
     with psycopg.connect(dsn) as conn:
         conn.execute("UPDATE conflictdb.alembic_version SET version_num = %s", (revision,))
-    for command in (("status",), ("upgrade",)):
+    for command in (("status",), ("admin", "upgrade")):
         done = run(*command)
         assert done.code == 3
         assert word in done.err
@@ -102,7 +102,7 @@ def test_messages_name_commands_as_they_can_be_typed(
     with psycopg.connect(dsn) as conn:
         conn.execute("UPDATE conflictdb.alembic_version SET version_num = '0001'")
     assert main(["status"]) == 3
-    assert "run `'/my plans/run' upgrade`" in capsys.readouterr().err
+    assert "run `'/my plans/run' admin upgrade`" in capsys.readouterr().err
     with psycopg.connect(dsn) as conn:
         conn.execute("UPDATE conflictdb.alembic_version SET version_num = %s", (schema.head(),))
     assert main(["demo"]) == 0

@@ -124,7 +124,10 @@ def test_attached_changes_that_wait_are_pending(run: Run, dsn: str, change: Call
     run("detect", STRAIT)
     change("CREATE TABLE op (id integer PRIMARY KEY, shape geometry(Polygon, 4326))")
     change("INSERT INTO op SELECT n, ST_MakeEnvelope(n, 0, n + 0.5, 1, 4326) FROM generate_series(1, 3) n")
-    assert run("attach", "area", "--scene", "strait", "--table", "op", "--map", "key=id,footprint=shape").code == 0
+    assert (
+        run("admin", "attach", "area", "--scene", "strait", "--table", "op", "--map", "key=id,footprint=shape").code
+        == 0
+    )
     run("detect", "--scene", "strait")
     with conflictdb.connect(dsn) as db:
         assert db.scene("strait").state().pending == 0

@@ -72,7 +72,7 @@ ACKNOWLEDGE = ["acknowledge", "--scene", "strait", "FERRY", "DIVING", "--reason"
     ("roles", "words", "role"),
     [
         ([], ["conflicts", "--scene", "strait"], "conflictdb_reader"),
-        ([], ["init"], "conflictdb_reader"),
+        ([], ["admin", "init"], "conflictdb_reader"),
         (["conflictdb_reader"], LOAD, "conflictdb_editor"),
         (["conflictdb_reader"], ACKNOWLEDGE, "conflictdb_editor"),
         (["conflictdb_reader"], DETECT, "conflictdb_worker"),
@@ -133,12 +133,12 @@ def test_what_no_grant_allows_is_told_as_it_is(
 ) -> None:
     """A scene of somebody else's is no matter of grants, whatever else is missing."""
     run("load", STRAIT)
-    run("protect")
+    run("admin", "protect")
     one = user("conflictdb_worker")
     administrator.execute("SELECT conflictdb.share_scene('strait', 'conflictdb_worker')")
     database = sql.Identifier(administrator.info.dbname)
     administrator.execute(sql.SQL("REVOKE TEMPORARY ON DATABASE {} FROM PUBLIC").format(database))
-    outcome = one.run("share", "--scene", "strait", "conflictdb_reader")
+    outcome = one.run("admin", "share", "--scene", "strait", "conflictdb_reader")
     assert outcome.code == 1
     assert "GRANT" not in outcome.err
     assert "owner" in outcome.err
@@ -151,11 +151,11 @@ def test_a_database_that_takes_no_schema_is_named(empty_dsn: str, capsys: pytest
         conn.execute(sql.SQL("CREATE ROLE {} LOGIN").format(sql.Identifier(name)))
         run = runner(conninfo.make_conninfo(empty_dsn, user=name), capsys)
         try:
-            refused = run("init")
+            refused = run("admin", "init")
             assert refused.code == 5
             grant = refused.err.strip().partition(TOLD)[2]
             assert grant.startswith("GRANT CREATE ON DATABASE")
             conn.execute(grant.encode())
-            assert grant not in run("init").err
+            assert grant not in run("admin", "init").err
         finally:
             conn.execute(sql.SQL("DROP OWNED BY {0}; DROP ROLE {0}").format(sql.Identifier(name)))

@@ -140,7 +140,7 @@ def test_all_commands_work(empty_dsn: str, capsys: pytest.CaptureFixture[str], t
     with bouncer(empty_dsn, "transaction", 3) as through, psycopg.connect(through) as busy:
         run = runner(through, capsys)
         for words in (
-            ["init"],
+            ["admin", "init"],
             ["load", STRAIT],
             ["detect", "--scene", "strait", "--jobs", "1"],
             ["conflicts", "--scene", "strait", "--format", "json"],

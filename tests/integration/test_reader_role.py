@@ -34,10 +34,10 @@ def test_reading_works(reader_dsn: str, capsys: pytest.CaptureFixture[str], tmp_
         ["approaches", "--scene", "strait"],
         ["advise", "--scene", "strait"],
         ["export", "--scene", "strait", tmp_path / "strait.geojson"],
-        ["attachments"],
+        ["admin", "attachments"],
         ["status"],
-        ["init"],  # there is nothing to do
-        ["upgrade"],
+        ["admin", "init"],  # there is nothing to do
+        ["admin", "upgrade"],
     ):
         done = run(*words)
         assert (done.code, done.err) == (DONE, ""), (words, done.err)
@@ -51,8 +51,8 @@ def test_writing_is_refused(reader_dsn: str, capsys: pytest.CaptureFixture[str])
         ["detect", "--scene", "strait", "--full"],
         ["load", STRAIT],
         ["demo"],
-        ["attach", "area", *table, "--map", "key=key,footprint=footprint"],
-        ["detach", *table],
+        ["admin", "attach", "area", *table, "--map", "key=key,footprint=footprint"],
+        ["admin", "detach", *table],
     ):
         done = run(*words)
         assert done.code == FAILED, words

@@ -136,7 +136,8 @@ def test_the_command_prints_them_for_this_program(
     run = runner(dsn, capsys)
     monkeypatch.setenv("CONFLICTDB_PROGRAM", "/srv/plans/run")
     printed = {
-        name: run("service", name).out for name in ("systemd", "systemd-once", "systemd-timer", "cron", "pg_cron")
+        name: run("admin", "service", name).out
+        for name in ("systemd", "systemd-once", "systemd-timer", "cron", "pg_cron")
     }
     assert "ExecStart=/srv/plans/run worker --log json\n" in printed["systemd"]
     assert "ExecStart=/srv/plans/run worker --once --log json\n" in printed["systemd-once"]
@@ -145,7 +146,7 @@ def test_the_command_prints_them_for_this_program(
     shipped = sorted(file.read_text() for file in FILES.iterdir() if file.is_file())
     assert sorted(text.replace("/srv/plans/run", PROGRAM) for text in printed.values()) == shipped
     monkeypatch.setenv("CONFLICTDB_PROGRAM", "/srv/all plans/run")
-    assert run("service", "systemd").out == (FILES / "conflictdb-worker.service").read_text()
+    assert run("admin", "service", "systemd").out == (FILES / "conflictdb-worker.service").read_text()
 
 
 @pytest.mark.parametrize(
@@ -192,17 +193,17 @@ def test_a_unit_that_cannot_start_the_program_is_remarked(
     run = runner(dsn, capsys)
     monkeypatch.setattr(service_units, "_HIDDEN", {"ProtectHome=yes": ("/hidden",)})
     monkeypatch.setenv("CONFLICTDB_PROGRAM", "/srv/plans/run")
-    assert run("service", "systemd").err == ""
+    assert run("admin", "service", "systemd").err == ""
     path = "/hidden/ann/plans/run"
     if needed == "program":
         monkeypatch.setenv("CONFLICTDB_PROGRAM", path)
     else:
         monkeypatch.setattr(sys, "executable", path)
     for what in ("systemd", "systemd-once"):
-        first, second = run("service", what).err.splitlines()
+        first, second = run("admin", "service", what).err.splitlines()
         assert first == (
             f"conflictdb: the printed unit cannot start this program: it needs {path}, "
             "and ProtectHome=yes hides /hidden."
         )
         assert second.endswith("and print the unit there.")
-    assert [run("service", what).err for what in ("systemd-timer", "cron", "pg_cron")] == ["", "", ""]
+    assert [run("admin", "service", what).err for what in ("systemd-timer", "cron", "pg_cron")] == ["", "", ""]

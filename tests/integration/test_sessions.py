@@ -243,7 +243,7 @@ def test_a_hot_standby_is_read_and_says_what_it_is(
         done = run(*words)
         assert (done.code, done.err.count("\n")) == (FAILED, 1), done.err
         assert "is a hot standby, which takes no changes: connect to the primary server" in done.err
-    done = runner(empty, capsys)("init")
+    done = runner(empty, capsys)("admin", "init")
     assert (done.code, done.err.count("\n")) == (FAILED, 1)
     assert "is a hot standby" in done.err
     with pytest.raises(ReadOnlyDatabase, match="hot standby"):

@@ -93,7 +93,7 @@ def verified(home: Path, port: int, host: str = "localhost", authority: str = "c
 def test_all_commands_work(secured: tuple[Path, int], capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     run = runner(f"{verified(*secured)} dbname=postgres", capsys)
     for words in (
-        ["init"],
+        ["admin", "init"],
         ["load", STRAIT],
         ["detect", "--scene", "strait"],
         ["conflicts", "--scene", "strait"],

@@ -259,7 +259,7 @@ def test_a_limit_of_speed_that_is_none_is_refused(db: conflictdb.Database, wrong
 
 START = "start=valid_from"
 ATTACHED = "CREATE TABLE plan (id text, shape geometry, valid_from timestamptz)"
-ATTACH = ("attach", "area", "--scene", "plans", "--table", "plan", "--map")
+ATTACH = ("admin", "attach", "area", "--scene", "plans", "--table", "plan", "--map")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""CREATE EXTENSION conflictdb: the same schema as `conflictdb init` makes, dumped, restored and updated with its data.
+"""CREATE EXTENSION conflictdb: the schema of `conflictdb admin init`, dumped, restored and updated with its data.
 
 On a server whose files are a copy: nobody else's may be changed.
 """
@@ -53,7 +53,7 @@ def server() -> Iterator[tuple[Path, str]]:
 def installed(server: tuple[Path, str], capsys: pytest.CaptureFixture[str]) -> str:
     """A server with the files of this program: how to connect to it."""
     programs, dsn = server
-    done = runner("", capsys)("extension", "install", "--pg-config", str(programs / "pg_config"))
+    done = runner("", capsys)("admin", "extension", "install", "--pg-config", str(programs / "pg_config"))
     assert done.code == 0, done.err
     assert f"conflictdb--{schema.head()}.sql" in done.out
     return dsn
@@ -179,11 +179,11 @@ def test_updates_take_the_data_along(
         before = answer(db)
     former = schema.head()
     request.getfixturevalue("next_release")
-    with psycopg.connect(database) as conn, pytest.raises(SchemaOutdated, match="conflictdb upgrade"):
+    with psycopg.connect(database) as conn, pytest.raises(SchemaOutdated, match="conflictdb admin upgrade"):
         schema.check(conn)
     with pytest.raises(SchemaOutdated, match=f"of version {former}, .* no files of version {schema.head()}: run `conf"):
         schema.upgrade(database)
-    done = runner("", capsys)("extension", "install", "--pg-config", str(server[0] / "pg_config"))
+    done = runner("", capsys)("admin", "extension", "install", "--pg-config", str(server[0] / "pg_config"))
     assert f"conflictdb--{former}--{schema.head()}.sql" in done.out
     assert schema.upgrade(database) == schema.head()
     with connect(database) as db:
@@ -200,7 +200,7 @@ def test_updates_take_the_data_along(
 
 def test_beside_the_schema_that_init_made_it_is_refused(installed: str) -> None:
     database = new(installed, template="by_init")
-    with pytest.raises(psycopg.errors.DuplicateSchema, match="made by `conflictdb init`"):
+    with pytest.raises(psycopg.errors.DuplicateSchema, match="made by `conflictdb admin init`"):
         rows(database, "CREATE EXTENSION conflictdb")
     with psycopg.connect(database) as conn:
         schema.check(conn)
@@ -227,6 +227,6 @@ def test_who_may_create_schemas_may_create_it_and_is_told_what_to_grant(installe
 
 
 def test_a_server_that_is_not_there_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    done = runner("", capsys)("extension", "install", "--pg-config", str(tmp_path / "pg_config"))
+    done = runner("", capsys)("admin", "extension", "install", "--pg-config", str(tmp_path / "pg_config"))
     assert (done.code, done.out) == (5, "")
     assert "--pg-config /usr/lib/postgresql/17/bin/pg_config, or" in done.err

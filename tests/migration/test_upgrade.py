@@ -136,7 +136,7 @@ def test_after_an_upgrade_that_changes_answers_everything_is_detected_again(
         ).fetchall()
         more = ", first_version" if ("first_version",) in columns else ""
         conn.execute(AREAS.format(column=more, value=more and ", n").encode())
-    assert runner(empty_dsn, capsys)("upgrade").err == (
+    assert runner(empty_dsn, capsys)("admin", "upgrade").err == (
         "conflictdb: s: not complete: 2 objects wait for detection (`conflictdb detect --scene s` does it)\n"
     )
     state = "SELECT is_current, objects, pending FROM conflictdb.scenes"
@@ -210,7 +210,7 @@ def test_the_next_release_says_whether_answers_change(dsn: str, next_release: Pa
 def test_older_schema_is_outdated_and_upgraded(dsn: str, next_release: Path) -> None:
     with psycopg.connect(dsn) as conn:
         conn.execute("SELECT conflictdb.create_scene('s')")
-        with pytest.raises(SchemaOutdated, match="conflictdb upgrade"):
+        with pytest.raises(SchemaOutdated, match="conflictdb admin upgrade"):
             schema.check(conn)
     assert schema.upgrade(dsn) == schema.head()
     with psycopg.connect(dsn) as conn:
@@ -269,7 +269,7 @@ def test_the_last_revision_before_the_squash_is_upgraded(empty_dsn: str, other_d
     with psycopg.connect(empty_dsn) as conn:
         conn.execute("UPDATE conflictdb.alembic_version SET version_num = '0028'")
         conn.execute("INSERT INTO conflictdb.scene (name, method) VALUES ('old', 'window')")
-    with psycopg.connect(empty_dsn) as conn, pytest.raises(SchemaOutdated, match="run `conflictdb upgrade`"):
+    with psycopg.connect(empty_dsn) as conn, pytest.raises(SchemaOutdated, match="run `conflictdb admin upgrade`"):
         schema.check(conn)
     assert schema.upgrade(empty_dsn) == schema.head()
     schema.upgrade(other_dsn)
@@ -301,7 +301,7 @@ def test_a_former_revision_of_the_same_number_is_refused(dsn: str, revision: str
 
 
 def test_missing_schema_is_said(empty_dsn: str) -> None:
-    with psycopg.connect(empty_dsn) as conn, pytest.raises(SchemaMissing, match="conflictdb init"):
+    with psycopg.connect(empty_dsn) as conn, pytest.raises(SchemaMissing, match="conflictdb admin init"):
         schema.check(conn)
 
 

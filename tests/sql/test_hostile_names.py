@@ -144,13 +144,13 @@ def test_commands_show_names_and_run_none(dsn: str, name: str, capsys: pytest.Ca
         ["explain", *keys, "--scene", name],
         ["history", *keys, "--scene", name],
         ["acknowledge", *keys, "--scene", name, "--reason", name],
-        ["share", "--scene", name],
+        ["admin", "share", "--scene", name],
         ["status"],
     ):
         done = run(*words)
         assert done.code == DONE, (words, done.err)
         assert not {"\x1b", "\x9b", "\x07", "\u202e"} & set(done.out + done.err), words
-    assert run("share", name, "--scene", name).code != DONE
+    assert run("admin", "share", name, "--scene", name).code != DONE
     with psycopg.connect(dsn) as conn:
         assert conn.execute("SELECT count(*) FROM conflictdb.area").fetchone() == (2,)
 

@@ -371,12 +371,12 @@ def test_a_function_that_leaks_is_not_asked_about_hidden_rows(protected: Conn, s
 def test_shares_from_the_command_line(stage: Stage, capsys: pytest.CaptureFixture[str]) -> None:
     as_alice = conninfo.make_conninfo(stage.dsn, options=f"-c role={stage.alice}")
     run = runner(as_alice, capsys)
-    assert "may write it" in run("share", stage.bob, "--scene", "hers", "--access", "write").out
-    assert [row.split()[1] for row in run("share", "--scene", "hers").out.splitlines()[1:]] == ["own", "write"]
-    assert run("unshare", stage.bob, "--scene", "hers").out == "taken back\n"
-    assert run("unshare", stage.bob, "--scene", "hers").out == "was not shared with it\n"
-    assert run("share", "no one", "--scene", "hers").code != DONE
-    assert "permission denied" in run("protect", "--off").err
+    assert "may write it" in run("admin", "share", stage.bob, "--scene", "hers", "--access", "write").out
+    assert [row.split()[1] for row in run("admin", "share", "--scene", "hers").out.splitlines()[1:]] == ["own", "write"]
+    assert run("admin", "unshare", stage.bob, "--scene", "hers").out == "taken back\n"
+    assert run("admin", "unshare", stage.bob, "--scene", "hers").out == "was not shared with it\n"
+    assert run("admin", "share", "no one", "--scene", "hers").code != DONE
+    assert "permission denied" in run("admin", "protect", "--off").err
 
 
 def test_scenes_without_protection_are_everybodys(conn: Conn, capsys: pytest.CaptureFixture[str]) -> None:
@@ -392,8 +392,8 @@ def test_scenes_without_protection_are_everybodys(conn: Conn, capsys: pytest.Cap
         conn.execute("SELECT conflictdb.put_area('old', 'A', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 1, 0 0))')")
     conn.rollback()
     run = runner(conn.info.dsn, capsys)
-    assert "scenes are not protected in this database" in run("share", "conflictdb_reader", "--scene", "s").err
-    assert "1 of the scenes belong to no role yet" in run("protect").err
+    assert "scenes are not protected in this database" in run("admin", "share", "conflictdb_reader", "--scene", "s").err
+    assert "1 of the scenes belong to no role yet" in run("admin", "protect").err
     with acting(conn, "conflictdb_reader"):
         assert count(conn, "scenes") == 1
 

@@ -108,7 +108,7 @@ def test_triggers_that_do_not_fire_are_noticed_and_mended(conn: Conn, dsn: str, 
     for statement in how.split(";"):
         conn.execute(statement.encode())
     conn.commit()
-    with pytest.raises(SchemaOutdated, match=r"triggers of schema conflictdb .* run `conflictdb upgrade`"):
+    with pytest.raises(SchemaOutdated, match=r"triggers of schema conflictdb .* run `conflictdb admin upgrade`"):
         schema.check(conn)
     schema.upgrade(dsn)
     schema.check(conn)

@@ -99,13 +99,13 @@ def test_who_may_not_grant_the_use_of_postgis_is_told_what_to_ask_for(
     """The owner of our schema need not be that of PostGIS's."""
     asked = 'GRANT USAGE ON SCHEMA "My GIS" TO conflictdb_reader'
     run = runner(elsewhere, capsys)
-    assert run("init").err == ""
+    assert run("admin", "init").err == ""
     with psycopg.connect(elsewhere) as conn:
         conn.execute('REVOKE USAGE ON SCHEMA "My GIS" FROM conflictdb_reader')
-    assert f"let an administrator run: {asked}" in run("init").err
+    assert f"let an administrator run: {asked}" in run("admin", "init").err
     with psycopg.connect(elsewhere) as conn:
         conn.execute(asked)
-    assert run("upgrade").err == ""
+    assert run("admin", "upgrade").err == ""
 
 
 def test_an_installation_without_the_right_to_grant_succeeds_and_says_so(elsewhere: str) -> None:

@@ -2,14 +2,17 @@
 
 import argparse
 import inspect
-from collections.abc import Iterator
+import shlex
+import subprocess
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
-from conflictdb.cli import codes
-from conflictdb.cli.commands import build
+from conflictdb.cli import codes, main
+from conflictdb.cli.commands import ENVIRONMENT, GROUPS, build
 from conflictdb.cli.parser import _OF_ALL_COMMANDS
 from conflictdb.cli.values import count, duration_s, instant, mapping, metres, speed_kn
 from conflictdb.model.methods import Method
@@ -80,7 +83,10 @@ def test_a_wrong_choice_is_told_with_the_right_ones(capsys: pytest.CaptureFixtur
             "detect: argument --method: 'window' was removed: use exact, which is quicker",
         ),
         ("spark detect --output o --method window", "spark detect: argument --method: 'window' was removed: use exact"),
-        ("--dns x status", "conflictdb: argument COMMAND: invalid choice: 'x'"),
+        ("--dns x status", "conflictdb: unknown command 'x' (see conflictdb --help)"),
+        ("detct f.geojson", "conflictdb: unknown command 'detct'; did you mean detect? (see conflictdb --help)"),
+        ("share bob", "conflictdb: unknown command 'share'; did you mean admin share? (see conflictdb --help)"),
+        ("admin servce cron", "conflictdb admin: unknown command 'servce'; did you mean service? (see"),
     ],
 )
 def test_unknown_option_is_told_by_its_command(typed: str, told: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -95,14 +101,72 @@ def test_options_of_all_commands_are_those_of_the_program() -> None:
     assert set(_OF_ALL_COMMANDS) == set(build()._option_string_actions) - {"-h", "--help"}
 
 
-def test_every_exit_code_has_a_meaning_in_the_help() -> None:
+def test_every_exit_code_and_variable_is_in_the_reference() -> None:
     numbers = {value for name, value in vars(codes).items() if name.isupper() and isinstance(value, int)}
     assert numbers == set(codes.MEANING)
-    help_text = build().format_help()
+    page = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "cli.md").read_text()
     for code, text in codes.MEANING.items():
-        assert f"  {code:<4} {text}\n" in help_text
-    for variable in ("CONFLICTDB_DSN", "CONFLICTDB_HOME", "CONFLICTDB_PG_BIN", "CONFLICTDB_NO_DOWNLOAD"):
-        assert variable in help_text
+        assert f"| {code} | {text} |\n" in page
+    variables = ("CONFLICTDB_DSN", "CONFLICTDB_SCENE", "CONFLICTDB_HOME", "CONFLICTDB_PG_BIN", "CONFLICTDB_NO_DOWNLOAD")
+    assert set(ENVIRONMENT) == set(variables)
+    assert all(f"| `{name}` |" in page for name in variables)
+
+
+def test_the_help_has_each_command_once_in_a_group_and_fits_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    text = build().format_help()
+    assert len(text.splitlines()) <= 40
+    assert [title for title, _ in GROUPS] == ["plan", "ask", "operate"]
+    grouped = [name for _, names in GROUPS for name in names]
+    assert sorted(grouped) == sorted(path for path in ALL if path and " " not in path)
+    assert len(set(grouped)) == len(grouped)
+    assert all(f"\n  {name} " in text for name in grouped)
+
+
+def test_all_help_together_is_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was 4,041 words; half of them said the rest."""
+    monkeypatch.setenv("COLUMNS", "100")
+    assert sum(len(one.format_help().split()) for one in ALL.values()) <= 4041 // 2
+
+
+def completed(shell_words: Sequence[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """Return what bash offers for the last word."""
+    assert main(["completion", "bash"]) == 0
+    script = tmp_path / "completion.bash"
+    script.write_text(capsys.readouterr().out)
+    words = " ".join(map(shlex.quote, shell_words))
+    asked = f"source {script}; COMP_WORDS=({words}); COMP_CWORD={len(shell_words) - 1}; _shtab_conflictdb"
+    done = subprocess.run(
+        ["bash", "-c", f"{asked} conflictdb {shlex.quote(shell_words[-1])}; printf '%s\\n' \"${{COMPREPLY[@]}}\""],
+        capture_output=True, text=True, check=True, timeout=30,
+    )  # fmt: skip
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        (["conflictdb", "confl"], ["conflicts"]),
+        (["conflictdb", "admin", "att"], ["attach", "attachments"]),
+        (["conflictdb", "conflicts", "--known"], ["--known-at"]),
+        (["conflictdb", "conflicts", "--format", "geoj"], ["geojson"]),
+    ],
+)
+def test_bash_completes(
+    words: list[str], offered: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert completed(words, tmp_path, capsys) == offered
+
+
+@pytest.mark.parametrize("shell", ["zsh", "fish"])
+def test_other_shells_get_a_script_by_the_name_that_was_called(
+    shell: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CONFLICTDB_PROGRAM", "./run")
+    assert main(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    assert "conflicts" in script
+    assert ("#compdef run" if shell == "zsh" else "complete -c run") in script
 
 
 @pytest.mark.parametrize(

@@ -1,45 +1,51 @@
 """The commands and their options, as help lists them."""
 
-import argparse
 from typing import Final
 
 import conflictdb
-from conflictdb.cli import codes
-from conflictdb.cli.commands import finding, operating, showing, spark
+from conflictdb.cli.commands import admin, finding, operating, showing, spark
 from conflictdb.cli.output import program
 from conflictdb.cli.parser import Parser
 
 ENVIRONMENT: Final = {
     "CONFLICTDB_DSN": "database to use when there is no --dsn; without either, the embedded one",
+    "CONFLICTDB_SCENE": "scene to use when there is no --scene; without either, the last one used in this database",
     "CONFLICTDB_HOME": "directory of the embedded database",
     "CONFLICTDB_PG_BIN": "the only directory to take PostgreSQL's programs from",
     "CONFLICTDB_NO_DOWNLOAD": "1: never fetch PostgreSQL, use what is there",
 }
 
 
-def build() -> Parser:
-    """Return the parser of the whole command line."""
+GROUPS: Final = (
+    ("plan", ("load", "export")),
+    (
+        "ask",
+        (
+            *("detect", "conflicts", "approaches", "probe", "explain", "history", "acknowledge"),
+            *("map", "plot", "report", "advise"),
+        ),
+    ),
+    ("operate", ("demo", "status", "worker", "server", "psql", "spark", "completion", "admin")),
+)
+
+
+def build(prog: str | None = None) -> Parser:
+    """Return the parser of the whole command line; `prog` replaces the program's name as it was called."""
     parser = Parser(
-        prog=program(),
-        description="Find when and where moving and static areas interfere, inside PostGIS.",
-        epilog=_epilog(),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
+        prog=prog or program(),
+        usage="%(prog)s [--dsn DATABASE] [--debug] [--version] COMMAND …",
+        description="Find when and where plans interfere, inside PostGIS.",
+        epilog="DATABASE: connection string or URI (default: the embedded one). COMMAND --help shows its options.",
     )
+    parser.groups = GROUPS
     parser.add_argument(
-        "--version", action="version", version=f"conflictdb {conflictdb.__version__}", help="show the version, and end"
+        "--dsn", metavar="DATABASE", help="connection string or URI (default: $CONFLICTDB_DSN, else the embedded one)"
     )
+    parser.add_argument("--debug", action="store_true", help="log to stderr, with tracebacks")
     parser.add_argument(
-        "--dsn",
-        help="database to use: a libpq connection string or URI (env CONFLICTDB_DSN; default: the embedded one)",
+        "--version", action="version", version=f"conflictdb {conflictdb.__version__}", help="show the version"
     )
-    parser.add_argument("--debug", action="store_true", help="log to stderr, and show a traceback when something fails")
-    commands = parser.add_subparsers(title="commands", dest="command", required=True, metavar="COMMAND")
-    for family in (finding, showing, operating, spark):
+    commands = parser.add_subparsers(prog=parser.prog, dest="command", required=True, metavar="COMMAND")
+    for family in (finding, showing, operating, spark, admin):
         family.add(commands)
     return parser
-
-
-def _epilog() -> str:
-    lines = ["environment:", *(f"  {name:<24} {text}" for name, text in ENVIRONMENT.items())]
-    return "\n".join([*lines, "", "exit codes:", *(f"  {code:<4} {text}" for code, text in codes.MEANING.items())])
