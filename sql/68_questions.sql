@@ -29,6 +29,24 @@ $$;
 COMMENT ON FUNCTION _warn_if_no_object(text, text) IS
 'Raises a NOTICE if a scene has no object with that key (it may have been removed); returns true.';
 
+CREATE OR REPLACE FUNCTION _check_key(p_scene text, p_key text) RETURNS boolean
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+BEGIN
+    -- A removed object still has its conflicts, until the next detection.
+    IF NOT EXISTS (SELECT FROM object_key k WHERE k.scene_id = v_scene_id AND k.key = p_key)
+       AND NOT EXISTS (SELECT FROM conflict c WHERE c.scene_id = v_scene_id AND c.a_key = p_key)
+       AND NOT EXISTS (SELECT FROM conflict c WHERE c.scene_id = v_scene_id AND c.b_key = p_key) THEN
+        PERFORM _refuse('ZC011', format('object %L', p_key), 'key', format('is no object of scene %L', p_scene),
+                        'object_known');
+    END IF;
+    RETURN true;
+END
+$$;
+COMMENT ON FUNCTION _check_key(text, text) IS
+'Raises ZC011 if a scene has neither an object nor a conflict with that key; returns true.';
+
 CREATE OR REPLACE FUNCTION _check_place(
     p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
 ) RETURNS boolean

@@ -1,7 +1,9 @@
 -- Queries of the store: rows for Python.
 
-CREATE OR REPLACE FUNCTION _conflicts(p_scene text, p_at timestamptz, p_with_region boolean, p_keys text[])
-RETURNS TABLE (
+CREATE OR REPLACE FUNCTION _conflicts(
+    p_scene text, p_at timestamptz, p_with_region boolean, p_keys text[], p_key text, p_from timestamptz,
+    p_to timestamptz, p_since timestamptz, p_verdict text, p_acknowledged boolean
+) RETURNS TABLE (
     a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text,
     first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text,
     time_error_s double precision, is_current boolean, run_id bigint, found_at timestamptz, closest_at timestamptz,
@@ -27,11 +29,18 @@ BEGIN ATOMIC
                             AND k.a_key = c.a_key AND k.b_key = c.b_key
     WHERE c.scene = p_scene AND _scene_id(p_scene) IS NOT NULL AND (p_at IS NULL OR c.periods @> p_at)
       AND (p_keys IS NULL OR c.a_key = ANY (p_keys) AND c.b_key = ANY (p_keys))
+      AND (p_key IS NULL OR _check_key(p_scene, p_key) AND p_key IN (c.a_key, c.b_key))
+      AND (num_nulls(p_from, p_to) = 2 OR c.periods && tstzrange(p_from, p_to))
+      AND (p_since IS NULL OR greatest(c.found_at, c.changed_at) >= p_since)
+      AND (p_verdict IS NULL OR c.verdict = p_verdict)
+      AND (p_acknowledged IS NULL OR p_acknowledged = (c.acknowledged_by IS NOT NULL))
     ORDER BY lower(c.periods) NULLS FIRST, c.a_key, c.b_key;
 END;
-COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean, text[]) IS
-'Conflicts of a scene, earliest first; p_at: only those at an instant; p_keys: only among these objects. Periods in '
-'binary. Ids and versions of objects only p_with_region.';
+COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean, text[], text, timestamptz, timestamptz, timestamptz, text,
+                               boolean) IS
+'Conflicts of a scene, earliest first. Only those at p_at, among p_keys, of p_key, in [p_from, p_to), opened or '
+'changed since p_since, with a verdict, acknowledged or not; null: all. Periods in binary. Ids and versions of objects '
+'only p_with_region. Raises ZC011 for an unknown p_key.';
 
 CREATE OR REPLACE FUNCTION _conflicts_known_at(p_scene text, p_instant timestamptz)
 RETURNS TABLE (

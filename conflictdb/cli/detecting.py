@@ -2,10 +2,12 @@
 
 import argparse
 import json
+from datetime import UTC
 from itertools import chain
 
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE, LEFT_OUT
 from conflictdb.cli.load_report import (
+    Shown,
     approach_table,
     listed,
     loaded_text,
@@ -16,7 +18,7 @@ from conflictdb.cli.load_report import (
     run_text,
 )
 from conflictdb.cli.output import data, note, out, progress, remark
-from conflictdb.cli.parser import check
+from conflictdb.cli.parser import check, resolve_times
 from conflictdb.cli.session import database, load_files, show_progress
 from conflictdb.model.settings import STORED_BY_DETECT, given
 from conflictdb.session.database import Database
@@ -75,18 +77,24 @@ def detect(args: argparse.Namespace) -> int:
 
 
 def conflicts(args: argparse.Namespace) -> int:
-    """Print the known conflicts, or those known at an instant."""
+    """Print the known conflicts, all or selected ones, or those known at an instant."""
+    resolve_times(args, "at", "start", "end", "since", "known_at")
+    shown = Shown(args.tz or UTC, args.show)
+    which = {"key": args.key, "from_": args.start, "to": args.end, "since": args.since, "verdict": args.verdict}
+    if args.acknowledged is not None:
+        which["acknowledged"] = args.acknowledged == "yes"
     if args.known_at is not None:
-        others = args.at is not None or args.wait is not None or args.require_current
-        check(args, [(others, "--known-at goes without --at, --wait and --require-current")])
+        selected = args.at is not None or any(one is not None for one in which.values())
+        others = selected or args.wait is not None or args.require_current
+        check(args, [(others, "--known-at goes without other selections, --wait and --require-current")])
         with database(args) as db:
-            print_conflicts(db.scene(args.scene).conflicts_known_at(args.known_at), [], args.format)
+            print_conflicts(db.scene(args.scene).conflicts_known_at(args.known_at), [], args.format, shown=shown)
         return DONE
     with database(args) as db:
         _wait(db, args)
-        found = db.scene(args.scene).stream_conflicts(args.at, with_region=_wants_region(args))
+        found = db.scene(args.scene).stream_conflicts(args.at, with_region=_wants_region(args), **which)
         require_current(args, found.state)
-        print_conflicts(found, [found.state], args.format)
+        print_conflicts(found, [found.state], args.format, shown=shown)
     return listed(found.state)
 
 

@@ -3,14 +3,17 @@
 import argparse
 import shlex
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta, tzinfo
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from conflictdb.cli.codes import DONE, NOT_CURRENT
 from conflictdb.cli.output import binary, data, out, remark, table
 from conflictdb.errors import MOST_TOLD, NotCurrent
 from conflictdb.formats import Skipped, conflict_text
+from conflictdb.formats.conflict_gpx import as_gpx, position_of
+from conflictdb.formats.conflict_ics import as_ics
 from conflictdb.model.results import Approach, Conflict, SceneState
 from conflictdb.session.loading import Loaded
 
@@ -20,13 +23,45 @@ if TYPE_CHECKING:
 _SECOND = timedelta(seconds=1)
 
 
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """How tables show conflicts.
+
+    zone : time zone; times outside UTC show their offset
+    more : of position (longitude and latitude of the first contact), microseconds, acknowledged (who, until when, why)
+    """
+
+    zone: tzinfo = UTC
+    more: Collection[str] = ()
+
+    def moment(self, moment: datetime | None, *, up: bool) -> str:
+        """Return a moment to the second, rounded up or down, or to the microsecond; two dots for an unbounded end."""
+        if moment is None:
+            return ".."
+        is_fine = "microseconds" in self.more
+        if not is_fine and up and moment.microsecond and datetime.max.replace(tzinfo=UTC) - moment > _SECOND:
+            moment += _SECOND
+        moment = moment.astimezone(self.zone)
+        moment = moment.replace(tzinfo=None) if self.zone is UTC else moment
+        return moment.isoformat(" ", "microseconds" if is_fine else "seconds")
+
+    def header(self, text: str) -> str:
+        """Return the header of a column of times."""
+        return f"{text} (UTC)" if self.zone is UTC else text
+
+
+_PLAIN: Final = Shown()
+
+
 def print_conflicts(
     conflicts: Iterable[Conflict],
     states: Sequence[SceneState],
     form: str,
     more: Sequence[conflict_text.MoreColumn] = (),
+    *,
+    shown: Shown = _PLAIN,
 ) -> None:
-    """Print conflicts as a table, JSON, CSV, GeoJSON or GeoParquet, and remarks on incomplete scenes.
+    """Print conflicts as a table, JSON, CSV, GeoJSON, GPX, iCalendar or GeoParquet, and remarks on incomplete scenes.
 
     All formats but the table, which needs its column widths, are printed as a stream.
     """
@@ -34,7 +69,7 @@ def print_conflicts(
     if form == "table":
         complete = all(state.is_current for state in states)
         rows = list(conflicts)
-        out(conflict_table(rows, more) if rows else "no conflicts" if complete else "no conflict is known")
+        out(conflict_table(rows, more, shown=shown) if rows else "no conflicts" if complete else "no conflict is known")
         return
     if form == "geoparquet":
         from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
@@ -85,36 +120,57 @@ def _write(
     columns: Sequence[str],
     more: Sequence[conflict_text.MoreColumn] = (),
 ) -> None:
-    if form == "csv":
+    left_out: list[Conflict] = []
+    if form in ("gpx", "ics"):
+        as_lines = as_gpx if form == "gpx" else as_ics
+        lines = as_lines(cast("Iterable[Conflict]", pairs), left_out.append)
+    elif form == "csv":
         lines = conflict_text.as_csv(pairs, columns, more)
     elif form == "geojson":
         lines = conflict_text.as_geojson(pairs, states, more)
     else:
         lines = conflict_text.as_json(pairs, more)
-    data(lines, is_json=form != "csv")
+    data(lines, is_json=form not in ("csv", "gpx", "ics"))
+    if left_out:
+        remark(f"left out {len(left_out)}: {'no position' if form == 'gpx' else 'no start or no end'}")
 
 
-def conflict_table(conflicts: Sequence[Conflict], more: Sequence[conflict_text.MoreColumn] = ()) -> str:
-    """Return a table of conflicts, one line per pair, times in UTC rounded outward to the second."""
+def conflict_table(
+    conflicts: Sequence[Conflict], more: Sequence[conflict_text.MoreColumn] = (), *, shown: Shown = _PLAIN
+) -> str:
+    """Return a table of conflicts, one line per pair, times rounded outward to the second."""
     several = len({conflict.scene for conflict in conflicts}) > 1
-    header = ["A", "B", "VERDICT", "FIRST CONTACT (UTC)", "LAST CONTACT (UTC)", "PERIODS"]
-    rows = [
+    header = ["A", "B", "VERDICT", shown.header("FIRST CONTACT"), shown.header("LAST CONTACT"), "PERIODS"]
+    rows: list[list[object]] = [
         [
             conflict.a_key,
             conflict.b_key,
             _verdict_text(conflict),
-            moment_text(conflict.first_contact, up=False),
-            moment_text(conflict.last_contact, up=True),
+            shown.moment(conflict.first_contact, up=False),
+            shown.moment(conflict.last_contact, up=True),
             len(conflict.periods),
         ]
         for conflict in conflicts
     ]
+    if "position" in shown.more:
+        header += ["LATITUDE", "LONGITUDE"]
+        for row, conflict in zip(rows, conflicts, strict=True):
+            lon_deg, lat_deg = position_of(conflict) or (None, None)
+            row += [None if one is None else f"{one:.6f}" for one in (lat_deg, lon_deg)]
+    if "acknowledged" in shown.more:
+        header += ["ACKNOWLEDGED BY", shown.header("AT"), shown.header("UNTIL"), "REASON"]
+        for row, conflict in zip(rows, conflicts, strict=True):
+            if conflict.acknowledged_by is None:
+                row += [None] * 4
+                continue
+            at, until = (shown.moment(one, up=False) for one in (conflict.acknowledged_at, conflict.acknowledged_until))
+            row += [conflict.acknowledged_by, at, until, conflict.acknowledged_for]
     _add_columns(header, rows, conflicts, more)
     if several:
         header.insert(0, "SCENE")
         for row, conflict in zip(rows, conflicts, strict=True):
             row.insert(0, conflict.scene)
-    return table(header, rows, right=["PERIODS"])
+    return table(header, rows, right=["PERIODS", "LATITUDE", "LONGITUDE"])
 
 
 def _add_columns(
@@ -160,13 +216,7 @@ def _verdict_text(pair: Conflict | Approach) -> str:
 
 def moment_text(moment: datetime | None, *, up: bool) -> str:
     """Return a moment in UTC to the second, rounded up or down; two dots for an unbounded end."""
-    if moment is None:
-        return ".."
-    moment = moment.astimezone(UTC)
-    whole = moment.replace(microsecond=0)
-    if up and whole != moment and whole.year < datetime.max.year:
-        whole += _SECOND
-    return whole.strftime("%Y-%m-%d %H:%M:%S")
+    return _PLAIN.moment(moment, up=up)
 
 
 def run_text(scene: str, run: "Run") -> str:

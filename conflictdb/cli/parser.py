@@ -6,12 +6,25 @@ from difflib import get_close_matches
 from importlib import import_module
 from typing import Any, Final, NoReturn
 
-from conflictdb.cli.values import count, duration_s, megabytes, memory_mb, method, metres, name, place, speed_kn
+from conflictdb.cli.values import (
+    aware,
+    count,
+    duration_s,
+    megabytes,
+    memory_mb,
+    method,
+    metres,
+    name,
+    place,
+    speed_kn,
+    zone,
+)
 from conflictdb.model.methods import Method
 from conflictdb.model.settings import Setting, Type
 from conflictdb.stages.memory import MEMORY_MB
 
-FORMATS: Final = ("table", "json", "csv", "geojson")
+APPROACH_FORMATS: Final = ("table", "json", "csv", "geojson")
+FORMATS: Final = (*APPROACH_FORMATS, "gpx", "ics")
 _OF_ALL_COMMANDS: Final = ("--dsn", "--debug", "--version")
 
 
@@ -27,6 +40,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options | {"add_help": False, "allow_abbrev": False})
+        self._positionals.title = "arguments"
         self.add_argument("-h", "--help", action="help", help=argparse.SUPPRESS)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
@@ -186,6 +200,20 @@ def add_wait(parser: Parser) -> None:
 def add_require_current(parser: Parser) -> None:
     """Add `--require-current`."""
     parser.add_argument("--require-current", action="store_true", help="exit with 7 if changes wait for detection")
+
+
+def add_zone(parser: Parser) -> None:
+    """Add `--tz`."""
+    parser.add_argument("--tz", type=zone, metavar="ZONE", help="time zone of input and table, Europe/Copenhagen")
+
+
+def resolve_times(args: argparse.Namespace, *names: str) -> None:
+    """Give the times of options their offsets; ends with a usage error where one is unknown."""
+    for one in names:
+        try:
+            setattr(args, one, aware(getattr(args, one), args.tz))
+        except argparse.ArgumentTypeError as error:
+            args.parser.error(str(error))
 
 
 def add_format(parser: Parser, *formats: str) -> None:

@@ -2,12 +2,16 @@
 
 import argparse
 import re
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from sys import float_info
 from typing import Final
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from conflictdb.model.methods import REMOVED
 from conflictdb.stages.memory import LEAST_MEMORY_MB
+
+# What a table of conflicts shows on request.
+MORE_COLUMNS: Final = ("position", "microseconds", "acknowledged")
 
 _MOST_MB: Final = 1e6  # a terabyte, unpacked: more is a wrong unit
 _MOST_S: Final = 1e9  # 31 years: more is a wrong unit
@@ -155,6 +159,49 @@ def instant(text: str) -> datetime:
 def instants(text: str) -> list[datetime]:
     """Return ISO 8601 instants with offset, separated by commas."""
     return [instant(part.strip()) for part in text.split(",")]
+
+
+def time(text: str) -> datetime:
+    """Return an ISO 8601 instant, or a date, its midnight; naive without offset, for `aware`."""
+    if re.search(r"(Z|[+-]\d\d(:?\d\d)?)$", text.strip(), re.IGNORECASE) and len(text.strip()) > 10:
+        return instant(text)
+    text = text.strip()
+    return instant(f"{text}T00:00Z" if re.fullmatch(r"\d{4}-\d\d-\d\d", text) else f"{text}Z").replace(tzinfo=None)
+
+
+def time_or_age(text: str) -> datetime:
+    """Return an instant as `time` does, or for a duration such as 24h or 1d the instant so long ago."""
+    if re.fullmatch(r"\d+(\.\d+)?\s*[a-z]+", text.strip()):
+        return datetime.now(UTC) - timedelta(seconds=duration_s(text))
+    return time(text)
+
+
+def zone(text: str) -> ZoneInfo:
+    """Return a time zone by its name."""
+    try:
+        return ZoneInfo(text)
+    except (ValueError, OSError, ZoneInfoNotFoundError):
+        raise argparse.ArgumentTypeError(f"must be a time zone such as Europe/Copenhagen; got {text!r}") from None
+
+
+def aware(moment: datetime | None, where: ZoneInfo | None) -> datetime | None:
+    """Return a moment of `time` with its offset in a zone; raises ArgumentTypeError if it is unknown or ambiguous."""
+    if moment is None or moment.tzinfo is not None:
+        return moment
+    if where is None:
+        raise argparse.ArgumentTypeError(f"{moment.isoformat()} needs an offset, such as Z or +02:00, or --tz")
+    early, late = (moment.replace(tzinfo=where, fold=fold) for fold in (0, 1))
+    if early.utcoffset() != late.utcoffset():
+        raise argparse.ArgumentTypeError(f"{moment.isoformat()} occurs twice or never in {where}: give an offset")
+    return early
+
+
+def columns(text: str) -> frozenset[str]:
+    """Return more columns of a table."""
+    found = frozenset(part.strip() for part in text.split(","))
+    if not found <= set(MORE_COLUMNS):
+        raise argparse.ArgumentTypeError(f"must be of {', '.join(MORE_COLUMNS)}, separated by commas; got {text!r}")
+    return found
 
 
 def height(text: str) -> float:

@@ -7,16 +7,19 @@ from pathlib import Path
 from typing import Final, cast
 
 from conflictdb.errors import InvalidInput
+from conflictdb.formats.conflict_gpx import as_gpx
+from conflictdb.formats.conflict_ics import as_ics
 from conflictdb.formats.conflict_text import as_csv, as_geojson, as_json, columns_of
 from conflictdb.formats.whole_files import whole_file
 from conflictdb.model.results import Approach, Conflict, Listing, Stream
 
 _PARQUET: Final = ".parquet"
-_FORMATS: Final = (".geojson", ".json", ".csv", _PARQUET)
+_FORMATS: Final = (".geojson", ".json", ".csv", ".gpx", ".ics", _PARQUET)
+_OF_CONFLICTS: Final = {".gpx": "GPX", ".ics": "iCalendar", _PARQUET: "GeoParquet"}
 
 
 def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
-    """Write conflicts or closest approaches, of a database or of `solve`, as GeoJSON, JSON, CSV or GeoParquet.
+    """Write conflicts or closest approaches, of a database or of `solve`, to a file.
 
     Members and columns are those of the views `conflicts` and `approaches`; columns that only a database fills are null
     without one. A CSV file without rows has the columns of conflicts, unless it is an empty answer of
@@ -27,8 +30,9 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
     results : iterable of Conflict, or of Approach
         Results of a database also give GeoJSON their completeness. They are written as they arrive.
     path : str or Path
-        The file; its name ends in .geojson, .json or .csv, with .gz added to compress it; or in .parquet, for
-        conflicts, which needs the extra `parquet`.
+        The file; its name ends in .geojson, .json or .csv, with .gz added to compress it. Conflicts also as .gpx (a
+        waypoint where each pair first touches), .ics (an event for each period), and .parquet, which needs the extra
+        `parquet`.
 
     Raises
     ------
@@ -52,10 +56,10 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
     first = list(islice(rows, 1))
     kind = listing.kind if listing is not None else Approach if first and isinstance(first[0], Approach) else Conflict
     each = _each(chain(first, rows), kind, InvalidInput("write", "results", rule, str(path)))
+    if kind is Approach and suffix in _OF_CONFLICTS:
+        rule = f"are closest approaches: only conflicts are written as {_OF_CONFLICTS[suffix]}"
+        raise InvalidInput("write", "results", rule, str(path))
     if suffix == _PARQUET:
-        if kind is Approach:
-            rule = "are closest approaches: only conflicts are written as GeoParquet"
-            raise InvalidInput("write", "results", rule, str(path))
         from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
         from conflictdb.formats.parquet_writing import write_conflicts  # needs pyarrow
 
@@ -66,6 +70,8 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
         lines = as_csv(each, columns_of(kind))
     elif suffix == ".json":
         lines = as_json(each)
+    elif suffix in (".gpx", ".ics"):
+        lines = (as_gpx if suffix == ".gpx" else as_ics)(cast("Iterator[Conflict]", each))
     else:
         lines = as_geojson(each, [listing.state] if listing is not None else [])
     write_lines(path, lines)

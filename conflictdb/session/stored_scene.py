@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Unpack
+from typing import IO, TYPE_CHECKING, Any, Final, Unpack
 
 import psycopg
 
@@ -18,7 +18,17 @@ from conflictdb.formats.reading import is_parquet
 from conflictdb.formats.whole_files import whole_file
 from conflictdb.model import inputs
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.results import Approach, Conflict, ConflictEvent, Explanation, Kind, Listing, SceneState, Stream
+from conflictdb.model.results import (
+    Approach,
+    Conflict,
+    ConflictEvent,
+    Explanation,
+    Kind,
+    Listing,
+    SceneState,
+    Stream,
+    Verdict,
+)
 from conflictdb.model.settings import STORED_BY_DETECT, Changes
 from conflictdb.stages.memory import LEAST_MEMORY_MB, MEMORY_MB
 
@@ -30,6 +40,9 @@ if TYPE_CHECKING:
     from conflictdb.db.import_computed import WrittenBack
 
 _log = logging.getLogger(__name__)
+
+# Verdicts of conflicts; near is none.
+_SELECTED: Final = (Verdict.CONFLICT, Verdict.GRAZING, Verdict.UNRESOLVED)
 
 
 class StoredScene:
@@ -150,15 +163,48 @@ class StoredScene:
             self.connection, self.name, of.settings, states, found, lock_timeout_s=lock_timeout_s, say=say
         )
 
-    def conflicts(self, at: inputs.Instant | None = None, *, with_region: bool = False) -> Listing[Conflict]:
-        """Return the known conflicts, with `at` only those at that instant.
+    def conflicts(
+        self,
+        at: inputs.Instant | None = None,
+        *,
+        key: str | None = None,
+        from_: inputs.Instant | None = None,
+        to: inputs.Instant | None = None,
+        since: inputs.Instant | None = None,
+        verdict: Verdict | str | None = None,
+        acknowledged: bool | None = None,
+        with_region: bool = False,
+    ) -> Listing[Conflict]:
+        """Return the known conflicts, earliest first, by default all.
 
-        Regions (`region`) are read only `with_region`. The list says whether it is complete (`is_current`, `state`);
-        while changes of the scene wait for detection an IncompleteWarning is issued.
+        The list says whether it is complete (`is_current`, `state`); while changes of the scene wait for detection an
+        IncompleteWarning is issued.
+
+        Parameters
+        ----------
+        at : instant, optional
+            Only conflicts at that instant.
+        key : str, optional
+            Only conflicts of that object.
+        from_, to : instant, optional
+            Only conflicts with a period in this span; `to` is exclusive.
+        since : instant, optional
+            Only conflicts that opened or changed since then.
+        verdict : str, optional
+            Only ``conflict``, ``grazing`` or ``unresolved``.
+        acknowledged : bool, optional
+            Only conflicts that are acknowledged, or that are not.
+        with_region : bool
+            Read the regions (`region`), too.
+
+        Raises
+        ------
+        InvalidInput
+            The scene or the object does not exist, or a span or verdict is none.
         """
-        instant = None if at is None else inputs.moment("conflicts", "at", at)
+        which = _selection("conflicts", at, key, from_, to, since, verdict, acknowledged)
         with store.transaction(self.connection):
-            found = store.conflicts(self.connection, self.name, instant, with_region=with_region)
+            found = store.conflicts(self.connection, self.name, which, with_region=with_region)
         _warn_if_incomplete(found.state)
         for conflict in found:
             conflict.found_by(self)
@@ -174,16 +220,25 @@ class StoredScene:
         _warn_if_incomplete(found.state)
         return found
 
-    def stream_conflicts(self, at: inputs.Instant | None = None, *, with_region: bool = False) -> Stream[Conflict]:
+    def stream_conflicts(
+        self,
+        at: inputs.Instant | None = None,
+        *,
+        key: str | None = None,
+        from_: inputs.Instant | None = None,
+        to: inputs.Instant | None = None,
+        since: inputs.Instant | None = None,
+        verdict: Verdict | str | None = None,
+        acknowledged: bool | None = None,
+        with_region: bool = False,
+    ) -> Stream[Conflict]:
         """Return the conflicts of `conflicts` as a stream: little memory, however many there are.
 
         A transaction stays open on the connection until the stream is exhausted or closed.
         """
-        instant = None if at is None else inputs.moment("stream_conflicts", "at", at)
+        which = _selection("stream_conflicts", at, key, from_, to, since, verdict, acknowledged)
         state = self._state()
-        return Stream(
-            state, store.each_conflict(self.connection, self.name, instant, with_region=with_region), Conflict
-        )
+        return Stream(state, store.each_conflict(self.connection, self.name, which, with_region=with_region), Conflict)
 
     def stream_approaches(self, *, only_near: bool = False) -> Stream[Approach]:
         """Return the closest approaches of `approaches` as a stream; `only_near` leaves out pairs in conflict.
@@ -465,7 +520,7 @@ class StoredScene:
         keys = None if a_key is None or b_key is None else (a_key, b_key)
         with store.transaction(self.connection):
             settings, areas, tracks = self._read(keys)
-            found = store.conflicts(self.connection, self.name, with_region=keys is None, keys=keys)
+            found = store.conflicts(self.connection, self.name, store.Selection(keys=keys), with_region=keys is None)
             known = list(found)
             if keys is not None and not known:
                 near = store.each_approach(self.connection, self.name, only_near=True, keys=keys)
@@ -543,6 +598,28 @@ class StoredScene:
     def _read(self, keys: Sequence[str] | None = None) -> tuple[Scene, list[Area], list[Track]]:
         with store.transaction(self.connection):
             return store.read_scene(self.connection, self.name, keys)
+
+
+def _selection(
+    who: str,
+    at: inputs.Instant | None,
+    key: str | None,
+    from_: inputs.Instant | None,
+    to: inputs.Instant | None,
+    since: inputs.Instant | None,
+    verdict: Verdict | str | None,
+    acknowledged: bool | None,
+) -> store.Selection:
+    """Return what to select; raises InvalidInput for a span that ends before it begins, and unknown verdicts."""
+    given = {"at": at, "from_": from_, "to": to, "since": since}
+    when = {field: None if one is None else inputs.moment(who, field, one) for field, one in given.items()}
+    start, end = when["from_"], when["to"]
+    if start is not None and end is not None and end <= start:
+        raise InvalidInput(who, "to", f"must be after from_; got {start} and {end}")
+    if verdict is not None and verdict not in _SELECTED:
+        raise InvalidInput(who, "verdict", f"must be one of {', '.join(_SELECTED)}; got {verdict!r}")
+    chosen = None if verdict is None else Verdict(verdict)
+    return store.Selection(when["at"], key, start, end, when["since"], chosen, acknowledged)
 
 
 def _plans(given: Any) -> list[Area | Track]:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import pytest
 from commands import STRAIT, Run, runner
@@ -91,6 +92,83 @@ def test_conflicts_at_an_instant(run: Run) -> None:
     assert pairs(run(*at, "2026-06-01T13:37:00+02:00").out) == {("CABLE", "SUB-1"), ("DIVING", "FIRING")}
     assert run(*at, "2027-01-01T00:00:00Z").out == "[]\n"
     assert run(*at, "2026-06-01T11:47:00").code == 2
+
+
+def test_conflicts_are_selected(run: Run) -> None:
+    """By object, span, age, verdict and acknowledgement, alone and together."""
+    run("detect", STRAIT)
+
+    def found(*words: str) -> set[tuple[str, str]]:
+        done = run("conflicts", "--scene", "strait", "--format", "json", *words)
+        assert done.code == 0, done.err
+        return pairs(done.out)
+
+    assert found("FERRY") == {pair for pair in EXPECTED if "FERRY" in pair}
+    early = {("DIVING", "FERRY"), ("FERRY", "TOW"), ("FIRING", "FERRY"), ("DIVING", "SUB-2"), ("CABLE", "SUB-1")}
+    assert found("--to", "2026-06-01T10:00Z") < EXPECTED
+    assert found("--from", "2026-06-01T11:00Z") | found("--to", "2026-06-01T11:00Z") == EXPECTED
+    assert found("FERRY", "--from", "2026-06-01T09:07Z", "--to", "2026-06-01T12:00Z") <= early
+    assert found("--from", "2027-01-01T00:00Z") == found("--to", "2026-01-01T00:00Z") == set()
+    assert found("--since", "1h") == EXPECTED
+    assert found("--since", "2100-01-01T00:00Z") == set()
+    assert found("--verdict", "conflict") == EXPECTED
+    assert found("--verdict", "grazing") == set()
+    assert found("--acknowledged", "no") == EXPECTED
+    run("acknowledge", "--scene", "strait", "FERRY", "TOW", "--reason", "agreed, by radio")
+    assert found("--acknowledged", "yes") == {("FERRY", "TOW")}
+    assert found("--acknowledged", "no", "FERRY") == {("DIVING", "FERRY"), ("FIRING", "FERRY")}
+    wrong = run("conflicts", "FERRI", "--scene", "strait")
+    assert (wrong.code, "'FERRI': key: is no object of scene 'strait'" in wrong.err) == (4, True), wrong.err
+    backwards = run("conflicts", "--scene", "strait", "--from", "2026-06-02T00:00Z", "--to", "2026-06-01T00:00Z")
+    assert (backwards.code, "must be after from_" in backwards.err) == (4, True)
+    assert run("conflicts", "FERRY", "--scene", "strait", "--known-at", "2100-01-01T00:00Z").code == 2
+
+
+def test_local_times_are_read_and_shown(run: Run) -> None:
+    run("detect", STRAIT)
+    local = ("conflicts", "--scene", "strait", "--tz", "Europe/Copenhagen")
+    table = run(*local, "FERRY", "--to", "2026-06-01 11:05").out.splitlines()
+    assert table[0].split() == ["A", "B", "VERDICT", "FIRST", "CONTACT", "LAST", "CONTACT", "PERIODS"]
+    assert table[1].split()[:2] == ["FIRING", "FERRY"]
+    assert "  2026-06-01 10:11:17+02:00  2026-06-01 11:07:24+02:00  " in table[1]
+    assert len(table) == 3
+    day = run(*local, "--from", "2026-06-01", "--to", "2026-06-02", "--format", "json").out
+    assert pairs(day) == EXPECTED
+    assert run(*local, "--at", "2026-10-25T02:30").code == 2  # twice
+    assert run(*local, "--at", "2026-03-29T02:30").code == 2  # never
+    assert run(*local, "--at", "2026-10-25T02:30+02:00").code == 0
+    for wrong in (("--tz", "Mars/Olympus"), ("--at", "2026-06-01T09:00"), ("--at", "nine"), ("--since", "yesterday")):
+        done = run("conflicts", "--scene", "strait", *wrong)
+        assert (done.code, done.out) == (2, ""), done.err
+
+
+def test_a_table_shows_more_on_request(run: Run) -> None:
+    run("detect", STRAIT)
+    run("acknowledge", "--scene", "strait", "FERRY", "TOW", "--reason", "seen\x1b[2J")
+    shown = ("conflicts", "--scene", "strait", "FERRY", "--show")
+    lines = run(*shown, "position, microseconds,acknowledged").out.splitlines()
+    assert lines[0].split()[-9:-5] == ["LATITUDE", "LONGITUDE", "ACKNOWLEDGED", "BY"]
+    (tow,) = [line for line in lines if line.startswith("FERRY ")]
+    row = json.loads(run("conflicts", "--scene", "strait", "--format", "json", "FERRY").out)[-1]
+    lon, lat = row["first_contact_point"]["coordinates"]
+    assert f" {lat:.6f}   {lon:.6f} " in tow
+    assert re.search(r" 2026-06-01 \d\d:\d\d:\d\d\.\d{6} ", tow)
+    assert tow.endswith("  seen\\x1b[2J")
+    assert run(*shown, "colour").code == 2
+
+
+def test_plotters_and_calendars_get_files(run: Run) -> None:
+    run("detect", STRAIT)
+    gpx = ET.fromstring(run("conflicts", "--scene", "strait", "--format", "gpx").out.encode())  # noqa: S314
+    names = {one.text for one in gpx.iter("{http://www.topografix.com/GPX/1/1}name")}
+    assert names == {f"{a} / {b}" for a, b in EXPECTED}
+    calendar = run("conflicts", "--scene", "strait", "--format", "ics").out
+    assert calendar.count("BEGIN:VEVENT") == 9  # SURVEY enters FIRING three times
+    again = run("conflicts", "--scene", "strait", "--format", "ics").out
+    assert again == calendar
+    both = run("detect", "--scene", "strait", "--nearest-m", "5000", "--format", "ics")
+    assert both.out.count("BEGIN:VEVENT") == 9
+    assert "no start or no end" in both.err
 
 
 def test_settings_given_once_stay_and_recompute(run: Run) -> None:

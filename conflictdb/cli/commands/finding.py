@@ -3,6 +3,7 @@
 from typing import Any
 
 from conflictdb.cli.parser import (
+    APPROACH_FORMATS,
     FORMATS,
     add_fail_on_conflict,
     add_format,
@@ -15,9 +16,23 @@ from conflictdb.cli.parser import (
     add_scene,
     add_settings,
     add_wait,
+    add_zone,
     command,
 )
-from conflictdb.cli.values import count, duration_s, height, instant, instants, metres, name, whole
+from conflictdb.cli.values import (
+    MORE_COLUMNS,
+    columns,
+    count,
+    duration_s,
+    height,
+    instant,
+    instants,
+    metres,
+    name,
+    time,
+    time_or_age,
+    whole,
+)
 from conflictdb.model.settings import STORED_BY_DETECT
 
 
@@ -74,9 +89,17 @@ def _detect(commands: Any) -> None:
 
 def _conflicts(commands: Any) -> None:
     parser = command(commands, "conflicts", "detecting:conflicts", "print known conflicts", "Does not detect.")
+    parser.add_argument("key", nargs="?", metavar="KEY", help="only of this object")
     add_scene(parser)
-    parser.add_argument("--at", type=instant, metavar="TIME", help="those at this time (ISO 8601 with offset)")
-    parser.add_argument("--known-at", type=instant, metavar="TIME", help="those known at this time")
+    parser.add_argument("--at", type=time, metavar="TIME", help="at this time (ISO 8601 with offset, or --tz)")
+    parser.add_argument("--from", dest="start", type=time, metavar="TIME", help="with a period after TIME")
+    parser.add_argument("--to", dest="end", type=time, metavar="TIME", help="with a period before TIME")
+    parser.add_argument("--since", type=time_or_age, metavar="TIME", help="new or changed since TIME, or 24h ago")
+    parser.add_argument("--verdict", choices=("conflict", "grazing", "unresolved"), help="with this verdict")
+    parser.add_argument("--acknowledged", choices=("yes", "no"), help="acknowledged or not")
+    parser.add_argument("--known-at", type=time, metavar="TIME", help="as known at TIME")
+    add_zone(parser)
+    parser.add_argument("--show", type=columns, default=frozenset(), metavar="COLUMN,…", help=", ".join(MORE_COLUMNS))
     add_wait(parser)
     add_require_current(parser)
     add_output(parser)
@@ -93,7 +116,7 @@ def _approaches(commands: Any) -> None:
     add_scene(parser)
     add_wait(parser)
     add_require_current(parser)
-    add_format(parser, *FORMATS)
+    add_format(parser, *APPROACH_FORMATS)
 
 
 def _explain(commands: Any) -> None:

@@ -42,6 +42,7 @@ from conflictdb.db.store.detections import (
 from conflictdb.db.store.few import Begun, Few, begin_detection, put_pieces, some_areas, some_tracks
 from conflictdb.db.store.listing import (
     RunStatus,
+    Selection,
     approaches,
     conflict_events,
     conflicts,
@@ -144,6 +145,7 @@ __all__ = [
     "RunStatus",
     "Say",
     "SceneStatus",
+    "Selection",
     "Service",
     "Share",
     "Shared",

@@ -59,6 +59,32 @@ class RunStatus:
     error: str | None
 
 
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Which conflicts of a scene to read; None: all.
+
+    at : those at an instant
+    key : those of one object
+    start, end : those with a period in [start, end)
+    since : those that opened or changed since then
+    verdict : those with this verdict
+    acknowledged : those that are acknowledged, or that are not
+    keys : those among these objects
+    """
+
+    at: datetime | None = None
+    key: str | None = None
+    start: datetime | None = None
+    end: datetime | None = None
+    since: datetime | None = None
+    verdict: Verdict | None = None
+    acknowledged: bool | None = None
+    keys: Sequence[str] | None = None
+
+
+ALL: Final = Selection()
+
+
 def scene_state(conn: psycopg.Connection[Any], scene: str) -> SceneState:
     """Return whether the answers for a scene are complete; InvalidInput if the scene does not exist."""
     with transaction(conn):
@@ -75,19 +101,15 @@ def wait_until_current(conn: psycopg.Connection[Any], scene: str, timeout: timed
 def conflicts(
     conn: psycopg.Connection[Any],
     scene: str,
-    at: datetime | None = None,
+    which: Selection = ALL,
     *,
     with_region: bool = False,
-    keys: Sequence[str] | None = None,
 ) -> Listing[Conflict]:
-    """Return the conflicts of a scene, or those at an instant, earliest first; InvalidInput if it does not exist.
-
-    keys : only conflicts among these objects; None: all
-    """
+    """Return the selected conflicts of a scene, earliest first; InvalidInput if it or an object does not exist."""
     with transaction(conn):
         # State before list: a detection that ends in between makes the list better than its state says, never worse.
         state = scene_state(conn, scene)
-        return Listing(state, each_conflict(conn, scene, at, with_region=with_region, keys=keys), Conflict)
+        return Listing(state, each_conflict(conn, scene, which, with_region=with_region), Conflict)
 
 
 def approaches(conn: psycopg.Connection[Any], scene: str) -> Listing[Approach]:
@@ -100,17 +122,18 @@ def approaches(conn: psycopg.Connection[Any], scene: str) -> Listing[Approach]:
 def each_conflict(
     conn: psycopg.Connection[Any],
     scene: str,
-    at: datetime | None = None,
+    which: Selection = ALL,
     *,
     with_region: bool = False,
-    keys: Sequence[str] | None = None,
 ) -> Generator[Conflict, None, None]:
     """Yield the result of `conflicts`, fetched as it is consumed.
 
     One transaction, with one cursor, is open until all are read.
     """
-    among = None if keys is None else list(keys)
-    with transaction(conn), closing(call_each(conn, "_conflicts", scene, at, with_region, among)) as rows:
+    among = None if which.keys is None else list(which.keys)
+    verdict = None if which.verdict is None else str(which.verdict)
+    asked = (which.at, with_region, among, which.key, which.start, which.end, which.since, verdict, which.acknowledged)
+    with transaction(conn), closing(call_each(conn, "_conflicts", scene, *asked)) as rows:
         for row in rows:
             a_key, a_kind, b_key, b_kind, periods, verdict, region, lon_deg, lat_deg, method, time_error_s, *rest = row
             is_current, run_id, found_at, closest_at, closest_m, closest_error_m, *rest = rest
