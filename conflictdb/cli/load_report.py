@@ -9,7 +9,7 @@ from datetime import UTC, datetime, timedelta, tzinfo
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from conflictdb.cli.codes import DONE, NOT_CURRENT
-from conflictdb.cli.output import binary, data, out, remark, table
+from conflictdb.cli.output import as_called, binary, data, out, remark, table
 from conflictdb.errors import MOST_TOLD, NotCurrent
 from conflictdb.formats import Skipped, conflict_text
 from conflictdb.formats.conflict_gpx import as_gpx, position_of
@@ -19,6 +19,7 @@ from conflictdb.session.loading import Loaded
 
 if TYPE_CHECKING:
     from conflictdb.db.detect import Run
+    from conflictdb.db.store import SceneStatus
 
 _SECOND = timedelta(seconds=1)
 
@@ -171,6 +172,27 @@ def conflict_table(
         for row, conflict in zip(rows, conflicts, strict=True):
             row.insert(0, conflict.scene)
     return table(header, rows, right=["PERIODS", "LATITUDE", "LONGITUDE"])
+
+
+def scene_table(scenes: Sequence["SceneStatus"]) -> str:
+    """Return a table of scenes and their last detections."""
+    if not scenes:
+        return as_called("no scenes: `conflictdb demo` or `conflictdb load FILE` makes one")
+    header = ["SCENE", "AREAS", "TRACKS", "PENDING", "CONFLICTS", "RUN", "FINISHED (UTC)", "RESULT"]
+    rows = [
+        [
+            *(one.scene.name, one.areas, one.tracks, one.pending, one.conflicts, one.run_id),
+            *(moment_text(one.finished_at, up=False) if one.finished_at else None, _result(one)),
+        ]
+        for one in scenes
+    ]
+    return table(header, rows, right=header[1:6])
+
+
+def _result(scene: "SceneStatus") -> str:
+    if scene.run_id is None:
+        return "never detected"
+    return f"failed: {scene.error}" if scene.error else "done"
 
 
 def _add_columns(

@@ -9,7 +9,7 @@ from conflictdb.db import extension as files
 
 def extension(args: argparse.Namespace) -> int:
     """Write the files of the extension."""
-    directory = args.directory if args.action == "build" else files.install_directory(args.pg_config)
+    directory = args.directory or files.install_directory(args.pg_config)
     for path in files.build(directory):
         out(str(path))
     return DONE

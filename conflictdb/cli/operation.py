@@ -5,14 +5,13 @@ from contextlib import ExitStack, suppress
 from typing import Any
 
 from conflictdb.cli.codes import DONE, FAILED
-from conflictdb.cli.load_report import moment_text, remark_incomplete
+from conflictdb.cli.load_report import remark_incomplete, scene_table
 from conflictdb.cli.log import JSON_LOG, TEXT_LOG
-from conflictdb.cli.output import as_called, data, note, out, remark, table
+from conflictdb.cli.output import data, note, out, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import connections, database
 from conflictdb.cli.watch import Metrics, served
 from conflictdb.db import schema, store
-from conflictdb.db.store import SceneStatus
 from conflictdb.formats.instants import format_moment
 from conflictdb.formats.json_text import dumped
 from conflictdb.session.database import Status, connect
@@ -61,26 +60,8 @@ def status(args: argparse.Namespace) -> int:
     out(f"schema    {state.revision}")
     out(f"workers   {state.worker_count}")
     out()
-    header = ["SCENE", "AREAS", "TRACKS", "PENDING", "CONFLICTS", "RUN", "FINISHED (UTC)", "RESULT"]
-    rows = [
-        [
-            *(scene.scene.name, scene.areas, scene.tracks, scene.pending, scene.conflicts, scene.run_id),
-            *(moment_text(scene.finished_at, up=False) if scene.finished_at else None, _result(scene)),
-        ]
-        for scene in state.scenes
-    ]
-    out(
-        table(header, rows, right=header[1:6])
-        if rows
-        else as_called("no scenes: `conflictdb demo` or `conflictdb load FILE` makes one")
-    )
+    out(scene_table(state.scenes))
     return DONE
-
-
-def _result(scene: SceneStatus) -> str:
-    if scene.run_id is None:
-        return "never detected"
-    return f"failed: {scene.error}" if scene.error else "done"
 
 
 def _members(state: Status) -> dict[str, Any]:

@@ -40,7 +40,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options | {"add_help": False, "allow_abbrev": False})
-        self._positionals.title = "arguments"
+        self._positionals.title = self._optionals.title = None
         self.add_argument("-h", "--help", action="help", help=argparse.SUPPRESS)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
@@ -128,15 +128,9 @@ def command(commands: Any, word: str, target: str, summary: str, more: str = "")
     return parser
 
 
-def action(actions: Any, word: str, summary: str) -> Parser:
-    """Add an action of a command."""
-    parser: Parser = actions.add_parser(word, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
-    return parser
-
-
 def add_scene(parser: Parser, more: str = "") -> None:
     """Add `--scene`, which every command may leave out."""
-    parser.add_argument("--scene", type=name, metavar="NAME", help=f"scene (default: last used{more})")
+    parser.add_argument("--scene", type=name, metavar="NAME", help=f"default: last used{more}")
     parser.set_defaults(needs_scene=True)
 
 

@@ -19,7 +19,7 @@ from conflictdb.model.results import Conflict, SceneState, Verdict
 if TYPE_CHECKING:
     import shapely
 
-_SIZES = ("fore_m", "aft_m", "port_m", "starboard_m")
+_POINT = {"fore_m": 0.0, "aft_m": 0.0, "port_m": 0.0, "starboard_m": 0.0}
 
 
 def probe(args: argparse.Namespace) -> int:
@@ -31,7 +31,7 @@ def probe(args: argparse.Namespace) -> int:
             (sum(given) != 1, "give files, or --footprint of an area, or --path of a track"),
             (args.path is not None and args.times is None, "--path needs --times, one for each waypoint"),
             (args.path is None and args.times is not None, "--times is for --path"),
-            (args.path is None and any(_sizes(args).values()), "--fore-m and the like are for --path"),
+            (args.path is None and args.haven is not None, "--haven is for --path"),
             (args.footprint is None and (args.start or args.end) is not None, "--from and --to are for --footprint"),
             (bool(args.files) and args.key is not None, "--key is for --footprint and --path: files have keys"),
             (bool(args.files) and (args.floor_m, args.ceiling_m) != (None, None), "files have heights of their own"),
@@ -107,12 +107,8 @@ def _plans(args: argparse.Namespace) -> list[Area | Track]:
         plans.append(Area(key, footprint, start_us=args.start, end_us=args.end, **heights))
     if args.path is not None:
         path: Any = _geometry(key, "path", args.path, ("LineString",))
-        plans.append(Track(key, path, args.times, rectangle_outline_m(**_sizes(args)), **heights))
+        plans.append(Track(key, path, args.times, rectangle_outline_m(**args.haven or _POINT), **heights))
     return plans
-
-
-def _sizes(args: argparse.Namespace) -> dict[str, float]:
-    return {name: getattr(args, name) for name in _SIZES}
 
 
 def _geometry(key: str, field: str, text: str, kinds: tuple[str, ...]) -> "shapely.Geometry":

@@ -27,15 +27,15 @@ def database(args: argparse.Namespace) -> Iterator[Database]:
 
     Commands that need a scene get the usual one without --scene, and a scene that was named and used is remembered.
     """
-    given = getattr(args, "scene", None)
+    given, usual = getattr(args, "scene", None), None
     with warnings.catch_warnings(), connect(args.dsn, say=note) as opened:
         warnings.simplefilter("ignore", IncompleteWarning)  # commands print their own remarks
         with store.waiting_at_most(opened.connection, getattr(args, "lock_timeout", None)):
             if given is None and args.needs_scene:
-                args.scene = _needed_scene(opened, args)
+                args.scene = usual = _needed_scene(opened, args)
             yield opened
-            if given is not None:
-                remember(_name(opened), given)
+            if (used := getattr(args, "scene", None)) is not None and used != usual:
+                remember(_name(opened), used)
 
 
 def usual_scene(db: Database) -> str | None:

@@ -1,4 +1,4 @@
-"""`share`, `unshare` and `protect`."""
+"""`share` and `protect`."""
 
 import argparse
 from collections.abc import Iterator
@@ -14,22 +14,17 @@ from conflictdb.session.database import Database
 
 
 def share(args: argparse.Namespace) -> int:
-    """Share a scene with a role, or list its shares."""
+    """Share a scene with a role, withdraw a share, or list the shares."""
     check(args, [(args.role is None and args.access is not None, "--access goes with a role")])
     with _with_notices(args) as db:
         if args.role is None:
             found = db.scene(args.scene).shares()
             out(_table(found) if found else "belongs to nobody, and is shared with nobody")
+        elif args.access == "none":
+            out("taken back" if db.scene(args.scene).unshare(args.role) else "was not shared with it")
         else:
             db.scene(args.scene).share(args.role, args.access or "read")
             out(f"{args.scene}: {args.role} may {args.access or 'read'} it")
-    return DONE
-
-
-def unshare(args: argparse.Namespace) -> int:
-    """Withdraw a share."""
-    with _with_notices(args) as db:
-        out("taken back" if db.scene(args.scene).unshare(args.role) else "was not shared with it")
     return DONE
 
 

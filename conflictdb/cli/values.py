@@ -82,6 +82,15 @@ def metres(text: str) -> float:
     return _number(text, "a number of metres, 0 or more", least=0.0)
 
 
+def haven(text: str) -> dict[str, float]:
+    """Return how far a haven reaches, metres, of ``500,200,150,150``: fore, aft, port, starboard."""
+    parts = text.split(",")
+    if len(parts) != 4:
+        raise argparse.ArgumentTypeError(f"must be FORE,AFT,PORT,STARBOARD in metres; got {text!r}")
+    sides = ("fore_m", "aft_m", "port_m", "starboard_m")
+    return {side: metres(part) for side, part in zip(sides, parts, strict=True)}
+
+
 def speed_kn(text: str) -> float:
     """Return a speed in knots, more than 0."""
     value = _number(text, "a speed in knots, more than 0", least=0.0)

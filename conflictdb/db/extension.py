@@ -140,7 +140,7 @@ def install_directory(pg_config: str) -> Path:
         raise ServerError(
             f"{pg_config} does not say where its server looks for extensions ({error}): name the pg_config of the "
             "server, --pg-config /usr/lib/postgresql/17/bin/pg_config, or write the files anywhere by "
-            "`conflictdb admin extension build` and copy them"
+            "`conflictdb admin extension DIRECTORY` and copy them"
         ) from error
     directory = Path(shared, "extension")
     if not directory.is_dir():

@@ -386,7 +386,7 @@ def _update_extension(conn: psycopg.Connection[Any], found: str) -> None:
         if _one(conn, known, head()) is not True:
             raise SchemaOutdated(
                 f"database {conn.info.dbname!r} has conflictdb as an extension, of version {found}, and its server has "
-                f"no files of version {head()}: run `conflictdb admin extension install` on the machine of the server, "
+                f"no files of version {head()}: run `conflictdb admin extension` on the machine of the server, "
                 "then `conflictdb admin upgrade` again"
             )
         conn.execute(sql.SQL("ALTER EXTENSION conflictdb UPDATE TO {}").format(sql.Literal(head())))

@@ -457,6 +457,38 @@ class StoredScene:
         """Update the scene from the tables that this connection's role attached, as its detections do first."""
         follow_attached.follow(self.connection, self.name, again=True)
 
+    def objects(self) -> list[store.ObjectSummary]:
+        """Return the areas and tracks, by key: kind, name, times and heights."""
+        return store.list_objects(self.connection, self.name)
+
+    def rename(self, name: str) -> None:
+        """Rename the scene; conflicts and history stay. Raises InvalidInput if the name is taken."""
+        store.rename_scene(self.connection, self.name, name)
+        self.name = name
+
+    def copy(self, name: str) -> "StoredScene":
+        """Copy settings and objects into a new scene, and return it; it waits for a detection.
+
+        Raises InvalidInput if the name is taken.
+        """
+        store.copy_scene(self.connection, self.name, name)
+        return StoredScene(name, self._connected)
+
+    def delete(self) -> None:
+        """Remove the scene with its objects, conflicts and history.
+
+        Raises StoreError if the scene is protected and belongs to another role.
+        """
+        store.remove_scene(self.connection, self.name)
+
+    def rename_object(self, key: str, new_key: str) -> None:
+        """Give an object another key; raises InvalidInput if it does not exist, or the new key is taken."""
+        store.rename_object(self.connection, self.name, key, new_key)
+
+    def delete_objects(self, *keys: str) -> None:
+        """Remove objects, all or none; raises InvalidInput if one does not exist."""
+        store.remove_objects(self.connection, self.name, keys)
+
     def share(self, role: str, access: str = "read") -> None:
         """Let a role of the database see the scene, once scenes are protected; only for the scene's owner.
 

@@ -382,7 +382,7 @@ def test_probe_says_what_a_plan_would_meet(run: Run) -> None:
     assert {(row["a_key"], row["b_key"]) for row in rows} == {("FIRING", "plan"), ("plan", "SUB-2"), ("plan", "FERRY")}
     assert {row["verdict"] for row in rows} == {"conflict"}
     path = ("--path", "LINESTRING(8.2 57.9, 9.2 58.1)", "--times", "2026-06-01T08:00Z, 2026-06-01T11:00Z")
-    sizes = ("--fore-m", "500", "--aft-m", "500", "--port-m", "300", "--starboard-m", "300")
+    sizes = ("--haven", "500,500,300,300")
     told = run(*ask, *path, *sizes, "--key", "SUB-1", "--fail-on-conflict")
     assert (told.code, told.out.count("\n")) == (10, 2)
     assert re.search(r"SUB-1 +CABLE +SUB-1 +conflict +2026-06-01 08:41:18", told.out)
@@ -402,7 +402,15 @@ def test_probe_says_what_a_plan_would_meet(run: Run) -> None:
         wrong = run(*ask, *plan)
         assert (wrong.code, message in wrong.err) == (4, True), wrong.err
     assert run("probe", "--scene", "nowhere", *path).code == 4
-    for usage in ((), (*path, *area), path[:2], (*area, "--times", path[3]), (*area, "--fore-m", "5"), (STRAIT, *area)):
+    for usage in (
+        (),
+        (*path, *area),
+        path[:2],
+        (*area, "--times", path[3]),
+        (*area, "--haven", "5,5,5,5"),
+        (*path, "--haven", "5,5,5"),
+        (STRAIT, *area),
+    ):
         assert run(*ask, *usage).code == 2
     for usage in ((*path, "--from", "2026-06-01T08:00Z"), (STRAIT, "--key", "K"), (STRAIT, "--floor-m", "1")):
         assert run(*ask, *usage).code == 2

@@ -53,7 +53,7 @@ def server() -> Iterator[tuple[Path, str]]:
 def installed(server: tuple[Path, str], capsys: pytest.CaptureFixture[str]) -> str:
     """A server with the files of this program: how to connect to it."""
     programs, dsn = server
-    done = runner("", capsys)("admin", "extension", "install", "--pg-config", str(programs / "pg_config"))
+    done = runner("", capsys)("admin", "extension", "--pg-config", str(programs / "pg_config"))
     assert done.code == 0, done.err
     assert f"conflictdb--{schema.head()}.sql" in done.out
     return dsn
@@ -183,7 +183,7 @@ def test_updates_take_the_data_along(
         schema.check(conn)
     with pytest.raises(SchemaOutdated, match=f"of version {former}, .* no files of version {schema.head()}: run `conf"):
         schema.upgrade(database)
-    done = runner("", capsys)("admin", "extension", "install", "--pg-config", str(server[0] / "pg_config"))
+    done = runner("", capsys)("admin", "extension", "--pg-config", str(server[0] / "pg_config"))
     assert f"conflictdb--{former}--{schema.head()}.sql" in done.out
     assert schema.upgrade(database) == schema.head()
     with connect(database) as db:
@@ -227,6 +227,6 @@ def test_who_may_create_schemas_may_create_it_and_is_told_what_to_grant(installe
 
 
 def test_a_server_that_is_not_there_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    done = runner("", capsys)("admin", "extension", "install", "--pg-config", str(tmp_path / "pg_config"))
+    done = runner("", capsys)("admin", "extension", "--pg-config", str(tmp_path / "pg_config"))
     assert (done.code, done.out) == (5, "")
     assert "--pg-config /usr/lib/postgresql/17/bin/pg_config, or" in done.err

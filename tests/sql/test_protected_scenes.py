@@ -373,8 +373,8 @@ def test_shares_from_the_command_line(stage: Stage, capsys: pytest.CaptureFixtur
     run = runner(as_alice, capsys)
     assert "may write it" in run("admin", "share", stage.bob, "--scene", "hers", "--access", "write").out
     assert [row.split()[1] for row in run("admin", "share", "--scene", "hers").out.splitlines()[1:]] == ["own", "write"]
-    assert run("admin", "unshare", stage.bob, "--scene", "hers").out == "taken back\n"
-    assert run("admin", "unshare", stage.bob, "--scene", "hers").out == "was not shared with it\n"
+    assert run("admin", "share", stage.bob, "--scene", "hers", "--access", "none").out == "taken back\n"
+    assert run("admin", "share", stage.bob, "--scene", "hers", "--access", "none").out == "was not shared with it\n"
     assert run("admin", "share", "no one", "--scene", "hers").code != DONE
     assert "permission denied" in run("admin", "protect", "--off").err
 

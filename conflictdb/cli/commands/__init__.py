@@ -17,7 +17,7 @@ ENVIRONMENT: Final = {
 
 
 GROUPS: Final = (
-    ("plan", ("load", "export")),
+    ("plan", ("load", "scenes", "objects", "rename", "copy", "delete", "export")),
     (
         "ask",
         (

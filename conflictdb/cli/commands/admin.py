@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from conflictdb.cli.parser import Parser, action, command
+from conflictdb.cli.parser import Parser, command
 from conflictdb.cli.values import duration_s, mapping, name
 
 
@@ -28,11 +28,10 @@ def _extension(commands: Any) -> None:
     parser = command(
         commands, "extension", "making_extension:extension", "write the files of the extension conflictdb for a server"
     )
-    actions = parser.add_subparsers(title="actions", dest="action", required=True, metavar="ACTION")
-    build = action(actions, "build", "write them into a directory")
-    build.add_argument("directory", type=Path, metavar="DIRECTORY", help="where to")
-    install = action(actions, "install", "write them to a server of this machine")
-    install.add_argument("--pg-config", metavar="PROGRAM", default="pg_config", help="its pg_config")
+    parser.add_argument(
+        "directory", nargs="?", type=Path, metavar="DIRECTORY", help="default: that of the server of --pg-config"
+    )
+    parser.add_argument("--pg-config", metavar="PROGRAM", default="pg_config", help="default: the one on PATH")
 
 
 def _attach(commands: Any) -> None:
@@ -74,10 +73,9 @@ def _share(commands: Any) -> None:
     )
     parser.add_argument("role", nargs="?", metavar="ROLE", help="role, or public (default: list them)")
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")
-    parser.add_argument("--access", choices=("read", "write", "own"), help="default: read; own: make it the owner")
-    parser = command(commands, "unshare", "share:unshare", "withdraw a share")
-    parser.add_argument("role", metavar="ROLE", help="role")
-    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")
+    parser.add_argument(
+        "--access", choices=("read", "write", "own", "none"), help="default: read; own: make it the owner"
+    )
     parser = command(
         commands,
         "protect",

@@ -24,10 +24,10 @@ from conflictdb.cli.values import (
     columns,
     count,
     duration_s,
+    haven,
     height,
     instant,
     instants,
-    metres,
     name,
     time,
     time_or_age,
@@ -38,7 +38,21 @@ from conflictdb.model.settings import STORED_BY_DETECT
 
 def add(commands: Any) -> None:
     """Add the commands, in the order of the reference."""
-    for add_one in (_load, _export, _detect, _conflicts, _approaches, _probe, _explain, _advise):
+    for add_one in (
+        _load,
+        _scenes,
+        _objects,
+        _rename,
+        _copy,
+        _delete,
+        _export,
+        _detect,
+        _conflicts,
+        _approaches,
+        _probe,
+        _explain,
+        _advise,
+    ):
         add_one(commands)
 
 
@@ -53,6 +67,37 @@ def _load(commands: Any) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help="scene files, moving features, positions or areas")
     parser.add_argument("--scene", type=name, metavar="NAME", help="scene (default: named by the file)")
     add_loading(parser)
+
+
+def _scenes(commands: Any) -> None:
+    command(commands, "scenes", "keeping:scenes", "list scenes")
+
+
+def _objects(commands: Any) -> None:
+    parser = command(commands, "objects", "keeping:objects", "list the objects of a scene")
+    add_scene(parser)
+    add_zone(parser)
+    add_format(parser, "table", "json")
+
+
+def _rename(commands: Any) -> None:
+    parser = command(commands, "rename", "keeping:rename", "rename a scene, or an object")
+    parser.add_argument("key", nargs="?", metavar="KEY", help="key of an object")
+    parser.add_argument("new", type=name, metavar="NEW", help="new name or key")
+    add_scene(parser)
+
+
+def _copy(commands: Any) -> None:
+    parser = command(commands, "copy", "keeping:copy", "copy a scene, without its conflicts")
+    parser.add_argument("new", type=name, metavar="NEW", help="name of the copy")
+    add_scene(parser)
+
+
+def _delete(commands: Any) -> None:
+    parser = command(commands, "delete", "keeping:delete", "delete objects, or a scene")
+    parser.add_argument("keys", nargs="*", metavar="KEY", help="keys of objects")
+    add_scene(parser)
+    parser.add_argument("--all", action="store_true", help="the whole scene, which --scene must name")
 
 
 def _export(commands: Any) -> None:
@@ -111,7 +156,7 @@ def _approaches(commands: Any) -> None:
         "approaches",
         "detecting:approaches",
         "print how close pairs come",
-        "Conflicts, and pairs within the scene's nearest_m. Does not detect.",
+        "Conflicts, and pairs within the scene's nearest_m.",
     )
     add_scene(parser)
     add_wait(parser)
@@ -120,9 +165,7 @@ def _approaches(commands: Any) -> None:
 
 
 def _explain(commands: Any) -> None:
-    parser = command(
-        commands, "explain", "detecting:explain", "say why two objects are in conflict, or not", "Does not detect."
-    )
+    parser = command(commands, "explain", "detecting:explain", "say why two objects are in conflict, or not")
     parser.add_argument("keys", nargs=2, metavar="KEY", help="keys of both objects")
     add_scene(parser)
     add_wait(parser)
@@ -159,8 +202,7 @@ def _probe(commands: Any) -> None:
     parser.add_argument("--to", dest="end", type=instant, metavar="TIME", help="its end")
     parser.add_argument("--path", metavar="WKT", help="a track: LINESTRING, longitude latitude")
     parser.add_argument("--times", type=instants, metavar="TIME,…", help="one for each waypoint")
-    for side, where in (("fore", "ahead"), ("aft", "behind"), ("port", "left"), ("starboard", "right")):
-        parser.add_argument(f"--{side}-m", type=metres, default=0.0, metavar="M", help=f"reach of its haven {where}")
+    parser.add_argument("--haven", type=haven, metavar="FORE,AFT,PORT,STARBOARD", help="of the track, metres")
     parser.add_argument("--floor-m", type=height, metavar="M", help="lowest height")
     parser.add_argument("--ceiling-m", type=height, metavar="M", help="height it stays below")
     parser.add_argument("--key", type=name, help="its key (default: plan)")

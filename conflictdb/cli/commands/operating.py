@@ -27,7 +27,7 @@ def _worker(commands: Any) -> None:
         "worker",
         "operation:work",
         "keep all scenes current",
-        "Detects changes as soon as they are committed. Run any number, on any machine. SIGTERM ends it within 5 s.",
+        "Run any number, on any machine.",
     )
     parser.add_argument("--once", action="store_true", help="detect pending changes and end; exit with 1 on failure")
     parser.add_argument("--every", type=duration_s, metavar="DURATION", help="longest pause (default 60s)")
@@ -60,6 +60,5 @@ def _completion(commands: Any) -> None:
         "completion",
         "completion:completion",
         "print a script that completes commands in a shell",
-        "For bash: conflictdb completion bash > ~/.local/share/bash-completion/completions/conflictdb",
     )
     parser.add_argument("shell", choices=("bash", "zsh", "fish"), metavar="SHELL", help="bash, zsh or fish")

@@ -19,7 +19,7 @@ def _history(commands: Any) -> None:
         "history",
         "history:history",
         "print when conflicts opened, changed and closed",
-        "Of all objects, of one, or of two. Does not detect.",
+        "Of all objects, of one, or of two.",
     )
     parser.add_argument("keys", nargs="*", metavar="KEY", help="one key, or two")
     add_scene(parser)
@@ -61,9 +61,7 @@ def _map(commands: Any) -> None:
 
 
 def _plot(commands: Any) -> None:
-    parser = command(
-        commands, "plot", "pictures:plot", "draw a scene, or two objects", "Needs the extra `plot`. Does not detect."
-    )
+    parser = command(commands, "plot", "pictures:plot", "draw a scene, or two objects", "Needs the extra `plot`.")
     parser.add_argument("file", type=Path, metavar="FILE", help=".png, .svg or .pdf")
     add_scene(parser)
     parser.add_argument("--conflict", nargs=2, metavar=("A", "B"), help="keys of two objects")
@@ -72,9 +70,7 @@ def _plot(commands: Any) -> None:
 
 
 def _report(commands: Any) -> None:
-    parser = command(
-        commands, "report", "pictures:report", "write a report of a scene", "Needs the extra `plot`. Does not detect."
-    )
+    parser = command(commands, "report", "pictures:report", "write a report of a scene", "Needs the extra `plot`.")
     parser.add_argument("file", type=Path, metavar="FILE", help=".html or .pdf")
     add_scene(parser)
     add_wait(parser)

@@ -70,6 +70,15 @@ from conflictdb.db.store.map_rows import (
     tile,
 )
 from conflictdb.db.store.object_states import ObjectStates, cover, object_states
+from conflictdb.db.store.scenes import (
+    ObjectSummary,
+    copy_scene,
+    list_objects,
+    remove_objects,
+    remove_scene,
+    rename_object,
+    rename_scene,
+)
 from conflictdb.db.store.service import (
     WORKER_NAME,
     Service,
@@ -137,6 +146,7 @@ __all__ = [
     "LoadCounts",
     "Numbered",
     "ObjectStates",
+    "ObjectSummary",
     "Parts",
     "Pending",
     "ProbeRequest",
@@ -172,6 +182,7 @@ __all__ = [
     "conflicts",
     "conflicts_known_at",
     "connect",
+    "copy_scene",
     "cover",
     "cover_all",
     "detach",
@@ -189,6 +200,7 @@ __all__ = [
     "is_scene",
     "join",
     "keys_of",
+    "list_objects",
     "list_scenes",
     "listen",
     "longest_wait_s",
@@ -217,6 +229,10 @@ __all__ = [
     "read_settings",
     "record_failure",
     "refuse_probe",
+    "remove_objects",
+    "remove_scene",
+    "rename_object",
+    "rename_scene",
     "replace_pieces",
     "replace_scene",
     "replace_scene_by_parts",

@@ -1,0 +1,117 @@
+-- Listing objects; renaming, copying and removing scenes and objects.
+
+CREATE OR REPLACE FUNCTION list_objects(p_scene text) RETURNS TABLE (
+    key text, kind text, name text, start_at timestamptz, end_at timestamptz, floor_m double precision,
+    ceiling_m double precision
+)
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT a.key, 'area', a.name, lower(a.active_span), upper(a.active_span), a.floor_m, a.ceiling_m
+    FROM area a WHERE a.scene_id = _scene_id(p_scene)
+    UNION ALL
+    SELECT t.key, 'track', t.name, to_timestamp(ST_M(ST_StartPoint(t.path))), to_timestamp(ST_M(ST_EndPoint(t.path))),
+           t.floor_m, t.ceiling_m
+    FROM track t WHERE t.scene_id = _scene_id(p_scene)
+    ORDER BY 1;
+END;
+COMMENT ON FUNCTION list_objects(text) IS
+'Areas and tracks of a scene, by key: when they are there, and their heights (metres above mean sea level); null: '
+'unbounded. Raises ZC010 for an unknown scene.';
+
+CREATE OR REPLACE FUNCTION _refuse_taken(p_name text) RETURNS void
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    PERFORM _refuse('ZC007', format('scene %L', p_name), 'name', 'is taken by another scene', 'scene_name_unique');
+END
+$$;
+COMMENT ON FUNCTION _refuse_taken(text) IS 'Raises ZC007: the name of a scene is taken.';
+
+CREATE OR REPLACE FUNCTION rename_scene(p_scene text, p_name text) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_to_change(p_scene);
+BEGIN
+    UPDATE scene s SET name = p_name WHERE s.scene_id = v_scene_id;
+EXCEPTION
+    WHEN unique_violation THEN
+        PERFORM _refuse_taken(p_name);
+END
+$$;
+COMMENT ON FUNCTION rename_scene(text, text) IS
+'Renames a scene; its conflicts and history stay. Raises ZC007 if the name is taken.';
+
+CREATE OR REPLACE FUNCTION copy_scene(p_scene text, p_name text) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+    v_copy_id bigint;
+BEGIN
+    BEGIN
+        INSERT INTO scene (name, motion, earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat)
+            SELECT p_name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m, s.centre_lon,
+                   s.centre_lat
+            FROM scene s WHERE s.scene_id = v_scene_id
+            RETURNING scene_id INTO v_copy_id;
+    EXCEPTION
+        WHEN unique_violation THEN
+            PERFORM _refuse_taken(p_name);
+    END;
+    INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties)
+        SELECT v_copy_id, a.key, a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties
+        FROM area a WHERE a.scene_id = v_scene_id;
+    INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines, floors_m,
+                       ceilings_m)
+        SELECT v_copy_id, t.key, t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps,
+               t.outlines, t.floors_m, t.ceilings_m
+        FROM track t WHERE t.scene_id = v_scene_id;
+    RETURN v_copy_id;
+END
+$$;
+COMMENT ON FUNCTION copy_scene(text, text) IS
+'Copies settings and objects of a scene into a new one, which belongs to the current role; returns its id. Conflicts, '
+'history, shares and attached tables are not copied: the copy waits for a detection. Raises ZC007 if the name is '
+'taken.';
+
+CREATE OR REPLACE FUNCTION remove_scene(p_scene text) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_to_change(p_scene);
+BEGIN
+    DELETE FROM scene s WHERE s.scene_id = v_scene_id;
+    -- Row-level security silently skips a scene of another role.
+    IF NOT FOUND THEN
+        PERFORM _refuse('42501', format('scene %L', p_scene), 'owner', format('is not role %I', current_user),
+                        'scene_owned', 'Only the owner of a protected scene may remove it.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION remove_scene(text) IS
+'Removes a scene with its objects, conflicts and history. A protected scene: only for its owner.';
+
+CREATE OR REPLACE FUNCTION rename_object(p_scene text, p_key text, p_new_key text) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_to_change(p_scene);
+BEGIN
+    IF EXISTS (SELECT FROM attachment a JOIN attached_object o USING (attachment_id)
+               WHERE a.scene_id = v_scene_id AND o.key = p_key) THEN
+        PERFORM _refuse('ZC008', format('object %L', p_key), 'key', 'comes from an attached table', 'object_own',
+                        'Change the row of the table.');
+    END IF;
+    UPDATE area a SET key = p_new_key WHERE a.scene_id = v_scene_id AND a.key = p_key;
+    IF NOT FOUND THEN
+        UPDATE track t SET key = p_new_key WHERE t.scene_id = v_scene_id AND t.key = p_key;
+    END IF;
+    IF NOT FOUND THEN
+        PERFORM _refuse('ZC011', format('object %L', p_key), 'key', format('is no object of scene %L', p_scene),
+                        'object_known');
+    END IF;
+EXCEPTION
+    WHEN unique_violation THEN
+        PERFORM _refuse('ZC007', format('object %L', p_new_key), 'key', 'is taken by another object of the scene',
+                        'object_key_unique');
+END
+$$;
+COMMENT ON FUNCTION rename_object(text, text, text) IS
+'Gives an area or track another key. Until the next detection its conflicts show the former key and are not current. '
+'Raises ZC007 if the key is taken, ZC011 if there is no such object.';
