@@ -7,8 +7,9 @@ from typing import Final
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import conflict_table
-from conflictdb.cli.output import out, program, progress, table
-from conflictdb.cli.session import database, show_progress
+from conflictdb.cli.meter import shown_phases
+from conflictdb.cli.output import out, program, show_table, table
+from conflictdb.cli.session import database
 from conflictdb.db.detect import Run
 from conflictdb.session.database import DEMO_SCENE
 
@@ -21,15 +22,15 @@ def demo(args: argparse.Namespace) -> int:
     """Load the scene, detect it completely, and show the conflicts and the stages."""
     with database(args) as db:
         db.load_demo()
-        run = db.scene(DEMO_SCENE).detect(full=True, progress=show_progress)
+        with shown_phases() as phase:
+            run = db.scene(DEMO_SCENE).detect(full=True, phase=phase)
         found = db.scene(DEMO_SCENE).conflicts()
         (state,) = (scene for scene in db.scenes() if scene.scene.name == DEMO_SCENE)
-    progress("")
     out(f"A strait on 1 June 2026: {state.areas} closed areas, {state.tracks} moving havens.")
     out()
     out(funnel_table(run))
     out()
-    out(conflict_table(found))
+    show_table(conflict_table(found))
     out()
     pairs = {(conflict.a_key, conflict.b_key) for conflict in found}
     if _FALSE_ALARM not in pairs:

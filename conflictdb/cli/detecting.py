@@ -17,9 +17,10 @@ from conflictdb.cli.load_report import (
     require_current,
     run_text,
 )
-from conflictdb.cli.output import data, note, out, progress, remark
+from conflictdb.cli.meter import shown_phases
+from conflictdb.cli.output import data, note, out, remark, show_table
 from conflictdb.cli.parser import check, resolve_times
-from conflictdb.cli.session import database, load_files, show_progress
+from conflictdb.cli.session import database, load_files
 from conflictdb.model.settings import STORED_BY_DETECT, given
 from conflictdb.session.database import Database
 
@@ -49,16 +50,18 @@ def detect(args: argparse.Namespace) -> int:
             is_complete = not any(one.invalid for one in loaded)
         runs = []
         for scene in scenes:
-            run = db.scene(scene).detect(
-                full=args.full,
-                jobs=args.jobs,
-                memory_mb=args.memory_mb,
-                progress=show_progress,
-                lock_timeout_s=args.lock_timeout,
-                say=remark,
-                **given(args, STORED_BY_DETECT),
-            )
-            progress("")
+            state = db.scene(scene).state()
+            sizes = {"preparing objects": state.objects if args.full else state.pending}
+            with shown_phases(sizes) as phase:
+                run = db.scene(scene).detect(
+                    full=args.full,
+                    jobs=args.jobs,
+                    memory_mb=args.memory_mb,
+                    phase=phase,
+                    lock_timeout_s=args.lock_timeout,
+                    say=remark,
+                    **given(args, STORED_BY_DETECT),
+                )
             note(run_text(scene, run))
             runs.append(run)
         found = [db.scene(scene).stream_conflicts(with_region=_wants_region(args)) for scene in scenes]
@@ -67,7 +70,8 @@ def detect(args: argparse.Namespace) -> int:
         if args.format == "table":
             print_conflicts(chain.from_iterable(found), states, args.format)
             if rows := list(chain.from_iterable(near)):
-                out("\nno conflict, but near:\n" + approach_table(rows))
+                out("\nno conflict, but near:")
+                show_table(approach_table(rows))
         else:
             near_rows = (approach.as_near() for approach in chain.from_iterable(near))
             print_conflicts(chain(chain.from_iterable(found), near_rows), states, args.format)

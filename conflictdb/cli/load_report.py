@@ -9,7 +9,7 @@ from datetime import UTC, datetime, timedelta, tzinfo
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from conflictdb.cli.codes import DONE, NOT_CURRENT
-from conflictdb.cli.output import as_called, binary, data, out, remark, table
+from conflictdb.cli.output import as_called, binary, coloured, data, out, remark, show_table, table
 from conflictdb.errors import MOST_TOLD, NotCurrent
 from conflictdb.formats import Skipped, conflict_text
 from conflictdb.formats.conflict_gpx import as_gpx, position_of
@@ -70,7 +70,10 @@ def print_conflicts(
     if form == "table":
         complete = all(state.is_current for state in states)
         rows = list(conflicts)
-        out(conflict_table(rows, more, shown=shown) if rows else "no conflicts" if complete else "no conflict is known")
+        if rows:
+            show_table(conflict_table(rows, more, shown=shown))
+        else:
+            out("no conflicts" if complete else "no conflict is known")
         return
     if form == "geoparquet":
         from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
@@ -87,7 +90,10 @@ def print_approaches(approaches: Iterable[Approach], states: Sequence[SceneState
     remark_incomplete(states)
     if form == "table":
         rows = list(approaches)
-        out(approach_table(rows) if rows else "no closest approach is known")
+        if rows:
+            show_table(approach_table(rows))
+        else:
+            out("no closest approach is known")
         return
     _write(approaches, states, form, conflict_text.APPROACH_COLUMNS)
 
@@ -233,7 +239,7 @@ def _verdict_text(pair: Conflict | Approach) -> str:
     marks = ["outdated"] if pair.is_current is False else []
     if isinstance(pair, Conflict) and pair.acknowledged_by is not None:
         marks.append("acknowledged")
-    return f"{pair.verdict} ({', '.join(marks)})" if marks else pair.verdict
+    return coloured(pair.verdict, f"{pair.verdict} ({', '.join(marks)})" if marks else str(pair.verdict))
 
 
 def moment_text(moment: datetime | None, *, up: bool) -> str:

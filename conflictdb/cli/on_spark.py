@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import conflict_table
-from conflictdb.cli.output import note, out, progress, remark
+from conflictdb.cli.output import note, out, progress, remark, show_table
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.errors import ConflictDBError, StoreError
@@ -190,7 +190,7 @@ def demo(args: argparse.Namespace) -> int:
         where = f"Spark {spark.version}, {spark.sparkContext.master}"
     expected = solve(tracks, areas, scene)
     known = sorted(of_rows(expected).to_pylist(), key=_by_keys)
-    out(conflict_table(expected))
+    show_table(conflict_table(expected))
     out()
     if [_compared(row) for row in rows] != [_compared(row) for row in known]:
         raise ConflictDBError(f"{where} found another answer than `solve`: {len(rows)} pairs, not {len(known)}")

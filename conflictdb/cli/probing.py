@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE
 from conflictdb.cli.load_report import approach_table, print_conflicts, remark_incomplete, require_current, skipped_text
-from conflictdb.cli.output import out, remark
+from conflictdb.cli.output import out, remark, show_table
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.errors import InvalidInput
@@ -51,7 +51,8 @@ def probe(args: argparse.Namespace) -> int:
     elif args.format == "table":
         print_conflicts(conflicts, [found.state], args.format, [named])
         if near := [one for one in found if one.verdict is Verdict.NEAR]:
-            out("\nno conflict, but near:\n" + approach_table(near, [named]))
+            out("\nno conflict, but near:")
+            show_table(approach_table(near, [named]))
     else:
         print_conflicts(found, [found.state], args.format, [named])
     return CONFLICTS_FOUND if args.fail_on_conflict and conflicts else DONE

@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from conflictdb.cli.last_scene import recall, remember
-from conflictdb.cli.output import note, progress, remark
+from conflictdb.cli.meter import shown_phases
+from conflictdb.cli.output import note, remark
 from conflictdb.db import store
 from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.server import EmbeddedServer, embedded
@@ -77,15 +78,17 @@ def _name(db: Database) -> str:
 
 def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
     """Load the files of a command with its options; the last of their scenes is remembered."""
-    loaded = db.load_files(
-        args.files,
-        args.scene,
-        replace=args.replace,
-        max_speed_kn=args.max_speed_kn,
-        layers=args.layer or (),
-        skip_invalid=args.skip_invalid,
-        max_file_mb=args.max_file_mb,
-    )
+    with shown_phases() as phase:
+        loaded = db.load_files(
+            args.files,
+            args.scene,
+            replace=args.replace,
+            max_speed_kn=args.max_speed_kn,
+            layers=args.layer or (),
+            skip_invalid=args.skip_invalid,
+            max_file_mb=args.max_file_mb,
+            phase=phase,
+        )
     remember(_name(db), loaded[-1].scene)
     return loaded
 
@@ -112,8 +115,3 @@ def connections(args: argparse.Namespace, named: Callable[[str], str]) -> Iterat
     finally:
         for server in in_use:
             server.stop()
-
-
-def show_progress(done: int, total: int) -> None:
-    """Show the progress of solving."""
-    progress(f"solving: {done:,} of {total:,} pairs" if done < total else "")

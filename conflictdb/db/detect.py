@@ -20,7 +20,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import psycopg
 
@@ -38,9 +38,17 @@ from conflictdb.stages.memory import MEMORY_MB, Memory
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import Funnel, Progress, run_scene
 
-__all__ = ["Progress", "Run", "detect", "detect_pending", "refresh_pieces"]
+__all__ = ["Phase", "Progress", "Run", "detect", "detect_pending", "refresh_pieces"]
 
 _log = logging.getLogger(__name__)
+
+# Called with the name of a phase, and the amounts done and to do; 0: unknown.
+Phase: TypeAlias = Callable[[str, int, int], object]
+
+
+def _silent(name: str, done: int, of: int) -> None:
+    """Report no phase."""
+
 
 # Up to this many changed objects are detected in one transaction: rebuilding their pieces after a failure is cheap.
 _FEW_OBJECTS: Final = 100
@@ -93,6 +101,7 @@ def detect(
     full: bool = False,
     jobs: int | None = None,
     progress: Progress | None = None,
+    phase: Phase | None = None,
     lock_timeout_s: float | None = None,
     say: store.Say = _log.warning,
     memory_mb: int = MEMORY_MB,
@@ -107,6 +116,7 @@ def detect(
     full : recompute everything, also unchanged objects
     jobs : threads that stage 4 may use; None is one per processor
     progress : called now and then with the number of pairs that stage 4 has decided, and of all pairs
+    phase : called at the beginning of each phase, and as it advances
     lock_timeout_s : longest wait, seconds, for another detection of the scene, or for any other lock; None: no limit
         for another detection, 300 s for any other lock; 0: no wait for another detection, 10 s for any other lock
     say : called with the holder of the lock after 5 s of waiting for another detection
@@ -121,7 +131,9 @@ def detect(
     StoreError
         The database failed; conflicts and marks are unchanged, and the failure is recorded as a run.
     """
-    options = _Options(jobs or os.cpu_count() or 1, progress, lock_timeout_s, say, Memory.of(memory_mb))
+    options = _Options(
+        jobs or os.cpu_count() or 1, progress, lock_timeout_s, say, Memory.of(memory_mb), phase=phase or _silent
+    )
     with store.translated(), store.waiting_at_most(conn, store.longest_wait_s(lock_timeout_s)):
         return _run(conn, scene, full, options)
 
@@ -155,6 +167,7 @@ class _Options:
     say: store.Say
     memory: Memory
     only_pending: bool = False
+    phase: Phase = _silent
 
 
 def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Options) -> Run:
@@ -173,7 +186,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
         pending = _pending(conn, scene_id, options)
         is_first = pending.objects > _FEW_OBJECTS
         settings, record = refresh_pieces(
-            conn, scene_id, pending, record, options.memory, is_first=is_first, is_full=full
+            conn, scene_id, pending, record, options.memory, is_first=is_first, is_full=full, phase=options.phase
         )
         if is_first:
             with store.translated():
@@ -265,20 +278,28 @@ def refresh_pieces(
     *,
     is_first: bool,
     is_full: bool = False,
+    phase: Phase = _silent,
 ) -> tuple[Scene, store.RunRecord]:
     """Rebuild the pieces of the changed objects; return the scene's settings and the updated record."""
     clock = time.perf_counter()
     settings = store.read_settings(conn, scene_id)
-    pieces = _changed_pieces(conn, scene_id, pending, settings, memory)
+    pieces = _changed_pieces(conn, scene_id, pending, settings, memory, phase)
     store.replace_pieces(conn, scene_id, pieces, is_first=is_first, is_full=is_full)
     took_s = record.counted.get("pieces_s", 0.0) + time.perf_counter() - clock
     return settings, replace(record, method=settings.method, settings=_recorded(settings), counted={"pieces_s": took_s})
 
 
 def _changed_pieces(
-    conn: psycopg.Connection[Any], scene_id: int, pending: store.Pending, scene: Scene, memory: Memory
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    pending: store.Pending,
+    scene: Scene,
+    memory: Memory,
+    phase: Phase,
 ) -> Iterator[Pieces]:
     """Yield the pieces of the changed objects of a scene, in batches."""
+    done = 0
+    phase("preparing objects", done, 0)
     plane = plane_of(scene)
     no_areas, no_tracks = AreaBatch.of([]), TrackBatch.of([])
     for kind in (kind for kind, count in ((Kind.AREA, pending.areas), (Kind.TRACK, pending.tracks)) if count):
@@ -293,11 +314,14 @@ def _changed_pieces(
             if len(numbers):
                 pieces = pieces_of(scene, plane, *objects)
                 yield pieces
+                done += len(numbers)
+                phase("preparing objects", done, 0)
             if len(numbers) < most:
                 break
             last = int(numbers[-1])
             # Next batch size, extrapolated from this one.
             most = max(1, min(4 * most, most * memory.pieces // max(len(pieces), 1)))
+    phase("indexing", 0, 0)
 
 
 class _Background:
@@ -330,14 +354,26 @@ def _refresh_conflicts(
 ) -> Run:
     """Recompute the pairs with a changed member, on the snapshot of the open transaction, and commit."""
     funnel = Funnel(pieces_s=record.counted["pieces_s"])
-    chunks = run_scene(settings, plane_of(settings), source, jobs=options.jobs, progress=options.progress)
+
+    def solving(done: int, of: int) -> None:
+        options.phase("solving pairs", done, of)
+        if options.progress is not None:
+            options.progress(done, of)
+
+    is_watched = options.progress is not None or options.phase is not _silent
+    options.phase("comparing objects", 0, 0)
+    progress = solving if is_watched else None
+    chunks = run_scene(settings, plane_of(settings), source, jobs=options.jobs, progress=progress)
     for found, of_chunk in chunks:
         staged = begun()
+        options.phase("writing conflicts", 0, 0)
         for part in store.differing(staged, found):
             store.stage(conn, staged, part, found.where(part.rows))
         funnel.add(of_chunk)
         # Free before the next chunk is allocated.
         del found, of_chunk
+        options.phase("comparing objects", 0, 0)
+    options.phase("writing conflicts", 0, 0)
     counted = funnel.counted()
     kept = {**record.settings, **funnel.without_column()}
     outcome = store.end_write(conn, begun(), replace(record, settings=kept, counted=counted))

@@ -99,7 +99,6 @@ class Cluster:
             with self._locked() as lock:
                 alive = self._joined_running(command)
                 if alive is not None:
-                    self._say(f"embedded database: {self._described()}, already running, data in {self.home}")
                     return alive
                 return self._start(command, lock)
         except OSError as error:

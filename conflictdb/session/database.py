@@ -145,6 +145,10 @@ def _check(connection: "psycopg.Connection[Any]") -> None:
         schema.check(connection)
 
 
+def _unwatched(phase: str, done: int, of: int) -> None:
+    """Report no phase."""
+
+
 def _nothing() -> None:
     """Release nothing: the connection belongs to the caller."""
 
@@ -242,12 +246,14 @@ class Database:
         layers: Sequence[str] = (),
         skip_invalid: bool = False,
         max_file_mb: float | None = None,
+        phase: Callable[[str, int, int], object] = _unwatched,
     ) -> list[Loaded]:
         """Load files as `load` does, files of one scene as if they were one; return the result for each scene.
 
         All files are read and checked before the first scene is changed; each scene is changed in one transaction. A
         single GeoParquet file is read and sent in batches within that transaction, unless objects may be skipped:
-        memory does not grow with its size.
+        memory does not grow with its size. `phase` is called with the name of each phase and the amounts done and to do
+        (0: unknown).
         """
         return loading.load_files(
             self.connection,
@@ -258,6 +264,7 @@ class Database:
             layers=layers,
             skip_invalid=skip_invalid,
             max_file_mb=max_file_mb,
+            phase=phase,
         )
 
     @contextmanager

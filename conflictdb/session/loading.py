@@ -1,7 +1,7 @@
 """Load files into scenes of a database, all or nothing, for `Database.load_files`."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -53,19 +53,23 @@ def load_files(
     layers: Sequence[str],
     skip_invalid: bool,
     max_file_mb: float | None,
+    phase: Callable[[str, int, int], object],
 ) -> list[Loaded]:
     """Load files, those of one scene as if they were one; return the result for each scene.
 
     replace : remove the objects of the scene that the files do not contain
+    phase : called with the name of each phase and the amounts done and to do (0: unknown), and again as it advances
     """
+    phase("reading", 0, 0)
     if len(paths) == 1 and not skip_invalid and not layers and is_parquet(paths[0]):
-        return [_loaded_by_parts(connection, paths[0], scene, replace, max_speed_kn, max_file_mb)]
+        return [_loaded_by_parts(connection, paths[0], scene, replace, max_speed_kn, max_file_mb, phase)]
     gathered = gather(
         paths, scene, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid, max_file_mb=max_file_mb
     )
     plans = [_with_settings(connection, plan, skip_invalid) for plan in gathered]
     for plan, _ in plans:
         _require_objects(plan, replace)
+    phase(f"storing {sum(len(plan.areas) + len(plan.tracks) for plan, _ in plans):,} objects", 0, 0)
     return [_loaded(connection, plan, settings, replace) for plan, settings in plans]
 
 
@@ -102,6 +106,7 @@ def _loaded_by_parts(
     replace: bool,
     max_speed_kn: float | None,
     max_file_mb: float | None,
+    phase: Callable[[str, int, int], object],
 ) -> Loaded:
     """Load a file in parts, to bound memory."""
     read = partial(read_parts, path, max_speed_kn=max_speed_kn, max_file_mb=max_file_mb)
@@ -113,16 +118,33 @@ def _loaded_by_parts(
         if settings.motion == Motion.GREAT_CIRCLE and settings.centre is None:
             settings = _centred(settings, parts)
             with read() as again:
-                return _stored_by_parts(connection, settings, again, str(path), replace)
-        return _stored_by_parts(connection, settings, parts, str(path), replace)
+                return _stored_by_parts(connection, settings, again, str(path), replace, phase)
+        return _stored_by_parts(connection, settings, parts, str(path), replace, phase)
 
 
 def _stored_by_parts(
-    connection: "psycopg.Connection[Any]", settings: Scene, parts: Parts, source: str, replace: bool
+    connection: "psycopg.Connection[Any]",
+    settings: Scene,
+    parts: Parts,
+    source: str,
+    replace: bool,
+    phase: Callable[[str, int, int], object],
 ) -> Loaded:
     each = _some_objects(_fitting(settings, parts), parts, source, may_be_empty=replace and parts.settings is not None)
-    counts = store.replace_scene_by_parts(connection, settings, each, merge=not replace)
+    counts = store.replace_scene_by_parts(connection, settings, _counted(each, phase), merge=not replace)
     return Loaded(settings.name, counts, tuple(parts.skipped), tuple(parts.remarks))
+
+
+def _counted(
+    each: Iterator[tuple[list[Area], list[Track]]], phase: Callable[[str, int, int], object]
+) -> Iterator[tuple[list[Area], list[Track]]]:
+    """Yield the parts of a file, and report how many objects they had."""
+    done = 0
+    for areas, tracks in each:
+        yield areas, tracks
+        done += len(areas) + len(tracks)
+        phase("reading objects", done, 0)
+    phase(f"storing {done:,} objects", 0, 0)
 
 
 def _loaded(connection: "psycopg.Connection[Any]", plan: Plan, settings: Scene, replace: bool) -> Loaded:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from conflictdb.advice.advise import Advice
-    from conflictdb.db.detect import Progress, Run
+    from conflictdb.db.detect import Phase, Progress, Run
     from conflictdb.db.import_computed import WrittenBack
 
 _log = logging.getLogger(__name__)
@@ -75,6 +75,7 @@ class StoredScene:
         jobs: int | None = 1,
         memory_mb: int = MEMORY_MB,
         progress: "Progress | None" = None,
+        phase: "Phase | None" = None,
         lock_timeout_s: float | None = None,
         say: Callable[[str], object] = _log.warning,
         **settings: Unpack[Changes],
@@ -91,7 +92,9 @@ class StoredScene:
             Memory limit of the process, megabytes, at least 256; a smaller limit means smaller chunks. Does not change
             the answer.
         progress : callable, optional
-            Called now and then with the amounts done and to do.
+            Called now and then with the numbers of pairs solved and to solve.
+        phase : callable, optional
+            Called with the name of each phase and the amounts done and to do (0: unknown), and again as it advances.
         lock_timeout_s : float, optional
             Longest wait, seconds, for another detection of the scene or for any other lock; then `LockTimeout` is
             raised. By default there is no limit for another detection.
@@ -121,6 +124,7 @@ class StoredScene:
             jobs=jobs,
             memory_mb=memory_mb,
             progress=progress,
+            phase=phase,
             lock_timeout_s=lock_timeout_s,
             say=say,
         )

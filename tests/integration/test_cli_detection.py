@@ -11,6 +11,8 @@ from xml.etree import ElementTree as ET
 import pytest
 from commands import STRAIT, Run, runner
 
+import conflictdb
+
 EXPECTED = {
     ("CABLE", "SUB-1"),
     ("DIVING", "FERRY"),
@@ -508,3 +510,17 @@ def test_approaches_are_printed_in_every_format(run: Run) -> None:
     assert [feature["properties"] for feature in features] == rows
     run("detect", "--scene", "strait", "--nearest-m", "0")
     assert pairs(run("approaches", "--scene", "strait", "--format", "json").out) == EXPECTED
+
+
+def test_the_phases_of_a_detection_and_of_loading_are_reported(dsn: str) -> None:
+    told: list[tuple[str, int, int]] = []
+    with conflictdb.connect(dsn) as db:
+        db.load_files([STRAIT], phase=lambda *one: told.append(one))
+        assert [one[0] for one in told] == ["reading", "storing 11 objects"]
+        told.clear()
+        db.scene("strait").detect(full=True, phase=lambda *one: told.append(one))
+    names = list(dict.fromkeys(one[0] for one in told))
+    assert names == ["preparing objects", "indexing", "comparing objects", "solving pairs", "writing conflicts"]
+    assert ("preparing objects", 11, 0) in told
+    solved = [one for one in told if one[0] == "solving pairs"]
+    assert solved[-1][1] == solved[-1][2] > 0

@@ -1,0 +1,128 @@
+"""What a terminal gets beyond a pipe: progress with estimates, tables that fit, colours; and nobody else's colours."""
+
+import re
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from io import StringIO
+
+import pytest
+
+from conflictdb import Conflict
+from conflictdb.cli import meter, output
+from conflictdb.cli.load_report import conflict_table
+from conflictdb.model.methods import Method
+from conflictdb.model.results import Kind, Verdict
+
+START = datetime(2026, 6, 1, 9, tzinfo=UTC)
+RED, RESET = "\033[31m", "\033[0m"
+
+
+class Terminal(StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], tuple[Terminal, Terminal]]:
+    """Return a function that makes standard output and standard error terminals of a width."""
+
+    def make(columns: int) -> tuple[Terminal, Terminal]:
+        streams = Terminal(), Terminal()
+        monkeypatch.setattr("sys.stdout", streams[0])
+        monkeypatch.setattr("sys.stderr", streams[1])
+        monkeypatch.setenv("COLUMNS", str(columns))
+        monkeypatch.setenv("TERM", "xterm")
+        monkeypatch.delenv("NO_COLOR", raising=False)
+        return streams
+
+    return make
+
+
+def conflict(a_key: str = "AREA", verdict: Verdict = Verdict.CONFLICT) -> Conflict:
+    return Conflict(
+        scene="bay", a_key=a_key, a_kind=Kind.AREA, b_key="FERRY", b_kind=Kind.TRACK, periods=((START, START),),
+        verdict=verdict, method=Method.EXACT, time_error_s=0.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        (("storing 200,000 objects", 0, 0, 149.2), "storing 200,000 objects, 2 min 29 s so far"),
+        (("preparing objects", 50_000, 200_000, 10.0), "preparing objects: 50,000 of 200,000, about 30 s left"),
+        (("preparing objects", 100, 200_000, 3.0), "preparing objects: 100 of 200,000, 3 s so far"),
+        (("reading objects", 5_000, 0, 3.0), "reading objects: 5,000, 3 s so far"),
+        (("solving pairs", 7, 7, 9.0), "solving pairs: 7 of 7, about 0 s left"),
+        (("solving pairs", 1, 10, 900.0), "solving pairs: 1 of 10, about 2 h 15 min left"),
+        (("preparing objects", 30, 20, 2.0), "preparing objects: 30 of 20, about 0 s left"),
+    ],
+)
+def test_a_phase_says_how_long_it_will_last(given: tuple[str, int, int, float], text: str) -> None:
+    assert meter.phase_text(*given) == text
+
+
+def test_long_phases_are_shown_and_short_ones_are_not(
+    terminal: Callable[[int], tuple[Terminal, Terminal]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, err = terminal(80)
+    monkeypatch.setattr(meter, "_EVERY_S", 0.01)
+    monkeypatch.setattr(meter, "_AFTER_S", 0.2)
+    with meter.shown_phases({"long": 100}) as phase:
+        phase("short", 0, 0)
+        time.sleep(0.05)
+        phase("long", 50, 0)
+        until = time.monotonic() + 10
+        while "long" not in err.getvalue() and time.monotonic() < until:
+            time.sleep(0.01)
+        output.remark("in between")
+    assert "short" not in err.getvalue()
+    assert re.search(r"\r\033\[Klong: 50 of 100, about 0 s left", err.getvalue())
+    assert "\r\033[Kconflictdb: in between\n" in err.getvalue()
+    assert err.getvalue().endswith("\r\033[K")
+
+
+def test_a_pipe_gets_no_progress(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(meter, "_AFTER_S", 0.0)
+    with meter.shown_phases() as phase:
+        phase("long", 0, 0)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_tables_fit_a_terminal_and_stay_whole_in_a_pipe(
+    terminal: Callable[[int], tuple[Terminal, Terminal]],
+) -> None:
+    whole = conflict_table([conflict("K" * 100)])
+    assert max(map(len, whole.splitlines())) > 150
+    out, _ = terminal(100)
+    output.show_table(conflict_table([conflict("K" * 100), conflict()]))
+    lines = re.sub(r"\033\[\d+m", "", out.getvalue()).splitlines()
+    assert max(map(len, lines)) == 100
+    assert lines[1].startswith("KKKKKKKKKKKK")
+    assert "…  FERRY" in lines[1]
+    assert lines[1].endswith("2026-06-01 09:00:00  2026-06-01 09:00:00        1")
+    assert lines[0].index("VERDICT") == lines[1].index("conflict") == lines[2].index("conflict")
+
+
+def test_verdicts_have_colours_on_a_terminal(
+    terminal: Callable[[int], tuple[Terminal, Terminal]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, _ = terminal(120)
+    output.show_table(conflict_table([conflict(verdict=one) for one in Verdict]))
+    text = out.getvalue()
+    assert f"{RED}conflict{RESET}" in text
+    assert len(set(re.findall(r"\033\[\d+m", text))) == 5
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert RED not in "".join(conflict_table([conflict()]))
+    plain = conflict_table([conflict()])
+    monkeypatch.delenv("NO_COLOR")
+    monkeypatch.setenv("TERM", "dumb")
+    assert conflict_table([conflict()]) == plain
+
+
+def test_a_key_cannot_colour_anything(terminal: Callable[[int], tuple[Terminal, Terminal]]) -> None:
+    out, _ = terminal(120)
+    output.show_table(conflict_table([conflict("\ue000evil\ue00f\033[2J")]))
+    assert "\\ue000evil\\ue00f\\x1b[2J" in out.getvalue()
+    assert out.getvalue().count(RED) == 1
+    assert "\033[2J" not in out.getvalue()
