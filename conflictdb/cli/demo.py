@@ -25,6 +25,7 @@ def demo(args: argparse.Namespace) -> int:
         with shown_phases() as phase:
             run = db.scene(DEMO_SCENE).detect(full=True, phase=phase)
         found = db.scene(DEMO_SCENE).conflicts()
+        args.scene = DEMO_SCENE  # the last one used
         (state,) = (scene for scene in db.scenes() if scene.scene.name == DEMO_SCENE)
     out(f"A strait on 1 June 2026: {state.areas} closed areas, {state.tracks} moving havens.")
     out()

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE
 from conflictdb.cli.load_report import approach_table, print_conflicts, remark_incomplete, require_current, skipped_text
 from conflictdb.cli.output import out, remark, show_table
-from conflictdb.cli.parser import check
+from conflictdb.cli.parser import Parser, check
 from conflictdb.cli.session import database
+from conflictdb.cli.values import duration_s
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.conflict_text import MoreColumn
 from conflictdb.model.plans import Area, Track, rectangle_outline_m
@@ -24,23 +25,26 @@ _POINT = {"fore_m": 0.0, "aft_m": 0.0, "port_m": 0.0, "starboard_m": 0.0}
 
 def probe(args: argparse.Namespace) -> int:
     """Print the conflicts that plans would have."""
-    given = [bool(args.files), args.footprint is not None, args.path is not None]
+    given = [bool(args.files), args.footprint is not None, args.path is not None, args.late is not None]
+    is_known = bool(args.files) or args.late is not None
     check(
         args,
         [
-            (sum(given) != 1, "give files, or --footprint of an area, or --path of a track"),
+            (sum(given) != 1, "give files, or --late KEY DURATION, or --footprint of an area, or --path of a track"),
             (args.path is not None and args.times is None, "--path needs --times, one for each waypoint"),
             (args.path is None and args.times is not None, "--times is for --path"),
             (args.path is None and args.haven is not None, "--haven is for --path"),
             (args.footprint is None and (args.start or args.end) is not None, "--from and --to are for --footprint"),
-            (bool(args.files) and args.key is not None, "--key is for --footprint and --path: files have keys"),
-            (bool(args.files) and (args.floor_m, args.ceiling_m) != (None, None), "files have heights of their own"),
+            (is_known and args.key is not None, "--key is for --footprint and --path"),
+            (is_known and (args.floor_m, args.ceiling_m) != (None, None), "--floor-m is for --footprint and --path"),
         ],
     )
+    delays = _delays(args)
     plans = _plans(args)
-    keys = {plan.key for plan in plans}
     jobs = args.jobs or os.cpu_count() or 1
     with database(args) as db:
+        plans += [db.scene(args.scene).delayed(key, delay) for key, delay in delays]
+        keys = {plan.key for plan in plans}
         known = [one for one in db.scene(args.scene).stream_conflicts() if _members(one, keys)] if args.diff else []
         require_current(args, db.scene(args.scene).state())
         found = db.scene(args.scene).probe(plans, jobs=jobs, worker_timeout_s=args.worker)
@@ -87,6 +91,15 @@ def _differs(one: Conflict, other: Conflict) -> bool:
     most = timedelta(seconds=one.time_error_s + other.time_error_s, microseconds=2)
     ends, others = ([end for period in each.periods for end in period] for each in (one, other))
     return any(x != y if x is None or y is None else abs(x - y) > most for x, y in zip(ends, others, strict=True))
+
+
+def _delays(args: argparse.Namespace) -> list[tuple[str, timedelta]]:
+    """Return keys and delays of --late; ends with a usage error for another duration."""
+    try:
+        return [(key, timedelta(seconds=duration_s(text))) for key, text in args.late or ()]
+    except argparse.ArgumentTypeError as error:
+        parser: Parser = args.parser
+        parser.error(f"argument --late: {error}")
 
 
 def _plans(args: argparse.Namespace) -> list[Area | Track]:

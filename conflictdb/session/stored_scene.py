@@ -1,6 +1,7 @@
 """One scene of a database: detect, read, ask, draw, attach, share."""
 
 import logging
+import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -464,6 +465,23 @@ class StoredScene:
     def objects(self) -> list[store.ObjectSummary]:
         """Return the areas and tracks, by key: kind, name, times and heights."""
         return store.list_objects(self.connection, self.name)
+
+    def delayed(self, key: str, delay: timedelta) -> Area | Track:
+        """Return an object of the scene, later by `delay` (negative: earlier), for `probe`; changes nothing.
+
+        Raises InvalidInput if it does not exist.
+        """
+        _, areas, tracks = self._read([key])
+        delay_us = round(delay / inputs.MICROSECOND)
+        for track in tracks:
+            times: Any = inputs.all_certain(track.times_us + delay_us)
+            return replace(track, times_us=times, max_speed_kn=math.inf)
+        for area in areas:
+            ends = (area.start_us, area.end_us)
+            start, end = (None if one is None else inputs.certain(one + delay_us) for one in ends)
+            span: dict[str, Any] = {"start_us": start, "end_us": end}
+            return replace(area, **span)
+        raise InvalidInput(f"object {key!r}", "key", f"is no object of scene {self.name!r}")
 
     def rename(self, name: str) -> None:
         """Rename the scene; conflicts and history stay. Raises InvalidInput if the name is taken."""

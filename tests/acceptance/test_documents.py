@@ -124,6 +124,17 @@ def test_files_of_the_reference_are_read(tmp_path: Path) -> None:
         assert len(read(tmp_path / f"{name}.json").tracks) == (1 if name == "plain" else 2)
 
 
+def test_fifteen_tasks_are_one_command_each() -> None:
+    """The page runs as printed, below; here: none of the tasks is missing, and none takes a second command."""
+    text = (ROOT / "docs/tutorial/fifteen-tasks.md").read_text()
+    _, *tasks = re.split(r"^## ", text, flags=re.MULTILINE)
+    assert len(tasks) == 15
+    for task in tasks:
+        (block,) = re.findall(r"^```sh\n(.*?)^```", task, flags=re.DOTALL | re.MULTILINE)
+        lines = [line for line in block.splitlines() if line.startswith("./run ")]
+        assert len(lines) == 1, task
+
+
 PAGES = sorted(
     str(path.relative_to(ROOT)) for part in ("tutorial", "how-to") for path in (ROOT / "docs" / part).glob("*")
 )

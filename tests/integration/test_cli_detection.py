@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from collections.abc import Sequence
+from datetime import timedelta
 from io import StringIO
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -461,6 +462,35 @@ def test_plans_of_a_file_replace_their_namesakes_together(run: Run, tmp_path: Pa
     assert {(row["a_key"], row["b_key"]): row["change"] for row in changes} == expected
     assert "changed" in expected.values()
     assert run(*ask, "--diff").out == "no conflict would be gone, new or changed\n"
+
+
+def test_a_delay_is_a_plan(run: Run, tmp_path: Path, dsn: str) -> None:
+    """It gives what a detection gives of the delayed object, of tracks and areas, without writing."""
+    run("detect", STRAIT)
+    before = run("conflicts", "--scene", "strait", "--format", "json").out
+    asked = json.loads(run("probe", "--scene", "strait", "--late", "FERRY", "20m", "--format", "json").out)
+    file = plan_file(tmp_path / "late.geojson", ["FERRY"], FERRY="2026-06-01T07:35:00Z")
+    by_file = json.loads(run("probe", "--scene", "strait", file, "--format", "json").out)
+    assert asked == by_file
+    assert asked
+    changes = run("probe", "--scene", "strait", "--late", "FERRY", "20m", "--diff").out.splitlines()
+    assert {line.split()[0] for line in changes[1:]} <= {"new", "changed", "gone"}
+    both = run("probe", "--scene", "strait", "--late", "FIRING", "30d", "--late", "FERRY", "1s", "--diff").out
+    assert re.search(r"^gone +FIRING +FIRING +SURVEY ", both, re.MULTILINE)
+    assert run("conflicts", "--scene", "strait", "--format", "json").out == before
+    assert run("probe", "--scene", "strait", "--late", "nobody", "20m").code == 4
+    for wrong in (
+        ("--late", "FERRY", "soon"),
+        ("--late", "FERRY", "20m", file),
+        ("--late", "FERRY", "1h", "--key", "K"),
+    ):
+        assert run("probe", "--scene", "strait", *wrong).code == 2
+    with conflictdb.connect(dsn) as db:
+        scene = db.scene("strait")
+        early = scene.delayed("FERRY", timedelta(minutes=-5))
+        assert isinstance(early, conflictdb.Track)
+        (own,) = [one for one in conflictdb.read(STRAIT).tracks if one.key == "FERRY"]
+        assert (own.times_us - early.times_us == 300_000_000).all()
 
 
 def test_a_diff_names_what_is_gone_and_new(run: Run, tmp_path: Path) -> None:

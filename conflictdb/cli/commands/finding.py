@@ -197,6 +197,14 @@ def _probe(commands: Any) -> None:
     )
     parser.add_argument("files", nargs="*", metavar="FILE", help="plans, as for load")
     add_scene(parser)
+    parser.add_argument(
+        "--late",
+        nargs=2,
+        action="append",
+        type=name,
+        metavar=("KEY", "DURATION"),
+        help="object, later (20m); repeatable",
+    )
     parser.add_argument("--footprint", metavar="WKT", help="an area: POLYGON or MULTIPOLYGON, longitude latitude")
     parser.add_argument("--from", dest="start", type=instant, metavar="TIME", help="its start (ISO 8601 with offset)")
     parser.add_argument("--to", dest="end", type=instant, metavar="TIME", help="its end")
