@@ -1242,6 +1242,9 @@ FUNCTION _rectifying_m(p_earth text)
 FUNCTION _refuse(p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''::text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
 
+FUNCTION _refuse_taken(p_name text)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION _refuse_truncate()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -1455,6 +1458,9 @@ FUNCTION conflicts_of(p_scene text, p_key text)
 FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
     RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
+FUNCTION copy_scene(p_scene text, p_name text)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
 FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET extra_float_digits=1;
 
@@ -1485,6 +1491,9 @@ FUNCTION heights_at(p_scene text, p_key text, p_instant timestamp with time zone
 FUNCTION instant(p_text text)
     RETURNS timestamp with time zone LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, pg_temp;
 
+FUNCTION list_objects(p_scene text)
+    RETURNS TABLE(key text, kind text, name text, start_at timestamp with time zone, end_at timestamp with time zone, floor_m double precision, ceiling_m double precision) LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION preview_attachment(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL::interval, p_objects integer DEFAULT 5)
     RETURNS TABLE(part text, what text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
@@ -1508,6 +1517,15 @@ FUNCTION rectangle_outline(p_fore_m double precision, p_aft_m double precision, 
 
 FUNCTION remove_object(p_scene text, p_key text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION remove_scene(p_scene text)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION rename_object(p_scene text, p_key text, p_new_key text)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+
+FUNCTION rename_scene(p_scene text, p_name text)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;

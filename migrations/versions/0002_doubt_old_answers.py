@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "c5688bd711517f7a4ac0e7a4a676f0cd62c9be86a71b186151662b8ffd1694fa"
+routines_sha256 = "aea9c4436d8c4d2cf2215a6bf569167da6367ce04022564dedaa28e07223420b"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
