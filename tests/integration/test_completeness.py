@@ -232,9 +232,9 @@ def test_a_list_is_never_called_complete_that_a_detection_overtook(dsn: str, mon
     """The state is read first: what is detected between the two makes the list better than is said of it."""
     order: list[str] = []
     for name in ("call", "call_each"):
-        routine = getattr(store.reading, name)
+        routine = getattr(store.listing, name)
         monkeypatch.setattr(
-            store.reading, name, lambda conn, what, *more, r=routine: (order.append(what), r(conn, what, *more))[1]
+            store.listing, name, lambda conn, what, *more, r=routine: (order.append(what), r(conn, what, *more))[1]
         )
     with conflictdb.connect(dsn) as db, warnings.catch_warnings():
         warnings.simplefilter("ignore", IncompleteWarning)

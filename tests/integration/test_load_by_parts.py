@@ -68,7 +68,7 @@ def test_what_is_loaded_by_parts_is_what_is_read_whole(run: Run, dsn: str, tmp_p
     assert "area 'far'" in done.err
     with connect(dsn) as db:
         contents = formats.read(path)
-        settings, areas, tracks = db._read("sea")
+        settings, areas, tracks = db.scene("sea")._read()
         assert settings == contents.scene == SCENE
         assert [one.key for one in areas] == [one.key for one in contents.areas]
         assert [one.footprint for one in areas] == [one.footprint for one in contents.areas]

@@ -50,7 +50,7 @@ def test_the_first_contact_is_a_point_and_two_numbers(dsn: str) -> None:
     with connect(dsn) as db:
         for method in ("exact", "screen"):
             db.load_demo()
-            db.detect("strait", method=method)
+            db.scene("strait").detect(method=method)
             rows = db.connection.execute(
                 """SELECT a_key, b_key, first_contact_lon_deg, first_contact_lat_deg, ST_X(first_contact_point)
                    FROM conflictdb.conflicts"""
@@ -58,7 +58,7 @@ def test_the_first_contact_is_a_point_and_two_numbers(dsn: str) -> None:
             db.connection.commit()
             given = {(a, b): (lon, lat) for a, b, lon, lat, _ in rows}
             assert [lon for _, _, lon, _, _ in rows] == [x for *_, x in rows]
-            found = db.conflicts("strait")
+            found = db.scene("strait").conflicts()
             assert given == {
                 (one.a_key, one.b_key): (one.first_contact_lon_deg, one.first_contact_lat_deg) for one in found
             }

@@ -113,7 +113,7 @@ def test_every_measure_is_recorded(conn: Conn) -> None:
     """Of a run that succeeds, and as far as it got of one that fails; those without a column beside the settings."""
     with connect(conn) as db:
         db.load_demo()
-        done = db.detect("strait")
+        done = db.scene("strait").detect()
         (run,) = store.runs(conn, "strait")
     kept = {one.name: run.settings.get(one.name, getattr(run, one.name, None)) for one in MEASURES}
     assert kept == {one.name: getattr(done, one.name) for one in MEASURES}

@@ -125,7 +125,7 @@ def test_a_pair_that_the_kernel_cannot_decide_is_unresolved(monkeypatch: pytest.
     def spoilt(plane: kernel.KernelPlane, pieces: Any, *members: Any) -> kernel.KernelScene:
         return kernel.KernelScene(plane, replace(pieces, shape_xy=np.nan * pieces.shape_xy), *members)
 
-    monkeypatch.setattr(run, "kernel", SimpleNamespace(Scene=spoilt))
+    monkeypatch.setattr(run, "kernel", SimpleNamespace(KernelScene=spoilt))
     found = answer(Scene("s"))
     assert set(expected) <= set(found)
     for pair, one in found.items():
