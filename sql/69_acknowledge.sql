@@ -45,7 +45,7 @@ COMMENT ON FUNCTION _end_acknowledgement(bigint) IS
 'Ends the acknowledgement of a conflict; returns whether there was one.';
 
 CREATE OR REPLACE FUNCTION acknowledge(
-    p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamptz DEFAULT NULL
+    p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamptz DEFAULT NULL, p_by text DEFAULT NULL
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -58,6 +58,9 @@ BEGIN
         PERFORM _refuse('ZC009', v_who, 'reason', format('must be a text of 1 to %s bytes', c_longest),
                         'acknowledgement_reason_given');
     END IF;
+    IF btrim(p_by) = '' OR octet_length(p_by) > 1000 THEN
+        PERFORM _refuse('ZC009', v_who, 'by', 'must be a text of 1 to 1000 bytes', 'acknowledgement_given_name_valid');
+    END IF;
     IF p_until <= now() THEN
         PERFORM _refuse('ZC003', v_who, 'until', format('must be later than now; got %s', p_until),
                         'acknowledgement_until_later');
@@ -66,10 +69,10 @@ BEGIN
     LOOP
         PERFORM _end_acknowledgement(v_conflict.conflict_id);
         INSERT INTO acknowledgement (scene_id, conflict_id, reason, until, a_key, b_key, periods, verdict,
-                                     time_error_s, closest_m, closest_error_m)
+                                     time_error_s, closest_m, closest_error_m, given_name)
             VALUES (v_scene_id, v_conflict.conflict_id, p_reason, p_until, v_conflict.a_key, v_conflict.b_key,
                     v_conflict.periods, v_conflict.verdict, v_conflict.time_error_s, v_conflict.closest_m,
-                    v_conflict.closest_error_m)
+                    v_conflict.closest_error_m, p_by)
             ON CONFLICT (conflict_id) WHERE ended_at IS NULL DO NOTHING;
         EXIT WHEN FOUND;
     END LOOP;
@@ -77,9 +80,10 @@ BEGIN
     RETURN v_conflict.conflict_id;
 END
 $$;
-COMMENT ON FUNCTION acknowledge(text, text, text, text, timestamptz) IS
+COMMENT ON FUNCTION acknowledge(text, text, text, text, timestamptz, text) IS
 'Acknowledges the conflict of two objects as it is known, with the current user, time, reason and expiry (null: valid '
-'while the conflict lasts). It no longer holds if the conflict grows: other periods, a worse verdict, or closer. '
+'while the conflict lasts). p_by: a name shown with the user, where several people share one. It no longer '
+'holds if the conflict grows: other periods, a worse verdict, or closer. '
 'Replaces an earlier acknowledgement; returns conflict_id. Raises ZC011 if there is no conflict.';
 
 CREATE OR REPLACE FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text) RETURNS boolean
@@ -99,8 +103,18 @@ $$;
 COMMENT ON FUNCTION unacknowledge(text, text, text) IS
 'Withdraws the acknowledgement of a conflict; returns whether there was one. Raises ZC011 if there is no conflict.';
 
+CREATE OR REPLACE FUNCTION _acknowledger(p_user text, p_given_name text) RETURNS text
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(p_given_name || ' (' || p_user || ')', p_user);
+END;
+COMMENT ON FUNCTION _acknowledger(text, text) IS
+'Who acknowledged: the given name with the database user in brackets, else the user.';
+
 CREATE OR REPLACE VIEW acknowledgements WITH (security_invoker = true) AS
-SELECT s.name AS scene, k.conflict_id, k.a_key, k.b_key, k.acknowledged_by, k.acknowledged_at, k.reason, k.until,
+SELECT s.name AS scene, k.conflict_id, k.a_key, k.b_key,
+       _acknowledger(k.acknowledged_by, k.given_name) AS acknowledged_by,
+       k.acknowledged_at, k.reason, k.until,
        k.periods, k.verdict,
        CASE WHEN k.ended_at IS NOT NULL THEN 'ended' WHEN c.conflict_id IS NULL THEN 'closed'
             WHEN k.until <= now() THEN 'expired'
@@ -117,7 +131,8 @@ COMMENT ON COLUMN acknowledgements.scene IS 'Name of the scene.';
 COMMENT ON COLUMN acknowledgements.conflict_id IS 'Id of the conflict (see conflict_events).';
 COMMENT ON COLUMN acknowledgements.a_key IS 'Key of the first object.';
 COMMENT ON COLUMN acknowledgements.b_key IS 'Key of the second object.';
-COMMENT ON COLUMN acknowledgements.acknowledged_by IS 'Database user who acknowledged it.';
+COMMENT ON COLUMN acknowledgements.acknowledged_by IS
+'Database user who acknowledged it; in brackets after the name that was given, if any.';
 COMMENT ON COLUMN acknowledgements.acknowledged_at IS 'When it was acknowledged.';
 COMMENT ON COLUMN acknowledgements.reason IS 'Reason given by the user.';
 COMMENT ON COLUMN acknowledgements.until IS 'Expiry; null: valid while the conflict lasts.';

@@ -15,7 +15,8 @@ SELECT s.name AS scene,
                            WHERE m.scene_id = c.scene_id AND m.object_kind = c.b_kind AND m.object_id = c.b_id)
            AS is_current,
        c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, c.closest_a_point, c.closest_b_point,
-       n.scene_is_current, c.conflict_id, c.found_at AS opened_at, c.changed_at, k.acknowledged_by, k.acknowledged_at,
+       n.scene_is_current, c.conflict_id, c.found_at AS opened_at, c.changed_at,
+       _acknowledger(k.acknowledged_by, k.given_name) AS acknowledged_by, k.acknowledged_at,
        k.reason AS acknowledged_for, k.until AS acknowledged_until,
        ST_X(c.first_contact_point) AS first_contact_lon_deg, ST_Y(c.first_contact_point) AS first_contact_lat_deg
 -- OFFSET 0: evaluate once per scene, not per conflict.

@@ -93,7 +93,8 @@ BEGIN
               WHERE x.scene_id = v_scene_id AND x.run_id <= v_run_id
               ORDER BY x.conflict_id, x.conflict_event_id DESC) e
         LEFT JOIN LATERAL (
-            SELECT k.acknowledged_by, k.acknowledged_at, k.reason, k.until
+            SELECT _acknowledger(k.acknowledged_by, k.given_name) AS acknowledged_by, k.acknowledged_at, k.reason,
+                   k.until
             FROM acknowledgement k JOIN scene s USING (scene_id)
             WHERE k.scene_id = v_scene_id AND k.conflict_id = e.conflict_id AND k.acknowledged_at <= p_instant
               AND coalesce(k.ended_at > p_instant, true) AND coalesce(k.until > p_instant, true)

@@ -42,6 +42,16 @@ COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean, text[], text, timesta
 'changed since p_since, with a verdict, acknowledged or not; null: all. Periods in binary. Ids and versions of objects '
 'only p_with_region. Raises ZC011 for an unknown p_key.';
 
+CREATE OR REPLACE FUNCTION _counted_conflicts() RETURNS TABLE (
+    scene text, verdict text, is_acknowledged boolean, conflicts bigint
+)
+LANGUAGE sql STABLE
+BEGIN ATOMIC
+    SELECT c.scene, c.verdict, c.acknowledged_by IS NOT NULL, count(*) FROM conflicts c GROUP BY 1, 2, 3;
+END;
+COMMENT ON FUNCTION _counted_conflicts() IS
+'Numbers of conflicts of all scenes by verdict, and whether they are acknowledged.';
+
 CREATE OR REPLACE FUNCTION _conflicts_known_at(p_scene text, p_instant timestamptz)
 RETURNS TABLE (
     a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, method text,

@@ -133,7 +133,7 @@ COMMENT ON FUNCTION _map_shapes(text, text[]) IS
 CREATE OR REPLACE FUNCTION _map_may_acknowledge() RETURNS boolean
 LANGUAGE sql STABLE
 BEGIN ATOMIC
-    SELECT has_function_privilege('acknowledge(text, text, text, text, timestamptz)'::regprocedure, 'EXECUTE')
+    SELECT has_function_privilege('acknowledge(text, text, text, text, timestamptz, text)'::regprocedure, 'EXECUTE')
            AND has_any_column_privilege('acknowledgement'::regclass, 'INSERT')
            AND NOT pg_is_in_recovery();
 END;

@@ -235,6 +235,8 @@ COMMENT ON COLUMN acknowledgement.acknowledgement_id IS 'Id.';
 COMMENT ON COLUMN acknowledgement.scene_id IS 'Scene.';
 COMMENT ON COLUMN acknowledgement.conflict_id IS 'Id of the conflict, which may have closed.';
 COMMENT ON COLUMN acknowledgement.acknowledged_by IS 'Database user who acknowledged it.';
+COMMENT ON COLUMN acknowledgement.given_name IS
+'Name given with it, where several people share a user; null: none. Not verified.';
 COMMENT ON COLUMN acknowledgement.acknowledged_at IS 'When it was acknowledged.';
 COMMENT ON COLUMN acknowledgement.reason IS 'Reason given by the user.';
 COMMENT ON COLUMN acknowledgement.until IS 'Expiry; null: valid while the conflict lasts.';

@@ -109,7 +109,7 @@ GRANT SELECT ON SEQUENCE attachment_attachment_id_seq TO conflictdb_editor;
 
 -- Editors acknowledge in their own name and at the current time.
 GRANT INSERT (scene_id, conflict_id, reason, until, a_key, b_key, periods, verdict, time_error_s, closest_m,
-              closest_error_m),
+              closest_error_m, given_name),
       UPDATE (ended_by, ended_at) ON acknowledgement TO conflictdb_editor;
 GRANT EXECUTE ON FUNCTION acknowledge, unacknowledge, _end_acknowledgement, _notify_acknowledgement
     TO conflictdb_editor;

@@ -29,13 +29,13 @@ def history(args: argparse.Namespace) -> int:
 
 def acknowledge(args: argparse.Namespace) -> int:
     """Acknowledge a conflict, or withdraw its acknowledgement."""
-    check(args, [(args.undo and args.until is not None, "--until goes with --reason")])
+    check(args, [(args.undo and (args.until, args.by) != (None, None), "--until and --by go with --reason")])
     a_key, b_key = args.keys
     with database(args) as db:
         if args.undo:
             out("taken back" if db.scene(args.scene).unacknowledge(a_key, b_key) else "was not acknowledged")
         else:
-            db.scene(args.scene).acknowledge(a_key, b_key, args.reason, args.until)
+            db.scene(args.scene).acknowledge(a_key, b_key, args.reason, args.until, by=args.by)
             out("acknowledged")
     return DONE
 

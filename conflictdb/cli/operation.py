@@ -39,6 +39,7 @@ def work(args: argparse.Namespace) -> int:
             return DONE if worker.once() else FAILED
         if args.http is not None:
             metrics = Metrics(worker.state)
+            worker.counts = True
             worker.report = metrics.counted(log.report)
             serving.enter_context(served(args.http, worker.state, metrics, worker.every_s))
         note("working; Ctrl-C ends")

@@ -39,7 +39,9 @@ class Metrics:
     def __init__(self, state: "State") -> None:
         try:
             from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+            from prometheus_client.core import GaugeMetricFamily
             from prometheus_client.exposition import CONTENT_TYPE_LATEST
+            from prometheus_client.registry import Collector
         except ImportError:
             raise ConflictDBError("--http needs prometheus_client: pip install 'conflictdb[metrics]'") from None
         self.content_type = CONTENT_TYPE_LATEST
@@ -66,6 +68,17 @@ class Metrics:
         }  # fmt: skip
         for name, (text, value) in shown.items():
             Gauge(f"conflictdb_{name}", text, registry=self._registry).set_function(value)
+
+        class Conflicts(Collector):
+            def collect(self) -> Iterator[GaugeMetricFamily]:
+                """Yield the numbers of conflicts that the worker counted last."""
+                labels = ["scene", "verdict", "acknowledged"]
+                family = GaugeMetricFamily("conflictdb_conflicts", "Conflicts, counted every 10 s.", labels=labels)
+                for (scene, verdict, is_acknowledged), number in state.conflicts.items():
+                    family.add_metric([scene, verdict, "yes" if is_acknowledged else "no"], number)
+                yield family
+
+        self._registry.register(Conflicts())
 
     def counted(self, report: "Report") -> "Report":
         """Return a function that counts a detection and then calls `report`."""

@@ -9,7 +9,7 @@ import logging
 import math
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from random import SystemRandom
 from typing import Any, Final
@@ -34,6 +34,8 @@ _SAY_BUSY_AFTER_S: Final = 60.0
 _LEAST_PAUSE_S: Final = 0.1
 # Longest wait for a locked table in a look for changes.
 _LOCK_WAIT_S: Final = 10.0
+# How often to count conflicts.
+_COUNT_EVERY_S: Final = 10.0
 # How often to look for changes without notifications.
 _UNTOLD_PAUSE_S: Final = 0.25
 
@@ -80,6 +82,7 @@ class State:
     waiting : number of pending scenes then
     longest_s : longest waiting time then, seconds
     scene : the scene being detected, None between detections
+    conflicts : their numbers by scene, verdict, and whether they are acknowledged, if the worker counts them
     """
 
     is_connected: bool = False
@@ -88,6 +91,7 @@ class State:
     waiting: int = 0
     longest_s: float = 0.0
     scene: str | None = None
+    conflicts: Mapping[tuple[str, str, bool], int] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -104,6 +108,7 @@ class Worker:
     say : called with remarks: who blocks a scene, no notifications, a database lost and found
     memory_mb : see `detect`
     state : its present activity
+    counts : whether it counts conflicts, every ten seconds
     """
 
     connect: Connect
@@ -114,6 +119,8 @@ class Worker:
     say: store.Say = _log.warning
     memory_mb: int = MEMORY_MB
     state: State = field(default_factory=State)
+    counts: bool = False
+    _counted_at_s: float = -math.inf
     _failing: dict[str, _Failing] = field(default_factory=dict)
     _busy: dict[str, _Busy] = field(default_factory=dict)
     _is_asked: bool = False
@@ -169,6 +176,9 @@ class Worker:
         try:
             with store.waiting_at_most(connection, _LOCK_WAIT_S):
                 self._round(connection, _SAY_BUSY_AFTER_S)
+                if self.counts and time.monotonic() - self._counted_at_s >= _COUNT_EVERY_S:
+                    self.state.conflicts = store.counted_conflicts(connection)
+                    self._counted_at_s = time.monotonic()
                 pause_s = self._pause_s(connection, every_s)
         except (SchemaError, ReadOnlyDatabase):
             raise

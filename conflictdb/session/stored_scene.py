@@ -293,17 +293,19 @@ class StoredScene:
         with store.transaction(self.connection):
             return store.conflict_events(self.connection, self.name, key, other_key, after, most)
 
-    def acknowledge(self, a_key: str, b_key: str, reason: str, until: inputs.Instant | None = None) -> int:
+    def acknowledge(
+        self, a_key: str, b_key: str, reason: str, until: inputs.Instant | None = None, *, by: str | None = None
+    ) -> int:
         """Acknowledge the conflict of two objects, as it is known, and return its number.
 
         The acknowledgement lasts while the conflict gets no worse (no other times, no worse verdict, no closer), and at
-        most until `until`.
+        most until `until`. `by` is a name shown with the database user, where several people share one.
 
         Raises InvalidInput if no such conflict is known, the reason is missing, or `until` is past.
         """
         instant = None if until is None else inputs.moment("acknowledge", "until", until)
         with store.transaction(self.connection):
-            return store.acknowledge(self.connection, self.name, a_key, b_key, reason, instant)
+            return store.acknowledge(self.connection, self.name, a_key, b_key, reason, instant, by)
 
     def unacknowledge(self, a_key: str, b_key: str) -> bool:
         """Withdraw the acknowledgement of the conflict of two objects; return whether it was acknowledged.

@@ -43,7 +43,8 @@ TABLE acknowledgement (
     closest_m double precision,
     closest_error_m double precision,
     ended_by text,
-    ended_at timestamp with time zone
+    ended_at timestamp with time zone,
+    given_name text
 );
 
 TABLE alembic_version (
@@ -518,6 +519,7 @@ VIEW unmapped (
 );
 
 CONSTRAINT acknowledgement_end_told ON acknowledgement: CHECK (((ended_at IS NULL) = (ended_by IS NULL)));
+CONSTRAINT acknowledgement_given_name_valid ON acknowledgement: CHECK (((btrim(given_name) <> ''::text) AND (octet_length(given_name) <= 1000)));
 CONSTRAINT acknowledgement_pkey ON acknowledgement: PRIMARY KEY (acknowledgement_id);
 CONSTRAINT acknowledgement_reason_given ON acknowledgement: CHECK ((btrim(reason) <> ''::text));
 CONSTRAINT acknowledgement_scene_fkey ON acknowledgement: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -656,6 +658,9 @@ CREATE TRIGGER track_inserted AFTER INSERT ON conflictdb.track REFERENCING NEW T
 CREATE TRIGGER track_not_truncated BEFORE TRUNCATE ON conflictdb.track FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate() -- always;
 CREATE TRIGGER track_replicated AFTER INSERT OR DELETE OR UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION _after_replicated_object('1', 'track_id') -- replicas;
 CREATE TRIGGER track_updated AFTER UPDATE ON conflictdb.track REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('1', 'track_id');
+
+FUNCTION _acknowledger(p_user text, p_given_name text)
+    RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _add_scene_lock(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
@@ -884,6 +889,9 @@ FUNCTION _corners(p_outline geometry, OUT n bigint, OUT x double precision, OUT 
 
 FUNCTION _count_conflicts(p_scene_id bigint, OUT conflicts bigint, OUT unresolved bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_indexscan=off SET jit=off;
+
+FUNCTION _counted_conflicts()
+    RETURNS TABLE(scene text, verdict text, is_acknowledged boolean, conflicts bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _cover(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_nestloop=off SET jit=off;
@@ -1431,7 +1439,7 @@ FUNCTION _writable_scenes()
 FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean, p_a_kind smallint[], p_a_id bigint[], p_a_version bigint[], p_b_kind smallint[], p_b_id bigint[], p_b_version bigint[], p_place tid[], p_digest bigint[], p_verdict text[], p_periods tstzmultirange[], p_region bytea[], p_first_contact_point bytea[], p_time_error_s double precision[], p_closest_at timestamp with time zone[], p_closest_m double precision[], p_closest_error_m double precision[], p_closest_a_point bytea[], p_closest_b_point bytea[], OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint, OUT conflicts bigint, OUT unresolved bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_nestloop=off SET jit=off;
 
-FUNCTION acknowledge(p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamp with time zone DEFAULT NULL::timestamp with time zone)
+FUNCTION acknowledge(p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamp with time zone DEFAULT NULL::timestamp with time zone, p_by text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION approaches_of(p_scene text, p_key text)

@@ -39,6 +39,7 @@ REPLACED_ROUTINES = (
     "_scene_state(text)",
     "_scenes()",
     f"_set_scene({SETTINGS})",
+    "acknowledge(text, text, text, text, timestamptz)",
     f"create_scene({SETTINGS})",
 )
 
@@ -67,11 +68,17 @@ REPLACE_METHOD = (
     "UPDATE conflictdb.conflict SET method = 'screen' WHERE method = 'window'",
 )
 
+# Who acknowledged, where several people share a role.
+NAME = """
+ALTER TABLE conflictdb.acknowledgement ADD COLUMN IF NOT EXISTS given_name text
+    CONSTRAINT acknowledgement_given_name_valid CHECK (btrim(given_name) <> '' AND octet_length(given_name) <= 1000);
+"""
+
 
 def upgrade() -> None:
     for routine in REPLACED_ROUTINES:
         op.execute(f"DROP FUNCTION IF EXISTS conflictdb.{routine}")
-    for statement in (DROP_TRIGGERS, *REPLACE_METHOD):
+    for statement in (DROP_TRIGGERS, *REPLACE_METHOD, NAME):
         op.execute(statement)
     op.add_column(
         "scene",

@@ -160,6 +160,21 @@ def test_a_table_shows_more_on_request(run: Run) -> None:
     assert run(*shown, "colour").code == 2
 
 
+def test_who_acknowledged_may_be_named_beside_the_user(run: Run) -> None:
+    """Where people share a user; the user is shown too, as the name is not verified."""
+    run("detect", STRAIT)
+    pair = ("FERRY", "TOW", "--scene", "strait")
+    assert run("acknowledge", *pair, "--reason", "seen", "--by", "Lt. Ø\x1b[2J").code == 0
+    (row,) = json.loads(run("conflicts", "--scene", "strait", "--acknowledged", "yes", "--format", "json").out)
+    assert re.fullmatch(r"Lt\. Ø\x1b\[2J \(\w+\)", row["acknowledged_by"])
+    table = run("conflicts", "--scene", "strait", "--acknowledged", "yes", "--show", "acknowledged").out
+    assert "Lt. Ø\\x1b[2J (" in table
+    known = json.loads(run("conflicts", "--scene", "strait", "--known-at", "2100-01-01T00:00Z", "--format", "json").out)
+    assert row["acknowledged_by"] in {one["acknowledged_by"] for one in known}
+    assert run("acknowledge", *pair, "--reason", "seen", "--by", " ").code == 4
+    assert run("acknowledge", *pair, "--undo", "--by", "me").code == 2
+
+
 def test_plotters_and_calendars_get_files(run: Run) -> None:
     run("detect", STRAIT)
     gpx = ET.fromstring(run("conflicts", "--scene", "strait", "--format", "gpx").out.encode())  # noqa: S314

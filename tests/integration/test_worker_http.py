@@ -93,6 +93,21 @@ def test_metrics_count_detections_and_failures(dsn: str, monkeypatch: pytest.Mon
     assert found["conflictdb_longest_wait_seconds",] > 0
 
 
+def test_metrics_count_conflicts_by_scene_verdict_and_acknowledgement(dsn: str) -> None:
+    with connect(dsn) as db:
+        scene = db.load(STRAIT)
+        scene.detect()
+        scene.acknowledge("FERRY", "TOW", "seen")
+        worker = Worker(lambda: store.connect(dsn), lambda *_: None, counts=True)
+        metrics = Metrics(worker.state)
+        assert not any(name == "conflictdb_conflicts" for name, *_ in numbers(metrics.text().decode()))
+        with store.connect(store.worker_dsn(dsn)) as connection:
+            worker._turn(connection, 0.01)
+    found = numbers(metrics.text().decode())
+    assert found["conflictdb_conflicts", "yes", "strait", "conflict"] == 1
+    assert found["conflictdb_conflicts", "no", "strait", "conflict"] == 6
+
+
 def test_who_says_nothing_keeps_nobody_waiting_and_a_port_in_use_is_told() -> None:
     state = State(is_connected=True)
     with served((HERE, 0), state, Metrics(state), 60.0) as port, socket.create_connection((HERE, port)):

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from conflictdb.cli.parser import add_format, add_require_current, add_scene, add_wait, command
-from conflictdb.cli.values import instant, port, whole
+from conflictdb.cli.values import instant, name, port, whole
 
 
 def add(commands: Any) -> None:
@@ -40,6 +40,7 @@ def _acknowledge(commands: Any) -> None:
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--reason", metavar="TEXT", help="why")
     what.add_argument("--undo", action="store_true", help="withdraw it")
+    parser.add_argument("--by", type=name, metavar="NAME", help="who, beside the database user")
     parser.add_argument("--until", type=instant, metavar="TIME", help="its end (ISO 8601 with offset; default: none)")
 
 

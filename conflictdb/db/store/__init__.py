@@ -1,6 +1,6 @@
 """Run SQL. No other module does: each statement calls one routine of sql/, or is a COPY to or from one."""
 
-from conflictdb.db.store.acknowledging import acknowledge, unacknowledge
+from conflictdb.db.store.acknowledging import acknowledge, counted_conflicts, unacknowledge
 from conflictdb.db.store.attached import (
     Attachment,
     AttachmentPreview,
@@ -183,6 +183,7 @@ __all__ = [
     "conflicts_known_at",
     "connect",
     "copy_scene",
+    "counted_conflicts",
     "cover",
     "cover_all",
     "detach",
