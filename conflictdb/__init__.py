@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from conflictdb.db import models as models
     from conflictdb.db.detect import Run
     from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
-    from conflictdb.formats import Contents, Remark, Skipped, read, write
+    from conflictdb.formats import Contents, FileHints, Remark, Skipped, read, write
     from conflictdb.in_memory import solve
     from conflictdb.model.methods import Method
     from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
@@ -68,6 +68,7 @@ __all__ = [
     "Database",
     "EarthModel",
     "Explanation",
+    "FileHints",
     "IncompleteWarning",
     "InvalidInput",
     "Kind",
@@ -116,7 +117,7 @@ _HOME: Final = {
     **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
     **dict.fromkeys(("Method",), "conflictdb.model.methods"),
     **dict.fromkeys(("solve",), "conflictdb.in_memory"),
-    **dict.fromkeys(("Contents", "Remark", "Skipped", "read", "write"), "conflictdb.formats"),
+    **dict.fromkeys(("Contents", "FileHints", "Remark", "Skipped", "read", "write"), "conflictdb.formats"),
     **dict.fromkeys(
         ("Area", "EarthModel", "Motion", "Scene", "Track", "rectangle_outline_m"),
         "conflictdb.model.plans",

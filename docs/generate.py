@@ -126,7 +126,7 @@ PYTHON: Final = f"""\
 datetimes; further [units](units-and-frames.md) are in the names.
 """
 IN_MEMORY: Final = (
-    *("read", "Contents", "Remark", "Skipped", "Scene", "Area", "Track", "rectangle_outline_m"),
+    *("read", "FileHints", "Contents", "Remark", "Skipped", "Scene", "Area", "Track", "rectangle_outline_m"),
     *("solve", "Results", "Conflict", "Approach", "write"),
 )
 

@@ -35,6 +35,9 @@ def detect(args: argparse.Namespace) -> int:
             (args.layer is not None and not args.files, "--layer is for files"),
             (args.skip_invalid and not args.files, "--skip-invalid is for files"),
             (args.max_file_mb is not None and not args.files, "--max-file-mb is for files"),
+            (args.haven is not None and not args.files, "--haven is for files"),
+            (args.time_zone is not None and not args.files, "--time-zone is for files"),
+            (args.map is not None and not args.files, "--map is for files"),
         ],
     )
     args.needs_scene = not args.files

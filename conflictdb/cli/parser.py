@@ -10,6 +10,8 @@ from conflictdb.cli.values import (
     aware,
     count,
     duration_s,
+    haven,
+    mapping,
     megabytes,
     memory_mb,
     method,
@@ -180,6 +182,9 @@ def add_loading(parser: Parser, *, is_shown: bool = True) -> None:
     add("--replace", "remove objects that the files do not contain", action="store_true")
     add("--layer", "layer to read (GeoPackage, KML, S-57); repeatable (default: all)", action="append", metavar="NAME")
     add("--skip-invalid", "leave out refused objects, and exit with 6", action="store_true")
+    add("--haven", "of tracks without a size, metres", type=haven, metavar="FORE,AFT,PORT,STARBOARD")
+    add("--time-zone", "of times without offset", type=zone, metavar="ZONE")
+    add("--map", "other names, start=valid_from", type=mapping, metavar="FIELD=COLUMN,…")
     add("--max-speed-kn", "refuse faster tracks and fixes (default 2000, AIS 102.2)", type=speed_kn, metavar="KN")
     add("--max-file-mb", "refuse larger files (default 64; GeoParquet 4000)", type=megabytes, metavar="MB")
 

@@ -12,6 +12,7 @@ from conflictdb.cli.meter import shown_phases
 from conflictdb.cli.output import note, remark
 from conflictdb.db import store
 from conflictdb.errors import IncompleteWarning, InvalidInput
+from conflictdb.formats.hints import FileHints
 from conflictdb.server import EmbeddedServer, embedded
 from conflictdb.session.database import Database, connect
 from conflictdb.session.loading import Loaded
@@ -78,6 +79,11 @@ def _name(db: Database) -> str:
 
 def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
     """Load the files of a command with its options; the last of their scenes is remembered."""
+    given = (args.map, args.time_zone, args.haven)
+    hints = None
+    if any(one is not None for one in given):
+        haven_m = None if args.haven is None else tuple(args.haven.values())
+        hints = FileHints(args.map or {}, args.time_zone and str(args.time_zone), haven_m)
     with shown_phases() as phase:
         loaded = db.load_files(
             args.files,
@@ -87,6 +93,7 @@ def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
             layers=args.layer or (),
             skip_invalid=args.skip_invalid,
             max_file_mb=args.max_file_mb,
+            hints=hints,
             phase=phase,
         )
     remember(_name(db), loaded[-1].scene)

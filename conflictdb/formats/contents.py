@@ -9,6 +9,7 @@ from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model.plans import Area, Scene, Track
 
 # Endings of Parquet file names.
+NO_SIZES: Final = "has no columns of sizes"  # begins a remark
 PARQUET: Final = frozenset({".parquet", ".geoparquet"})
 # The remedy for a file above the size limit.
 TOO_LARGE: Final = ": split it, or allow more with --max-file-mb"

@@ -7,6 +7,7 @@ from pathlib import Path
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats.contents import Contents, Remark, Skipped, left_out, name_of, without_objects
 from conflictdb.formats.fields import key as checked_key
+from conflictdb.formats.hints import FileHints
 from conflictdb.formats.reading import read, stem
 from conflictdb.model.plans import Area, Scene, Track
 
@@ -49,6 +50,7 @@ def gather(
     layers: Sequence[str] = (),
     skip_invalid: bool = False,
     max_file_mb: float | None = None,
+    hints: FileHints | None = None,
 ) -> list[Plan]:
     """Return the scenes in some files, in order of first appearance.
 
@@ -58,7 +60,7 @@ def gather(
         Files of one scene are combined as if they were one file.
     scene : str, optional
         Name of the one scene of all files; default is the name in each file, else the name of the file.
-    max_speed_kn, layers, skip_invalid, max_file_mb : optional
+    max_speed_kn, layers, skip_invalid, max_file_mb, hints : optional
         See `conflictdb.formats.read`.
 
     Raises
@@ -74,7 +76,12 @@ def gather(
             if path in paths[:i]:
                 raise InvalidInput("file", "", "is given twice", str(path))
             contents = read(
-                path, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid, max_file_mb=max_file_mb
+                path,
+                max_speed_kn=max_speed_kn,
+                layers=layers,
+                skip_invalid=skip_invalid,
+                max_file_mb=max_file_mb,
+                hints=hints,
             )
             name = scene_name(path, contents.scene, scene)
             if contents.scene is None and not (contents.areas or contents.tracks):

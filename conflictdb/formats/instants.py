@@ -4,6 +4,7 @@ import re
 from datetime import UTC, datetime
 from typing import Final
 
+from conflictdb.formats.hints import with_offset
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 
 # Digits after the sixth: datetime would truncate them, here they are rounded.
@@ -17,7 +18,8 @@ OFFSET_RULE: Final = "needs an offset from UTC, such as 2026-03-01T06:00:00Z or 
 def parse_instant(text: str, *, naive_is_utc: bool = False) -> int:
     """Return the microseconds since 1970 of an ISO 8601 date and time; finer fractions are rounded to the nearest.
 
-    Raises ValueError, with the rule as its message, if it is invalid or has no offset (unless `naive_is_utc`).
+    Raises ValueError, with the rule as its message, if it is invalid or has no offset (unless `naive_is_utc`, or
+    hints give a time zone).
     """
     finer = _FINER.search(text) if len(text) > 26 else None
     carry = 0
@@ -31,9 +33,10 @@ def parse_instant(text: str, *, naive_is_utc: bool = False) -> int:
             f"must be a date and time in ISO 8601, such as 2026-03-01T06:00:00Z; got {text[:_LONGEST]!r}"
         ) from None
     if moment.tzinfo is None:
-        if not naive_is_utc:
+        local = with_offset(moment)
+        if local is None and not naive_is_utc:
             raise ValueError(f"{OFFSET_RULE}; got {text[:_LONGEST]!r}")
-        moment = moment.replace(tzinfo=UTC)
+        moment = local or moment.replace(tzinfo=UTC)
     return (moment - EPOCH) // MICROSECOND + carry
 
 

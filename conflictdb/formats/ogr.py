@@ -13,6 +13,7 @@ in the scene's plane.
 
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,6 +35,7 @@ from conflictdb.formats.contents import (
 )
 from conflictdb.formats.features import LINES, POINTS, line_track, polygon_area
 from conflictdb.formats.fixes import Fixes, track_of
+from conflictdb.formats.hints import renamed
 from conflictdb.formats.instants import parse_instant
 from conflictdb.formats.names import RENAME_COLUMN
 from conflictdb.formats.ogr_process import Layer, read_layers
@@ -73,7 +75,7 @@ def read_objects(
     unknown = [name for name in names if name not in known]
     if unknown:
         raise InvalidInput("file", "layer", f"there is no layer {unknown[0]!r}; the file has {', '.join(known)}")
-    chosen = [layer for layer in layers if not names or layer.name in names]
+    chosen = [replace(layer, fields=renamed(layer.fields)) for layer in layers if not names or layer.name in names]
     contents = Contents(None, [], [], [])
     refusals = FileRefusals()
     if _is_gpx(layers):

@@ -21,9 +21,10 @@ from typing import Final
 import numpy as np
 
 from conflictdb.errors import InvalidInput
-from conflictdb.formats.contents import Contents, FileRefusals, Remark, Skipped, check_columns
+from conflictdb.formats.contents import NO_SIZES, Contents, FileRefusals, Remark, Skipped, check_columns
 from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.fixes import LENGTH_WIDTH, SIDES, Fixes, track_of
+from conflictdb.formats.hints import renamed
 from conflictdb.formats.instants import parse_instant
 from conflictdb.formats.json_text import check_text
 from conflictdb.formats.names import RENAME_COLUMN, SETTING_RULE, SETTINGS, misnamed
@@ -57,6 +58,8 @@ _SIZES: Final = "length_m and width_m, or fore_m, aft_m, port_m and starboard_m"
 MAX_OBJECTS: Final = 1_000_000
 MISSING: Final = frozenset({"", "na", "nan", "null", "none", r"\n"})
 
+# As the Danish AIS archive writes times: 31/12/2025 23:59:59.
+_DAY_FIRST: Final = re.compile(r"(\d\d)/(\d\d)/(\d{4})[ T]+(\d\d:\d\d.*)")
 _NUMBER: Final = re.compile(r"[+-]?\d+(\.\d*)?")
 # Numbers in this range are seconds since 1970 (1973 to 5138): dates in digits (20260301) and milliseconds lie outside.
 EARLIEST_S: Final = 100_000_000
@@ -103,7 +106,10 @@ def read_positions(text: str, source: str, *, max_speed_kn: float | None = None)
     ]
     contents = Contents(None, [], tracks, skipped)
     if not reader.size_columns:
-        contents.remarks = [Remark(source, "file", f"has no columns of sizes ({_SIZES}): all are points")]
+        contents.remarks = [Remark(source, "file", f"{NO_SIZES} ({_SIZES}): all are points")]
+    if reader.is_day_first:
+        remark = Remark(source, "file", "has dates with slashes: they are read as day/month/year")
+        contents.remarks = [*contents.remarks, remark]
     return contents
 
 
@@ -115,11 +121,12 @@ class _Reader:
         separator = max(",;\t", key=header_line.count)
         self.rows = csv.reader(StringIO(text, newline=""), delimiter=separator, strict=True)
         self.refusals = FileRefusals()
-        self.header = [name.strip() for name in next(self._each(), [])]
+        self.header = renamed([name.strip() for name in next(self._each(), [])])
         self.refusals.raise_found()
         check_columns("file", self.header)
         self.left_out: dict[tuple[str, str], list[int]] = defaultdict(list)
         lower = [name.lower() for name in self.header]
+        self.is_day_first = False
         self.at: dict[str, int] = {}
         for column, names in COLUMNS.items():
             found = [name for name in names if name in lower]
@@ -200,6 +207,7 @@ class _Reader:
             return
         try:
             own.times_us.append(_instant_us(when, naive_is_utc))
+            self.is_day_first = self.is_day_first or "/" in when
         except ValueError as error:
             raise InvalidInput(who, f"line {line}, {self.header[self.at['time']]}", str(error)) from None
         own.positions_deg.append(place)
@@ -263,7 +271,9 @@ class _Reader:
 
 
 def _instant_us(text: str, naive_is_utc: bool) -> int:
-    """Return an instant, ISO 8601 or seconds since 1970, in microseconds; raises ValueError with the rule."""
+    """Return an instant, ISO 8601, day/month/year or seconds since 1970, in microseconds; raises ValueError."""
+    if "/" in text and (match := _DAY_FIRST.fullmatch(text)):
+        text = f"{match[3]}-{match[2]}-{match[1]}T{match[4]}"
     if not _NUMBER.fullmatch(text):
         return parse_instant(text, naive_is_utc=naive_is_utc)
     seconds = Decimal(text)

@@ -14,19 +14,25 @@ Numbers of columns, errors, objects and corners of circles are bounded too (`con
 
 import codecs
 import gzip
+import math
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import places
-from conflictdb.formats.contents import PARQUET, TOO_LARGE, Contents, Parts, Remark
+from conflictdb.formats.contents import NO_SIZES, PARQUET, TOO_LARGE, Contents, Parts, Remark
+from conflictdb.formats.hints import FileHints, applied
 from conflictdb.formats.scene_file import read_scene
 from conflictdb.formats.summary import Summary
 from conflictdb.formats.time_columns import TimeColumns
-from conflictdb.model.plans import Area, Track
+from conflictdb.model.plans import Area, Track, rectangle_outline_m
 from conflictdb.model.speeds import MAX_SPEED_KN
 
 # Limit on a file's unpacked size: JSON takes up to thirty times that memory. Some 150,000 simple objects fit, and a
@@ -45,6 +51,7 @@ def read(
     layers: Sequence[str] = (),
     skip_invalid: bool = False,
     max_file_mb: float | None = None,
+    hints: FileHints | None = None,
 ) -> Contents:
     """Return the contents of a file.
 
@@ -65,6 +72,8 @@ def read(
         Leave out refused objects of scene files, GeoParquet and OGR files, and read the others; `skipped` lists them.
     max_file_mb : float, optional
         Limit on the unpacked size, in millions of bytes; default MAX_FILE_MB, and 400 for GeoParquet.
+    hints : FileHints, optional
+        Names of columns, time zone and havens that the file does not say.
 
     Raises
     ------
@@ -72,9 +81,23 @@ def read(
         If the file, an object or a field breaks a rule. Nothing of the file is used then.
     """
     path = Path(path)
-    contents = _read(path, max_speed_kn, layers, skip_invalid, max_file_mb)
+    with _named(path), applied(hints):
+        contents = _read(path, max_speed_kn, layers, skip_invalid, max_file_mb)
+    if hints is not None and hints.haven_m is not None:
+        _give_havens(contents, rectangle_outline_m(*hints.haven_m))
     contents.remarks = [*contents.remarks, *_remarks(str(path), contents)]
     return contents
+
+
+def _give_havens(contents: Contents, outline_m: NDArray[np.float64]) -> None:
+    """Give tracks whose haven is a point an outline; the remark that they are points goes."""
+    contents.tracks[:] = [
+        replace(track, outline_m=outline_m, max_speed_kn=math.inf)
+        if track.outlines_m is None and track.grow_mps == 0.0 and not track.outline_m.any()
+        else track
+        for track in contents.tracks
+    ]
+    contents.remarks = [one for one in contents.remarks if not one.text.startswith(NO_SIZES)]
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from conflictdb.formats.contents import Contents, FileRefusals, given_twice, lef
 from conflictdb.formats.fields import Fields, number_as_key
 from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.geometry import TRACK_TYPE, geometry_type
+from conflictdb.formats.hints import renamed
 from conflictdb.formats.json_text import dumped, parse
 from conflictdb.formats.speed_columns import within_speed
 from conflictdb.model.plans import Area, Scene, Track
@@ -158,6 +159,8 @@ def _object(i: int, feature: Any, setting: file_objects.Setting) -> Area | Track
     properties = feature.get("properties")
     if properties is None:
         properties = {}
+    if isinstance(properties, dict):
+        properties = dict(zip(renamed(list(properties)), properties.values(), strict=True))
     key = feature.get("id")
     if key is None and isinstance(properties, dict):  # as written by OGR and others
         named = next((name for name in properties if name.lower() == "id" and properties[name] is not None), "")

@@ -23,6 +23,7 @@ from conflictdb.errors import (
     ServerError,
     StoreError,
 )
+from conflictdb.formats.hints import FileHints
 from conflictdb.session import loading
 from conflictdb.session.lending import BorrowedConnection, borrow
 from conflictdb.session.loading import Loaded
@@ -199,6 +200,7 @@ class Database:
         max_speed_kn: float | None = None,
         layers: Sequence[str] = (),
         skip_invalid: bool = False,
+        hints: FileHints | None = None,
     ) -> StoredScene:
         """Load one file, all or nothing, and return its scene.
 
@@ -217,6 +219,8 @@ class Database:
             The layers to read of a file that OGR opens; by default all.
         skip_invalid : bool
             Skip refused objects and load the others, see `conflictdb.formats.read`.
+        hints : FileHints, optional
+            Names of columns, time zone and havens that the file does not say.
 
         Raises
         ------
@@ -230,7 +234,13 @@ class Database:
             For each remark (valid input that is probably unintended), and for each object that was left out.
         """
         loaded = self.load_files(
-            [path], scene, replace=replace, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid
+            [path],
+            scene,
+            replace=replace,
+            max_speed_kn=max_speed_kn,
+            layers=layers,
+            skip_invalid=skip_invalid,
+            hints=hints,
         )[0]
         for one in (*loaded.remarks, *loaded.invalid):
             warnings.warn(str(one), UserWarning, stacklevel=2)
@@ -246,6 +256,7 @@ class Database:
         layers: Sequence[str] = (),
         skip_invalid: bool = False,
         max_file_mb: float | None = None,
+        hints: FileHints | None = None,
         phase: Callable[[str, int, int], object] = _unwatched,
     ) -> list[Loaded]:
         """Load files as `load` does, files of one scene as if they were one; return the result for each scene.
@@ -264,6 +275,7 @@ class Database:
             layers=layers,
             skip_invalid=skip_invalid,
             max_file_mb=max_file_mb,
+            hints=hints,
             phase=phase,
         )
 

@@ -15,6 +15,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats import Remark, Skipped
 from conflictdb.formats.contents import Parts, without_objects
 from conflictdb.formats.gather import Plan, gather, scene_name
+from conflictdb.formats.hints import FileHints
 from conflictdb.formats.reading import is_parquet, read_parts
 from conflictdb.model.plans import Area, Motion, Scene, Track
 from conflictdb.stages.pieces.cutting import check_plane
@@ -53,6 +54,7 @@ def load_files(
     layers: Sequence[str],
     skip_invalid: bool,
     max_file_mb: float | None,
+    hints: FileHints | None,
     phase: Callable[[str, int, int], object],
 ) -> list[Loaded]:
     """Load files, those of one scene as if they were one; return the result for each scene.
@@ -61,10 +63,16 @@ def load_files(
     phase : called with the name of each phase and the amounts done and to do (0: unknown), and again as it advances
     """
     phase("reading", 0, 0)
-    if len(paths) == 1 and not skip_invalid and not layers and is_parquet(paths[0]):
+    if len(paths) == 1 and not skip_invalid and not layers and hints is None and is_parquet(paths[0]):
         return [_loaded_by_parts(connection, paths[0], scene, replace, max_speed_kn, max_file_mb, phase)]
     gathered = gather(
-        paths, scene, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid, max_file_mb=max_file_mb
+        paths,
+        scene,
+        max_speed_kn=max_speed_kn,
+        layers=layers,
+        skip_invalid=skip_invalid,
+        max_file_mb=max_file_mb,
+        hints=hints,
     )
     plans = [_with_settings(connection, plan, skip_invalid) for plan in gathered]
     for plan, _ in plans:

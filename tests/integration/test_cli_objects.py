@@ -342,3 +342,21 @@ def test_skip_invalid_loads_the_rest_and_names_what_it_leaves_out(run: Run, dsn:
     assert run("detect", "--scene", "strait", "--skip-invalid").code == 2
     with conflictdb.connect(dsn) as db, pytest.warns(UserWarning, match="left out area"):
         assert db.load(path, skip_invalid=True).name == "strait"
+
+
+def test_files_of_others_are_loaded_with_hints(run: Run, tmp_path: Path) -> None:
+    """A command line says what the file does not: names, time zone, haven."""
+    rows = "ship,when,lon,lat\nTUG,01/06/2026 11:00:00,9.0,57.7\nTUG,01/06/2026 13:00:00,9.4,57.9\n"
+    (tmp_path / "tug.csv").write_text(rows)
+    hints = ("--map", "id=ship, time=when", "--time-zone", "Europe/Copenhagen", "--haven", "500,200,100,150")
+    assert run("load", tmp_path / "tug.csv", "--scene", "s").code == 4
+    done = run("load", tmp_path / "tug.csv", "--scene", "s", *hints)
+    assert done.out == "s: 1 added, 0 updated, 0 removed, 0 unchanged\n"
+    assert "all are points" not in done.err
+    (row,) = json.loads(run("objects", "--scene", "s", "--format", "json").out)
+    assert (row["key"], row["start_at"]) == ("TUG", "2026-06-01T09:00:00.000000Z")
+    feature = json.loads(run("export", "--scene", "s", "-").out)["features"][0]
+    assert feature["properties"]["fore_m"] == 500.0
+    for wrong in (("--map", "id"), ("--time-zone", "Mars"), ("--haven", "1,2")):
+        assert run("load", tmp_path / "tug.csv", *wrong).code == 2
+    assert run("detect", "--scene", "s", "--haven", "1,2,3,4").code == 2

@@ -1,0 +1,92 @@
+"""What users say about files of other programs: the names of columns, the time zone, the havens of points."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from datetime import datetime
+from math import isfinite
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+from conflictdb.errors import InvalidInput
+
+
+@dataclass(frozen=True, slots=True)
+class FileHints:
+    """How to read files of other programs; raises InvalidInput for an unknown zone and an invalid haven.
+
+    columns : the column or property of the file for each field: {"start": "valid_from"}
+    time_zone : of times without offset, such as Europe/Copenhagen; None: they are refused, and UTC in AIS files
+    haven_m : how far the havens of tracks without a size reach, metres: ahead, astern, to port, to starboard; None:
+        they are points
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    time_zone: str | None = None
+    haven_m: Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.time_zone is not None:
+            try:
+                ZoneInfo(self.time_zone)
+            except (ValueError, OSError, ZoneInfoNotFoundError):
+                rule = f"must be a time zone such as Europe/Copenhagen; got {self.time_zone!r:.60}"
+                raise InvalidInput("file", "time_zone", rule) from None
+        haven = self.haven_m
+        if haven is not None and (len(haven) != 4 or not all(isfinite(side) and side >= 0.0 for side in haven)):
+            raise InvalidInput("file", "haven_m", f"must be four numbers of metres, 0 or more; got {haven!r:.60}")
+
+
+@dataclass(slots=True)
+class _Reading:
+    """A file being read: the hints, their zone, the fields by column, and the columns found so far."""
+
+    hints: FileHints
+    zone: ZoneInfo | None
+    fields: Mapping[str, str]
+    found: set[str] = field(default_factory=set)
+
+
+_READING: ContextVar[_Reading | None] = ContextVar("reading", default=None)
+
+
+@contextmanager
+def applied(hints: FileHints | None) -> Iterator[None]:
+    """Read a file with hints; raises InvalidInput for a column that the file does not have."""
+    if hints is None:
+        yield
+        return
+    zone = None if hints.time_zone is None else ZoneInfo(hints.time_zone)
+    reading = _Reading(hints, zone, {column: one for one, column in hints.columns.items()})
+    token = _READING.set(reading)
+    try:
+        yield
+    finally:
+        _READING.reset(token)
+    for column, one in reading.fields.items():
+        if column not in reading.found:
+            raise InvalidInput("file", f"column {column}", f"is mapped to {one}, but the file has no such column")
+
+
+def renamed(names: Sequence[str]) -> list[str]:
+    """Return the names of columns or properties, as the hints map them; raises InvalidInput for a name given twice."""
+    reading = _READING.get()
+    if reading is None or reading.fields.keys().isdisjoint(names):
+        return list(names)
+    reading.found.update(reading.fields.keys() & set(names))
+    new = [reading.fields.get(name, name) for name in names]
+    for name in new:
+        if new.count(name) > 1:
+            raise InvalidInput("file", f"column {name}", f"is there already, and {reading.hints.columns[name]} too")
+    return new
+
+
+def with_offset(naive: datetime) -> datetime | None:
+    """Return a time without offset in the zone of the hints, None without one; raises ValueError if it is ambiguous."""
+    reading = _READING.get()
+    if reading is None or reading.zone is None:
+        return None
+    early, late = (naive.replace(tzinfo=reading.zone, fold=fold) for fold in (0, 1))
+    if early.utcoffset() != late.utcoffset():
+        raise ValueError(f"{naive.isoformat()} occurs twice or never in {reading.zone}: it needs an offset")
+    return early
