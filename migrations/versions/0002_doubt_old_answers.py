@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "aea9c4436d8c4d2cf2215a6bf569167da6367ce04022564dedaa28e07223420b"
+routines_sha256 = "99e174812c765306e037da8b7bb9c71b4b56a3311126a73172f4f5c1d50bc546"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
