@@ -38,14 +38,16 @@ if TYPE_CHECKING:
     from conflictdb.db.detect import Run
     from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
     from conflictdb.formats import Contents, FileHints, Remark, Skipped, read, write
-    from conflictdb.in_memory import solve
+    from conflictdb.in_memory import delays, solve
     from conflictdb.model.methods import Method
     from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
     from conflictdb.model.results import (
         Approach,
         Conflict,
         ConflictEvent,
+        Delays,
         Explanation,
+        Forbidden,
         Kind,
         Listing,
         Results,
@@ -66,9 +68,11 @@ __all__ = [
     "ConflictEvent",
     "Contents",
     "Database",
+    "Delays",
     "EarthModel",
     "Explanation",
     "FileHints",
+    "Forbidden",
     "IncompleteWarning",
     "InvalidInput",
     "Kind",
@@ -98,6 +102,7 @@ __all__ = [
     "Verdict",
     "__version__",
     "connect",
+    "delays",
     "plot_pair",
     "plot_scene",
     "plot_timeline",
@@ -116,7 +121,7 @@ _HOME: Final = {
     **dict.fromkeys(("Run",), "conflictdb.db.detect"),
     **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
     **dict.fromkeys(("Method",), "conflictdb.model.methods"),
-    **dict.fromkeys(("solve",), "conflictdb.in_memory"),
+    **dict.fromkeys(("delays", "solve"), "conflictdb.in_memory"),
     **dict.fromkeys(("Contents", "FileHints", "Remark", "Skipped", "read", "write"), "conflictdb.formats"),
     **dict.fromkeys(
         ("Area", "EarthModel", "Motion", "Scene", "Track", "rectangle_outline_m"),
@@ -127,7 +132,9 @@ _HOME: Final = {
             "Approach",
             "Conflict",
             "ConflictEvent",
+            "Delays",
             "Explanation",
+            "Forbidden",
             "Kind",
             "Listing",
             "Results",

@@ -1,4 +1,4 @@
-"""Run the stages on objects in memory (`solve`): no database, the same answer."""
+"""Run the stages on objects in memory (`solve`, `delays`): no database, the same answer."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import tzinfo
@@ -8,13 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import from_frames
+from conflictdb.model import inputs
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.results import Conflict, Kind, Results
+from conflictdb.model.results import Conflict, Delays, Kind, Results
+from conflictdb.stages.delays import differences_of, told_delays
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.pieces.covers import pieces_of
@@ -62,6 +66,59 @@ def solve(
         raise InvalidInput("solve", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
     scene = scene or Scene("in memory")
     tracks, areas = _objects(tracks, areas, scene, haven, time_zone)
+    scene, _, tracks, areas = _prepared(scene, tracks, areas)
+    keys = {(Kind.AREA.code, n): area.key for n, area in enumerate(areas)}
+    keys |= {(Kind.TRACK.code, n): track.key for n, track in enumerate(tracks)}
+    objects: list[Area | Track] = [*areas, *tracks]
+    origin = _Objects(scene, {one.key: one for one in objects})
+    rows = to_results(scene, keys, Conflicts.concatenate([conflicts for conflicts, _ in _run(scene, areas, tracks)]))
+    return Results((conflict.found_by(origin) for conflict in rows), Conflict)
+
+
+def delays(
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None = None,
+    key: str | None = None,
+    within_s: float = 7200.0,
+) -> list[Delays]:
+    """Return when each track could depart instead: the departures that are in conflict, and the least that is not.
+
+    Delays are of a whole track, everything else departs as planned, and the scene's method is `exact`. A track is
+    nowhere before it departs and after it arrives, and its haven begins to grow when it departs.
+    Rows are in the order of keys. Raises the errors of `solve`, and InvalidInput for an unknown track.
+
+    Parameters
+    ----------
+    key : str, optional
+        A track; by default each of them is asked about, one at a time.
+    within_s : float
+        The horizon: delays of up to this many seconds, either way.
+    """
+    if not isinstance(scene, Scene | None):
+        raise InvalidInput("delays", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
+    horizon_us = round(1e6 * inputs.seconds("delays", "within_s", within_s))
+    scene, plane, tracks, areas = _prepared(
+        scene or Scene("in memory"),
+        _each("delays", "tracks", tracks, Track),
+        _each("delays", "areas", areas, Area),
+    )
+    if key is not None and key not in (track.key for track in tracks):
+        raise InvalidInput(f"scene {scene.name!r}", "track", f"{key!r} is not known")
+    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+    numbers = numbers_of(np.full(len(tracks), Kind.TRACK.code), np.arange(len(tracks)))
+    keys = dict(enumerate(area.key for area in areas)) | dict(
+        zip(numbers.tolist(), (track.key for track in tracks), strict=True)
+    )
+    asked = numbers if key is None else numbers[[track.key == key for track in tracks]]
+    every = differences_of(scene, plane, pieces, asked, horizon_us)
+    found = dict(every.of_each_track())
+    nothing = every.take(np.empty(0, np.int64))
+    return [told_delays(keys[number], keys, found.get(number, nothing), horizon_us) for number in asked.tolist()]
+
+
+def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Scene, Plane, list[Track], list[Area]]:
+    """Return the scene with a centre, its plane, and its objects in the order of their keys; raises InvalidInput."""
     seen: set[str] = set()
     for key in [area.key for area in areas] + [track.key for track in tracks]:
         if key in seen:
@@ -72,15 +129,12 @@ def solve(
         except UnicodeEncodeError:
             raise InvalidInput(f"object {key!r}", "key", "contains half of a surrogate pair, no character") from None
     scene = centred(scene, areas, tracks)
-    check_plane(plane_of(scene), areas, tracks)
+    plane = plane_of(scene)
+    check_plane(plane, areas, tracks)
     # Numbered by key, as in the database: the answer does not depend on the order of the objects.
     areas = sorted(areas, key=lambda area: area.key.encode())
     tracks = sorted(tracks, key=lambda track: track.key.encode())
-    keys = {(Kind.AREA.code, n): area.key for n, area in enumerate(areas)}
-    keys |= {(Kind.TRACK.code, n): track.key for n, track in enumerate(tracks)}
-    origin = _Objects(scene, {one.key: one for one in [*areas, *tracks]})
-    rows = to_results(scene, keys, Conflicts.concatenate([conflicts for conflicts, _ in _run(scene, areas, tracks)]))
-    return Results((conflict.found_by(origin) for conflict in rows), Conflict)
+    return scene, plane, tracks, areas
 
 
 def counts(scene: Scene, areas: list[Area], tracks: list[Track]) -> Funnel:
@@ -123,8 +177,8 @@ def _objects(
             "solve", "time_zone", "is for frames: instants of a Track or an Area need a zone of their own"
         )
     return (
-        from_frames.tracks_of(tracks, scene, sizes, zone) if in_frames[0] else _each("tracks", tracks, Track),
-        from_frames.areas_of(areas, scene, zone) if in_frames[1] else _each("areas", areas, Area),
+        from_frames.tracks_of(tracks, scene, sizes, zone) if in_frames[0] else _each("solve", "tracks", tracks, Track),
+        from_frames.areas_of(areas, scene, zone) if in_frames[1] else _each("solve", "areas", areas, Area),
     )
 
 
@@ -148,14 +202,14 @@ class _InMemory:
         return self._footprint[area_ids]
 
 
-def _each(name: str, given: Iterable[Object], kind: type[Object]) -> list[Object]:
+def _each(who: str, name: str, given: Iterable[Object], kind: type[Object]) -> list[Object]:
     """Return objects of one kind; raises InvalidInput for others."""
     what = f"must be {name}, in a list or the like"
     if isinstance(given, Area | Track) or not isinstance(given, Iterable):
-        raise InvalidInput("solve", name, f"{what}; got {type(given).__name__}")
+        raise InvalidInput(who, name, f"{what}; got {type(given).__name__}")
     objects = list(given)
     for i, one in enumerate(objects):
         if not isinstance(one, kind):
-            swapped = ": solve(tracks, areas), are they swapped?" if isinstance(one, Area | Track) else ""
-            raise InvalidInput("solve", f"{name}[{i}]", f"{what}; got {type(one).__name__}{swapped}")
+            swapped = f": {who}(tracks, areas), are they swapped?" if isinstance(one, Area | Track) else ""
+            raise InvalidInput(who, f"{name}[{i}]", f"{what}; got {type(one).__name__}{swapped}")
     return objects

@@ -38,7 +38,7 @@
 /* ---- Status and limits ------------------------------------------------------------------------------------------ */
 
 /* Raise by one with every change of a structure's layout, of a constant's value, or of a function's arguments. */
-#define KERNEL_ABI 19
+#define KERNEL_ABI 20
 
 /* Contact tolerance, metres on the earth: polygons this close touch. Coordinates are rounded to 1e-8 m, and a touch must
  * not become a miss. Larger: contacts are reported too long. Smaller: rounding decides. */
@@ -287,6 +287,42 @@ typedef struct {
 KERNEL_API KernelStatus kernel_approaches(const KernelScene *scene, const KernelPairs *pairs, const KernelGroups *groups,
                                           int64_t *pair, double *at_s, double *distance_m, double *error_m, double *a_deg,
                                           double *b_deg, KernelWork *work);
+
+/* Pairs of pieces, each piece with a time and a zero of its own, as one may be shifted against the other. Pieces that
+ * stand still need no time: an empty one, [0, 0], gives the contacts of the other piece. Pairs with an invalid piece or
+ * time are KERNEL_DIFFERENCE_UNKNOWN. */
+typedef struct {
+    int64_t count;
+    const int64_t *a, *b;                     /* (count,) indices of pieces */
+    const int64_t *a_zero_us, *b_zero_us;     /* (count,) the instants that the seconds of a and of b count from */
+    const double *a_start_s, *a_end_s;        /* (count,) times within the slices of the pieces */
+    const double *b_start_s, *b_end_s;
+} KernelShifts;
+
+/* What is proven about the differences of a pair. */
+typedef enum {
+    KERNEL_DIFFERENCE_NONE = 0,   /* no difference brings it into contact */
+    KERNEL_DIFFERENCE_INNER = 1,  /* contact at each difference of the inner interval, at none outside of the outer */
+    KERNEL_DIFFERENCE_OUTER = 2,  /* no contact outside of the outer interval; the inner one is empty */
+    KERNEL_DIFFERENCE_UNKNOWN = 3 /* nothing: the outer interval has all differences of both times */
+} KernelDifferenceState;
+
+/* Differences: seconds of b minus seconds of a at which the pieces come within reach of each other. An empty interval is
+ * [INFINITY, -INFINITY]. */
+typedef struct {
+    double outer_low_s, inner_low_s, inner_high_s, outer_high_s;
+    int32_t state; /* KernelDifferenceState */
+} KernelDifference;
+
+/* Find the differences of departure that bring pairs within reach_m of each other on the earth (0: touching).
+ *
+ * If a departs d later, and b as planned, they meet if and only if d is a difference, plus b_zero_us minus a_zero_us. The
+ * work for a pair is bounded; when its budget is exhausted, its outer interval is larger than need be.
+ *
+ * found : (count,)
+ */
+KERNEL_API KernelStatus kernel_differences(const KernelScene *scene, const KernelShifts *shifts, double reach_m,
+                                           KernelDifference *found, KernelWork *work);
 
 /* Areas of the plane: closed rings one after the other, plane metres. */
 typedef struct {

@@ -14,7 +14,7 @@ from conflictdb.kernel import build
 from conflictdb.kernel.waiting import wait_for
 
 # KERNEL_ABI of kernel.h.
-ABI: Final = 19
+ABI: Final = 20
 _STATUS: Final = {
     1: "out of memory",
     2: "a required array is missing",
@@ -37,6 +37,7 @@ TAKES: Final[dict[str, tuple[Any, ...]]] = {
     "kernel_meetings": (_POINTER,) * 3,
     "kernel_distances": (_POINTER,) * 3,
     "kernel_approaches": (_POINTER,) * 10,
+    "kernel_differences": (_POINTER, _POINTER, _NUMBER, _POINTER, _POINTER),
     "kernel_whole_depths": (_POINTER,) * 7,
     "kernel_states": (_POINTER, _POINTER),
     "kernel_positions": (_POINTER, _POINTER, _POINTER, _COUNT, _POINTER),

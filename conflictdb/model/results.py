@@ -5,7 +5,7 @@ microsecond; None where a period is unbounded. Positions are (longitude, latitud
 """
 
 from collections.abc import Generator, Iterable, Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from datetime import datetime
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeAlias, TypeVar, cast
@@ -317,6 +317,56 @@ class Explanation:
         from conflictdb.model import notebook
 
         return notebook.text_html(self.text)
+
+
+@dataclass(frozen=True, slots=True)
+class Forbidden:
+    """Departures of a track that are in conflict: delays in [from_s, to_s], seconds, negative for earlier ones.
+
+    from_s, to_s : whole microseconds, rounded outward and cut off at the horizon; all other delays are proven free
+    from_error_s, to_error_s : how far outside of a delay that is proven forbidden each end lies
+    is_proven : whether each delay between these is proven forbidden; else some of them may be free
+    by : the keys of the objects that the track would meet
+    """
+
+    from_s: float
+    to_s: float
+    from_error_s: float
+    to_error_s: float
+    is_proven: bool
+    by: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Delays:
+    """When a track could depart instead, if everything else stays as planned: what `delays` returns.
+
+    forbidden : the departures within the horizon that are in conflict, also if only grazing, in order
+    least_later_s, least_earlier_s : how much later, or earlier, it must depart at least to meet nothing, seconds, in
+        whole microseconds and rounded away from the conflict: 0 without a conflict, None if nothing within the horizon
+        is enough
+    blocked_by : the keys of the objects that forbid every departure within the horizon: a permanent area does so, and
+        no delay clears it
+    """
+
+    key: str
+    forbidden: tuple[Forbidden, ...]
+    least_later_s: float | None
+    least_earlier_s: float | None
+    blocked_by: tuple[str, ...]
+
+    @property
+    def clear_by_s(self) -> float | None:
+        """How much later or earlier the track may depart without a conflict, seconds: 0 if it is in conflict.
+
+        None if no departure within the horizon is in conflict.
+        """
+        least_s = [max(one.from_s, -one.to_s, 0.0) for one in self.forbidden]
+        return min(least_s, default=None)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return this as an object of JSON."""
+        return asdict(self)
 
 
 class Origin(Protocol):

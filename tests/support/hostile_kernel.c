@@ -5,6 +5,7 @@
  * Every array is a block of its own, so that one step beyond its end is seen. Prints how calls ended, and how pairs did.
  */
 #include <math.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -296,6 +297,32 @@ static void ask_regions(const KernelScene *scene, const KernelPairs *pairs, cons
     free(ring), free(ring_offset), free(what);
 }
 
+/* Ask for differences of departure; each piece has a zero and a time of its own, now and then one that is none. */
+static void ask_differences(const KernelScene *scene, const KernelPairs *pairs, double reach, int64_t odd, int64_t calls[16]) {
+    const int64_t hour = INT64_C(3600000000), m = pairs->count < 8 ? pairs->count : 8;
+    int64_t *zero = block(m, 8);
+    double *low = block(m, 8), *high = block(m, 8);
+    KernelDifference *found = block(m, sizeof *found);
+    KernelWork work;
+    for (int64_t i = 0; i < m; i++) {
+        zero[i] = instant(0, hour, odd), low[i] = number(0.0, 1800.0, odd), high[i] = low[i] + number(0.0, 5400.0, odd);
+        if (below(4) == 0) low[i] = high[i] = 0.0;
+    }
+    KernelShifts shifts = {below(50 * odd) ? m : -1, pairs->a, pairs->b, pairs->zero_us, zero, pairs->low_s, pairs->high_s,
+                           low, below(50 * odd) ? high : NULL};
+    KernelStatus status = kernel_differences(scene, &shifts, reach, found, &work);
+    calls[status]++;
+    for (int64_t i = 0; status == KERNEL_OK && i < m; i++) {
+        const KernelDifference *one = found + i;
+        bool is_none = one->state == KERNEL_DIFFERENCE_NONE, is_inner = one->state == KERNEL_DIFFERENCE_INNER;
+        if (one->state < 0 || one->state > KERNEL_DIFFERENCE_UNKNOWN) abort();
+        if (is_none == (one->outer_low_s <= one->outer_high_s)) abort();
+        if (is_inner != (one->inner_low_s <= one->inner_high_s)) abort();
+        if (is_inner && !(one->outer_low_s <= one->inner_low_s && one->inner_high_s <= one->outer_high_s)) abort();
+    }
+    free(zero), free(low), free(high), free(found);
+}
+
 static void play(int64_t calls[16], int64_t outcomes[4]) {
     static const int64_t ODDS[] = {3, 30, 1000, INT64_C(1) << 40};
     const int64_t hour = INT64_C(3600000000), odd = ODDS[below(4)], n = below(10), m = below(40);
@@ -370,6 +397,7 @@ static void play(int64_t calls[16], int64_t outcomes[4]) {
     calls[kernel_meetings(scene, &pairs, degrees)]++;
     calls[kernel_distances(scene, &pairs, distance)]++;
     ask_regions(scene, &pairs, offset, n, number(0.0, 1e5, odd), calls);
+    ask_differences(scene, &pairs, below(2) ? 0.0 : number(0.0, 10.0 * size, odd), odd, calls);
     ask_whole_areas(scene, &pairs, xy, vertices, size, odd, calls);
     int64_t groups = below(4), *group_offset = block(groups + 1, 8), *closest = block(groups, 8);
     double *wanted = block(groups, 8), *at = block(groups, 8), *apart = block(groups, 8), *doubt = block(groups, 8);

@@ -44,6 +44,12 @@ double mercator_scale(const KernelPlane *plane, double y) {
     return cosine * plane->radius_m / earth_conformal_radius(plane, tangent * tangent);
 }
 
+static double scale_at(const KernelPlane *plane, Vector point, Vector origin) {
+    double x = point.x + origin.x, y = point.y + origin.y;
+    if (plane->projection == KERNEL_MERCATOR) return mercator_scale(plane, y);
+    return 1.0 + (x * x + y * y) / (plane->radius_m * plane->radius_m);
+}
+
 double plane_largest_scale(const KernelPlane *plane, const Extent *extent) {
     if (plane->projection == KERNEL_GNOMONIC) return 1.0 + extent->furthest2 / (plane->radius_m * plane->radius_m);
     return mercator_scale(plane, extent->north > -extent->south ? extent->north : extent->south);
@@ -82,6 +88,43 @@ double plane_span_m(const KernelPlane *plane, double distance_m, double scale) {
     double s = scale * (1.0 + most_change(plane, theta)) * sin(least(0.5 * theta, HALF_PI));
     if (s < 1.0) return plane->radius_m * (2.0 * s + (2.0 * HALF_PI - 2.0) * s * s * s);
     return plane->radius_m * (2.0 * HALF_PI + (6.0 * HALF_PI - 4.0) * log(s));
+}
+
+/* Mercator on the sphere: the plane distance d of places theta apart, with scales k and l, has sinh(dy / 2)^2 + sin(dx /
+ * 2)^2 = S^2, S = sqrt(k l) sin(theta / 2); so d <= 2 asin(S), which is convex in ln S: at most asin(k sin(theta / 2)) +
+ * asin(l sin(theta / 2)). On the ellipsoid the conformal sphere's radius R has |R''| <= 2.2 oblateness R along a line, and
+ * R differs by that times theta^2 / 12 from the mean of its ends; CURVED is more than both halves of that, and than what
+ * it costs to take the product of two sines for the square of one. ln k is convex in y.
+ *
+ * Gnomonic: with phi and beta the longitude and latitude about the axis that is normal to the vector n, n.x = R tan(phi)
+ * and sin(dphi / 2) <= sin(theta / 2) / sqrt(cos beta cos beta'). So n.(y - x) <= R sin(theta / 2) (w + w'), w = 1 / (cos
+ * beta cos(phi)^2) = sqrt(1 + |x|^2 / R^2) sqrt(1 + (n.x)^2 / R^2). Both factors are convex; so is w within 60 degrees of
+ * the centre, where p^2 q^2 <= 1 + p^2 for x = R (p, q), p along n. */
+static const double CURVED = 0.3, LONGEST_HALF = 0.1, LARGEST_SINE = 0.5, LARGEST_GNOMONIC = 4.0;
+
+bool plane_half_is_long(const KernelPlane *plane, double distance_m, double largest_scale) {
+    double theta = distance_m / plane->radius_m;
+    if (!(theta <= LONGEST_HALF)) return true;
+    if (plane->projection == KERNEL_GNOMONIC) return !(largest_scale <= LARGEST_GNOMONIC);
+    return !(largest_scale * theta <= 2.0 * LARGEST_SINE);
+}
+
+double plane_half_m(const KernelPlane *plane, double distance_m, Vector place, bool is_long) {
+    double scale = scale_at(plane, place, (Vector){0.0, 0.0}), theta = distance_m / plane->radius_m;
+    if (is_long) return 0.5 * plane_span_m(plane, distance_m, scale);
+    if (plane->projection == KERNEL_GNOMONIC) return plane->radius_m * sin(0.5 * theta) * sqrt(scale);
+    return plane->radius_m * asin(scale * sin(0.5 * theta * (1.0 + CURVED * plane->oblateness * theta * theta)));
+}
+
+double plane_half_along(const KernelPlane *plane, double half_m, Vector place, Vector along, bool is_long) {
+    if (is_long || plane->projection != KERNEL_GNOMONIC) return half_m;
+    double tangent = (along.x * place.x + along.y * place.y) / plane->radius_m;
+    return half_m * sqrt(1.0 + tangent * tangent);
+}
+
+double plane_half_error_m(const KernelPlane *plane, double distance_m, double largest_scale) {
+    double theta = distance_m / plane->radius_m;
+    return 0.25 * distance_m * theta * theta * largest_scale * largest_scale * largest_scale;
 }
 
 double plane_least_m(const KernelPlane *plane, double span_m, double scale) {
@@ -144,12 +187,6 @@ void plane_degrees(const KernelPlane *plane, Vector place, double degrees[2]) {
     double east = fmod(lon + 180.0, 360.0);
     degrees[0] = (east < 0.0 ? east + 360.0 : east) - 180.0, degrees[1] = lat / RADIANS;
     if (degrees[0] >= 180.0) degrees[0] = -180.0;
-}
-
-static double scale_at(const KernelPlane *plane, Vector point, Vector origin) {
-    double x = point.x + origin.x, y = point.y + origin.y;
-    if (plane->projection == KERNEL_MERCATOR) return mercator_scale(plane, y);
-    return 1.0 + (x * x + y * y) / (plane->radius_m * plane->radius_m);
 }
 
 static double least_distance(const KernelPlane *plane, const Polygon *a, const Polygon *b, Vector origin, double gap,

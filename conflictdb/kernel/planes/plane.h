@@ -35,6 +35,20 @@ Scales plane_scales(const KernelPlane *plane, const Extent *extent);
 /* Upper bound on the plane metres of a distance on the earth, with scales at its ends of at most `scale`. */
 double plane_span_m(const KernelPlane *plane, double distance_m, double scale);
 
+/* Halves of a distance on the earth, in plane metres: two places within distance_m of each other are at most half(one) +
+ * half(other) apart along any unit vector. Halves are convex along straight lines, so that a polygon reaches farthest,
+ * its half included, at a vertex. is_long: the coarser bound for long distances and for places near the poles or far from
+ * the centre, see plane_half_is_long. place: from the plane's own origin.
+ *
+ * Mercator: the same along every vector. Gnomonic: plane_half_along adapts it to one.
+ */
+double plane_half_m(const KernelPlane *plane, double distance_m, Vector place, bool is_long);
+double plane_half_along(const KernelPlane *plane, double half_m, Vector place, Vector along, bool is_long);
+bool plane_half_is_long(const KernelPlane *plane, double distance_m, double largest_scale);
+
+/* How much larger than needed half(one) + half(other) may be, plane metres; not for long distances. */
+double plane_half_error_m(const KernelPlane *plane, double distance_m, double largest_scale);
+
 /* Smallest distance on the earth, metres, of places span_m plane metres apart, without a turn of longitude between
  * them. */
 double plane_least_m(const KernelPlane *plane, double span_m, double scale);

@@ -156,16 +156,21 @@ static void lay_out(Encounter *pair, double *memory, int64_t largest) {
     pair->b.frame = pair->a.frame + FRAME * largest;
 }
 
+bool border_move(const Scene *scene, int64_t piece, int64_t zero_us, double low, double high, Vector origin, Mover *mover) {
+    REQUIRE(piece >= 0 && piece < scene->count);
+    const Body *body = scene->bodies + piece;
+    if (!body->is_sound || !(fabs(low) <= KERNEL_LONGEST_S && fabs(high) <= KERNEL_LONGEST_S)) return false;
+    if (body->motion != STANDS_STILL && !is_instant(zero_us)) return false;
+    *mover = mover_make(scene, body, zero_us, origin, mover->frame);
+    return mover_is_there(mover, low, high);
+}
+
 bool border_meet(const Scene *scene, const KernelPairs *pairs, int64_t i, Encounter *pair) {
     REQUIRE(i >= 0 && i < pairs->count && pairs->a[i] < scene->count && pairs->b[i] < scene->count);
-    const Body *a = scene->bodies + pairs->a[i], *b = scene->bodies + pairs->b[i];
+    Vector origin = scene->bodies[pairs->a[i]].origin;
     double low = pairs->low_s[i], high = pairs->high_s[i];
-    if (!a->is_sound || !b->is_sound) return false;
-    if (!(fabs(low) <= KERNEL_LONGEST_S && fabs(high) <= KERNEL_LONGEST_S)) return false;
-    if ((a->motion != STANDS_STILL || b->motion != STANDS_STILL) && !is_instant(pairs->zero_us[i])) return false;
-    pair->a = mover_make(scene, a, pairs->zero_us[i], a->origin, pair->a.frame);
-    pair->b = mover_make(scene, b, pairs->zero_us[i], a->origin, pair->b.frame);
-    return mover_is_there(&pair->a, low, high) && mover_is_there(&pair->b, low, high);
+    return border_move(scene, pairs->a[i], pairs->zero_us[i], low, high, origin, &pair->a) &&
+           border_move(scene, pairs->b[i], pairs->zero_us[i], low, high, origin, &pair->b);
 }
 
 KernelStatus border_begin(const Scene *scene, const KernelPairs *pairs, Encounter *pair, double **memory) {

@@ -18,4 +18,8 @@ KernelStatus border_begin(const Scene *scene, const KernelPairs *pairs, Encounte
 /* Set up an encounter for pair i; false if its time or one of its pieces is invalid. */
 bool border_meet(const Scene *scene, const KernelPairs *pairs, int64_t i, Encounter *pair);
 
+/* Set up a mover of a piece whose seconds count from zero_us, during [low, high]; false if its time or the piece is
+ * invalid. The frame of the mover is kept. */
+bool border_move(const Scene *scene, int64_t piece, int64_t zero_us, double low, double high, Vector origin, Mover *mover);
+
 #endif

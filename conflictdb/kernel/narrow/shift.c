@@ -1,0 +1,184 @@
+/* Clearances of a shift, and proofs from inside: that contact lasts between two points of the contact set (differences.c).
+ *
+ * The separation of rigid polygons in uniform motion is convex in both times. So the straight way between two contacts is
+ * in contact throughout, if it is so by more than their velocities and the earth's curvature can change. Where that way is
+ * a border of the contact set, or the set is bent, it leads by way of the deepest point across its middle.
+ */
+#include "narrow/shift.h"
+
+#include <stddef.h>
+
+#include "narrow/runs.h"
+
+/* Halvings of a way, its parts, the points by which it may lead, and the steps towards such a point. Fewer: fewer proofs.
+ */
+enum { MOST_HALVINGS = 20, MOST_WAY_PARTS = 400, MOST_BENDS = 5, DEEPEST_STEPS = 60 };
+/* The curvature of any figure of the earth is at most that of a sphere with this share of the equator's radius; distant
+ * polygons may have several shortest lines (zone.c). */
+static const double LEAST_RADIUS_SHARE = 0.99, FURTHEST_SHARE = 0.5;
+
+static void place(Shift *shift, Times at) {
+    Encounter *pair = shift->pair;
+    pair->work->evaluations++, shift->evaluations_left--;
+    mover_place(&pair->a, at.u, &pair->a_now), mover_place(&pair->b, at.v, &pair->b_now);
+    if (!pair->a.body->is_convex) polygon_hull(&pair->a_now, &pair->spare);
+    if (!pair->b.body->is_convex) polygon_hull(&pair->b_now, &pair->spare);
+    runs_make(&pair->a_now, &pair->b_now);
+}
+
+/* The vector along which the distance on the earth between two places grows: of the step between them, its gradient in
+ * the plane's metric (plane_slant). */
+static Vector gradient(Shift *shift, Vector from, Vector to) {
+    const KernelPlane *plane = shift->pair->plane;
+    Vector step = {to.x - from.x, to.y - from.y};
+    if (plane->projection == KERNEL_GNOMONIC) {
+        double x = 0.5 * (from.x + to.x) + shift->pair->a.origin.x, y = 0.5 * (from.y + to.y) + shift->pair->a.origin.y;
+        double r2 = plane->radius_m * plane->radius_m, along = (x * step.x + y * step.y) / r2, a = 1.0 + (x * x + y * y) / r2;
+        step.x = a * step.x - along * x, step.y = a * step.y - along * y;
+    }
+    double length = norm(step);
+    return (Vector){step.x / length, step.y / length};
+}
+
+double shift_clearance_m(Shift *shift, Times at, Vector *axis) {
+    Encounter *pair = shift->pair;
+    Vector from, to, origin = pair->a.origin;
+    place(shift, at);
+    Gap gap = polygon_distance(&pair->a_now, &pair->b_now, &from, &to);
+    if (axis) *axis = gap.axis;
+    if (shift->reach_m == 0.0) return gap.gap;
+    double metres = plane_metres(pair->plane, &pair->a_now, &pair->b_now, origin, gap.gap, from, to, &pair->parts_left);
+    if (axis && pair->plane->projection == KERNEL_GNOMONIC && metres > plane_short_m(pair->plane)) {
+        plane_nearest(pair->plane, &pair->a_now, &pair->b_now, origin, &from, &to, &pair->parts_left);
+        *axis = gradient(shift, from, to);
+    }
+    return metres - shift->reach_m;
+}
+
+static double least_of(const Times *ends, bool is_u) {
+    return is_u ? least(ends[0].u, ends[1].u) : least(ends[0].v, ends[1].v);
+}
+static double most_of(const Times *ends, bool is_u) { return is_u ? most(ends[0].u, ends[1].u) : most(ends[0].v, ends[1].v); }
+
+/* A contact on a way: an upper bound on the clearance from the reach, metres, negative; the plane gap; and two places that
+ * are so near each other, if the polygons are apart. */
+typedef struct {
+    Times at;
+    double clearance, gap;
+    Vector from, to;
+} Stop;
+
+static Stop stop_at(Shift *shift, Times at) {
+    Encounter *pair = shift->pair;
+    Vector origin = pair->a.origin;
+    Stop stop = {.at = at};
+    place(shift, at);
+    stop.gap = stop.clearance = polygon_distance(&pair->a_now, &pair->b_now, &stop.from, &stop.to).gap;
+    if (shift->reach_m == 0.0) return stop;
+    stop.clearance -= shift->reach_m;
+    if (!(stop.gap > 0.0)) return stop;
+    plane_nearest(pair->plane, &pair->a_now, &pair->b_now, origin, &stop.from, &stop.to, &pair->parts_left);
+    stop.clearance = plane_way_m(pair->plane, stop.from, stop.to, origin) - shift->reach_m;
+    return stop;
+}
+
+/* Whether the pair is in contact on the straight way between two stops that are.
+ *
+ * Places of the polygons that move evenly from those of one stop to those of the other stay in the polygons, to K L, with
+ * K the spread of velocities and L the time. In the plane their gap is convex. On the earth their distance exceeds its
+ * chord by at most A s (1 - s) / 2 at a share s of the way, A the bend of zone.c for places that move by `a` and `b`. */
+static bool is_contact_directly(Shift *shift, const Stop *p, const Stop *q) {
+    Encounter *pair = shift->pair;
+    Times ends[2] = {p->at, q->at};
+    double u0 = least_of(ends, true), u1 = most_of(ends, true), v0 = least_of(ends, false), v1 = most_of(ends, false);
+    double leaves =
+        2.0 * (mover_bounds(&pair->a, u0, u1).spread * (u1 - u0) + mover_bounds(&pair->b, v0, v1).spread * (v1 - v0));
+    double f = p->clearance, g = q->clearance, level = -KERNEL_TOUCH_M;
+    if (shift->reach_m > 0.0) {
+        const KernelPlane *plane = pair->plane;
+        Extent extent = extent_none();
+        mover_place(&pair->a, p->at.u, &pair->a0), mover_place(&pair->a, q->at.u, &pair->a1);
+        mover_place(&pair->b, p->at.v, &pair->b0), mover_place(&pair->b, q->at.v, &pair->b1);
+        extent_add(&extent, &pair->a0, pair->a.origin), extent_add(&extent, &pair->a1, pair->a.origin);
+        extent_add(&extent, &pair->b0, pair->a.origin), extent_add(&extent, &pair->b1, pair->a.origin);
+        Scales scales = plane_scales(plane, &extent);
+        double nearer = (shift->reach_m - KERNEL_TOUCH_M) * scales.smallest;
+        if (most(p->gap, q->gap) + 0.5 * leaves <= nearer) return true;
+        if (!(p->gap > 0.0 && q->gap > 0.0) || !(shift->reach_m < FURTHEST_SHARE * plane->radius_m)) return false;
+        double a = hypot(q->from.x - p->from.x, q->from.y - p->from.y), b = hypot(q->to.x - p->to.x, q->to.y - p->to.y);
+        double radius_m = LEAST_RADIUS_SHARE * plane->radius_m, bend = tan(0.5 * shift->reach_m / radius_m) / radius_m;
+        bend = (bend + plane_christoffel(plane, scales.largest)) * (a * a + b * b) / (scales.smallest * scales.smallest);
+        leaves = leaves / scales.smallest + 0.5 * bend;
+    }
+    return f <= level - leaves || g <= level - leaves || most(f, g) <= level - 0.5 * leaves;
+}
+
+/* The same, of all parts of a way that is halved where needed. */
+static bool is_contact_on(Shift *shift, Stop p, Stop q) {
+    struct {
+        Stop p, q;
+        int halvings;
+    } stack[MOST_HALVINGS + 2], part;
+    int top = 0, parts = 0;
+    if (!(p.clearance <= -KERNEL_TOUCH_M && q.clearance <= -KERNEL_TOUCH_M)) return false;
+    stack[top].p = p, stack[top].q = q, stack[top++].halvings = 0;
+    while (top > 0) {
+        part = stack[--top];
+        if (is_contact_directly(shift, &part.p, &part.q)) continue;
+        if (part.halvings >= MOST_HALVINGS || ++parts > MOST_WAY_PARTS || shift->evaluations_left <= 0) return false;
+        Times middle = {0.5 * (part.p.at.u + part.q.at.u), 0.5 * (part.p.at.v + part.q.at.v)};
+        Stop stop = stop_at(shift, middle);
+        if (!(stop.clearance <= -KERNEL_TOUCH_M)) return false;
+        stack[top].p = part.p, stack[top].q = stop, stack[top++].halvings = part.halvings + 1;
+        stack[top].p = stop, stack[top].q = part.q, stack[top++].halvings = part.halvings + 1;
+    }
+    return true;
+}
+
+/* The deepest point across the middle of a way, within the box, by golden section search. */
+static Times deepest_across(Shift *shift, Times p, Times q) {
+    static const double GOLDEN = 0x1.3c6ef372fe95p-1;
+    Times middle = {0.5 * (p.u + q.u), 0.5 * (p.v + q.v)}, across = {q.v - p.v, q.u - p.u};
+    across.u = -across.u;
+    if (across.u == 0.0 && across.v == 0.0) across.u = 1.0;
+    double low = -INFINITY, high = INFINITY;
+    double ends[2][2] = {{shift->u0 - middle.u, shift->u1 - middle.u}, {shift->v0 - middle.v, shift->v1 - middle.v}};
+    for (int k = 0; k < 2; k++) {
+        double step = k == 0 ? across.u : across.v;
+        if (step == 0.0) continue;
+        low = most(low, least(ends[k][0] / step, ends[k][1] / step));
+        high = least(high, most(ends[k][0] / step, ends[k][1] / step));
+    }
+    double x = high - GOLDEN * (high - low), y = low + GOLDEN * (high - low);
+    double fx = shift_clearance_m(shift, (Times){middle.u + x * across.u, middle.v + x * across.v}, NULL);
+    double fy = shift_clearance_m(shift, (Times){middle.u + y * across.u, middle.v + y * across.v}, NULL);
+    for (int k = 0; k < DEEPEST_STEPS; k++) {
+        if (fx <= fy) {
+            high = y, y = x, fy = fx, x = high - GOLDEN * (high - low);
+            fx = shift_clearance_m(shift, (Times){middle.u + x * across.u, middle.v + x * across.v}, NULL);
+        } else {
+            low = x, x = y, fx = fy, y = low + GOLDEN * (high - low);
+            fy = shift_clearance_m(shift, (Times){middle.u + y * across.u, middle.v + y * across.v}, NULL);
+        }
+    }
+    double at = fx <= fy ? x : y;
+    Times found = {middle.u + at * across.u, middle.v + at * across.v};
+    found.u = most(shift->u0, least(shift->u1, found.u)), found.v = most(shift->v0, least(shift->v1, found.v));
+    return found;
+}
+
+/* Whether each difference between those of two contacts is one of contact: on the straight way, or by way of points inside
+ * where that is a border of the contact set, or the set is bent. */
+static bool is_contact_between(Shift *shift, Stop p, Stop q, Times middle, int bends) {
+    if (is_contact_on(shift, p, q)) return true;
+    if (bends == 0 || shift->evaluations_left <= 0) return false;
+    Stop m = stop_at(shift, middle);
+    if (bends == MOST_BENDS && is_contact_on(shift, p, m) && is_contact_on(shift, m, q)) return true;
+    m = stop_at(shift, deepest_across(shift, p.at, q.at));
+    if (!(m.clearance <= -KERNEL_TOUCH_M)) return false;
+    return is_contact_between(shift, p, m, middle, bends - 1) && is_contact_between(shift, m, q, middle, bends - 1);
+}
+
+bool shift_contact_lasts(Shift *shift, Times from, Times to, Times middle) {
+    return is_contact_between(shift, stop_at(shift, from), stop_at(shift, to), middle, MOST_BENDS);
+}

@@ -1,0 +1,78 @@
+"""The oracle of delays: copies of a track that depart at other times, through stages 2 to 4."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import shapely
+
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import PieceRows
+from conflictdb.earth.registry import centred, plane_of
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Delays
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.run import run_stages
+from conflictdb.stages.stage1_broad_phase import hulls_of
+from conflictdb.stages.stage2_intersection import intersections
+
+
+def shifted(track: Track, shift_us: int, key: str | None = None) -> Track:
+    """The track departing that much later."""
+    return replace(track, key=key or track.key, times_us=track.times_us + shift_us, max_speed_kn=np.inf)
+
+
+def meets_when_shifted(
+    scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], key: str, shifts_us: np.ndarray
+) -> list[set[str]]:
+    """For each shift of a track the keys of all that it is in conflict with, also grazing or unresolved."""
+    scene = centred(scene, areas, tracks)
+    plane = plane_of(scene)
+    [one] = (track for track in tracks if track.key == key)
+    rest = [track for track in tracks if track.key != key]
+    copies = [shifted(one, shift, f"copy {shift}") for shift in shifts_us.tolist()]
+    batch = AreaBatch.of(areas)
+    pieces = pieces_of(scene, plane, batch, TrackBatch.of(rest + copies))
+    is_copy = (pieces.kind == 1) & (pieces.object_id >= len(rest))
+    hulls = hulls_of(pieces)
+    mine, others = np.flatnonzero(is_copy), np.flatnonzero(~is_copy)
+    i, j = shapely.STRtree(hulls[others]).query(hulls[mine])
+    b, a = mine[i], others[j]  # the other object has the smaller number
+    keep = (pieces.turn[a] == 0) | (pieces.turn[b] == 0)
+    keep &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
+    a, b = a[keep], b[keep]
+    start, end = pieces.shared_span(PieceRows(a), PieceRows(b))
+    last = np.ones(len(a), np.bool_)
+    for member in (a, b):
+        last &= (pieces.end_us[member] > end) | pieces.end_inclusive[member]
+    keep = (start < end) | ((start == end) & last)
+    order = np.lexsort((b[keep], a[keep]))
+    pairs = intersections(pieces, PieceRows(a[keep][order]), PieceRows(b[keep][order]), regions=False)
+    conflicts, _ = run_stages(scene, plane, pieces, pairs, lambda ids: batch.footprint[ids])
+    found: list[set[str]] = [set() for _ in copies]
+    for row in np.flatnonzero(conflicts.verdict < 3).tolist():
+        of = areas if conflicts.a_kind[row] == 0 else rest
+        found[conflicts.b_id[row] - len(rest)].add(of[conflicts.a_id[row]].key)
+    return found
+
+
+def is_forbidden(delays: Delays, shifts_us: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whether each shift is in a forbidden interval, and whether it is proven to be forbidden."""
+    forbidden, proven = np.zeros(len(shifts_us), np.bool_), np.zeros(len(shifts_us), np.bool_)
+    for one in delays.forbidden:
+        low, high = round(1e6 * one.from_s), round(1e6 * one.to_s)
+        forbidden |= (shifts_us >= low) & (shifts_us <= high)
+        inner_low, inner_high = low + round(1e6 * one.from_error_s), high - round(1e6 * one.to_error_s)
+        proven |= one.is_proven & (shifts_us >= inner_low) & (shifts_us <= inner_high)
+    return forbidden, proven
+
+
+def shifts_of(delays: Delays, horizon_us: int, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Shifts within a horizon: some at random, and most near the ends of forbidden intervals, from a microsecond on."""
+    ends = [
+        [one.from_s, one.from_s + one.from_error_s, one.to_s, one.to_s - one.to_error_s] for one in delays.forbidden
+    ]
+    near_us = np.array([-1e6, -1e4, -10, -2, -1, 0, 1, 2, 10, 1e4, 1e6], np.int64)
+    near = np.rint(1e6 * np.array(ends).reshape(-1)).astype(np.int64)[:, None] + near_us
+    every = np.concatenate([rng.integers(-horizon_us, horizon_us, count), near.ravel()])
+    return np.unique(every[np.abs(every) <= horizon_us])

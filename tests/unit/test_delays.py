@@ -1,0 +1,185 @@
+"""Departures that are in conflict, by hand: the same way, a crossing, areas, several objects, horizons, and input."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from shifting import meets_when_shifted
+
+from conflictdb import Area, Delays, EarthModel, InvalidInput, Scene, Track, delays, rectangle_outline_m, solve
+
+RADIUS_M = 6371008.771415
+T0_US = 1_780_000_000_000_000
+SPEED_MPS = 8.0
+SCENE = Scene("by hand", earth=EarthModel.SPHERE, tolerance_m=0.0)
+
+
+def track(key: str, start: tuple[float, float], end: tuple[float, float], departs_s: float, *sizes_m: float) -> Track:
+    """A track on the equator or a meridian, at 8 m/s."""
+    lasts_s = RADIUS_M * np.radians(np.hypot(end[0] - start[0], end[1] - start[1])) / SPEED_MPS
+    times = [T0_US + round(1e6 * departs_s), T0_US + round(1e6 * (departs_s + lasts_s))]
+    return Track(key, [start, end], times, rectangle_outline_m(*sizes_m))
+
+
+EAST = track("east", (0.0, 0.0), (1.0, 0.0), 0.0, 1000.0, 500.0, 100.0, 100.0)
+NORTH = track("north", (0.5, -0.5), (0.5, 0.5), 0.0, 300.0, 200.0, 50.0, 50.0)
+
+
+def area(key: str, start_s: float | None = None, end_s: float | None = None, lon: float = 0.5) -> Area:
+    """An area on the equator, there during [start_s, end_s)."""
+    start, end = (None if s is None else T0_US + round(1e6 * s) for s in (start_s, end_s))
+    return Area(key, shapely.box(lon - 0.1, -0.1, lon + 0.1, 0.1), None, start, end)
+
+
+def ends_of(found: Delays) -> list[tuple[float, float]]:
+    return [(one.from_s, one.to_s) for one in found.forbidden]
+
+
+def near(low_s: float, high_s: float, error_s: float = 3e-6) -> list[tuple[object, object]]:
+    """One interval with these ends, to the microseconds that ends are rounded by."""
+    return [(pytest.approx(low_s, abs=error_s), pytest.approx(high_s, abs=error_s))]
+
+
+def one_of(*objects: Track | Area, key: str = "east", within_s: float = 7200.0, scene: Scene = SCENE) -> Delays:
+    tracks, areas = ([one for one in objects if isinstance(one, kind)] for kind in (Track, Area))
+    [found] = delays(tracks, areas, scene, key, within_s)
+    return found
+
+
+def test_two_on_the_same_way_and_at_the_same_speed() -> None:
+    """Their contact set is a band along the diagonal: both ends are borders of it."""
+    later = replace(EAST, key="later", times_us=EAST.times_us + 3_600_000_000)
+    found = one_of(EAST, later)
+    assert ends_of(found) == near(3600 - 1500 / SPEED_MPS, 3600 + 1500 / SPEED_MPS)
+    assert found.forbidden[0].is_proven
+    assert found.forbidden[0].by == ("later",)
+    assert max(found.forbidden[0].from_error_s, found.forbidden[0].to_error_s) <= 5e-6
+    assert (found.least_later_s, found.least_earlier_s, found.blocked_by) == (0.0, 0.0, ())
+    assert found.clear_by_s == pytest.approx(3600 - 1500 / SPEED_MPS, abs=3e-6)
+
+
+def test_a_crossing_mirrors() -> None:
+    found, mirrored = (one_of(EAST, NORTH, key=key) for key in ("east", "north"))
+    by_hand = -(500 + 50 + 300 + 100) / SPEED_MPS, (1000 + 50 + 200 + 100) / SPEED_MPS
+    assert ends_of(found) == near(*by_hand)
+    assert ends_of(mirrored) == [(-found.forbidden[0].to_s, -found.forbidden[0].from_s)]
+    assert found.least_later_s == round(found.forbidden[0].to_s + 1e-6, 6)
+    assert found.least_earlier_s == round(1e-6 - found.forbidden[0].from_s, 6)
+    assert found.clear_by_s == 0.0
+
+
+def test_an_area_with_times_forbids_what_reaches_it_while_it_is_there() -> None:
+    first_s = (RADIUS_M * np.radians(0.4) - 1000) / SPEED_MPS
+    last_s = (RADIUS_M * np.radians(0.6) + 500) / SPEED_MPS
+    found = one_of(EAST, area("closed", 20_000, 21_000), within_s=40_000.0)
+    assert ends_of(found) == near(20_000 - last_s, 21_000 - first_s)
+    assert found.forbidden[0].is_proven
+    before, after = one_of(EAST, area("closed", None, 1000)), one_of(EAST, area("closed", 9000, None))
+    assert ends_of(before) == near(-7200.0, 1000 - first_s)
+    assert ends_of(after) == near(9000 - last_s, 7200.0)
+    assert ends_of(one_of(EAST, area("closed", 4000, None))) == near(4000 - last_s, 7200.0)
+    assert one_of(EAST, area("closed", 4000, None)).least_later_s is None
+    assert (after.forbidden[0].to_error_s, after.least_later_s) == (0.0, 0.0)
+
+
+def test_a_permanent_area_is_something_that_no_delay_clears() -> None:
+    found = one_of(EAST, NORTH, area("for ever"))
+    assert ends_of(found) == [(-7200.0, 7200.0)]
+    assert found.forbidden[0].is_proven
+    assert found.forbidden[0].by == ("for ever", "north")
+    assert (found.least_later_s, found.least_earlier_s, found.blocked_by) == (None, None, ("for ever",))
+    assert one_of(EAST, area("aside", lon=3.0)).forbidden == ()
+    assert one_of(EAST, area("aside", lon=3.0)).clear_by_s is None
+
+
+def test_the_least_delay_clears_all_conflicts_and_a_little_less_does_not() -> None:
+    """Through `solve`; forbidden intervals of several objects that overlap are one."""
+    second = replace(NORTH, key="second", times_us=NORTH.times_us + 200_000_000)
+    found = one_of(EAST, NORTH, second)
+    [forbidden] = found.forbidden
+    assert forbidden.by == ("north", "second")
+    for least_s, sign, error_s in (
+        (found.least_later_s, 1, forbidden.to_error_s),
+        (found.least_earlier_s, -1, forbidden.from_error_s),
+    ):
+        assert least_s is not None
+        for shift_s, meets in ((least_s, False), (least_s - error_s - 1e-5, True)):
+            moved = replace(EAST, times_us=EAST.times_us + sign * round(1e6 * shift_s))
+            assert any("east" in (one.a_key, one.b_key) for one in solve([moved, NORTH, second], [], SCENE)) == meets
+
+
+def test_heights_that_do_not_overlap_forbid_nothing() -> None:
+    assert one_of(replace(EAST, floor_m=100.0), replace(NORTH, ceiling_m=100.0)).forbidden == ()
+
+
+def test_a_separation_and_a_tolerance_widen_what_is_forbidden() -> None:
+    narrow, wide, wider = (
+        one_of(EAST, NORTH, scene=replace(SCENE, separation_m=separation_m, tolerance_m=tolerance_m)).forbidden[0]
+        for separation_m, tolerance_m in ((0.0, 0.0), (500.0, 0.0), (500.0, 100.0))
+    )
+    assert wider.from_s < wide.from_s < narrow.from_s < narrow.to_s < wide.to_s < wider.to_s
+
+
+def test_what_cannot_be_cut_forbids_every_delay_at_which_it_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cover; nothing of it is proven."""
+    from conflictdb.stages.pieces import covers
+
+    def fail(*_: object) -> None:
+        raise ValueError("cannot be cut")
+
+    monkeypatch.setattr(covers, "area_pieces", fail)
+    found = one_of(EAST, area("uncut", 20_000, 21_000, lon=3.0), within_s=40_000.0)
+    end_s = (EAST.times_us[1] - T0_US) / 1e6
+    assert ends_of(found) == near(20_000 - end_s, 21_000, 1e-5)
+    assert not found.forbidden[0].is_proven
+    assert found.forbidden[0].from_error_s == pytest.approx(1000 + end_s, abs=1e-5)
+
+
+def test_the_json_has_the_documented_members() -> None:
+    found = json.loads(json.dumps(one_of(EAST, NORTH).as_json()))
+    assert list(found) == ["key", "forbidden", "least_later_s", "least_earlier_s", "blocked_by"]
+    assert list(found["forbidden"][0]) == ["from_s", "to_s", "from_error_s", "to_error_s", "is_proven", "by"]
+
+
+def test_a_horizon_of_nothing_and_one_of_years() -> None:
+    found = one_of(EAST, NORTH, within_s=0.0)
+    assert ends_of(found) == [(0.0, 0.0)]
+    assert (found.least_later_s, found.least_earlier_s) == (None, None)
+    assert ends_of(one_of(EAST, NORTH, within_s=1e9)) == ends_of(one_of(EAST, NORTH))
+
+
+def test_all_tracks_are_asked_about_one_at_a_time() -> None:
+    found = delays([NORTH, EAST], [area("closed", 0, 1000)], SCENE)
+    assert [one.key for one in found] == ["east", "north"]
+    assert found == [one_of(NORTH, EAST, area("closed", 0, 1000), key=key) for key in ("east", "north")]
+    assert delays([], [area("closed")], SCENE) == []
+    assert delays([EAST], [])[0].forbidden == ()
+
+
+@pytest.mark.parametrize("within_s", [-1.0, np.nan, np.inf, "2h"])
+def test_a_horizon_that_is_none_is_refused(within_s: float) -> None:
+    with pytest.raises(InvalidInput, match="within_s"):
+        delays([EAST], [], SCENE, within_s=within_s)
+
+
+def test_other_input_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="'south' is not known"):
+        delays([EAST], [], SCENE, "south")
+    with pytest.raises(InvalidInput, match="are they swapped"):
+        delays([area("closed")], [EAST], SCENE)  # type: ignore[list-item]
+    with pytest.raises(InvalidInput, match="occurs more than once"):
+        delays([EAST, EAST], [], SCENE)
+    with pytest.raises(InvalidInput, match="must be a Scene"):
+        delays([EAST], [], "scene")  # type: ignore[arg-type]
+
+
+def test_a_track_that_ends_before_another_begins_meets_it_if_it_is_late() -> None:
+    """Candidates are looked for without regard to time."""
+    later = replace(NORTH, key="later", times_us=NORTH.times_us + 40_000_000_000)
+    assert solve([EAST, later], [], SCENE) == []
+    found = one_of(EAST, later, within_s=50_000.0)
+    middle_us = round(5e5 * (found.forbidden[0].from_s + found.forbidden[0].to_s))
+    assert found.least_later_s == 0.0
+    assert meets_when_shifted(SCENE, [], [EAST, later], "east", np.array([0, middle_us])) == [set(), {"later"}]
