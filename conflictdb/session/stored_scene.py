@@ -23,6 +23,7 @@ from conflictdb.model.results import (
     Approach,
     Conflict,
     ConflictEvent,
+    Delays,
     Explanation,
     Kind,
     Listing,
@@ -373,6 +374,28 @@ class StoredScene:
             found = probes.ask(self.connection, self.name, plans, timeout)
         _warn_if_incomplete(found.state)
         return found
+
+    def delays(self, key: str | None = None, within_s: float = 7200.0) -> list[Delays]:
+        """Return when each track could depart instead: the departures in conflict, and the least that is not.
+
+        Computed from the objects as they are stored, whether they were detected or not. Delays are of one track at a
+        time: everything else departs as planned.
+
+        Parameters
+        ----------
+        key : str, optional
+            A track; by default each track is asked about.
+        within_s : float
+            The horizon: delays of up to this many seconds, either way.
+
+        Raises InvalidInput for an unknown scene or track.
+        """
+        inputs.seconds("delays", "within_s", within_s)
+        settings, areas, tracks = self._read()
+        # Imported here: the stages are slow to import.
+        from conflictdb.in_memory import delays
+
+        return delays(tracks, areas, settings, key, within_s)
 
     def wait_until_current(self, timeout_s: float = 60.0) -> None:
         """Wait until no change waits for detection; a worker or another program has to detect.

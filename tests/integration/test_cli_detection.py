@@ -569,3 +569,37 @@ def test_the_phases_of_a_detection_and_of_loading_are_reported(dsn: str) -> None
     assert ("preparing objects", 11, 0) in told
     solved = [one for one in told if one[0] == "solving pairs"]
     assert solved[-1][1] == solved[-1][2] > 0
+
+
+def test_delays_say_when_tracks_could_depart_instead(run: Run) -> None:
+    run("load", STRAIT)
+    found = json.loads(run("delays", "--scene", "strait", "--within", "8h", "--format", "json").out)
+    assert [one["key"] for one in found] == ["CONVOY-1", "CONVOY-2", "FERRY", "SUB-1", "SUB-2", "SURVEY", "TOW"]
+    [ferry] = json.loads(run("delays", "FERRY", "--scene", "strait", "--within", "8h", "--format", "json").out)
+    assert ferry == found[2]
+    [forbidden] = ferry["forbidden"]
+    assert (forbidden["by"], forbidden["is_proven"]) == (["DIVING", "FIRING", "TOW"], True)
+    assert ferry["least_earlier_s"] == round(1e-6 - forbidden["from_s"], 6)
+    assert found[3]["blocked_by"] == ["CABLE"]
+    told = run("delays", "--scene", "strait")
+    assert (told.code, told.err) == (0, "")
+    assert re.search(r"^TOW +conflict +0:11:17\.\d+ +0:07:58\.\d+ +FERRY$", told.out, re.MULTILINE)
+    assert re.search(r"^CONVOY-1 +free +0:00:29\.\d+ +CONVOY-2$", told.out, re.MULTILINE)
+    assert told.out.splitlines()[-2:] == [
+        "SUB-1: no departure within 2:00:00 clears CABLE",
+        "SUB-2: no departure within 2:00:00 clears DIVING",
+    ]
+    alone = run("delays", "TOW", "--scene", "strait", "--within", "30m").out
+    assert re.search(r"^ *-0:07:58\.\d+ +\+0:11:17\.\d+ +0\.00000\d, 0\.00000\d +yes +FERRY$", alone, re.MULTILINE)
+    assert run("delays", "CONVOY-1", "--scene", "strait", "--within", "10s").out.splitlines()[1].split() == (
+        ["CONVOY-1", "free", "0:00:10", "or", "more"]
+    )
+
+
+def test_delays_of_what_is_not_known_are_refused(run: Run) -> None:
+    run("load", STRAIT)
+    for arguments in (("--scene", "nowhere"), ("nobody", "--scene", "strait"), ("CABLE", "--scene", "strait")):
+        told = run("delays", *arguments)
+        assert told.code != 0
+        assert told.out == ""
+        assert "is not known" in told.err or "'nowhere'" in told.err

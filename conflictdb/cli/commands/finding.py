@@ -50,6 +50,7 @@ def add(commands: Any) -> None:
         _conflicts,
         _approaches,
         _probe,
+        _delays,
         _explain,
         _advise,
     ):
@@ -220,3 +221,19 @@ def _probe(commands: Any) -> None:
     add_jobs(parser)
     add_fail_on_conflict(parser)
     add_format(parser, *FORMATS)
+
+
+def _delays(commands: Any) -> None:
+    parser = command(
+        commands,
+        "delays",
+        "delaying:delays",
+        "say when tracks could depart instead",
+        "Everything else departs as planned. By the stored objects, detected or not; writes nothing.",
+    )
+    parser.add_argument("key", nargs="?", metavar="KEY", help="track (default: every track)")
+    add_scene(parser)
+    parser.add_argument(
+        "--within", type=duration_s, default=7200.0, metavar="DURATION", help="at most so much (default: 2h)"
+    )
+    add_format(parser, "table", "json")

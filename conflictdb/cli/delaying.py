@@ -1,0 +1,78 @@
+"""`delays`: when tracks could depart instead."""
+
+import argparse
+from collections.abc import Sequence
+
+from conflictdb.cli.codes import DONE
+from conflictdb.cli.output import data, out, table
+from conflictdb.cli.session import database
+from conflictdb.formats.json_text import dumped
+from conflictdb.model.results import Delays, Forbidden
+
+
+def delays(args: argparse.Namespace) -> int:
+    """Print the departures of tracks that are in conflict, and the least that are not."""
+    with database(args) as db:
+        found = db.scene(args.scene).delays(args.key, args.within)
+    if args.format == "json":
+        data([dumped([one.as_json() for one in found], indent=2), "\n"], is_json=True)
+    else:
+        out(delays_text(found, args.within) if found else "no tracks")
+        if args.key is not None and found[0].forbidden:
+            out("\n" + _forbidden_table(found[0]))
+    return DONE
+
+
+def delays_text(found: Sequence[Delays], within_s: float) -> str:
+    """Return a table of tracks, and a line for each one that no departure within the horizon clears."""
+    header = ["TRACK", "NOW", "LATER BY", "EARLIER BY", "MAY SHIFT BY", "MEETS"]
+    rows = []
+    for one in found:
+        slack, nearest = one.clear_by_s, _nearest(one)
+        if slack == 0.0:
+            clears = ["conflict", _least(one.least_later_s), _least(one.least_earlier_s), ""]
+        else:
+            clears = ["free", "", "", f"{_duration(within_s)} or more" if slack is None else _duration(slack)]
+        rows.append([one.key, *clears, ", ".join(nearest.by) if nearest else ""])
+    lines = [
+        f"{one.key}: no departure within {_duration(within_s)} clears {', '.join(one.blocked_by)}"
+        for one in found
+        if one.blocked_by
+    ]
+    text = table(header, rows, right=header[2:5])
+    return "\n".join([text, "", *lines] if lines else [text])
+
+
+def _forbidden_table(one: Delays) -> str:
+    header = ["IN CONFLICT FROM", "TO", "ERRORS (S)", "PROVEN", "MEETS"]
+    rows = [
+        [
+            _signed(each.from_s),
+            _signed(each.to_s),
+            f"{each.from_error_s:.6f}, {each.to_error_s:.6f}",
+            "yes" if each.is_proven else "in part",
+            ", ".join(each.by),
+        ]
+        for each in one.forbidden
+    ]
+    return table(header, rows, right=header[:3])
+
+
+def _nearest(one: Delays) -> Forbidden | None:
+    """Return the forbidden interval that a departure as planned is in, or nearest to."""
+    return min(one.forbidden, key=lambda each: max(each.from_s, -each.to_s, 0.0), default=None)
+
+
+def _least(least_s: float | None) -> str:
+    return "none" if least_s is None else _duration(least_s)
+
+
+def _signed(delay_s: float) -> str:
+    return f"{'-' if delay_s < 0.0 else '+'}{_duration(abs(delay_s))}"
+
+
+def _duration(duration_s: float) -> str:
+    """Return hours, minutes and seconds, to the microsecond if they are not whole."""
+    seconds, micros = divmod(round(1e6 * duration_s), 1_000_000)
+    whole = f"{seconds // 3600}:{seconds // 60 % 60:02}:{seconds % 60:02}"
+    return f"{whole}.{micros:06}" if micros else whole
