@@ -316,8 +316,10 @@ static KernelDifference differences_of(Search *search, Box *whole) {
     double low = highest(search, whole, -1.0, &first);
     if (low == -INFINITY) return APART;
     KernelDifference found = {-low, INFINITY, -INFINITY, high, KERNEL_DIFFERENCE_OUTER};
-    if (isfinite(last.value) && shift_contact_lasts(&search->shift, first.at, last.at, part_middle(&whole->part)))
-        found.inner_low_s = -first.value, found.inner_high_s = last.value, found.state = KERNEL_DIFFERENCE_INNER;
+    if (isfinite(last.value) && shift_contact_lasts(&search->shift, &first.at, &last.at, part_middle(&whole->part))) {
+        found.state = KERNEL_DIFFERENCE_INNER;
+        found.inner_low_s = first.at.v - first.at.u, found.inner_high_s = last.at.v - last.at.u;
+    }
     return found;
 }
 

@@ -113,24 +113,29 @@ static bool is_contact_directly(Shift *shift, const Stop *p, const Stop *q) {
     return f <= level - leaves || g <= level - leaves || most(f, g) <= level - 0.5 * leaves;
 }
 
-/* The same, of all parts of a way that is halved where needed. */
-static bool is_contact_on(Shift *shift, Stop p, Stop q) {
+/* Whether the pair is in contact on the whole way between two stops, which is halved where needed; reached: the farthest
+ * stop from p up to which it is proven to be. */
+static bool is_contact_on(Shift *shift, Stop p, Stop q, Stop *reached) {
     struct {
         Stop p, q;
         int halvings;
     } stack[MOST_HALVINGS + 2], part;
     int top = 0, parts = 0;
+    *reached = p;
     if (!(p.clearance <= -KERNEL_TOUCH_M && q.clearance <= -KERNEL_TOUCH_M)) return false;
     stack[top].p = p, stack[top].q = q, stack[top++].halvings = 0;
     while (top > 0) {
         part = stack[--top];
-        if (is_contact_directly(shift, &part.p, &part.q)) continue;
+        if (is_contact_directly(shift, &part.p, &part.q)) {
+            *reached = part.q;
+            continue;
+        }
         if (part.halvings >= MOST_HALVINGS || ++parts > MOST_WAY_PARTS || shift->evaluations_left <= 0) return false;
         Times middle = {0.5 * (part.p.at.u + part.q.at.u), 0.5 * (part.p.at.v + part.q.at.v)};
         Stop stop = stop_at(shift, middle);
         if (!(stop.clearance <= -KERNEL_TOUCH_M)) return false;
-        stack[top].p = part.p, stack[top].q = stop, stack[top++].halvings = part.halvings + 1;
         stack[top].p = stop, stack[top].q = part.q, stack[top++].halvings = part.halvings + 1;
+        stack[top].p = part.p, stack[top].q = stop, stack[top++].halvings = part.halvings + 1;
     }
     return true;
 }
@@ -170,15 +175,28 @@ static Times deepest_across(Shift *shift, Times p, Times q) {
 /* Whether each difference between those of two contacts is one of contact: on the straight way, or by way of points inside
  * where that is a border of the contact set, or the set is bent. */
 static bool is_contact_between(Shift *shift, Stop p, Stop q, Times middle, int bends) {
-    if (is_contact_on(shift, p, q)) return true;
+    Stop reached;
+    if (is_contact_on(shift, p, q, &reached)) return true;
     if (bends == 0 || shift->evaluations_left <= 0) return false;
     Stop m = stop_at(shift, middle);
-    if (bends == MOST_BENDS && is_contact_on(shift, p, m) && is_contact_on(shift, m, q)) return true;
+    if (bends == MOST_BENDS && is_contact_on(shift, p, m, &reached) && is_contact_on(shift, m, q, &reached)) return true;
     m = stop_at(shift, deepest_across(shift, p.at, q.at));
     if (!(m.clearance <= -KERNEL_TOUCH_M)) return false;
     return is_contact_between(shift, p, m, middle, bends - 1) && is_contact_between(shift, m, q, middle, bends - 1);
 }
 
-bool shift_contact_lasts(Shift *shift, Times from, Times to, Times middle) {
-    return is_contact_between(shift, stop_at(shift, from), stop_at(shift, to), middle, MOST_BENDS);
+bool shift_contact_lasts(Shift *shift, Times *from, Times *to, Times middle) {
+    Stop p = stop_at(shift, *from), q = stop_at(shift, *to);
+    shift->evaluations_left /= 2;
+    int64_t more = shift->evaluations_left;
+    if (is_contact_between(shift, p, q, middle, MOST_BENDS)) return true;
+    /* From a deep point towards both ends, as far as that goes. */
+    shift->evaluations_left += more;
+    Stop m = stop_at(shift, deepest_across(shift, *from, *to)), first, last;
+    if (!(m.clearance <= -KERNEL_TOUCH_M)) m = stop_at(shift, middle);
+    if (!(m.clearance <= -KERNEL_TOUCH_M)) m = q;
+    is_contact_on(shift, m, p, &first);
+    is_contact_on(shift, m, q, &last);
+    *from = first.at, *to = last.at;
+    return m.clearance <= -KERNEL_TOUCH_M && to->v - to->u >= from->v - from->u;
 }

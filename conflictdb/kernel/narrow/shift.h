@@ -19,8 +19,9 @@ typedef struct {
  * vector along which the movers are apart if they are, or NULL. */
 double shift_clearance_m(Shift *shift, Times at, Vector *axis);
 
-/* Whether each difference v - u between those of two contacts is one of contact: on the straight way between them, or by
- * way of further points. middle: a point that may serve. False: not proven. */
-bool shift_contact_lasts(Shift *shift, Times from, Times to, Times middle);
+/* Whether each difference v - u between those of two contacts is one of contact, on a way between them. If that is not
+ * proven, both are moved to contacts between which it is; false if there are none. middle: a point by which the way may
+ * lead. */
+bool shift_contact_lasts(Shift *shift, Times *from, Times *to, Times middle);
 
 #endif
