@@ -162,6 +162,27 @@ def test_distances_and_spans_bound_each_other(row: MotionRow, places: tuple[Plac
     assert min(pads) >= ROUNDING_ALLOWANCE_M
 
 
+@for_every_motion(places_apart, lambda row: bearings)
+def test_two_places_are_no_farther_apart_along_a_vector_than_both_halves(
+    row: MotionRow, places: tuple[Place, Place], bearing: float
+) -> None:
+    """Of their distance; and a place between them has a half no larger than theirs there, as halves are convex."""
+    one, other = places[0], near(*places) if row.has_seam else places[1]
+    a, b = row.xy(one).ravel(), row.xy(other).ravel()
+    distance = row.geod.inv(*one, *other)[2]
+    scale = max(float(row.plane.largest_scale(xy.reshape(2, 1, 1))[0]) for xy in (a, b))
+    rounding = 3e-8 + ROUNDING_M * scale
+    for along in (
+        np.array([np.sin(np.radians(bearing)), np.cos(np.radians(bearing))]),
+        (b - a) / max(float(np.hypot(*(b - a))), 1e-300),
+    ):
+        halves = [kernel_planes.half_m(row.plane, distance, at, along, scale) for at in (a, b)]
+        assert along @ (b - a) <= sum(halves) + rounding
+        for share in (0.25, 0.5, 0.75):
+            between = kernel_planes.half_m(row.plane, distance, a + share * (b - a), along, scale)
+            assert between <= (halves[0] + share * (halves[1] - halves[0])) * (1.0 + 1e-12)
+
+
 # Of what is near, bounds are the scale to this share.
 NEARLY: Final = 0.01
 

@@ -72,6 +72,20 @@ def span_m(plane: Plane, distance_m: float, scale: float) -> float:
     return _called("plane_span_m", plane, distance_m, scale)
 
 
+def half_m(plane: Plane, distance_m: float, place: np.ndarray, along: np.ndarray, largest_scale: float) -> float:
+    """Half of a distance at a place (2,), along a unit vector (2,), plane metres."""
+    functions, of = internals(), ctypes.byref(plane.kernel_plane)
+    functions.plane_half_is_long.restype = ctypes.c_bool
+    functions.plane_half_is_long.argtypes = [ctypes.c_void_p, _NUMBER, _NUMBER]
+    for name in ("plane_half_m", "plane_half_along"):
+        getattr(functions, name).restype = _NUMBER
+    functions.plane_half_m.argtypes = [ctypes.c_void_p, _NUMBER, Vector, ctypes.c_bool]
+    functions.plane_half_along.argtypes = [ctypes.c_void_p, _NUMBER, Vector, Vector, ctypes.c_bool]
+    is_long = functions.plane_half_is_long(of, distance_m, largest_scale)
+    half = functions.plane_half_m(of, distance_m, Vector(*place), is_long)
+    return float(functions.plane_half_along(of, half, Vector(*place), Vector(*along), is_long))
+
+
 def distance_error_m(plane: Plane, distance_m: float) -> float:
     return _called("plane_distance_error_m", plane, distance_m)
 

@@ -27,7 +27,7 @@
 /* Work budget of a pair. Boxes inspected: MOST_LOOKS, or fewer for large polygons, at least LEAST_LOOKS: two seconds for a
  * million vertices. Positions computed to prove contact, by look. Boxes kept; bisections in distances. Smaller: ends are
  * looser. */
-enum { MOST_LOOKS = 800, LEAST_LOOKS = 24, PLACES_PER_LOOK = 8, BOXES = 96, MOST_PARTS = 1 << 20 };
+enum { MOST_LOOKS = 800, LEAST_LOOKS = 24, PLACES_PER_LOOK = 16, BOXES = 96, MOST_PARTS = 1 << 20 };
 /* Edges of each polygon whose normals cut, by their number times that of all vertices; more are skipped evenly. The axes
  * between nearest points, of which the last AXES are kept, replace them. Fewer: more boxes. */
 enum { EDGE_STEPS = 65536, MOST_EDGES = 64, LEAST_EDGES = 4, AXES = 12 };

@@ -12,7 +12,10 @@
 
 /* Halvings of a way, its parts, the points by which it may lead, and the steps towards such a point. Fewer: fewer proofs.
  */
-enum { MOST_HALVINGS = 20, MOST_WAY_PARTS = 400, MOST_BENDS = 5, DEEPEST_STEPS = 60 };
+enum { MOST_HALVINGS = 20, MOST_WAY_PARTS = 2000, MOST_BENDS = 5, DEEPEST_STEPS = 60 };
+/* Up to this reach a way between the nearest places in a conformal plane is a shortest one. Larger: distances take more
+ * work. */
+static const double NEARBY_M = 100.0;
 /* The curvature of any figure of the earth is at most that of a sphere with this share of the equator's radius; distant
  * polygons may have several shortest lines (zone.c). */
 static const double LEAST_RADIUS_SHARE = 0.99, FURTHEST_SHARE = 0.5;
@@ -40,6 +43,12 @@ static Vector gradient(Shift *shift, Vector from, Vector to) {
     return (Vector){step.x / length, step.y / length};
 }
 
+/* Whether the nearest places in the plane are those on the earth, but for reach_m times the square of the angle that it is
+ * seen at: less than a rounding error. */
+static bool is_conformal_nearby(const Shift *shift) {
+    return shift->pair->plane->projection == KERNEL_MERCATOR && shift->reach_m <= NEARBY_M;
+}
+
 double shift_clearance_m(Shift *shift, Times at, Vector *axis) {
     Encounter *pair = shift->pair;
     Vector from, to, origin = pair->a.origin;
@@ -47,10 +56,15 @@ double shift_clearance_m(Shift *shift, Times at, Vector *axis) {
     Gap gap = polygon_distance(&pair->a_now, &pair->b_now, &from, &to);
     if (axis) *axis = gap.axis;
     if (shift->reach_m == 0.0) return gap.gap;
-    double metres = plane_metres(pair->plane, &pair->a_now, &pair->b_now, origin, gap.gap, from, to, &pair->parts_left);
-    if (axis && pair->plane->projection == KERNEL_GNOMONIC && metres > plane_short_m(pair->plane)) {
-        plane_nearest(pair->plane, &pair->a_now, &pair->b_now, origin, &from, &to, &pair->parts_left);
-        *axis = gradient(shift, from, to);
+    double metres = gap.gap;
+    if (gap.gap > 0.0 && is_conformal_nearby(shift)) {
+        metres = plane_way_m(pair->plane, from, to, origin);
+    } else if (gap.gap > 0.0) {
+        metres = plane_metres(pair->plane, &pair->a_now, &pair->b_now, origin, gap.gap, from, to, &pair->parts_left);
+        if (axis && pair->plane->projection == KERNEL_GNOMONIC && metres > plane_short_m(pair->plane)) {
+            plane_nearest(pair->plane, &pair->a_now, &pair->b_now, origin, &from, &to, &pair->parts_left);
+            *axis = gradient(shift, from, to);
+        }
     }
     return metres - shift->reach_m;
 }
@@ -77,7 +91,8 @@ static Stop stop_at(Shift *shift, Times at) {
     if (shift->reach_m == 0.0) return stop;
     stop.clearance -= shift->reach_m;
     if (!(stop.gap > 0.0)) return stop;
-    plane_nearest(pair->plane, &pair->a_now, &pair->b_now, origin, &stop.from, &stop.to, &pair->parts_left);
+    if (!is_conformal_nearby(shift))
+        plane_nearest(pair->plane, &pair->a_now, &pair->b_now, origin, &stop.from, &stop.to, &pair->parts_left);
     stop.clearance = plane_way_m(pair->plane, stop.from, stop.to, origin) - shift->reach_m;
     return stop;
 }

@@ -94,13 +94,14 @@ double plane_span_m(const KernelPlane *plane, double distance_m, double scale) {
  * 2)^2 = S^2, S = sqrt(k l) sin(theta / 2); so d <= 2 asin(S), which is convex in ln S: at most asin(k sin(theta / 2)) +
  * asin(l sin(theta / 2)). On the ellipsoid the conformal sphere's radius R has |R''| <= 2.2 oblateness R along a line, and
  * R differs by that times theta^2 / 12 from the mean of its ends; CURVED is more than both halves of that, and than what
- * it costs to take the product of two sines for the square of one. ln k is convex in y.
+ * it costs to take the product of two sines for the square of one. ln k is convex in y. For s up to LARGEST_SINE asin(s) is
+ * at most s + CUBIC s^3, which is convex in ln s, too.
  *
  * Gnomonic: with phi and beta the longitude and latitude about the axis that is normal to the vector n, n.x = R tan(phi)
  * and sin(dphi / 2) <= sin(theta / 2) / sqrt(cos beta cos beta'). So n.(y - x) <= R sin(theta / 2) (w + w'), w = 1 / (cos
  * beta cos(phi)^2) = sqrt(1 + |x|^2 / R^2) sqrt(1 + (n.x)^2 / R^2). Both factors are convex; so is w within 60 degrees of
  * the centre, where p^2 q^2 <= 1 + p^2 for x = R (p, q), p along n. */
-static const double CURVED = 0.3, LONGEST_HALF = 0.1, LARGEST_SINE = 0.5, LARGEST_GNOMONIC = 4.0;
+static const double CURVED = 0.3, CUBIC = 0.21, LONGEST_HALF = 0.1, LARGEST_SINE = 0.5, LARGEST_GNOMONIC = 4.0;
 
 bool plane_half_is_long(const KernelPlane *plane, double distance_m, double largest_scale) {
     double theta = distance_m / plane->radius_m;
@@ -113,7 +114,8 @@ double plane_half_m(const KernelPlane *plane, double distance_m, Vector place, b
     double scale = scale_at(plane, place, (Vector){0.0, 0.0}), theta = distance_m / plane->radius_m;
     if (is_long) return 0.5 * plane_span_m(plane, distance_m, scale);
     if (plane->projection == KERNEL_GNOMONIC) return plane->radius_m * sin(0.5 * theta) * sqrt(scale);
-    return plane->radius_m * asin(scale * sin(0.5 * theta * (1.0 + CURVED * plane->oblateness * theta * theta)));
+    double sine = scale * sin(0.5 * theta * (1.0 + CURVED * plane->oblateness * theta * theta));
+    return plane->radius_m * (sine + CUBIC * sine * sine * sine);
 }
 
 double plane_half_along(const KernelPlane *plane, double half_m, Vector place, Vector along, bool is_long) {
@@ -124,7 +126,7 @@ double plane_half_along(const KernelPlane *plane, double half_m, Vector place, V
 
 double plane_half_error_m(const KernelPlane *plane, double distance_m, double largest_scale) {
     double theta = distance_m / plane->radius_m;
-    return 0.25 * distance_m * theta * theta * largest_scale * largest_scale * largest_scale;
+    return 0.4 * distance_m * theta * theta * largest_scale * largest_scale * largest_scale;
 }
 
 double plane_least_m(const KernelPlane *plane, double span_m, double scale) {
