@@ -84,8 +84,10 @@ def delays(
 ) -> list[Delays]:
     """Return when each track could depart instead: the departures that are in conflict, and the least that is not.
 
-    Delays are of a whole track, everything else departs as planned, and the scene's method is `exact`. A track is
-    nowhere before it departs and after it arrives, and its haven begins to grow when it departs.
+    Delays are of a whole track, everything else departs as planned, and the method is `exact`. A track whose first leg
+    stands still waits there until it departs; any other is nowhere before that. Its haven begins to grow when it
+    departs.
+
     Rows are in the order of keys. Raises the errors of `solve`, and InvalidInput for an unknown track.
 
     Parameters

@@ -5,8 +5,8 @@ separation and tolerance of anything that departs as planned. Outer intervals co
 intervals contain forbidden ones only.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Final, Self
 
 import numpy as np
@@ -21,7 +21,7 @@ from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.results import Delays, Forbidden, Kind
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import object_numbers
-from conflictdb.stages.pieces.covers import is_covered
+from conflictdb.stages.pieces.covers import COVER, is_covered
 from conflictdb.stages.stage1_broad_phase import hulls_of
 
 _Ints = NDArray[np.int64]
@@ -87,8 +87,12 @@ class Differences:
 
     def take(self, rows: _Ints) -> "Differences":
         """Return some rows."""
-        columns = (self.track, self.other, self.low, self.high, self.inner_low, self.inner_high)
-        return Differences(*(column[rows] for column in columns))
+        return Differences(*(getattr(self, one.name)[rows] for one in fields(self)))
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["Differences"]) -> "Differences":
+        """Return the rows of all parts; at least one part."""
+        return cls(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(cls)))
 
     def forbidden(self, horizon_us: int) -> tuple[Spans, Spans]:
         """Return the outer and the inner intervals of all rows, within the horizon."""
@@ -121,19 +125,18 @@ def differences_of(
     tracks : (m,) numbers of tracks (`object_numbers`)
     threads : of the kernel; the answer does not depend on it
     """
-    number, found = object_numbers(pieces), []
-    pairs = list(_candidates(pieces, number, tracks, horizon_us))
-    a, b = (PieceRows(np.concatenate([np.empty(0, np.int64), *some])) for some in zip(*pairs, strict=True))
+    number = object_numbers(pieces)
+    mine = np.flatnonzero(np.isin(number, tracks))
+    moving = _candidates(pieces, number, mine, horizon_us, is_once=True)
+    waiting = _candidates(pieces, number, mine[_waits(pieces, number, mine)], horizon_us, is_once=False)
+    a, b = (np.concatenate(both) for both in zip(moving, waiting, strict=True))
     prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
-    for first in range(0, max(len(a), 1), DEFAULT_MEMORY.pairs):
-        rows = slice(first, first + DEFAULT_MEMORY.pairs)
-        found.append(_of_pairs(scene, prepared, number, PieceRows(a[rows]), PieceRows(b[rows]), threads))
-    every = Differences(*(np.concatenate(column) for column in zip(*found, strict=True)))
+    every = _of_pairs(scene, prepared, number, *moving, threads=threads)
     # Two tracks that are both asked about are solved once.
     mirrored = every.take(np.flatnonzero(np.isin(every.other, tracks)))
     swapped = mirrored.other, mirrored.track, -mirrored.high, -mirrored.low, -mirrored.inner_high, -mirrored.inner_low
-    columns = (every.track, every.other, every.low, every.high, every.inner_low, every.inner_high)
-    every = Differences(*(np.concatenate(both) for both in zip(columns, swapped, strict=True)))
+    while_waiting = _while_waiting(_of_pairs(scene, prepared, number, *waiting, lasts=False, threads=threads))
+    every = Differences.concatenate([every, Differences(*swapped), while_waiting])
     return every.take(np.flatnonzero((every.low <= horizon_us) & (every.high >= -horizon_us)))
 
 
@@ -179,57 +182,111 @@ def _sorted(keys: Mapping[int, str], numbers: list[int]) -> tuple[str, ...]:
     return tuple(sorted((keys[number] for number in numbers), key=str.encode))
 
 
-def _candidates(pieces: Pieces, number: _Ints, tracks: _Ints, horizon_us: int) -> Iterator[tuple[_Ints, _Ints]]:
-    """Yield pairs of pieces (a, b) whose hulls meet if a, of one of the tracks, departs at another time."""
-    is_asked = np.isin(number, tracks)
+def _waits(pieces: Pieces, number: _Ints, rows: _Ints) -> NDArray[np.bool_]:
+    """Return (m,) whether pieces (m,) are the first of a track whose first leg stands still."""
+    first_us = np.full(len(rows), INFINITY_US)
+    _, track = np.unique(number[rows], return_inverse=True)
+    np.minimum.at(first_us, track, pieces.start_us[rows])
+    stands = (pieces.leg_start_deg[rows] == pieces.leg_end_deg[rows]).all(axis=1) & (pieces.part[rows] != COVER)
+    return np.asarray(stands & (pieces.start_us[rows] == first_us[track]))
+
+
+def _while_waiting(found: Differences) -> Differences:
+    """Return the delays at which tracks meet something before they depart.
+
+    found : when each first piece is met as it is at its start, as delays; negative ones come before the track is there
+    """
+    met = found.take(np.flatnonzero(found.high >= 0))
+    is_known = met.inner_high > 0
+    return replace(
+        met,
+        low=np.maximum(met.low, 0),
+        high=np.full(len(met.low), 2 * _FOREVER_US),
+        inner_low=np.maximum(met.inner_low, 0),
+        inner_high=np.where(is_known, 2 * _FOREVER_US, -1),
+    )
+
+
+def _candidates(
+    pieces: Pieces, number: _Ints, mine: _Ints, horizon_us: int, *, is_once: bool
+) -> tuple[PieceRows, PieceRows]:
+    """Return pairs of pieces (a, b) whose hulls meet if a, one of `mine`, departs at another time.
+
+    is_once : leave out the mirror images of pairs of which both are mine
+    """
+    is_mine = np.zeros(len(pieces), np.bool_)
+    is_mine[mine] = is_once
     hulls = hulls_of(pieces)
     tree = shapely.STRtree(hulls)
-    mine = np.flatnonzero(is_asked)
     # Unbounded spans, too, fit into 64 bits when they are subtracted.
     start, end = np.maximum(pieces.start_us, -_FOREVER_US), np.minimum(pieces.end_us, _FOREVER_US)
-    yield np.empty(0, np.int64), np.empty(0, np.int64)
+    nothing = np.empty(0, np.int64)
+    found = [(nothing, nothing)]
     for rows in (mine[first : first + _AT_ONCE] for first in range(0, len(mine), _AT_ONCE)):
         row, b = tree.query(hulls[rows])
         a = rows[row]
-        keep = (number[a] != number[b]) & (~is_asked[b] | (number[a] < number[b]))
+        keep = (number[a] != number[b]) & (~is_mine[b] | (number[a] < number[b]))
         keep &= (pieces.turn[a] == 0) | (pieces.turn[b] == 0)
         keep &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
         keep &= (start[b] - end[a] <= horizon_us) & (end[b] - start[a] >= -horizon_us)
         a, b = a[keep], b[keep]
         met = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, PieceRows(a), PieceRows(b))
-        yield a[met], b[met]
+        found.append((a[met], b[met]))
+    a, b = (np.concatenate(some) for some in zip(*found, strict=True))
+    return PieceRows(a), PieceRows(b)
 
 
 def _of_pairs(
-    scene: Scene, prepared: kernel.KernelScene, number: _Ints, a: PieceRows, b: PieceRows, threads: int
-) -> tuple[_Ints, ...]:
-    """Return the columns of `Differences` of pairs of pieces that some delay brings into contact."""
+    scene: Scene,
+    prepared: kernel.KernelScene,
+    number: _Ints,
+    a: PieceRows,
+    b: PieceRows,
+    *,
+    lasts: bool = True,
+    threads: int,
+) -> Differences:
+    """Return the delays that bring pairs of pieces into contact, of those that some delay does.
+
+    lasts : whether a has its whole time, or stays what it is at its start
+    """
+    parts = [
+        _of_some_pairs(scene, prepared, number, PieceRows(a[rows]), PieceRows(b[rows]), lasts, threads)
+        for rows in (slice(k, k + DEFAULT_MEMORY.pairs) for k in range(0, max(len(a), 1), DEFAULT_MEMORY.pairs))
+    ]
+    return Differences.concatenate(parts)
+
+
+def _of_some_pairs(
+    scene: Scene, prepared: kernel.KernelScene, number: _Ints, a: PieceRows, b: PieceRows, lasts: bool, threads: int
+) -> Differences:
     pieces = prepared.pieces
     still = pieces.kind[b] == Kind.AREA.code
     zero = pieces.start_us[a]
     first, last = pieces.start_us[b], np.where(still, pieces.end_us[b], pieces.start_us[b])
-    lasts_s = (pieces.end_us[a] - zero) / 1e6
+    lasts_s = (pieces.end_us[a] - zero) / 1e6 * lasts
     b_lasts_s = np.where(still, 0, pieces.end_us[b] - np.where(still, pieces.end_us[b], first)) / 1e6
     nothing = np.zeros(len(a))
-    b_zero = np.where(still, zero, first)
-    shifts = Shifts(a, b, zero, b_zero, nothing, lasts_s, nothing, b_lasts_s)
+    shifts = Shifts(a, b, zero, np.where(still, zero, first), nothing, lasts_s, nothing, b_lasts_s)
     covered = is_covered(pieces, a, b)
     solved = np.flatnonzero(~covered)
     found = np.zeros(len(a), [(name, np.float64) for name in _ENDS])
     found["outer_low_s"], found["outer_high_s"] = -lasts_s, b_lasts_s
     found["inner_low_s"], found["inner_high_s"] = np.inf, -np.inf
-    done = differences(
-        prepared, shifts.take(solved), scene.separation_m + scene.tolerance_m, kernel.Work(), threads=threads
-    )
+    reach_m = scene.separation_m + scene.tolerance_m
+    done = differences(prepared, shifts.take(solved), reach_m, kernel.Work(), threads=threads)
     for name in _ENDS:
         found[name][solved] = done[name]
     met = covered.copy()
     met[solved] = done["state"] != DifferenceState.NONE
-    low = _later(first, zero, np.floor(1e6 * found["outer_low_s"] - _ROUNDING_US))
-    high = _later(last, zero, np.ceil(1e6 * found["outer_high_s"] + _ROUNDING_US))
-    inner_low = _later(first, zero, np.ceil(1e6 * found["inner_low_s"] + _ROUNDING_US))
-    inner_high = _later(last, zero, np.floor(1e6 * found["inner_high_s"] - _ROUNDING_US))
-    return tuple(column[met] for column in (number[a], number[b], low, high, inner_low, inner_high))
+    return Differences(
+        number[a],
+        number[b],
+        _later(first, zero, np.floor(1e6 * found["outer_low_s"] - _ROUNDING_US)),
+        _later(last, zero, np.ceil(1e6 * found["outer_high_s"] + _ROUNDING_US)),
+        _later(first, zero, np.ceil(1e6 * found["inner_low_s"] + _ROUNDING_US)),
+        _later(last, zero, np.floor(1e6 * found["inner_high_s"] - _ROUNDING_US)),
+    ).take(np.flatnonzero(met))
 
 
 _ENDS: Final = ("outer_low_s", "inner_low_s", "inner_high_s", "outer_high_s")

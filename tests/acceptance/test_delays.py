@@ -6,6 +6,7 @@ was stated.
 
 from dataclasses import replace
 from itertools import chain
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,11 +24,28 @@ def some_scene(workload: Workload, seed: int, rng: np.random.Generator) -> Objec
     return throw(workload, seed, 10, 20, tolerance_m=tolerance_m, separation_m=separation_m)
 
 
-def checked(workload: Workload, scenes: int, tracks: int, seed: int) -> tuple[int, int]:
-    """Compare many shifts; return their number, and how many of them are near an end."""
+def waiting_first(track: Track, waits_us: int) -> Track:
+    """The track, after a leg that stands still at its first waypoint."""
+    more: dict[str, Any] = {
+        name: np.concatenate([values[:1], values])
+        for name in ("outlines_m", "floors_m", "ceilings_m")
+        if (values := getattr(track, name)) is not None
+    }
+    positions_deg = np.concatenate([track.positions_deg[:1], track.positions_deg])
+    times_us = np.concatenate([track.times_us[:1] - waits_us, track.times_us])
+    return replace(track, positions_deg=positions_deg, times_us=times_us, max_speed_kn=np.inf, grow_mps=0.0, **more)
+
+
+def checked(workload: Workload, scenes: int, tracks: int, seed: int, *, waits: bool = False) -> tuple[int, int]:
+    """Compare many shifts; return their number, and how many of them are near an end.
+
+    waits : each track begins with a leg that stands still
+    """
     rng, count, near_ends = np.random.default_rng(seed), 0, 0
     for number in range(scenes):
         scene, areas, every = some_scene(workload, 1000 * seed + number, rng)
+        if waits:
+            every = [waiting_first(track, int(rng.integers(1, 3_600_000_000))) for track in every]
         # From a second to ten days; in a harbour everything is over after some minutes.
         within_s = float(rng.choice([1.0, 600.0, 7200.0, 40_000.0, 864_000.0]))
         within_s = min(within_s, 1200.0) if workload is HARBOUR else within_s
@@ -52,12 +70,19 @@ def test_no_delay_is_called_free_that_conflicts_nor_proven_that_is_free(workload
     assert count > 200
 
 
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, OCEAN, GROWING], ids=lambda workload: workload.name)
+def test_nor_if_tracks_wait_at_their_first_waypoint(workload: Workload) -> None:
+    count, _ = checked(workload, 2, 3, 2, waits=True)
+    assert count > 200
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("workload", WORKLOADS, ids=lambda workload: workload.name)
 def test_many_delays(workload: Workload) -> None:
     """More than 100,000 shifts over all workloads."""
     count, near_ends = checked(workload, 40, 4, 1)
     assert count > 10_000
+    checked(workload, 10, 4, 3, waits=True)
     assert near_ends > 0.15 * count
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -18,8 +19,19 @@ from conflictdb.stages.stage2_intersection import intersections
 
 
 def shifted(track: Track, shift_us: int, key: str | None = None) -> Track:
-    """The track departing that much later."""
-    return replace(track, key=key or track.key, times_us=track.times_us + shift_us, max_speed_kn=np.inf)
+    """The track departing that much later; if its first leg stands still, it waits there meanwhile."""
+    moved = replace(track, key=key or track.key, times_us=track.times_us + shift_us, max_speed_kn=np.inf)
+    if shift_us <= 0 or not np.array_equal(*track.positions_deg[:2]):
+        return moved
+    assert track.grow_mps == 0.0
+    more: dict[str, Any] = {
+        name: np.concatenate([values[:1], values])
+        for name in ("outlines_m", "floors_m", "ceilings_m")
+        if (values := getattr(track, name)) is not None
+    }
+    positions_deg = np.concatenate([track.positions_deg[:1], track.positions_deg])
+    times_us = np.concatenate([track.times_us[:1], moved.times_us])
+    return replace(moved, positions_deg=positions_deg, times_us=times_us, max_speed_kn=np.inf, **more)
 
 
 def meets_when_shifted(

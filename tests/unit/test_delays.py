@@ -158,6 +158,38 @@ def test_all_tracks_are_asked_about_one_at_a_time() -> None:
     assert delays([EAST], [])[0].forbidden == ()
 
 
+def waits_first(track: Track, waits_s: float) -> Track:
+    """The track, after a leg that stands still at its first waypoint."""
+    positions = np.concatenate([track.positions_deg[:1], track.positions_deg])
+    times_us = np.concatenate([track.times_us[:1] - round(1e6 * waits_s), track.times_us])
+    return replace(track, positions_deg=positions, times_us=times_us)
+
+
+def test_a_track_whose_first_leg_stands_still_waits_there() -> None:
+    """So what comes by while it waits forbids every later departure; an earlier one does not wait."""
+    waiting = waits_first(EAST, 600.0)
+    by = replace(NORTH, key="by", positions_deg=NORTH.positions_deg - [0.5, 0.0])
+    [plain], [found] = (one_of(track, by, within_s=20_000.0).forbidden for track in (EAST, waiting))
+    assert plain.to_s < 8000.0
+    assert found.to_s == 20_000.0
+    assert found.from_s == pytest.approx(plain.from_s, abs=3e-6)
+    assert found.is_proven
+    # It comes by before the track is there, after the horizon, or below it.
+    gone = replace(by, times_us=by.times_us - 9_000_000_000)
+    assert all(one.to_s < 0.0 for one in one_of(waiting, gone, within_s=20_000.0).forbidden)
+    assert one_of(waiting, by, within_s=1000.0).forbidden == ()
+    assert one_of(replace(waiting, floor_m=0.0), replace(by, ceiling_m=0.0), within_s=20_000.0).forbidden == ()
+
+
+def test_an_area_at_the_first_waypoint_forbids_every_departure_from_when_it_is_there() -> None:
+    closed = area("closed", 3000, 4000, lon=-0.095)
+    [found] = one_of(waits_first(EAST, 600.0), closed, within_s=20_000.0).forbidden
+    # The haven leaves the area as soon as it moves: what counts is the way until then, and the wait from -600 s on.
+    assert (found.to_s, found.is_proven) == (20_000.0, True)
+    assert found.from_s == one_of(EAST, closed, within_s=20_000.0).forbidden[0].from_s
+    assert one_of(EAST, closed, within_s=20_000.0).forbidden[0].to_s == pytest.approx(4000.0, abs=3e-6)
+
+
 @pytest.mark.parametrize("within_s", [-1.0, np.nan, np.inf, "2h"])
 def test_a_horizon_that_is_none_is_refused(within_s: float) -> None:
     with pytest.raises(InvalidInput, match="within_s"):
