@@ -391,11 +391,10 @@ class StoredScene:
         Raises InvalidInput for an unknown scene or track.
         """
         inputs.seconds("delays", "within_s", within_s)
-        settings, areas, tracks = self._read()
         # Imported here: the stages are slow to import.
-        from conflictdb.in_memory import delays
+        from conflictdb.db import delays
 
-        return delays(tracks, areas, settings, key, within_s)
+        return delays.delays(self.connection, self.name, key, within_s)
 
     def wait_until_current(self, timeout_s: float = 60.0) -> None:
         """Wait until no change waits for detection; a worker or another program has to detect.

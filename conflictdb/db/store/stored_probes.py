@@ -12,6 +12,7 @@ import psycopg
 import shapely
 
 from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.object_numbers import kinds_and_ids
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_by_name, call_many, transaction
@@ -67,6 +68,14 @@ def pieces_meeting(
     row, piece_id, count, number, *part = found[np.argsort(found[:, 3], kind="stable")].T
     near = Candidates(-1 - row, piece_id, np.ones_like(row), count, number)
     return near, (pieces.part[row].astype(np.int64), part[0]) if is_compared else None
+
+
+def keys_meeting(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces, key: str) -> list[str]:
+    """Return the keys of the objects of a scene whose boxes overlap those of the object `key`, of which pieces are."""
+    if not len(pieces):
+        return []
+    kinds, ids = kinds_and_ids(np.unique(pieces_meeting(conn, scene_id, pieces, key).objects))
+    return [found for _, _, found in call_many(conn, "_keys_of", scene_id, kinds.tolist(), ids.tolist())]
 
 
 def keys_of(conn: psycopg.Connection[Any], scene_id: int, found: Conflicts) -> dict[tuple[int, int], str]:

@@ -1,0 +1,41 @@
+"""Delays of the tracks of a stored scene: read what they may meet, and compute in memory."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import psycopg
+
+from conflictdb import in_memory
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.db import store
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.results import Delays
+from conflictdb.stages.pieces.covers import pieces_of
+
+
+def delays(conn: psycopg.Connection[Any], scene: str, key: str | None, within_s: float) -> list[Delays]:
+    """Return the delays of a track, or of each track, from one state of the objects.
+
+    Of a track of a scene whose pieces are current, only objects are read whose boxes it may meet within the horizon.
+    Raises InvalidInput if the scene or the track does not exist.
+    """
+    with store.snapshot(conn):
+        is_current = store.scene_state(conn, scene).is_current
+        keys = [*_near(conn, scene, key, within_s), key] if key is not None and is_current else None
+        settings, areas, tracks = store.read_scene(conn, scene, keys)
+    return in_memory.delays(tracks, areas, settings, key, within_s)
+
+
+def _near(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float) -> list[str]:
+    """Return the keys of the objects whose boxes a track may meet if it departs at another time within the horizon."""
+    settings, _, tracks = store.read_scene(conn, scene, [key])
+    pieces = pieces_of(settings, plane_of(settings), AreaBatch.of([]), TrackBatch.of(tracks))
+    horizon_us = round(1e6 * within_s)
+    at_any_time = replace(
+        pieces,
+        start_us=pieces.start_us - horizon_us,
+        end_us=pieces.end_us + horizon_us,
+        end_inclusive=np.ones(len(pieces), np.bool_),
+    )
+    return store.keys_meeting(conn, store.scene_id(conn, scene), at_any_time, key)

@@ -1,0 +1,56 @@
+"""Delays of a stored scene: those in memory, whether it was detected or not."""
+
+from dataclasses import replace
+
+import pytest
+from workloads import GROWING_CIRCLES, HARBOUR, LOW_LATITUDE, SEAM, Workload, throw
+
+from conflictdb import InvalidInput, connect, delays
+from conflictdb.db import store
+from conflictdb.model.results import Delays
+
+
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, HARBOUR, GROWING_CIRCLES], ids=lambda workload: workload.name)
+def test_a_stored_scene_has_the_delays_of_its_objects(dsn: str, workload: Workload) -> None:
+    """Of one track only the objects that it may meet are read, if the scene is current: the answer is the same."""
+    scene, areas, tracks = throw(workload, 4, 10, 12, separation_m=500.0)
+    within_s = 600.0 if workload is HARBOUR else 7200.0
+    with connect(dsn) as db:
+        store.replace_scene(db.connection, scene, areas, tracks, merge=False)
+        stored = db.scene(scene.name)
+        expected = delays(tracks, areas, stored.settings(), within_s=within_s)
+        assert any(one.forbidden for one in expected)
+        for _ in ("marked", "current"):
+            assert stored.delays(within_s=within_s) == expected
+            _assert_alike([stored.delays(one.key, within_s)[0] for one in expected], expected)
+            stored.detect()
+        moved = replace(tracks[0], times_us=tracks[0].times_us + 60_000_000)
+        store.replace_scene(db.connection, scene, [], [moved], merge=True)
+        again = delays([moved, *tracks[1:]], areas, stored.settings(), within_s=within_s)
+        _assert_alike([stored.delays(one.key, within_s)[0] for one in again], again)
+
+
+def _assert_alike(found: list[Delays], expected: list[Delays]) -> None:
+    """Asked about alone, a track is the first of each pair: ends differ by their errors."""
+    for one, other in zip(found, expected, strict=True):
+        assert (one.key, one.blocked_by) == (other.key, other.blocked_by)
+        assert [each.by for each in one.forbidden] == [each.by for each in other.forbidden]
+        for x, y in zip(one.forbidden, other.forbidden, strict=True):
+            assert abs(x.from_s - y.from_s) <= max(x.from_error_s, y.from_error_s)
+            assert abs(x.to_s - y.to_s) <= max(x.to_error_s, y.to_error_s)
+
+
+def test_unknown_names_and_horizons_are_refused(dsn: str) -> None:
+    scene, areas, tracks = throw(LOW_LATITUDE, 4, 2, 2)
+    with connect(dsn) as db:
+        store.replace_scene(db.connection, scene, areas, tracks, merge=False)
+        stored = db.scene(scene.name)
+        for _ in ("marked", "current"):
+            for key in ("nobody", areas[0].key):
+                with pytest.raises(InvalidInput, match="is not known"):
+                    stored.delays(key)
+            stored.detect()
+        with pytest.raises(InvalidInput, match="within_s"):
+            stored.delays(within_s=-1.0)
+        with pytest.raises(InvalidInput, match="nowhere"):
+            db.scene("nowhere").delays()
