@@ -7,7 +7,7 @@ intervals contain forbidden ones only.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
 import shapely
@@ -32,6 +32,9 @@ _AT_ONCE: Final = 20_000
 _FOREVER_US: Final = 2**61
 # More than times of pieces are rounded by, microseconds.
 _ROUNDING_US: Final = 0.1
+# Intervals of which more is not known, seconds, have their times halved, so many times at most.
+_LOOSE_S: Final = 1.0
+_MOST_SPLITS: Final = 6
 # An inner interval ends this much inside of what is proven: at its end two objects may share only the last instant of
 # one of them, which does not belong to it.
 _LAST_INSTANT_US: Final = 1
@@ -270,26 +273,53 @@ def _of_some_pairs(
     shifts = Shifts(a, b, zero, np.where(still, zero, first), nothing, lasts_s, nothing, b_lasts_s)
     covered = is_covered(pieces, a, b)
     solved = np.flatnonzero(~covered)
-    found = np.zeros(len(a), [(name, np.float64) for name in _ENDS])
-    found["outer_low_s"], found["outer_high_s"] = -lasts_s, b_lasts_s
-    found["inner_low_s"], found["inner_high_s"] = np.inf, -np.inf
-    reach_m = scene.separation_m + scene.tolerance_m
-    done = differences(prepared, shifts.take(solved), reach_m, kernel.Work(), threads=threads)
-    for name in _ENDS:
-        found[name][solved] = done[name]
-    met = covered.copy()
-    met[solved] = done["state"] != DifferenceState.NONE
+    rows, found = _solved(prepared, shifts.take(solved), scene.separation_m + scene.tolerance_m, threads)
+    # Of covers only the times are known.
+    unknown = np.zeros(np.count_nonzero(covered), found.dtype)
+    unknown["outer_low_s"], unknown["outer_high_s"] = -lasts_s[covered], b_lasts_s[covered]
+    unknown["inner_low_s"], unknown["inner_high_s"] = np.inf, -np.inf
+    rows, found = np.concatenate([solved[rows], np.flatnonzero(covered)]), np.concatenate([found, unknown])
+    first, last, zero = first[rows], last[rows], zero[rows]
     return Differences(
-        number[a],
-        number[b],
+        number[a[rows]],
+        number[b[rows]],
         _later(first, zero, np.floor(1e6 * found["outer_low_s"] - _ROUNDING_US)),
         _later(last, zero, np.ceil(1e6 * found["outer_high_s"] + _ROUNDING_US)),
         _later(first, zero, np.ceil(1e6 * found["inner_low_s"] + _ROUNDING_US)),
         _later(last, zero, np.floor(1e6 * found["inner_high_s"] - _ROUNDING_US)),
-    ).take(np.flatnonzero(met))
+    )
 
 
-_ENDS: Final = ("outer_low_s", "inner_low_s", "inner_high_s", "outer_high_s")
+def _solved(prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, threads: int) -> tuple[_Ints, NDArray[Any]]:
+    """Return rows of pairs that some difference brings into contact, and their differences.
+
+    Where a part of an interval is neither proven free nor forbidden, times are halved, so that a pair may have several
+    rows: contact sets of havens that change their shape may have several parts.
+    """
+    rows, done = np.arange(len(shifts)), []
+    for split in range(_MOST_SPLITS + 1):
+        found = differences(prepared, shifts, reach_m, kernel.Work(), threads)
+        known = (found["state"] == DifferenceState.NONE) | (found["state"] == DifferenceState.UNKNOWN)
+        known |= found["outer_high_s"] - found["outer_low_s"] <= found["inner_high_s"] - found["inner_low_s"] + _LOOSE_S
+        known |= (found["outer_high_s"] - found["outer_low_s"] <= _LOOSE_S) | (split == _MOST_SPLITS)
+        kept = known & (found["state"] != DifferenceState.NONE)
+        done.append((rows[kept], found[kept]))
+        if known.all():
+            break
+        rows, shifts = np.repeat(rows[~known], 2), _halved(shifts.take(np.flatnonzero(~known)))
+    return np.concatenate([some for some, _ in done]), np.concatenate([some for _, some in done])
+
+
+def _halved(shifts: Shifts) -> Shifts:
+    """Return pairs (2 n) of which the longer time of each is halved."""
+    n = len(shifts)
+    twice = shifts.take(np.repeat(np.arange(n), 2))
+    times = {name: getattr(twice, name).copy() for name in ("a_start_s", "a_end_s", "b_start_s", "b_end_s")}
+    is_a = shifts.a_end_s - shifts.a_start_s >= shifts.b_end_s - shifts.b_start_s
+    for member, rows in (("a", np.flatnonzero(is_a)), ("b", np.flatnonzero(~is_a))):
+        start, end = times[f"{member}_start_s"], times[f"{member}_end_s"]
+        start[2 * rows + 1] = end[2 * rows] = 0.5 * (start[2 * rows] + end[2 * rows])
+    return replace(twice, **times)
 
 
 def _later(instant_us: _Ints, zero_us: _Ints, more_us: NDArray[np.float64]) -> _Ints:

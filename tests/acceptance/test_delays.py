@@ -11,7 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 from shifting import is_forbidden, meets_when_shifted, shifted, shifts_of
-from workloads import GROWING, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, WORKLOADS, Workload, throw
+from workloads import (
+    GROWING,
+    GROWING_CIRCLES,
+    HARBOUR,
+    HIGH_LATITUDE,
+    LOW_LATITUDE,
+    OCEAN,
+    SEAM,
+    WORKLOADS,
+    Workload,
+    throw,
+)
 
 from conflictdb import Area, Delays, Scene, Track, delays, solve
 
@@ -133,6 +144,28 @@ def test_a_larger_distance_or_one_more_object_forbids_no_less(workload: Workload
                     large.from_s <= each.from_s + each.from_error_s and each.to_s - each.to_error_s <= large.to_s
                     for large in one.forbidden
                 )
+
+
+@pytest.mark.parametrize(
+    ("workload", "separation_m", "median_s", "most_s"),
+    [
+        (LOW_LATITUDE, 0.0, 5e-6, 1e-3),
+        (LOW_LATITUDE, 9260.0, 1e-2, 10.0),
+        (OCEAN, 0.0, 5e-6, 1e-2),
+        (OCEAN, 9260.0, 0.1, 10.0),
+        (GROWING, 0.0, 5e-6, 2.0),
+        (GROWING_CIRCLES, 1852.0, 0.1, 10.0),
+    ],
+    ids=lambda value: value.name if isinstance(value, Workload) else None,
+)
+def test_ends_are_sharp(workload: Workload, separation_m: float, median_s: float, most_s: float) -> None:
+    """Also where contact sets are bent, or have several parts, as havens change their shape."""
+    scene, areas, tracks = throw(workload, 0, 20, 30, tolerance_m=1.0, separation_m=separation_m)
+    found = [each for one in delays(tracks, areas, scene, within_s=40_000.0) for each in one.forbidden]
+    errors_s = [error_s for each in found if each.is_proven for error_s in (each.from_error_s, each.to_error_s)]
+    assert np.mean([each.is_proven for each in found]) > 0.9
+    assert np.median([error_s for error_s in errors_s if error_s > 0.0]) <= median_s
+    assert max(errors_s) <= most_s
 
 
 def cleared(workload: Workload, scenes: int) -> int:
