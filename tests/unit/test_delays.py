@@ -190,6 +190,28 @@ def test_an_area_at_the_first_waypoint_forbids_every_departure_from_when_it_is_t
     assert one_of(EAST, closed, within_s=20_000.0).forbidden[0].to_s == pytest.approx(4000.0, abs=3e-6)
 
 
+def test_a_haven_that_changes_its_shape_may_leave_an_area_and_meet_it_again() -> None:
+    """Its port side shrinks away from the area, its bow grows towards it: two intervals, and free delays between."""
+    degrees = np.degrees(1000.0 / RADIUS_M)
+    wedge = shapely.Polygon([(0.0, degrees), (80 * degrees, 0.0), (120 * degrees, 0.0), (120 * degrees, degrees)])
+    closed = Area("wedge", wedge, None, T0_US + 20_000_000_000, T0_US + 20_100_000_000)
+    outlines_m = [[(-port, 0.0), (0.0, -50.0), (50.0, 0.0), (0.0, bow)] for port, bow in ((1100, 100), (50, 30_000))]
+    track = Track(
+        "east",
+        [(0.0, 0.0), (60 * degrees, 0.0)],
+        [T0_US, T0_US + 7_500_000_000],
+        outlines_m[0],
+        outlines_m=outlines_m,
+    )
+    first, second = one_of(track, closed, within_s=40_000.0).forbidden
+    assert first.is_proven
+    assert second.is_proven
+    assert first.to_s < 14_000.0 < 17_000.0 < second.from_s
+    shifts_us = np.array([13_000, 14_000, 17_000, 18_000]) * 1_000_000
+    met = meets_when_shifted(SCENE, [closed], [track], "east", shifts_us)
+    assert [bool(keys) for keys in met] == [True, False, False, True]
+
+
 @pytest.mark.parametrize("within_s", [-1.0, np.nan, np.inf, "2h"])
 def test_a_horizon_that_is_none_is_refused(within_s: float) -> None:
     with pytest.raises(InvalidInput, match="within_s"):
