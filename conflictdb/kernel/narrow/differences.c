@@ -25,9 +25,8 @@
 #include "narrow/shift.h"
 
 /* Work budget of a pair. Boxes inspected: MOST_LOOKS, or fewer for large polygons, at least LEAST_LOOKS: two seconds for a
- * million vertices. Positions computed to prove contact, by look. Boxes kept; bisections in distances. Smaller: ends are
- * looser. */
-enum { MOST_LOOKS = 800, LEAST_LOOKS = 24, PLACES_PER_LOOK = 16, BOXES = 96, MOST_PARTS = 1 << 20 };
+ * million vertices. Positions computed to prove contact, by look. Boxes kept. Smaller: ends are looser. */
+enum { MOST_LOOKS = 800, LEAST_LOOKS = 24, PLACES_PER_LOOK = 16, BOXES = 96 };
 /* Edges of each polygon whose normals cut, by their number times that of all vertices; more are skipped evenly. The axes
  * between nearest points, of which the last AXES are kept, replace them. Fewer: more boxes. */
 enum { EDGE_STEPS = 65536, MOST_EDGES = 64, LEAST_EDGES = 4, AXES = 12 };
@@ -39,6 +38,8 @@ enum { MOST_STALLS = 24 };
  * of motion does not matter, and nearer than FEW times that to the border no more is known. A box shrinks if to SHRUNK of
  * its size, or if its bound comes nearer to what was seen by GAIN. */
 static const double AIM_S = 5e-7, SHORTEST_S = 1e-7, KNOWN_SHARE = 0.1, FEW = 4.0, SHRUNK = 0.6, GAIN = 0.1;
+/* Clearances below this are contact, beyond what a detection rounds by, metres. */
+static const double SURE_M = -2.0 * KERNEL_TOUCH_M;
 /* The root is near enough if it is this deep in contact, metres, or this near, seconds. */
 static const double ROOT_M = 1e-7, ROOT_S = 1e-9;
 /* Corners of a part are rounded by less than this share. */
@@ -55,11 +56,12 @@ typedef struct {
     Times at;
 } Seen;
 
-/* halves: of the vertices of a0, a1, b0 and b1. a_step, b_step: every so many edges cut. */
+/* halves: of the vertices of a0, a1, b0 and b1. touch_m: by how much a detection may understate a distance. a_step,
+ * b_step: every so many edges cut. */
 typedef struct {
     Shift shift;
     Box *boxes;
-    double *halves[4];
+    double *halves[4], touch_m;
     bool is_long;
     int64_t a_step, b_step;
     Vector axes[AXES];
@@ -89,7 +91,7 @@ static Slack put_ends(Search *search, const Box *box) {
     for (int k = 0; k < 4; k++) extent_add(&extent, polygons[k], pair->a.origin);
     double largest = plane_largest_scale(pair->plane, &extent), hu = box->u1 - box->u0, hv = box->v1 - box->v0;
     Slack slack = {mover_bounds(&pair->a, box->u0, box->u1).acceleration * hu * hu / 8.0,
-                   mover_bounds(&pair->b, box->v0, box->v1).acceleration * hv * hv / 8.0, 2.0 * KERNEL_TOUCH_M * largest, 0.0};
+                   mover_bounds(&pair->b, box->v0, box->v1).acceleration * hv * hv / 8.0, search->touch_m * largest, 0.0};
     slack.unknown = slack.touch;
     if (search->shift.reach_m == 0.0) return slack;
     search->is_long = plane_half_is_long(pair->plane, search->shift.reach_m, largest);
@@ -191,7 +193,7 @@ static void see(Seen *seen, double sign, Times at) {
 /* The last contact on the way from a contact `in` to the tip of a part, which is none, by false position (Illinois: M.
  * Dowell, P. Jarratt, BIT 11 (1971), doi:10.1007/BF01934364). It is near enough if the box would not shrink much more. */
 static Times border_point(Search *search, double sign, Times in, double f_in, Times tip, double f_tip) {
-    double sure = search->shift.sure, low = 0.0, high = 1.0, f_low = f_in - sure, f_high = f_tip - sure;
+    double low = 0.0, high = 1.0, f_low = f_in - SURE_M, f_high = f_tip - SURE_M;
     double length = fabs(tip.u - in.u) + fabs(tip.v - in.v);
     bool is_rising = sign * (tip.v - tip.u) > sign * (in.v - in.u);
     int side = 0;
@@ -200,7 +202,7 @@ static Times border_point(Search *search, double sign, Times in, double f_in, Ti
         double s = low + (high - low) * (f_low / (f_low - f_high));
         if (!(s > low && s < high) || k % 8 == 7) s = 0.5 * (low + high);
         Times at = {in.u + s * (tip.u - in.u), in.v + s * (tip.v - in.v)};
-        double f = shift_clearance_m(&search->shift, at, NULL) - sure;
+        double f = shift_clearance_m(&search->shift, at, NULL) - SURE_M;
         if (f <= 0.0) {
             low = s, f_low = f;
             if (side == -1) f_high *= 0.5;
@@ -230,14 +232,14 @@ static Next look(Search *search, Box *box, double sign, Seen *seen, bool *by_u) 
     box->bound = part_highest(&box->part, sign, &tip);
     if (box->bound <= seen->value + AIM_S) return IS_DONE;
     double before = box->bound, at_tip = shift_clearance_m(&search->shift, tip, &axis);
-    if (at_tip <= search->shift.sure) {
+    if (at_tip <= SURE_M) {
         see(seen, sign, tip);
         return IS_DONE;
     }
     Times middle = part_middle(&box->part);
     cut_axis(search, box, slack, axis);
     double at_middle = shift_clearance_m(&search->shift, middle, &axis);
-    if (at_middle <= search->shift.sure) see(seen, sign, border_point(search, sign, middle, at_middle, tip, at_tip));
+    if (at_middle <= SURE_M) see(seen, sign, border_point(search, sign, middle, at_middle, tip, at_tip));
     else cut_axis(search, box, slack, axis);
     cut_seen(box, sign, seen);
     box->bound = part_highest(&box->part, sign, &tip);
@@ -344,7 +346,7 @@ static bool begin(const KernelScene *scene, const KernelShifts *shifts, int64_t 
     search->looks_left = (int)(looks > MOST_LOOKS ? MOST_LOOKS : looks < LEAST_LOOKS ? LEAST_LOOKS : looks);
     search->shift.evaluations_left = (int64_t)PLACES_PER_LOOK * search->looks_left;
     search->shift.u0 = u0, search->shift.u1 = u1, search->shift.v0 = v0, search->shift.v1 = v1;
-    search->axis_count = 0, pair->parts_left = MOST_PARTS;
+    search->axis_count = 0;
     return true;
 }
 
@@ -363,17 +365,13 @@ KernelStatus kernel_differences(const KernelScene *scene, const KernelShifts *sh
     double *halves = malloc(4 * (size_t)largest * sizeof *halves);
     Search search = {.shift = {.pair = &pair, .reach_m = reach_m}, .boxes = boxes};
     for (int k = 0; halves && k < 4; k++) search.halves[k] = halves + k * largest;
-    encounter_ask(&pair, reach_m, 0.0);
-    search.shift.sure = -2.0 * KERNEL_TOUCH_M - (reach_m > 0.0 ? encounter_distance_error_m(&pair, reach_m) : 0.0);
+    search.touch_m = 2.0 * KERNEL_TOUCH_M + encounter_distance_error_m(&pair, reach_m);
     for (int64_t i = 0; boxes && halves && i < shifts->count; i++) {
         Box whole;
         double low = shifts->b_start_s[i] - shifts->a_end_s[i], high = shifts->b_end_s[i] - shifts->a_start_s[i];
         KernelDifference unknown = {low, INFINITY, -INFINITY, high, KERNEL_DIFFERENCE_UNKNOWN};
         if (!(low <= high)) unknown.outer_low_s = -INFINITY, unknown.outer_high_s = INFINITY;
-        bool is_valid = begin(scene, shifts, i, &search, &whole);
-        if (is_valid) found[i] = differences_of(&search, &whole);
-        /* Distances beyond the budget, and what follows from them, are invalid. */
-        if (!is_valid || pair.parts_left < 0) found[i] = unknown;
+        found[i] = begin(scene, shifts, i, &search, &whole) ? differences_of(&search, &whole) : unknown;
     }
     free(memory), free(boxes), free(halves);
     return boxes && halves ? KERNEL_OK : KERNEL_NO_MEMORY;

@@ -13,9 +13,6 @@
 /* Halvings of a way, its parts, the points by which it may lead, and the steps towards such a point. Fewer: fewer proofs.
  */
 enum { MOST_HALVINGS = 20, MOST_WAY_PARTS = 2000, MOST_BENDS = 5, DEEPEST_STEPS = 60 };
-/* Up to this reach a way between the nearest places in a conformal plane is a shortest one. Larger: distances take more
- * work. */
-static const double NEARBY_M = 100.0;
 /* The curvature of any figure of the earth is at most that of a sphere with this share of the equator's radius; distant
  * polygons may have several shortest lines (zone.c). */
 static const double LEAST_RADIUS_SHARE = 0.99, FURTHEST_SHARE = 0.5;
@@ -29,44 +26,67 @@ static void place(Shift *shift, Times at) {
     runs_make(&pair->a_now, &pair->b_now);
 }
 
-/* The vector along which the distance on the earth between two places grows: of the step between them, its gradient in
- * the plane's metric (plane_slant). */
-static Vector gradient(Shift *shift, Vector from, Vector to) {
-    const KernelPlane *plane = shift->pair->plane;
-    Vector step = {to.x - from.x, to.y - from.y};
-    if (plane->projection == KERNEL_GNOMONIC) {
-        double x = 0.5 * (from.x + to.x) + shift->pair->a.origin.x, y = 0.5 * (from.y + to.y) + shift->pair->a.origin.y;
-        double r2 = plane->radius_m * plane->radius_m, along = (x * step.x + y * step.y) / r2, a = 1.0 + (x * x + y * y) / r2;
-        step.x = a * step.x - along * x, step.y = a * step.y - along * y;
-    }
-    double length = norm(step);
-    return (Vector){step.x / length, step.y / length};
+/* Polygons in the metric of a place of the gnomonic plane, where lengths are those on the earth: with A = 1 + |x|^2 / R^2,
+ * steps along x shrink by A, and steps across it by its root. */
+typedef struct {
+    Vector along;
+    double across, more; /* a step s becomes across s + more (s.along) along */
+} Metric;
+
+static Metric metric_at(const KernelPlane *plane, Vector place) {
+    double length = norm(place), a = 1.0 + length * length / (plane->radius_m * plane->radius_m), root = sqrt(a);
+    Vector along = length > 0.0 ? (Vector){place.x / length, place.y / length} : (Vector){1.0, 0.0};
+    return (Metric){along, 1.0 / root, 1.0 / a - 1.0 / root};
 }
 
-/* Whether the nearest places in the plane are those on the earth, but for reach_m times the square of the angle that it is
- * seen at: less than a rounding error. */
-static bool is_conformal_nearby(const Shift *shift) {
-    return shift->pair->plane->projection == KERNEL_MERCATOR && shift->reach_m <= NEARBY_M;
+static Vector in_metric(const Metric *metric, Vector step) {
+    double along = metric->more * (step.x * metric->along.x + step.y * metric->along.y);
+    return (Vector){metric->across * step.x + along * metric->along.x, metric->across * step.y + along * metric->along.y};
+}
+
+static Polygon polygon_in_metric(const Metric *metric, const Polygon *polygon, double *x, double *y) {
+    Polygon made = {.x = x, .y = y, .count = polygon->count, .bends = polygon->bends};
+    for (int64_t i = 0; i < polygon->count; i++) {
+        Vector at = in_metric(metric, (Vector){polygon->x[i], polygon->y[i]});
+        x[i] = at.x, y[i] = at.y;
+    }
+    return made;
+}
+
+/* The plane gap of the polygons at an instant, with an axis; and, if they are apart, two places nearest to each other on
+ * the earth: to the square of the angle that the reach is seen at, relative to the reach, as is plane_half_m. Nearest in
+ * the plane if it is conformal, else in the metric of these. */
+static Gap nearest_places(Shift *shift, Vector *from, Vector *to) {
+    Encounter *pair = shift->pair;
+    Gap gap = polygon_distance(&pair->a_now, &pair->b_now, from, to);
+    if (!(gap.gap > 0.0) || shift->reach_m == 0.0 || pair->plane->projection == KERNEL_MERCATOR) return gap;
+    Vector origin = pair->a.origin, middle = {0.5 * (from->x + to->x) + origin.x, 0.5 * (from->y + to->y) + origin.y};
+    Metric metric = metric_at(pair->plane, middle);
+    Metric back = {metric.along, 1.0 / metric.across, 1.0 / (metric.across + metric.more) - 1.0 / metric.across};
+    /* The spare polygon has room for both. */
+    int64_t half = (pair->spare.y - pair->spare.x) / 2;
+    Polygon a = polygon_in_metric(&metric, &pair->a_now, pair->spare.x, pair->spare.y);
+    Polygon b = polygon_in_metric(&metric, &pair->b_now, pair->spare.x + half, pair->spare.y + half);
+    runs_make(&a, &b);
+    pair->a_now.is_in_runs = pair->b_now.is_in_runs = false; /* their bends were used */
+    Gap near = polygon_distance(&a, &b, from, to);
+    if (!(near.gap > 0.0)) return gap;
+    *from = in_metric(&back, *from), *to = in_metric(&back, *to);
+    /* Where the distance is even: normals are steps, seen through the metric again. */
+    Vector axis = in_metric(&metric, near.axis);
+    double length = norm(axis);
+    gap.axis = (Vector){axis.x / length, axis.y / length};
+    return gap;
 }
 
 double shift_clearance_m(Shift *shift, Times at, Vector *axis) {
     Encounter *pair = shift->pair;
-    Vector from, to, origin = pair->a.origin;
+    Vector from, to;
     place(shift, at);
-    Gap gap = polygon_distance(&pair->a_now, &pair->b_now, &from, &to);
+    Gap gap = nearest_places(shift, &from, &to);
     if (axis) *axis = gap.axis;
     if (shift->reach_m == 0.0) return gap.gap;
-    double metres = gap.gap;
-    if (gap.gap > 0.0 && is_conformal_nearby(shift)) {
-        metres = plane_way_m(pair->plane, from, to, origin);
-    } else if (gap.gap > 0.0) {
-        metres = plane_metres(pair->plane, &pair->a_now, &pair->b_now, origin, gap.gap, from, to, &pair->parts_left);
-        if (axis && pair->plane->projection == KERNEL_GNOMONIC && metres > plane_short_m(pair->plane)) {
-            plane_nearest(pair->plane, &pair->a_now, &pair->b_now, origin, &from, &to, &pair->parts_left);
-            *axis = gradient(shift, from, to);
-        }
-    }
-    return metres - shift->reach_m;
+    return (gap.gap > 0.0 ? plane_way_m(pair->plane, from, to, pair->a.origin) : gap.gap) - shift->reach_m;
 }
 
 static double least_of(const Times *ends, bool is_u) {
@@ -83,17 +103,12 @@ typedef struct {
 } Stop;
 
 static Stop stop_at(Shift *shift, Times at) {
-    Encounter *pair = shift->pair;
-    Vector origin = pair->a.origin;
     Stop stop = {.at = at};
     place(shift, at);
-    stop.gap = stop.clearance = polygon_distance(&pair->a_now, &pair->b_now, &stop.from, &stop.to).gap;
-    if (shift->reach_m == 0.0) return stop;
+    stop.gap = stop.clearance = nearest_places(shift, &stop.from, &stop.to).gap;
+    if (stop.gap > 0.0 && shift->reach_m > 0.0)
+        stop.clearance = plane_way_m(shift->pair->plane, stop.from, stop.to, shift->pair->a.origin);
     stop.clearance -= shift->reach_m;
-    if (!(stop.gap > 0.0)) return stop;
-    if (!is_conformal_nearby(shift))
-        plane_nearest(pair->plane, &pair->a_now, &pair->b_now, origin, &stop.from, &stop.to, &pair->parts_left);
-    stop.clearance = plane_way_m(pair->plane, stop.from, stop.to, origin) - shift->reach_m;
     return stop;
 }
 
@@ -212,6 +227,8 @@ bool shift_contact_lasts(Shift *shift, Times *from, Times *to, Times middle) {
     if (!(m.clearance <= -KERNEL_TOUCH_M)) m = q;
     is_contact_on(shift, m, p, &first);
     is_contact_on(shift, m, q, &last);
+    double low = from->v - from->u, high = to->v - to->u, begins = first.at.v - first.at.u, ends = last.at.v - last.at.u;
     *from = first.at, *to = last.at;
-    return m.clearance <= -KERNEL_TOUCH_M && to->v - to->u >= from->v - from->u;
+    /* Around the earth polygons may meet at other differences: such contacts are other pairs'. */
+    return m.clearance <= -KERNEL_TOUCH_M && low <= begins && begins <= ends && ends <= high;
 }

@@ -5,18 +5,17 @@
 #include "narrow/encounter.h"
 #include "narrow/part.h"
 
-/* reach_m: within this, metres on the earth, the movers are in contact; 0: if they touch. sure: clearances below this are
- * contact beyond rounding and the error of distances. evaluations_left: budget of positions; when it is exhausted, nothing
- * more is proven. u0 to v1: the times of the movers. */
+/* reach_m: within this, metres on the earth, the movers are in contact; 0: if they touch. u0 to v1: the times of the movers.
+ * evaluations_left: budget of positions; when it is exhausted, nothing more is proven. */
 typedef struct {
     Encounter *pair;
-    double reach_m, sure;
+    double reach_m;
     double u0, u1, v0, v1;
     int64_t evaluations_left;
 } Shift;
 
-/* Clearance at two times, the distance minus the reach, metres on the earth at most; negative is contact. axis: a unit
- * vector along which the movers are apart if they are, or NULL. */
+/* Clearance at two times: an upper bound on the distance minus the reach, metres on the earth; negative is contact. axis: a
+ * unit vector along which the movers are apart if they are, or NULL. */
 double shift_clearance_m(Shift *shift, Times at, Vector *axis);
 
 /* Whether each difference v - u between those of two contacts is one of contact, on a way between them. If that is not
