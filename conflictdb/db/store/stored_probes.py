@@ -74,7 +74,8 @@ def keys_meeting(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces, k
     """Return the keys of the objects of a scene whose boxes overlap those of the object `key`, of which pieces are."""
     if not len(pieces):
         return []
-    kinds, ids = kinds_and_ids(np.unique(pieces_meeting(conn, scene_id, pieces, key).objects))
+    near, _ = pieces_meeting(conn, scene_id, pieces, key, most_compared=0)
+    kinds, ids = kinds_and_ids(np.unique(near.objects))
     return [found for _, _, found in call_many(conn, "_keys_of", scene_id, kinds.tolist(), ids.tolist())]
 
 

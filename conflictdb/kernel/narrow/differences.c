@@ -21,7 +21,7 @@
  */
 #include <stdlib.h>
 
-#include "narrow/border.h"
+#include "scene/border.h"
 #include "narrow/shift.h"
 
 /* Work budget of a pair. Boxes inspected: MOST_LOOKS, or fewer for large polygons, at least LEAST_LOOKS: two seconds for a

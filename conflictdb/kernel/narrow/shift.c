@@ -8,7 +8,7 @@
 
 #include <stddef.h>
 
-#include "narrow/runs.h"
+#include "geometry/runs.h"
 
 /* Halvings of a way, its parts, the points by which it may lead, and the steps towards such a point. Fewer: fewer proofs.
  */
