@@ -1,6 +1,7 @@
 """`delays`: when tracks could depart instead."""
 
 import argparse
+import math
 from collections.abc import Sequence
 
 from conflictdb.cli.codes import DONE
@@ -32,7 +33,9 @@ def delays_text(found: Sequence[Delays], within_s: float) -> str:
         if slack == 0.0:
             clears = ["conflict", _least(one.least_later_s), _least(one.least_earlier_s), ""]
         else:
-            clears = ["free", "", "", f"{_duration(within_s)} or more" if slack is None else _duration(slack)]
+            # Rounded down: so far it may shift for certain.
+            shift = f"{_duration(within_s)} or more" if slack is None else _duration(math.floor(1e3 * slack) / 1e3)
+            clears = ["free", "", "", shift]
         rows.append([one.key, *clears, ", ".join(nearest.by) if nearest else ""])
     lines = [
         f"{one.key}: no departure within {_duration(within_s)} clears {', '.join(one.blocked_by)}"
@@ -72,7 +75,9 @@ def _signed(delay_s: float) -> str:
 
 
 def _duration(duration_s: float) -> str:
-    """Return hours, minutes and seconds, to the microsecond if they are not whole."""
+    """Return hours, minutes and seconds; with milliseconds or microseconds if they are not whole."""
     seconds, micros = divmod(round(1e6 * duration_s), 1_000_000)
     whole = f"{seconds // 3600}:{seconds // 60 % 60:02}:{seconds % 60:02}"
-    return f"{whole}.{micros:06}" if micros else whole
+    if not micros:
+        return whole
+    return f"{whole}.{micros // 1000:03}" if micros % 1000 == 0 else f"{whole}.{micros:06}"
