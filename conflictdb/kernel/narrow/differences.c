@@ -24,7 +24,7 @@
 #include "scene/border.h"
 #include "narrow/shift.h"
 
-/* Work budget of a pair. Boxes inspected: MOST_LOOKS, or fewer for large polygons, at least LEAST_LOOKS: two seconds for a
+/* Work budget of a pair. Boxes inspected: MOST_LOOKS, or fewer for large polygons, at least LEAST_LOOKS: ten seconds for a
  * million vertices. Positions computed to prove contact, by look. Boxes kept. Smaller: ends are looser. */
 enum { MOST_LOOKS = 800, LEAST_LOOKS = 24, PLACES_PER_LOOK = 16, BOXES = 96 };
 /* Edges of each polygon whose normals cut, by their number times that of all vertices; more are skipped evenly. The axes
