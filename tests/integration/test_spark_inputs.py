@@ -147,7 +147,7 @@ def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path) ->
     says_settings = [text for _, text in told[: len(same)]]
     assert [bool(text) for text in says_settings] == [False] * 5 + [True, True, False]
     assert "columns of the input look like times and are not read: valid_from" in says_settings[6]
-    assert "does not say the settings of its scene: rhumb, wgs84, separation 5000 m" in says_settings[5]
+    assert "does not say the settings of its scene: rhumb, wgs84, tolerance 1 m, separation 5000 m" in says_settings[5]
     for (command, said), (code, text) in zip(refused, told[len(same) :], strict=True):
         assert (code, text.count("\n")) == (4, 1), (command, text)
         assert said in text
