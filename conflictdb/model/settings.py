@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
 from typing import Any, Final, TypeAlias, TypedDict
 
-from conflictdb.model.methods import METHODS, Method
+from conflictdb.model.methods import Method
 
 
 class Motion(StrEnum):
@@ -99,7 +99,7 @@ SETTINGS: Final = (
         "Where a detection stops: screen (who might meet), exact (certified times), "
         "nlp (certified times, found by the published program).",
         Method.EXACT,
-        f"where to stop: {', '.join(f'{method} ({METHODS[method].says})' for method in Method)}",
+        "where to stop",
         choices=Method,
         is_stored_by_detect=True,
     ),
@@ -108,7 +108,7 @@ SETTINGS: Final = (
         Type.METRES,
         "Tolerance, metres: pairs whose clearance is within it may be reported as grazing.",
         1.0,
-        "closer than this is too close to call, metres",
+        "too close to call, metres",
         label="Tolerance",
         says="{:g} m: closer to touching than that is too close to call",
         is_stored_by_detect=True,
@@ -118,7 +118,7 @@ SETTINGS: Final = (
         Type.METRES,
         "Required separation between polygons, metres; 0: they conflict if they touch.",
         0.0,
-        "required separation, metres (0: touching)",
+        "required separation, metres",
         label="Separation wanted",
         says_zero="none: they must touch",
         is_stored_by_detect=True,
@@ -129,7 +129,7 @@ SETTINGS: Final = (
         "Pairs without conflict that come within this distance (metres) are stored with their closest approach; "
         "0: none.",
         0.0,
-        "also report pairs within M metres",
+        "report pairs this near, metres",
         label="Near is",
         says="within {:g} m",
         says_zero="not reported",
@@ -140,7 +140,7 @@ SETTINGS: Final = (
         Type.PLACE,
         "great_circle: the centre, degrees; all objects lie within 60 degrees of it.",
         None,
-        "of great circles (default: the middle)",
+        "default: the middle",
     ),
     Setting(
         "vertical_separation_m",
@@ -148,7 +148,7 @@ SETTINGS: Final = (
         "Required vertical separation, metres to the micrometre: objects whose heights are that far apart do not "
         "conflict; 0: height bands that touch are apart.",
         0.0,
-        "required vertical separation, metres",
+        "vertical separation, metres",
         label="Vertical separation wanted",
         says_zero="none: heights must overlap",
         is_stored_by_detect=True,

@@ -27,7 +27,8 @@ def interrupts_between_calls(cancel: Callable[[], Any]) -> Iterator[None]:
     if current_thread() is not main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in _LONGEST_S}
+    # A signal that is ignored, as SIGINT is in the background of a shell, stays ignored.
+    before = {number: handler for number in _LONGEST_S if callable(handler := signal.getsignal(number))}
     waiting = _Waiting(cancel, before)
     for number in before:
         signal.signal(number, waiting.hear)
@@ -68,8 +69,8 @@ class _Waiting:
     def act(self, frame: FrameType | None) -> None:
         """Call the original handler of the received signal, if there is one; it raises."""
         self.ended.set()
-        if self._number is not None and callable(handler := self._before[self._number]):
-            handler(self._number, frame)
+        if self._number is not None:
+            self._before[self._number](self._number, frame)
 
     def _remind(self) -> None:
         while not self.ended.is_set():

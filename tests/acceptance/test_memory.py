@@ -16,7 +16,7 @@ PROGRAM = """
 import pathlib, sys
 import conflictdb
 with conflictdb.connect(sys.argv[1]) as db:
-    run = db.detect("s", full=True, memory_mb=int(sys.argv[2]))
+    run = db.scene("s").detect(full=True, memory_mb=int(sys.argv[2]))
 (peak,) = (line for line in pathlib.Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM:"))
 print(run.candidate_pairs, run.conflicts, int(peak.split()[1]) // 1024)
 """

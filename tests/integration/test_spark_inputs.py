@@ -164,7 +164,9 @@ def test_a_worker_that_is_killed_is_replaced_and_an_interrupt_is_one_line(tmp_pa
         write_objects(stream, Scene("crowd"), [of_objects([], crowd)])
     command = [sys.executable, "-m", "conflictdb", "spark", "detect", "--master", "local[2]"]
     command += ["--input", str(tmp_path / "crowd.parquet"), "--output", str(tmp_path / "out")]
-    running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    # Not ignored, as it is in the background of a shell.
+    listening = ["env", "--default-signal=INT"]
+    running = subprocess.Popen([*listening, *command], stderr=subprocess.PIPE, text=True, start_new_session=True)
     try:
         while not (workers := _workers(running.pid)) and running.poll() is None:
             time.sleep(0.02)

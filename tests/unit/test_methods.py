@@ -39,7 +39,7 @@ def test_what_a_method_says_promises_and_costs_is_told_alike_everywhere(method: 
     row = f"| `{method}`{default} | stage {last} | {spec.says} | {spec.promises} | {spec.costs} |"
     assert row in (ROOT / "docs" / "explanation" / "accuracy.md").read_text().splitlines()
     assert f'{method.name} = "{method}"  # {spec.says}\n' in inspect.getsource(Method)
-    comments = (ROOT / "sql" / "85_comments.sql").read_text().replace("'\n'", "")
+    comments = (ROOT / "sql" / "65_scenes.sql").read_text().replace("'\n'", "")
     assert f"{method} ({spec.says})" in comments
 
 

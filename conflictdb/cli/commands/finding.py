@@ -63,7 +63,7 @@ def _load(commands: Any) -> None:
         "load",
         "load_and_export:load",
         "load plans from files",
-        "Does not detect. Files of one scene count as one file. If one object is refused, nothing changes.",
+        "Does not detect.. If one object is refused, nothing changes.",
     )
     parser.add_argument("files", nargs="+", metavar="FILE", help="scene files, moving features, positions or areas")
     parser.add_argument("--scene", type=name, metavar="NAME", help="scene (default: named by the file)")
@@ -194,7 +194,7 @@ def _probe(commands: Any) -> None:
         "probe",
         "probing:probe",
         "say what a plan would conflict with",
-        "Plans of files, or one given here, replace the objects with their keys. Writes nothing.",
+        "Plans replace the objects with their keys. Writes nothing.",
     )
     parser.add_argument("files", nargs="*", metavar="FILE", help="plans, as for load")
     add_scene(parser)
@@ -229,7 +229,7 @@ def _delays(commands: Any) -> None:
         "delays",
         "delaying:delays",
         "say when tracks could depart instead",
-        "Everything else departs as planned. By the stored objects, detected or not; writes nothing.",
+        "Everything else departs as planned.",
     )
     parser.add_argument("key", nargs="?", metavar="KEY", help="track (default: every track)")
     add_scene(parser)

@@ -59,6 +59,6 @@ def _completion(commands: Any) -> None:
         commands,
         "completion",
         "completion:completion",
-        "print a script that completes commands in a shell",
+        "print a completion script",
     )
     parser.add_argument("shell", choices=("bash", "zsh", "fish"), metavar="SHELL", help="bash, zsh or fish")

@@ -11,7 +11,7 @@ def add(commands: Any) -> None:
     """Add `spark` with its own commands."""
     parser: Parser = commands.add_parser(
         "spark",
-        help="detect scenes that outgrow one machine, on Apache Spark",
+        help="detect on Apache Spark",
         description="The same stages on Apache Spark. Needs Java 17 and the extra `spark`.",
     )
     on_spark = parser.add_subparsers(title="commands", dest="spark_command", required=True, metavar="COMMAND")
