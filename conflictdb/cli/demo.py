@@ -48,6 +48,7 @@ def demo(args: argparse.Namespace) -> int:
     out(f"  {command} detect my.geojson")
     out(f"  {command} status")
     out(f"  {command} psql   # the view conflictdb.conflicts, and what else SQL can ask")
+    out(f"  {command} map   # the scene in your browser, with time")
     return DONE
 
 

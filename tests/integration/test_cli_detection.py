@@ -325,7 +325,8 @@ def test_demo_shows_funnel_conflicts_and_what_to_try(run: Run) -> None:
         assert re.search(rf"^{a_key} +{b_key} +conflict +2026-06-01 ", done.out, re.MULTILINE)
     assert "CONVOY-1 and CONVOY-2 passed every stage but the last" in done.out
     assert "SUB-1 and SUB-2 cross" in done.out
-    assert done.out.partition("Try next:")[2].count("\n  conflictdb --dsn ") == 5
+    assert done.out.partition("Try next:")[2].count("\n  conflictdb --dsn ") == 6
+    assert " map   # " in done.out.splitlines()[-1]
 
 
 def test_nearest_m_prints_near_pairs_too_and_counts_no_conflict(run: Run, tmp_path: Path) -> None:
