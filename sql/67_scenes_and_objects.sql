@@ -47,15 +47,12 @@ DECLARE
     v_copy_id bigint;
 BEGIN
     BEGIN
-        INSERT INTO scene (name, motion, earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat)
-            SELECT p_name, s.motion, s.earth, s.method, s.tolerance_m, s.separation_m, s.nearest_m, s.centre_lon,
-                   s.centre_lat
-            FROM scene s WHERE s.scene_id = v_scene_id
-            RETURNING scene_id INTO v_copy_id;
+        INSERT INTO scene (name) VALUES (p_name) RETURNING scene_id INTO v_copy_id;
     EXCEPTION
         WHEN unique_violation THEN
             PERFORM _refuse_taken(p_name);
     END;
+    PERFORM _set_scene(p_name, _settings_of(s) - 'name') FROM scene s WHERE s.scene_id = v_scene_id;
     INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties)
         SELECT v_copy_id, a.key, a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties
         FROM area a WHERE a.scene_id = v_scene_id;

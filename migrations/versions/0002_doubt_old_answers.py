@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "99e174812c765306e037da8b7bb9c71b4b56a3311126a73172f4f5c1d50bc546"
+routines_sha256 = "1cd21e3a501fd7a6fae553497b87af3150050b142ef1e02d3b556cf5a6991a66"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

@@ -1,7 +1,7 @@
 """The database has the settings of the table `conflictdb.model.settings`: columns, defaults, rules, sentences."""
 
 import inspect
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -55,6 +55,19 @@ def test_defaults_are_those_of_the_table(conn: Conn) -> None:
     assert [one.name for one in fields(Scene)] == ["name", *settings.NAMES]
     defaults = {one.name: one.default for one in fields(Scene)}
     assert {one.name: one.default for one in SETTINGS} == {name: defaults[name] for name in settings.NAMES}
+
+
+@pytest.mark.parametrize("motion", ["rhumb", "great_circle"])
+def test_a_copy_has_every_setting(conn: Conn, motion: str) -> None:
+    """A copy without a separation would miss conflicts."""
+    distances = {one.name: 0.1 + k for k, one in enumerate(SETTINGS) if one.type is Type.METRES}
+    place = {"centre": (10.1, 57.3)} if motion == "great_circle" else {}
+    given = Scene("s", motion=motion, earth="sphere", method="screen", **distances, **place)  # type: ignore[arg-type]
+    changed = {one.name for one in SETTINGS if getattr(given, one.name) != one.default}
+    assert changed | {"motion", "centre"} == set(settings.NAMES)
+    store.set_scene(conn, given)
+    conn.execute("SELECT conflictdb.copy_scene('s', 'copy')")
+    assert replace(store.scene_settings(conn, "copy"), name="s") == given
 
 
 def test_the_parameters_of_create_scene_are_the_columns(conn: Conn) -> None:
