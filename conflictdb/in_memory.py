@@ -18,7 +18,7 @@ from conflictdb.formats import from_frames
 from conflictdb.model import inputs
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Conflict, Delays, Kind, Results
-from conflictdb.stages.delays import differences_of, told_delays
+from conflictdb.stages.delays import delays_of, differences_of
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.pieces.covers import pieces_of
@@ -116,7 +116,7 @@ def delays(
     every = differences_of(scene, plane, pieces, asked, horizon_us)
     found = dict(every.of_each_track())
     nothing = every.take(np.empty(0, np.int64))
-    return [told_delays(keys[number], keys, found.get(number, nothing), horizon_us) for number in asked.tolist()]
+    return [delays_of(keys[number], keys, found.get(number, nothing), horizon_us) for number in asked.tolist()]
 
 
 def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Scene, Plane, list[Track], list[Area]]:

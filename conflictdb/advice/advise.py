@@ -168,7 +168,7 @@ class _Sample:
         self.keys = np.sort(self.keys[: max(1, PIECE_PAIRS * self.pairs // max(piece_pairs, 1))])
 
     def database_s(self, per_piece: float, other: float = 0.0) -> float:
-        """Return seconds of the database: so many units for each piece of the scene, and some other units."""
+        """Return seconds of the database for units of work: per piece of the scene, and others."""
         return FIXED_S + self._piece_s * (per_piece * self._pieces + other)
 
     def estimate(self, setting: Setting, truth: NDArray[Any]) -> Estimate:

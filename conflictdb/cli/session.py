@@ -72,7 +72,7 @@ def _exists(db: Database, scene: str) -> bool:
 
 
 def _name(db: Database) -> str:
-    """Return what tells a database from others, without a password."""
+    """Return an identifier of a database, without a password."""
     info = db.connection.info
     return f"{info.host}:{info.port}/{info.dbname}"
 

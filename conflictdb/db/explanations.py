@@ -1,7 +1,7 @@
 """Explain why two objects are in conflict or not, and compute their closest approach if the database has none."""
 
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
 import psycopg
 
@@ -10,17 +10,15 @@ from conflictdb.formats.instants import format_moment
 from conflictdb.in_memory import counts, solve
 from conflictdb.model.methods import Method
 from conflictdb.model.results import Conflict, Explanation, Position
-
-# Half the circumference of the earth: an upper bound on distances.
-_FURTHEST_M: Final = 20_000_000.0
+from conflictdb.model.settings import MOST_M
 
 
 def explain(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> Explanation:
     """Return why two objects are in conflict or not; InvalidInput if the scene or one of them does not exist.
 
-    A closest approach that is not stored is computed from the pair alone, and so is whether stage 3 decided: the
-    database stores neither. Runs in the caller's transaction if one is
-    open; beside concurrent writers it should be a snapshot.
+    The database stores neither whether stage 3 decided nor, by default, the closest approach of other pairs: both are
+    computed from the pair alone. Runs in the caller's transaction if one is open; beside concurrent writers it should
+    be a snapshot.
     """
     facts = store.explain_conflict(conn, scene, a_key, b_key)
     if facts["is_current"] and (facts["decided_by"] or {}).get("stage") == 4 and facts["run"]["method"] == Method.EXACT:
@@ -55,7 +53,7 @@ def _say_closed_forms(conn: psycopg.Connection[Any], scene: str, facts: dict[str
 def _closest(conn: psycopg.Connection[Any], scene: str, *keys: str) -> Conflict | None:
     """Return two objects of a scene as a pair in conflict or near; None if they never exist at the same time."""
     settings, areas, tracks = store.read_scene(conn, scene, keys)
-    return next(iter(solve(tracks, areas, replace(settings, method=Method.EXACT, nearest_m=_FURTHEST_M))), None)
+    return next(iter(solve(tracks, areas, replace(settings, method=Method.EXACT, nearest_m=MOST_M))), None)
 
 
 def _coordinates(position_deg: Position | None) -> list[float] | None:

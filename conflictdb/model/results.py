@@ -345,8 +345,7 @@ class Delays:
     least_later_s, least_earlier_s : how much later, or earlier, it must depart at least to meet nothing, seconds, in
         whole microseconds and rounded away from the conflict: 0 without a conflict, None if nothing within the horizon
         is enough
-    blocked_by : the keys of the objects that forbid every departure within the horizon: a permanent area does so, and
-        no delay clears it
+    blocked_by : the keys of the objects that forbid every departure within the horizon, such as a permanent area
     """
 
     key: str

@@ -35,7 +35,7 @@ class Type(Enum):
     PLACE = auto()  # longitude and latitude in degrees; in the database two columns, `_lon` and `_lat`
 
 
-# Half the way around the earth: no two places are further apart, and no bound on distances reaches further, metres.
+# Half the circumference of the earth, metres: the largest distance, and so the largest setting.
 MOST_M: Final = 20_000_000.0
 
 Choices: TypeAlias = type[StrEnum]

@@ -5,8 +5,7 @@
 
 import logging
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -279,15 +278,9 @@ class Database:
             phase=phase,
         )
 
-    @contextmanager
-    def _transaction(self) -> Iterator[None]:
-        """Run the block in one transaction, or as part of the caller's."""
-        with store.transaction(self.connection):
-            yield
-
     def attachments(self) -> list[store.Attachment]:
         """Return the tables attached to any scene, and their state."""
-        with self._transaction():
+        with store.transaction(self.connection):
             return store.attachments(self.connection, None)
 
     def protect_scenes(self, *, on: bool = True) -> None:
@@ -295,17 +288,17 @@ class Database:
 
         Only for the owner of schema conflictdb; raises StoreError for others.
         """
-        with self._transaction():
+        with store.transaction(self.connection):
             store.protect_scenes(self.connection, on=on)
 
     def scenes(self) -> list[store.SceneStatus]:
         """Return all scenes with their objects, pending changes and last run."""
-        with self._transaction():
+        with store.transaction(self.connection):
             return store.list_scenes(self.connection)
 
     def status(self) -> Status:
         """Return the state of the database and of all scenes."""
-        with self._transaction():
+        with store.transaction(self.connection):
             service = store.service(self.connection)
             revision = schema.revision(self.connection)
         info = self.connection.info

@@ -83,7 +83,7 @@ def two_blocks(a: Number, b: Number) -> Number:
 
 
 def blocks_for(units: int) -> int:
-    """Return the least number of blocks of which at least so many twos, and ones, can be taken."""
+    """Return the least number of blocks that make at least `units` units: pairs of blocks, and single blocks."""
     return max(1, math.ceil((math.sqrt(8.0 * units + 1.0) - 1.0) / 2.0))
 
 
@@ -91,7 +91,7 @@ def _cells(low: Floats, high: Floats, first: Floats, last: Floats, few: int) -> 
     """Return the cells between two corners: bounds, and the pairs of the sample.
 
     low, high : (m, 3) boxes of the sampled pieces there
-    few : of which a cell is not cut
+    few : a cell with at most this many boxes is not cut
     """
     cut = _cut(low, high, few)
     if cut is None:

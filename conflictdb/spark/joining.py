@@ -36,7 +36,7 @@ def counted(pieces: DataFrame) -> tuple[int, int]:
 
 
 def cells_of(pieces: DataFrame, rows: int, partitions: int) -> Cells:
-    """Return the cells of a scene with so many rows of pieces, from a sample of them."""
+    """Return the cells of a scene, from a sample of its pieces. rows: number of rows of pieces."""
     share = Cells.share(rows)
     some = pieces.where("pieces IS NOT NULL").selectExpr(*_CORNER.values(), *_FAR_CORNER.values())
     seen = np.array((some if share == 1.0 else some.sample(share, seed=1)).collect(), np.float64).reshape(-1, 6)

@@ -32,7 +32,7 @@ _AT_ONCE: Final = 20_000
 _FOREVER_US: Final = 2**61
 # More than times of pieces are rounded by, microseconds.
 _ROUNDING_US: Final = 0.1
-# Intervals of which more is not known, seconds, have their times halved, so many times at most.
+# If more than this remains open between outer and inner interval, seconds, the times are halved; and how often at most.
 _LOOSE_S: Final = 1.0
 _MOST_SPLITS: Final = 6
 # An inner interval ends this much inside of what is proven: at its end two objects may share only the last instant of
@@ -143,7 +143,7 @@ def differences_of(
     return every.take(np.flatnonzero((every.low <= horizon_us) & (every.high >= -horizon_us)))
 
 
-def told_delays(key: str, keys: Mapping[int, str], found: Differences, horizon_us: int) -> Delays:
+def delays_of(key: str, keys: Mapping[int, str], found: Differences, horizon_us: int) -> Delays:
     """Return the delays of a track.
 
     keys : the keys of objects by number
@@ -311,7 +311,7 @@ def _solved(prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, thread
 
 
 def _halved(shifts: Shifts) -> Shifts:
-    """Return pairs (2 n) of which the longer time of each is halved."""
+    """Return each pair twice (2 n): with the first and the second half of its longer time."""
     n = len(shifts)
     twice = shifts.take(np.repeat(np.arange(n), 2))
     times = {name: getattr(twice, name).copy() for name in ("a_start_s", "a_end_s", "b_start_s", "b_end_s")}

@@ -84,7 +84,7 @@ def in_the_database(
 def of_few_changes(
     dsn: str, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], most_compared: int
 ) -> Iterator[Opened]:
-    """All objects changed; stage 2 runs in the database for at most so many pairs of pieces."""
+    """All objects changed; stage 2 runs in the database for at most `most_compared` pairs of pieces."""
     with psycopg.connect(dsn, options="-c timezone=UTC") as conn:
         piecework.load(conn, scene, list(areas), list(tracks))
         conn.commit()

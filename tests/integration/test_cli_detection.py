@@ -559,16 +559,16 @@ def test_approaches_are_printed_in_every_format(run: Run) -> None:
 
 
 def test_the_phases_of_a_detection_and_of_loading_are_reported(dsn: str) -> None:
-    told: list[tuple[str, int, int]] = []
+    phases: list[tuple[str, int, int]] = []
     with conflictdb.connect(dsn) as db:
-        db.load_files([STRAIT], phase=lambda *one: told.append(one))
-        assert [one[0] for one in told] == ["reading", "storing 11 objects"]
-        told.clear()
-        db.scene("strait").detect(full=True, phase=lambda *one: told.append(one))
-    names = list(dict.fromkeys(one[0] for one in told))
+        db.load_files([STRAIT], phase=lambda *phase: phases.append(phase))
+        assert [phase[0] for phase in phases] == ["reading", "storing 11 objects"]
+        phases.clear()
+        db.scene("strait").detect(full=True, phase=lambda *phase: phases.append(phase))
+    names = list(dict.fromkeys(phase[0] for phase in phases))
     assert names == ["preparing objects", "indexing", "comparing objects", "solving pairs", "writing conflicts"]
-    assert ("preparing objects", 11, 0) in told
-    solved = [one for one in told if one[0] == "solving pairs"]
+    assert ("preparing objects", 11, 0) in phases
+    solved = [phase for phase in phases if phase[0] == "solving pairs"]
     assert solved[-1][1] == solved[-1][2] > 0
 
 

@@ -184,7 +184,7 @@ def test_a_track_whose_first_leg_stands_still_waits_there() -> None:
 def test_an_area_at_the_first_waypoint_forbids_every_departure_from_when_it_is_there() -> None:
     closed = area("closed", 3000, 4000, lon=-0.095)
     [found] = one_of(waits_first(EAST, 600.0), closed, within_s=20_000.0).forbidden
-    # The haven leaves the area as soon as it moves: what counts is the way until then, and the wait from -600 s on.
+    # The haven leaves the area as soon as it moves. Until then it is on its way, and waits from -600 s on.
     assert (found.to_s, found.is_proven) == (20_000.0, True)
     assert found.from_s == one_of(EAST, closed, within_s=20_000.0).forbidden[0].from_s
     assert one_of(EAST, closed, within_s=20_000.0).forbidden[0].to_s == pytest.approx(4000.0, abs=3e-6)

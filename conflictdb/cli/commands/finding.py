@@ -233,7 +233,5 @@ def _delays(commands: Any) -> None:
     )
     parser.add_argument("key", nargs="?", metavar="KEY", help="track (default: every track)")
     add_scene(parser)
-    parser.add_argument(
-        "--within", type=duration_s, default=7200.0, metavar="DURATION", help="at most so much (default: 2h)"
-    )
+    parser.add_argument("--within", type=duration_s, default=7200.0, metavar="DURATION", help="horizon (default: 2h)")
     add_format(parser, "table", "json")

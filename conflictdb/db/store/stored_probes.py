@@ -71,7 +71,7 @@ def pieces_meeting(
 
 
 def keys_meeting(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces, key: str) -> list[str]:
-    """Return the keys of the objects of a scene whose boxes overlap those of the object `key`, of which pieces are."""
+    """Return the keys of the objects of a scene whose boxes overlap those of the pieces, which belong to `key`."""
     if not len(pieces):
         return []
     near, _ = pieces_meeting(conn, scene_id, pieces, key, most_compared=0)

@@ -57,7 +57,7 @@ typedef struct {
 } Seen;
 
 /* halves: of the vertices of a0, a1, b0 and b1. touch_m: by how much a detection may understate a distance. a_step,
- * b_step: every so many edges cut. */
+ * b_step: one edge in this many cuts. */
 typedef struct {
     Shift shift;
     Box *boxes;
@@ -325,7 +325,7 @@ static KernelDifference differences_of(Search *search, Box *whole) {
     return found;
 }
 
-/* Every how many edges of a polygon cut, for pairs of so many vertices. */
+/* Return the step between the edges of a polygon that cut; vertices: of the pair. */
 static int64_t edge_step(int64_t edges, int64_t vertices) {
     int64_t some = EDGE_STEPS / (vertices > 0 ? vertices : 1);
     some = some < LEAST_EDGES ? LEAST_EDGES : some > MOST_EDGES ? MOST_EDGES : some;
