@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tempfile
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -41,6 +42,17 @@ def shell(command: str, folder: Path, **more: str) -> str:
     return done.stdout
 
 
+def page_served(command: list[str], folder: Path) -> str:
+    """Start a command that prints its address and serves until it is ended, and return its page."""
+    with subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            with urllib.request.urlopen(process.stdout.readline().strip(), timeout=60) as answer:
+                return answer.read().decode()  # type: ignore[no-any-return]
+        finally:
+            process.terminate()
+
+
 @pytest.fixture
 def folder() -> Iterator[Path]:
     """Return a directory whose ./run is the program under test; the server's user may pass through it."""
@@ -72,7 +84,10 @@ def test_readme_runs_as_printed(folder: Path, monkeypatch: pytest.MonkeyPatch) -
         next_commands = told.partition("Try next:\n")[2].splitlines()
         assert all(command.startswith("  ./run ") for command in next_commands)
         for command in next_commands:
-            shell(command, folder)
+            if "./run map" in command:
+                assert "<title>conflictdb" in page_served(command.partition("#")[0].split(), folder)
+            else:
+                shell(command, folder)
         for command in commands(second):
             shell(command, folder)
         assert "FIRING" in (folder / "mine.geojson").read_text()
