@@ -112,17 +112,25 @@ class TrackBatch:
     @classmethod
     def of(cls, tracks: Sequence[Track]) -> "TrackBatch":
         """Return the batch of some tracks, numbered from 0."""
-        heights = [t.heights_m() for t in tracks]
+        waypoint_offset = offsets([len(t.times_us) for t in tracks])
+        legs = np.diff(waypoint_offset) - 1
+        lowest = np.array([-np.inf if t.floor_m is None else t.floor_m for t in tracks], np.float64)
+        highest = np.array([np.inf if t.ceiling_m is None else t.ceiling_m for t in tracks], np.float64)
+        floor_m, ceiling_m = np.repeat(lowest, legs), np.repeat(highest, legs)
+        for i, track in enumerate(tracks):
+            if track.floors_m is not None or track.ceilings_m is not None:
+                of_legs = slice(waypoint_offset[i] - i, waypoint_offset[i + 1] - i - 1)
+                floor_m[of_legs], ceiling_m[of_legs] = track.heights_m()
         return cls(
             np.arange(len(tracks), dtype=np.int64),
             np.ones(len(tracks), dtype=np.int64),
-            offsets([len(t.times_us) for t in tracks]),
+            waypoint_offset,
             stacked([t.positions_deg for t in tracks]),
             np.concatenate([np.empty(0, np.int64), *(t.times_us for t in tracks)]),
             offsets([len(t.outline_m) for t in tracks]),
             stacked([t.outline_m for t in tracks]),
-            np.concatenate([np.empty(0), *(floors_m for floors_m, _ in heights)]),
-            np.concatenate([np.empty(0), *(ceilings_m for _, ceilings_m in heights)]),
+            floor_m,
+            ceiling_m,
             np.array([t.grow_mps for t in tracks], dtype=np.float64),
             offsets([0 if t.outlines_m is None else t.outlines_m[..., 0].size for t in tracks]),
             stacked([t.outlines_m.reshape(-1, 2) for t in tracks if t.outlines_m is not None]),

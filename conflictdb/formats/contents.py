@@ -1,13 +1,15 @@
 """The contents of a file, and the objects left out."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, TypeAlias
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model.plans import Area, Scene, Track
 
+# Called with the name of a phase, and the amounts done and to do; 0: unknown.
+Phase: TypeAlias = Callable[[str, int, int], object]
 # Endings of Parquet file names.
 NO_SIZES: Final = "has no columns of sizes"  # begins a remark
 PARQUET: Final = frozenset({".parquet", ".geoparquet"})
@@ -17,6 +19,10 @@ TOO_LARGE: Final = ": split it, or allow more with --max-file-mb"
 MAX_COLUMNS: Final = 2_000
 # An error takes a kilobyte, and in a hostile file every third byte may be one.
 MAX_MISTAKES: Final = 100_000
+
+
+def unwatched(phase: str, done: int, of: int) -> None:
+    """Report no phase."""
 
 
 class FileRefusals(Refusals):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from conflictdb.errors import InvalidInput, Refusals
-from conflictdb.formats.contents import Contents, Remark, Skipped, left_out, name_of, without_objects
+from conflictdb.formats.contents import Contents, Phase, Remark, Skipped, left_out, name_of, unwatched, without_objects
 from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.hints import FileHints
 from conflictdb.formats.reading import read, stem
@@ -51,6 +51,7 @@ def gather(
     skip_invalid: bool = False,
     max_file_mb: float | None = None,
     hints: FileHints | None = None,
+    phase: Phase = unwatched,
 ) -> list[Plan]:
     """Return the scenes in some files, in order of first appearance.
 
@@ -60,7 +61,7 @@ def gather(
         Files of one scene are combined as if they were one file.
     scene : str, optional
         Name of the one scene of all files; default is the name in each file, else the name of the file.
-    max_speed_kn, layers, skip_invalid, max_file_mb, hints : optional
+    max_speed_kn, layers, skip_invalid, max_file_mb, hints, phase : optional
         See `conflictdb.formats.read`.
 
     Raises
@@ -82,6 +83,7 @@ def gather(
                 skip_invalid=skip_invalid,
                 max_file_mb=max_file_mb,
                 hints=hints,
+                phase=phase,
             )
             name = scene_name(path, contents.scene, scene)
             if contents.scene is None and not (contents.areas or contents.tracks):

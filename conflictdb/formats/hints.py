@@ -68,6 +68,11 @@ def applied(hints: FileHints | None) -> Iterator[None]:
             raise InvalidInput("file", f"column {column}", f"is mapped to {one}, but the file has no such column")
 
 
+def are_applied() -> bool:
+    """Return whether the file is read with hints."""
+    return _READING.get() is not None
+
+
 def renamed(names: Sequence[str]) -> list[str]:
     """Return the names of columns or properties, as the hints map them; raises InvalidInput for a name given twice."""
     reading = _READING.get()

@@ -1,14 +1,21 @@
 """ISO 8601 instants from and to whole microseconds since 1970-01-01T00:00Z."""
 
 import re
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from conflictdb.formats.hints import with_offset
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 
 # Digits after the sixth: datetime would truncate them, here they are rounded.
 _FINER: Final = re.compile(r"([.,]\d{6})(\d+)")
+
+# The places of digits and separators in 2026-03-01T06:00:00Z, and in 2026-03-01T06:00:00.000000Z.
+_PLAIN: Final = ("0000-00-00T00:00:00Z", "0000-00-00T00:00:00.000000Z")
 
 _LONGEST: Final = 60  # characters of an invalid text in a message
 
@@ -38,6 +45,36 @@ def parse_instant(text: str, *, naive_is_utc: bool = False) -> int:
             raise ValueError(f"{OFFSET_RULE}; got {text[:_LONGEST]!r}")
         moment = local or moment.replace(tzinfo=UTC)
     return (moment - EPOCH) // MICROSECOND + carry
+
+
+def parse_plain(texts: Sequence[str]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return (n,) the instants of texts such as 2026-03-01T06:00:00Z, also with six decimals, and which texts are.
+
+    The result is that of `parse_instant`, in a tenth of its time.
+    """
+    us, is_plain = np.zeros(len(texts), np.int64), np.zeros(len(texts), np.bool_)
+    length = np.fromiter(map(len, texts), np.int64, len(texts))
+    for form in _PLAIN:
+        rows = np.flatnonzero(length == len(form))
+        if not rows.size:
+            continue
+        some = texts if rows.size == len(texts) else [texts[i] for i in rows.tolist()]
+        letters = np.frombuffer("".join(some).encode("ascii", "replace"), np.uint8).reshape(-1, len(form))
+        wanted = np.frombuffer(form.encode(), np.uint8)
+        is_digit = wanted == ord("0")
+        digits = letters - np.uint8(ord("0"))  # below "0" wraps to above 9
+        fits = (digits[:, is_digit] <= 9).all(axis=1) & (letters[:, ~is_digit] == wanted[~is_digit]).all(axis=1)
+        year, month, day, hour, minute, second, fraction = (
+            digits[:, place].astype(np.int64) @ 10 ** np.arange(place.stop - place.start - 1, -1, -1)
+            for place in map(slice, (0, 5, 8, 11, 14, 17, 20), (4, 7, 10, 13, 16, 19, max(len(form) - 1, 20)))
+        )
+        of_month = (12 * (year - 1970) + month - 1).astype("datetime64[M]")
+        before, after = (one.astype("datetime64[D]").astype(np.int64) for one in (of_month, of_month + 1))
+        fits &= (year > 0) & (month > 0) & (month <= 12) & (day > 0) & (day <= after - before)
+        fits &= (hour < 24) & (minute < 60) & (second < 60)
+        seconds = 86_400 * (before + day - 1) + 3600 * hour + 60 * minute + second
+        us[rows], is_plain[rows] = np.where(fits, 1_000_000 * seconds + fraction, 0), fits
+    return us, is_plain
 
 
 def format_instant(instant_us: int) -> str:

@@ -5,6 +5,7 @@ import math
 import re
 import sys
 from collections import Counter
+from collections.abc import Callable
 from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
@@ -15,13 +16,24 @@ _LONGEST_NAME: Final = 100  # characters of a member's name in a message
 # characters, and Unicode's line separators.
 _OBEYED: Final = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
 
+_SPACE: Final = re.compile(r"[ \t\n\r]*")
+_EACH: Final = 1000  # features from one report of progress to the next
 
-def parse(text: str) -> Any:
+
+def parse(text: str, watch: Callable[[int], object] = int) -> Any:
     """Return the value of a JSON text.
+
+    watch : called with the number of characters read so far, now and then in a long list of features
 
     NaN and Infinity become floats, so that later errors can name the object and field: `check_storable` and the number
     checks of `fields` refuse them. Raises InvalidInput for invalid JSON.
     """
+    try:
+        return _by_features(text, watch)
+    except InvalidInput:
+        raise
+    except (ValueError, IndexError, RecursionError):
+        pass  # another kind of text, or invalid: the following names the place
     try:
         return json.loads(text, object_pairs_hook=_unique)
     except json.JSONDecodeError as error:
@@ -80,6 +92,50 @@ def check_text(who: str, where: str, text: str) -> None:
             text.encode()
         except UnicodeEncodeError:
             raise InvalidInput(who, where, "contains half of a surrogate pair, which is no character") from None
+
+
+def _by_features(text: str, watch: Callable[[int], object]) -> dict[str, Any]:
+    """Return a JSON object, each of whose `features` is parsed by a call of its own; raises for all other texts."""
+    decode = json.JSONDecoder(object_pairs_hook=_unique).raw_decode
+    members: list[tuple[str, Any]] = []
+    at = _after(text, _after(text, 0, ""), "{")
+    while not members or text[at] == ",":
+        at = _after(text, at, "," if members else "")
+        name, at = decode(text, at)
+        at = _after(text, _after(text, at, ""), ":")
+        if name == "features" and text[at] == "[":
+            value, at = _elements(text, at, decode, watch)
+        else:
+            value, at = decode(text, at)
+        members.append((name, value))
+        at = _after(text, at, "")
+    document = _unique(members)
+    if _after(text, at, "}") < len(text) or not all(isinstance(name, str) for name in document):
+        raise ValueError
+    return document
+
+
+def _elements(
+    text: str, at: int, decode: Callable[[str, int], tuple[Any, int]], watch: Callable[[int], object]
+) -> tuple[list[Any], int]:
+    """Return the elements of a list that begins at a place, not empty, and the place after it."""
+    elements: list[Any] = []
+    at = _after(text, at, "[")
+    while not elements or text[at] == ",":
+        element, at = decode(text, _after(text, at, "," if elements else ""))
+        elements.append(element)
+        at = _after(text, at, "")
+        if len(elements) % _EACH == 0:
+            watch(at)
+    return elements, _after(text, at, "]")
+
+
+def _after(text: str, at: int, letter: str) -> int:
+    """Return the place after a letter (or none) and the space behind it; raises ValueError for another letter."""
+    space = _SPACE.match(text, at + len(letter))
+    if space is None or not text.startswith(letter, at):
+        raise ValueError
+    return space.end()
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

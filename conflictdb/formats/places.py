@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from conflictdb.arrays.ragged import offsets
 from conflictdb.earth import geodesy
 from conflictdb.formats.contents import Remark, name_of
 from conflictdb.model.plans import Area, Track
@@ -26,14 +27,13 @@ _FAR_IF_SWAPPED: Final = 3.0
 def remarks(source: str, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[Remark]:
     """Yield a remark on each object that lies far from all others."""
     items: list[Area | Track] = [*areas, *tracks]
-    extents = np.array([extent(item) for item in items]).reshape(-1, 4)
-    yield from far(source, extents, lambda i: name_of(items[i]))
+    yield from far(source, extents(areas, tracks), lambda i: name_of(items[i]))
 
 
 def far(source: str, extents: NDArray[np.float64], name: Callable[[int], str]) -> Iterator[Remark]:
     """Yield a remark on each object that lies far from all others.
 
-    extents : (n, 4) as `extent` returns them
+    extents : (n, 4) as `extents` returns them
     name : returns the name of an object, given its index
     """
     n = len(extents)
@@ -67,11 +67,15 @@ def far(source: str, extents: NDArray[np.float64], name: Callable[[int], str]) -
         yield Remark(source, name(i), text)
 
 
-def extent(item: Area | Track) -> NDArray[np.float64]:
-    """Return the bounding box of an object: west, south, east, north, degrees."""
-    if isinstance(item, Track):
-        return np.concatenate([item.positions_deg.min(axis=0), item.positions_deg.max(axis=0)])
-    return np.asarray(shapely.bounds(item.footprint))
+def extents(areas: Sequence[Area], tracks: Sequence[Track]) -> NDArray[np.float64]:
+    """Return the bounding boxes of areas, then tracks (n, 4): west, south, east, north, degrees."""
+    of_areas = shapely.bounds([area.footprint for area in areas]).reshape(-1, 4)
+    if not tracks:
+        return np.asarray(of_areas)
+    positions = np.concatenate([track.positions_deg for track in tracks])
+    first = offsets([len(track.positions_deg) for track in tracks])[:-1]
+    of_tracks = [np.minimum.reduceat(positions, first), np.maximum.reduceat(positions, first)]
+    return np.concatenate([of_areas, np.concatenate(of_tracks, axis=1)])
 
 
 def _unit(places_deg: NDArray[np.float64]) -> NDArray[np.float64]:

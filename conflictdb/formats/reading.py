@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import places
-from conflictdb.formats.contents import NO_SIZES, PARQUET, TOO_LARGE, Contents, Parts, Remark
+from conflictdb.formats.contents import NO_SIZES, PARQUET, TOO_LARGE, Contents, Parts, Phase, Remark, unwatched
 from conflictdb.formats.hints import FileHints, applied
 from conflictdb.formats.scene_file import read_scene
 from conflictdb.formats.summary import Summary
@@ -52,6 +52,7 @@ def read(
     skip_invalid: bool = False,
     max_file_mb: float | None = None,
     hints: FileHints | None = None,
+    phase: Phase = unwatched,
 ) -> Contents:
     """Return the contents of a file.
 
@@ -74,6 +75,8 @@ def read(
         Limit on the unpacked size, in millions of bytes; default MAX_FILE_MB, and 400 for GeoParquet.
     hints : FileHints, optional
         Names of columns, time zone and havens that the file does not say.
+    phase : callable, optional
+        Called with the name of each phase of a scene file and the amounts done and to do.
 
     Raises
     ------
@@ -82,7 +85,7 @@ def read(
     """
     path = Path(path)
     with _named(path), applied(hints):
-        contents = _read(path, max_speed_kn, layers, skip_invalid, max_file_mb)
+        contents = _read(path, max_speed_kn, layers, skip_invalid, max_file_mb, phase)
     if hints is not None and hints.haven_m is not None:
         _give_havens(contents, rectangle_outline_m(*hints.haven_m))
     contents.remarks = [*contents.remarks, *_remarks(str(path), contents)]
@@ -127,7 +130,7 @@ def _summed_up(
     """Yield parts; after the last one add the errors and remarks that need all objects."""
     times = TimeColumns()
     for areas, tracks in each:
-        summary.add([*areas, *tracks])
+        summary.add(areas, tracks)
         times.add(areas)
         yield areas, tracks
     parts.refusals.extend(summary.twice())
@@ -161,7 +164,12 @@ def _named(path: Path) -> Iterator[None]:
 
 
 def _read(
-    path: Path, max_speed_kn: float | None, layers: Sequence[str], skip_invalid: bool, max_file_mb: float | None
+    path: Path,
+    max_speed_kn: float | None,
+    layers: Sequence[str],
+    skip_invalid: bool,
+    max_file_mb: float | None,
+    phase: Phase,
 ) -> Contents:
     suffixes = [suffix.lower() for suffix in path.suffixes]
     is_packed = suffixes[-1:] == [".gz"]
@@ -172,7 +180,7 @@ def _read(
             raise InvalidInput("file", "layer", "has no layers: files that OGR opens may have some")
         if suffix in _JSON:
             text = _text(path, is_packed, max_file_mb)
-            return read_scene(text, stem(path), fastest_kn, source=str(path), skip_invalid=skip_invalid)
+            return read_scene(text, stem(path), fastest_kn, source=str(path), skip_invalid=skip_invalid, phase=phase)
         if suffix in _ROWS:
             from conflictdb.formats.positions import read_positions
 

@@ -3,16 +3,18 @@
 OGC Moving Features JSON uses the same reader: a feature with a `temporalGeometry` is a moving point.
 """
 
+import gc
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Final
 
 import shapely
 
 from conflictdb.errors import InvalidInput, Refusals
-from conflictdb.formats import file_objects, moving_features, names, reference
-from conflictdb.formats.contents import Contents, FileRefusals, given_twice, left_out, name_of
+from conflictdb.formats import file_objects, moving_features, names, plain_features, reference
+from conflictdb.formats.contents import Contents, FileRefusals, Phase, given_twice, left_out, name_of, unwatched
 from conflictdb.formats.fields import Fields, number_as_key
 from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.geometry import TRACK_TYPE, geometry_type
@@ -29,11 +31,19 @@ _OF_FEATURE: Final = dict.fromkeys(
     (file_objects.AREA_MEMBERS | file_objects.TRACK_MEMBERS) - {"kind", "name"},
     "belongs into the properties of a feature",
 )
+# Features that are read at once.
+_AT_ONCE: Final = 1_000
 _FEATURE_MEMBERS: Final = ("properties", "geometry", "temporalGeometry", "crs", "trs")
 
 
 def read_scene(
-    text: str, stem: str, max_speed_kn: float = math.inf, *, source: str = "", skip_invalid: bool = False
+    text: str,
+    stem: str,
+    max_speed_kn: float = math.inf,
+    *,
+    source: str = "",
+    skip_invalid: bool = False,
+    phase: Phase = unwatched,
 ) -> Contents:
     """Return the contents of a scene file or an OGC Moving Features JSON file.
 
@@ -49,13 +59,33 @@ def read_scene(
         The file, for `Skipped`.
     skip_invalid : bool
         Leave out refused objects; other errors still refuse the file.
+    phase : callable, optional
+        Called with the name of each phase and the amounts done and to do.
 
     Raises
     ------
     InvalidInput
         Names every object, field and broken rule, without the file.
     """
-    document = parse(text)
+    with _without_collector():
+        return _read(text, stem, max_speed_kn, source, phase, skip_invalid=skip_invalid)
+
+
+@contextmanager
+def _without_collector() -> Iterator[None]:
+    """Switch off Python's garbage collector: it would visit millions of numbers again and again, and free none."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
+
+
+def _read(text: str, stem: str, max_speed_kn: float, source: str, phase: Phase, *, skip_invalid: bool) -> Contents:
+    size_mb = len(text) // 1_000_000
+    document = parse(text, lambda at: phase("reading MB", at // 1_000_000, size_mb))
     if not isinstance(document, dict):
         raise InvalidInput("file", "", "must be a GeoJSON FeatureCollection")
     if document.get("type") == "Feature" or moving_features.is_bare(document):
@@ -88,9 +118,16 @@ def read_scene(
     setting = file_objects.Setting(in_scene, foreign, to_degrees, systems=systems)
     of_objects = FileRefusals()
     items: dict[int, Area | Track | file_objects.TrackAtSpeed] = {}
-    for i, feature in enumerate(features):
-        with of_objects:
-            items[i] = _object(i, feature, setting)
+    for first in range(0, len(features), _AT_ONCE):
+        some = features[first : first + _AT_ONCE]
+        features[first : first + _AT_ONCE] = [None] * len(some)  # frees each when it is an object
+        for i, (feature, plain) in enumerate(zip(some, plain_features.objects(some, setting), strict=True), first):
+            if plain is not None:
+                items[i] = plain
+                continue
+            with of_objects:
+                items[i] = _object(i, feature, setting)
+        phase("checking objects", first + len(some), len(features))
     _leave_unique(items, of_objects)
     at_speed = {i: item for i, item in items.items() if isinstance(item, file_objects.TrackAtSpeed)}
     timed = dict(

@@ -4,7 +4,7 @@ After the last part this suffices to find duplicate keys, and objects that lie f
 """
 
 from array import array
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -36,14 +36,15 @@ class Summary:
         """Return the first row of the present part that has a key; `row` if there is none."""
         return self._of_part.setdefault(key, row)
 
-    def add(self, items: Iterable[Area | Track]) -> None:
+    def add(self, areas: Sequence[Area], tracks: Sequence[Track]) -> None:
         """Remember the objects of a part, and begin the next part."""
+        self._extents.extend(places.extents(areas, tracks).ravel().tolist())
+        items: list[Area | Track] = [*areas, *tracks]
         for item in items:
             self._names += name_of(item).encode(*_UTF_8)
             self._ends.append(len(self._names))
             self._hashes.append(hash(item.key))
             self._rows.append(self._of_part.get(item.key, len(self._rows)))
-            self._extents.extend(places.extent(item).tolist())
         self._of_part.clear()
 
     def name(self, i: int) -> str:

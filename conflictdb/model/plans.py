@@ -37,6 +37,8 @@ MAX_DISTANCE_M: Final = MOST_M
 MAX_HAVEN_M: Final = 20_037_508
 # What two of them take grows with the square of this, to half a second (kernel.h: KERNEL_MOST_VERTICES).
 MAX_HAVEN_CORNERS: Final = 10_000
+# Rounding of its coordinates turns a straight corner by this much at most, times the square of the largest coordinate.
+HAVEN_SLACK: Final = 8.0 * sys.float_info.epsilon
 # More than an area has vertices, or a track waypoints, that anybody drew: about what a file of the size that is read
 # holds. Databases may have lower limits (sql/12_checks.sql, _check_size).
 MAX_POINTS: Final = 1_000_000
@@ -467,8 +469,7 @@ def _is_convex(outline: list[list[float]]) -> bool:
     """
     edges = [(x2 - x1, y2 - y1) for (x1, y1), (x2, y2) in zip(outline, outline[1:] + outline[:1], strict=True)]
     turns = [u1 * v2 - v1 * u2 for (u1, v1), (u2, v2) in zip(edges, edges[1:] + edges[:1], strict=True)]
-    # Rounding of the coordinates turns a straight corner by this much at most (metres squared).
-    slack = 8.0 * sys.float_info.epsilon * max(abs(number) for vertex in outline for number in vertex) ** 2
+    slack = HAVEN_SLACK * max(abs(number) for vertex in outline for number in vertex) ** 2
     if max(turns) > slack and min(turns) < -slack:
         return False
     way = 1.0 if max(turns) > slack else -1.0

@@ -22,6 +22,7 @@ from conflictdb.errors import (
     ServerError,
     StoreError,
 )
+from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.formats.hints import FileHints
 from conflictdb.session import loading
 from conflictdb.session.lending import BorrowedConnection, borrow
@@ -145,10 +146,6 @@ def _check(connection: "psycopg.Connection[Any]") -> None:
         schema.check(connection)
 
 
-def _unwatched(phase: str, done: int, of: int) -> None:
-    """Report no phase."""
-
-
 def _nothing() -> None:
     """Release nothing: the connection belongs to the caller."""
 
@@ -256,7 +253,7 @@ class Database:
         skip_invalid: bool = False,
         max_file_mb: float | None = None,
         hints: FileHints | None = None,
-        phase: Callable[[str, int, int], object] = _unwatched,
+        phase: Phase = unwatched,
     ) -> list[Loaded]:
         """Load files as `load` does, files of one scene as if they were one; return the result for each scene.
 

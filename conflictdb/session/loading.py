@@ -1,7 +1,7 @@
 """Load files into scenes of a database, all or nothing, for `Database.load_files`."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from conflictdb.db import store
 from conflictdb.earth.registry import centred, middle_deg, places_of, plane_of, summed_directions
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import Remark, Skipped
-from conflictdb.formats.contents import Parts, without_objects
+from conflictdb.formats.contents import Parts, Phase, without_objects
 from conflictdb.formats.gather import Plan, gather, scene_name
 from conflictdb.formats.hints import FileHints
 from conflictdb.formats.reading import is_parquet, read_parts
@@ -55,7 +55,7 @@ def load_files(
     skip_invalid: bool,
     max_file_mb: float | None,
     hints: FileHints | None,
-    phase: Callable[[str, int, int], object],
+    phase: Phase,
 ) -> list[Loaded]:
     """Load files, those of one scene as if they were one; return the result for each scene.
 
@@ -73,6 +73,7 @@ def load_files(
         skip_invalid=skip_invalid,
         max_file_mb=max_file_mb,
         hints=hints,
+        phase=phase,
     )
     plans = [_with_settings(connection, plan, skip_invalid) for plan in gathered]
     for plan, _ in plans:
@@ -114,7 +115,7 @@ def _loaded_by_parts(
     replace: bool,
     max_speed_kn: float | None,
     max_file_mb: float | None,
-    phase: Callable[[str, int, int], object],
+    phase: Phase,
 ) -> Loaded:
     """Load a file in parts, to bound memory."""
     read = partial(read_parts, path, max_speed_kn=max_speed_kn, max_file_mb=max_file_mb)
@@ -136,16 +137,14 @@ def _stored_by_parts(
     parts: Parts,
     source: str,
     replace: bool,
-    phase: Callable[[str, int, int], object],
+    phase: Phase,
 ) -> Loaded:
     each = _some_objects(_fitting(settings, parts), parts, source, may_be_empty=replace and parts.settings is not None)
     counts = store.replace_scene_by_parts(connection, settings, _counted(each, phase), merge=not replace)
     return Loaded(settings.name, counts, tuple(parts.skipped), tuple(parts.remarks))
 
 
-def _counted(
-    each: Iterator[tuple[list[Area], list[Track]]], phase: Callable[[str, int, int], object]
-) -> Iterator[tuple[list[Area], list[Track]]]:
+def _counted(each: Iterator[tuple[list[Area], list[Track]]], phase: Phase) -> Iterator[tuple[list[Area], list[Track]]]:
     """Yield the parts of a file, and report how many objects they had."""
     done = 0
     for areas, tracks in each:

@@ -43,22 +43,25 @@ MAX_PIECES: Final = 1_000_000
 
 def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) -> None:
     """Raise InvalidInput for the first object that does not fit the plane."""
-    for area in areas:
-        if not plane.holds(*shapely.get_coordinates(area.footprint).T).all():
-            raise InvalidInput(f"area {area.key!r}", "geometry", plane.limit)
-    flat = planar(plane, np.array([area.footprint for area in areas], dtype=object))
+    footprints = np.array([area.footprint for area in areas], dtype=object)
+    corners, owner = shapely.get_coordinates(footprints, return_index=True)
+    outside = owner[~plane.holds(*corners.T)]
+    if outside.size:
+        raise InvalidInput(f"area {areas[outside[0]].key!r}", "geometry", plane.limit)
+    flat = planar(plane, footprints)
     for i in np.flatnonzero(~shapely.is_valid(flat)).tolist():
         if not is_thread(flat[i]):
             why = shapely.is_valid_reason(flat[i]).split("[")[0]
             raise InvalidInput(
                 f"area {areas[i].key!r}", "geometry", f"crosses itself when its edges are {plane.lines} ({why})"
             )
-    for track in tracks:
-        if not plane.holds(*track.positions_deg.T).all():
-            raise InvalidInput(f"track {track.key!r}", "geometry", plane.limit)
     if not tracks:
         return
     batch = TrackBatch.of(tracks)
+    outside = np.flatnonzero(~plane.holds(*batch.positions_deg.T))
+    if outside.size:
+        first = np.searchsorted(batch.waypoint_offset, outside[0], side="right") - 1
+        raise InvalidInput(f"track {tracks[int(first)].key!r}", "geometry", plane.limit)
     legs = _legs(plane, batch)
     whole, _ = _slices(batch, legs, np.ones(len(legs.track), np.int64))
     beyond = np.flatnonzero(~plane.holds_havens(whole))

@@ -1,0 +1,140 @@
+"""Plain features, read many at once, are read as they would be one by one: the same objects, the same errors."""
+
+import copy
+import json
+import random
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scene_strategies import assert_same, scenes
+
+from conflictdb.errors import InvalidInput
+from conflictdb.formats import plain_features
+from conflictdb.formats.contents import Contents
+from conflictdb.formats.file_objects import Setting
+from conflictdb.formats.instants import parse_instant, parse_plain
+from conflictdb.formats.scene_file import read_scene, scene_text
+from conflictdb.model.plans import Area, Scene, Track
+
+# Values that take the place of any value of a feature.
+STRANGE: list[Any] = [
+    None, True, False, 0, -0.0, 1, -1, 7.5, 89.5, 91, -360.0, 361, 1e308, 10**400, float("nan"), float("inf"), "", "x",
+    "track", "area", "Polygon", "LineString", "MultiPolygon", "Point", "\0", "\ud800", "é" * 501,
+    "2026-03-01T06:00:00Z",
+    "2026-03-01T06:00:00.000001Z", "2026-02-30T06:00:00Z", "2026-03-01 06:00", "2026-03-01T07:00:00.1234567+01:00",
+    "0001-01-01T00:00:00Z", [], {}, [[]], [1, 2], [1, 2, 3], [[1, 2]], [[[1, 2]]], [0, True], ["4", "57"], {"x": 1},
+    [[0, 0], [1, 0], [1, 1], [0, 0]], [[0, 0], [4, 0], [1, 1], [0, 4]], ["2026-03-01T06:00:00Z"],
+]  # fmt: skip
+# Members that a feature's properties may get.
+NAMES = [
+    "kind", "name", "start", "end", "times", "datetimes", "speed_kn", "outline_m", "outlines_m", "grow_mps", "floor_m",
+    "ceiling_m", "fore_m", "aft_m", "port_m", "starboard_m", "fore_nmi", "radius_m", "Start", "floor_ft", "note",
+    "separation_m", "properties", "geometry", "id", "crs",
+]  # fmt: skip
+
+
+def places(value: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """The way to each value within a value, its own but for the outermost."""
+    if at:
+        yield at
+    for name, member in (
+        value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    ):
+        yield from places(member, (*at, name))
+
+
+def changed(features: list[Any], seed: int) -> list[Any]:
+    """The features, some of which have other values, fewer members, or more."""
+    rng = random.Random(seed)  # noqa: S311
+    features = copy.deepcopy(features)
+    for _ in range(rng.choice([0, 1, 1, 2, 5])):
+        way = rng.choice(list(places(features)))
+        inner = features
+        for name in way[:-1]:
+            inner = inner[name]
+        deed = rng.choice(["replace", "replace", "remove", "add"])
+        if deed == "replace":
+            inner[way[-1]] = copy.deepcopy(rng.choice(STRANGE))
+        elif deed == "remove" and len(way) > 1:
+            del inner[way[-1]]
+        elif isinstance(features[way[0]], dict) and isinstance(features[way[0]].get("properties"), dict):
+            features[way[0]]["properties"][rng.choice(NAMES)] = copy.deepcopy(rng.choice(STRANGE))
+    return features
+
+
+def read(text: str, *, skip_invalid: bool) -> Contents | str:
+    """The contents of a scene file, or the refusal."""
+    try:
+        return read_scene(text, "s", 1000.0, skip_invalid=skip_invalid)
+    except InvalidInput as refused:
+        return str(refused)
+
+
+def one_by_one(text: str, *, skip_invalid: bool) -> Contents | str:
+    """The same without plain features."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plain_features, "objects", lambda features, setting: [None] * len(features))
+        return read(text, skip_invalid=skip_invalid)
+
+
+def document(features: list[Any]) -> str:
+    return json.dumps({"type": "FeatureCollection", "features": features})
+
+
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@given(scenes(), st.lists(st.integers(0, 2**32), min_size=1, max_size=6), st.booleans())
+def test_plain_features_are_read_as_one_by_one(
+    content: tuple[Scene, list[Area], list[Track]], seeds: list[int], skip_invalid: bool
+) -> None:
+    features = json.loads("".join(scene_text(*content)))["features"]
+    if not features:
+        return
+    for seed in seeds:
+        text = document(changed(features, seed))
+        got, wanted = (way(text, skip_invalid=skip_invalid) for way in (read, one_by_one))
+        if isinstance(got, str) or isinstance(wanted, str):
+            assert got == wanted, text
+            continue
+        assert got.skipped == wanted.skipped
+        for one, other in zip([*got.areas, *got.tracks], [*wanted.areas, *wanted.tracks], strict=True):
+            assert_same(one, other)
+
+
+@given(scenes())
+def test_exported_objects_are_plain(content: tuple[Scene, list[Area], list[Track]]) -> None:
+    """What this package writes is read fast: all but havens and heights that change, and straight corners."""
+    scene, areas, tracks = content
+    features = json.loads("".join(scene_text(scene, areas, tracks)))["features"]
+    constant = [t.outlines_m is None and not t.grow_mps and t.floors_m is None and t.ceilings_m is None for t in tracks]
+    found = plain_features.objects(features, Setting(scene))
+    assert all(found[: len(areas)])
+    for track, is_constant, one in zip(tracks, constant, found[len(areas) :], strict=True):
+        assert not is_constant or one is not None or len(track.outline_m) > 2
+
+
+def test_a_strange_feature_leaves_the_others_plain() -> None:
+    ring = [[4, 57], [5, 57], [5, 58], [4, 57]]
+    features: list[Any] = [
+        {"type": "Feature", "id": f"A{i}", "geometry": {"type": "Polygon", "coordinates": [ring]}, "properties": {}}
+        for i in range(9)
+    ]
+    features[4] = {**features[4], "geometry": {"type": "Polygon", "coordinates": [[*ring[:2], [5, "58"], ring[3]]]}}
+    found = plain_features.objects(features, Setting(Scene("s")))
+    assert [one is None for one in found] == [i == 4 for i in range(9)]
+
+
+@given(
+    st.lists(
+        st.one_of(st.sampled_from([s for s in STRANGE if isinstance(s, str)]), st.datetimes().map(str)), max_size=9
+    )
+)
+def test_plain_instants_are_those_of_the_parser(texts: list[str]) -> None:
+    texts += [text.replace(" ", "T") + "Z" for text in texts]
+    for text, us, is_plain in zip(texts, *(values.tolist() for values in parse_plain(texts)), strict=True):
+        if is_plain:
+            assert us == parse_instant(text)
+        else:
+            assert us == 0
