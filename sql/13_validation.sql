@@ -18,13 +18,18 @@ COMMENT ON FUNCTION _ensure_centre(bigint, geometry) IS
 
 CREATE OR REPLACE FUNCTION _first_version(p_kind smallint, p_id bigint) RETURNS bigint
 LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+DECLARE
+    v_former bigint;
 BEGIN
+    -- One query: it runs for each new object.
+    SELECT max(f.version) INTO v_former
+        FROM (SELECT p.version FROM piece p WHERE p.object_kind = p_kind AND p.object_id = p_id
+              UNION ALL
+              SELECT c.a_version FROM conflict c WHERE c.a_kind = p_kind AND c.a_id = p_id
+              UNION ALL
+              SELECT c.b_version FROM conflict c WHERE c.b_kind = p_kind AND c.b_id = p_id) f;
     -- The sequence alone is not enough: a restore may set it back.
-    RETURN greatest(
-        nextval('version_seq'),
-        1 + (SELECT max(p.version) FROM piece p WHERE p.object_kind = p_kind AND p.object_id = p_id),
-        1 + (SELECT max(c.a_version) FROM conflict c WHERE c.a_kind = p_kind AND c.a_id = p_id),
-        1 + (SELECT max(c.b_version) FROM conflict c WHERE c.b_kind = p_kind AND c.b_id = p_id));
+    RETURN greatest(nextval('version_seq'), 1 + v_former);
 END
 $$;
 COMMENT ON FUNCTION _first_version(smallint, bigint) IS
@@ -39,7 +44,11 @@ DECLARE
     v_reason text;
     v_scene record;
 BEGIN
-    NEW.active_span := _half_open(coalesce(NEW.active_span, tstzrange(NULL, NULL)));
+    NEW.active_span := coalesce(NEW.active_span, tstzrange(NULL, NULL));
+    IF upper_inc(NEW.active_span) OR NOT (lower_inc(NEW.active_span) OR lower_inf(NEW.active_span))
+       OR lower(NEW.active_span) = '-infinity' OR upper(NEW.active_span) = 'infinity' THEN
+        NEW.active_span := _half_open(NEW.active_span);
+    END IF;
     NEW.properties := coalesce(NEW.properties, '{}');
     IF TG_OP = 'UPDATE' THEN
         IF NEW.scene_id <> OLD.scene_id OR NEW.area_id <> OLD.area_id THEN
@@ -54,51 +63,71 @@ BEGIN
             RETURN NEW;
         END IF;
     END IF;
-    -- One test for valid rows; only invalid rows pay for the detailed checks.
+    SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
+    -- One expression accepts usual rows; all others pay for the checks one by one. Operator @ compares bounding boxes.
     IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
         AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
-        AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE) IS NOT TRUE THEN
-        PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties);
-    END IF;
-    -- PostGIS does not report a ring without points as empty, but does not dump it either.
-    IF NEW.footprint IS NULL OR ST_IsEmpty(NEW.footprint) OR ST_NPoints(NEW.footprint) = 0
-       OR (SELECT count(*) FROM ST_Dump(NEW.footprint) d WHERE ST_NPoints(d.geom) > 0)
-          < ST_NumGeometries(NEW.footprint) THEN
-        PERFORM _refuse('ZC001', v_who, 'footprint', 'must be a MultiPolygon without empty parts',
-                        'footprint_not_empty');
-    END IF;
-    PERFORM _check_size(v_who, 'footprint', ST_NPoints(NEW.footprint), 'max_vertices');
-    v_reason := ST_IsValidReason(NEW.footprint);
-    IF NOT (v_reason = 'Valid Geometry' AND ST_YMax(NEW.footprint) <= 89 AND ST_YMin(NEW.footprint) >= -89
-            AND ST_XMax(NEW.footprint) <= 360 AND ST_XMin(NEW.footprint) >= -360) THEN
-        PERFORM _check_coordinates(v_who, 'footprint', NEW.footprint, NEW.scene_id);
-        IF v_reason <> 'Valid Geometry' THEN
-            PERFORM _refuse('ZC001', v_who, 'footprint', 'must be a valid polygon: ' || v_reason, 'footprint_valid',
-                            'ST_MakeValid mends many polygons.');
+        AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE
+        AND NOT isempty(NEW.active_span)
+        AND (lower(NEW.active_span) >= '0001-01-01 00:00+00' AND lower(NEW.active_span) < '10000-01-01 00:00+00')
+            IS NOT FALSE
+        AND (upper(NEW.active_span) > '0001-01-01 00:00+00' AND upper(NEW.active_span) < '10000-01-01 00:00+00')
+            IS NOT FALSE
+        AND v_scene.motion = 'rhumb' AND v_scene.earth = 'wgs84'
+        AND coalesce(current_setting('conflictdb.max_vertices', true), '') = ''
+        AND ST_NumGeometries(NEW.footprint) = 1 AND ST_NPoints(NEW.footprint) BETWEEN 1 AND 1000000
+        AND NEW.footprint @ ST_MakeEnvelope(-180, -89, 180, 89, 4326)
+        AND ST_IsValidReason(NEW.footprint) = 'Valid Geometry'
+        -- Within 180 degrees _to_plane does only this.
+        AND ST_IsValidReason(ST_Transform(NEW.footprint, 3395)) = 'Valid Geometry')
+       IS NOT TRUE THEN
+        IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
+            AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
+            AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
+            AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE) IS NOT TRUE THEN
+            PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties);
         END IF;
-    END IF;
-    IF ST_XMax(NEW.footprint) - ST_XMin(NEW.footprint) > 360 THEN
-        PERFORM _refuse('ZC005', v_who, 'footprint', 'must not be wider than 360 degrees', 'footprint_within_a_turn');
-    END IF;
-    SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
-    IF v_scene.motion = 'great_circle' THEN
-        IF v_scene.centre_lon IS NULL THEN
-            SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat FROM _ensure_centre(NEW.scene_id, NEW.footprint) c;
+        -- PostGIS does not report a ring without points as empty, but does not dump it either.
+        IF NEW.footprint IS NULL OR ST_IsEmpty(NEW.footprint) OR ST_NPoints(NEW.footprint) = 0
+           OR (SELECT count(*) FROM ST_Dump(NEW.footprint) d WHERE ST_NPoints(d.geom) > 0)
+              < ST_NumGeometries(NEW.footprint) THEN
+            PERFORM _refuse('ZC001', v_who, 'footprint', 'must be a MultiPolygon without empty parts',
+                            'footprint_not_empty');
         END IF;
-        PERFORM _check_near_centre(v_who, 'footprint', NEW.footprint, v_scene.centre_lon, v_scene.centre_lat);
-    END IF;
-    PERFORM _check_planar(v_who, NEW.footprint, _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon,
-                                                       v_scene.centre_lat));
-    IF isempty(NEW.active_span) THEN
-        PERFORM _refuse('ZC003', v_who, 'active_span', 'must hold at least one instant: end must be later than start',
-                        'span_not_empty');
-    END IF;
-    -- A present bound is checked on both sides: without the other bound it could lie beyond the calendar.
-    IF lower(NEW.active_span) < '0001-01-01 00:00+00' OR lower(NEW.active_span) >= '10000-01-01 00:00+00'
-       OR upper(NEW.active_span) <= '0001-01-01 00:00+00' OR upper(NEW.active_span) >= '10000-01-01 00:00+00' THEN
-        PERFORM _refuse('ZC003', v_who, 'active_span', 'must lie in the years 1 to 9999', 'span_in_calendar',
-                        'Leave out a bound if there is none.');
+        PERFORM _check_size(v_who, 'footprint', ST_NPoints(NEW.footprint), 'max_vertices');
+        v_reason := ST_IsValidReason(NEW.footprint);
+        IF NOT (v_reason = 'Valid Geometry' AND ST_YMax(NEW.footprint) <= 89 AND ST_YMin(NEW.footprint) >= -89
+                AND ST_XMax(NEW.footprint) <= 360 AND ST_XMin(NEW.footprint) >= -360) THEN
+            PERFORM _check_coordinates(v_who, 'footprint', NEW.footprint, NEW.scene_id);
+            IF v_reason <> 'Valid Geometry' THEN
+                PERFORM _refuse('ZC001', v_who, 'footprint', 'must be a valid polygon: ' || v_reason, 'footprint_valid',
+                                'ST_MakeValid mends many polygons.');
+            END IF;
+        END IF;
+        IF ST_XMax(NEW.footprint) - ST_XMin(NEW.footprint) > 360 THEN
+            PERFORM _refuse('ZC005', v_who, 'footprint', 'must not be wider than 360 degrees',
+                            'footprint_within_a_turn');
+        END IF;
+        IF v_scene.motion = 'great_circle' THEN
+            IF v_scene.centre_lon IS NULL THEN
+                SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat
+                    FROM _ensure_centre(NEW.scene_id, NEW.footprint) c;
+            END IF;
+            PERFORM _check_near_centre(v_who, 'footprint', NEW.footprint, v_scene.centre_lon, v_scene.centre_lat);
+        END IF;
+        PERFORM _check_planar(v_who, NEW.footprint, _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon,
+                                                           v_scene.centre_lat));
+        IF isempty(NEW.active_span) THEN
+            PERFORM _refuse('ZC003', v_who, 'active_span',
+                            'must hold at least one instant: end must be later than start', 'span_not_empty');
+        END IF;
+        -- A present bound is checked on both sides: without the other bound it could lie beyond the calendar.
+        IF lower(NEW.active_span) < '0001-01-01 00:00+00' OR lower(NEW.active_span) >= '10000-01-01 00:00+00'
+           OR upper(NEW.active_span) <= '0001-01-01 00:00+00' OR upper(NEW.active_span) >= '10000-01-01 00:00+00' THEN
+            PERFORM _refuse('ZC003', v_who, 'active_span', 'must lie in the years 1 to 9999', 'span_in_calendar',
+                            'Leave out a bound if there is none.');
+        END IF;
     END IF;
     IF TG_OP = 'INSERT' THEN
         NEW.version := _first_version(0::smallint, NEW.area_id);
@@ -156,82 +185,106 @@ BEGIN
             RETURN NEW;
         END IF;
     END IF;
+    -- After snapping to microseconds, simultaneous waypoints are removed or make M non-increasing.
+    v_times := ST_SnapToGrid(NEW.path, ST_MakePoint(0, 0), 0, 0, 0, 1e-6);
+    SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
+    -- One expression accepts usual rows; all others pay for the checks one by one. Operator @ compares bounding boxes.
+    -- A haven of 500 km does not reach a pole from 80 degrees.
     IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
         AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
-        AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE) IS NOT TRUE THEN
-        PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties);
-    END IF;
-    IF NEW.path IS NULL OR ST_NPoints(NEW.path) < 2 THEN
-        PERFORM _refuse('ZC001', v_who, 'path', 'needs at least two waypoints', 'path_of_two');
-    END IF;
-    PERFORM _check_size(v_who, 'path', ST_NPoints(NEW.path), 'max_waypoints');
-    IF NEW.outlines IS NOT NULL THEN
-        PERFORM _check_size(v_who, 'outlines', ST_NPoints(NEW.outlines), 'max_vertices');
-    END IF;
-    IF num_nonnulls(NEW.floors_m, NEW.ceilings_m) > 0 THEN
-        PERFORM _check_leg_heights(v_who, NEW.path, NEW.floor_m, NEW.ceiling_m, NEW.floors_m, NEW.ceilings_m);
-    END IF;
-    -- Swapping X and M includes M in the check: a line through a non-finite coordinate has a non-finite length.
-    IF NOT (ST_Length(NEW.path) < 'infinity' AND ST_Length(ST_SwapOrdinates(NEW.path, 'xm')) < 'infinity') THEN
-        PERFORM _refuse('ZC001', v_who, 'path', 'coordinates and times must be finite numbers', 'coordinates_finite');
-    END IF;
-    IF NOT (ST_YMax(NEW.path) <= 89 AND ST_YMin(NEW.path) >= -89
-            AND ST_XMax(NEW.path) <= 360 AND ST_XMin(NEW.path) >= -360) THEN
-        PERFORM _check_coordinates(v_who, 'path', NEW.path, NEW.scene_id);
-    END IF;
-    -- After snapping to microseconds, simultaneous waypoints are removed or make M non-increasing.
-    v_times := ST_SnapToGrid(NEW.path, ST_MakePoint(0, 0), 0, 0, 0, 1e-6);
-    IF ST_NPoints(v_times) < ST_NPoints(NEW.path) OR NOT ST_IsValidTrajectory(v_times)
-       OR ST_M(ST_StartPoint(NEW.path)) < -62135596800 OR ST_M(ST_EndPoint(NEW.path)) >= 253402300800 THEN
-        PERFORM _check_times(v_who, NEW.path);
-    END IF;
-    -- A restore or replica brings tracks accepted elsewhere under another limit; only they provide first_version.
-    IF current_setting('session_replication_role') <> 'replica'
-       AND (CASE TG_OP WHEN 'INSERT' THEN coalesce(NEW.first_version, 0) = 0
-                       ELSE NEW.path IS DISTINCT FROM OLD.path END) THEN
-        PERFORM _check_speed(v_who, NEW.path);
-    END IF;
-    IF NEW.outline IS NULL OR ST_IsEmpty(NEW.outline) OR ST_NumInteriorRings(NEW.outline) > 0
-       OR NOT ST_Length(ST_ExteriorRing(NEW.outline)) < 'infinity' OR ST_SRID(NEW.outline) <> 0 THEN
-        PERFORM _refuse('ZC006', v_who, 'outline',
-                        'must be one ring of finite [starboard, forward] metres, without SRID', 'outline_ring');
-    END IF;
-    -- The kernel's limit; the ring repeats its first vertex.
-    IF ST_NPoints(NEW.outline) > 10001 THEN
-        PERFORM _refuse('ZC006', v_who, 'outline',
-                        format('must have at most 10000 corners; got %s', ST_NPoints(NEW.outline) - 1),
-                        'outline_corners', 'ST_Simplify leaves fewer.');
-    END IF;
-    v_widest := coalesce(NEW.outlines, NEW.outline);
-    IF greatest(ST_XMax(v_widest), -ST_XMin(v_widest), ST_YMax(v_widest), -ST_YMin(v_widest)) > 20037508
-       OR greatest(ST_XMax(NEW.outline), -ST_XMin(NEW.outline), ST_YMax(NEW.outline), -ST_YMin(NEW.outline)) > 20037508
-    THEN
-        PERFORM _refuse('ZC006', v_who, 'outline', 'must lie within 20037508 m of the reference point: half round the '
-                        'earth', 'outline_on_earth');
-    END IF;
-    -- Not as a fraction of the area: PostgreSQL raises an error if a product underflows.
-    IF 1e12 * abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) > ST_Area(NEW.outline) THEN
-        PERFORM _check_outline(v_who, NEW.outline);
-    END IF;
-    v_widest := NEW.outline;
-    IF NEW.grow_mps <> 0 OR NEW.outlines IS NOT NULL THEN
-        PERFORM _check_growth(v_who, NEW.path, NEW.outline, NEW.grow_mps, NEW.outlines);
-        v_widest := coalesce(NEW.outlines, _grown_outline(
-            NEW.outline, NEW.grow_mps * (ST_M(ST_EndPoint(NEW.path)) - ST_M(ST_StartPoint(NEW.path)))));
-    END IF;
-    SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
-    IF v_scene.motion = 'great_circle' THEN
-        IF v_scene.centre_lon IS NULL THEN
-            SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat FROM _ensure_centre(NEW.scene_id, NEW.path) c;
+        AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE
+        AND num_nonnulls(NEW.outlines, NEW.floors_m, NEW.ceilings_m) = 0 AND NEW.grow_mps = 0
+        AND v_scene.motion = 'rhumb' AND coalesce(current_setting('conflictdb.max_waypoints', true), '') = ''
+        AND current_setting('conflictdb.max_speed_kn', true) = 'infinity'
+        AND ST_NPoints(NEW.path) BETWEEN 2 AND 1000000
+        AND NEW.path @ ST_MakeEnvelope(-360, -80, 360, 80, 4326)
+        -- Swapping X and M includes M in the check: a line through a non-finite coordinate has a non-finite length.
+        AND ST_Length(NEW.path) < 'infinity' AND ST_Length(ST_SwapOrdinates(NEW.path, 'xm')) < 'infinity'
+        AND ST_M(ST_StartPoint(NEW.path)) >= -62135596800 AND ST_M(ST_EndPoint(NEW.path)) < 253402300800
+        AND ST_NPoints(v_times) = ST_NPoints(NEW.path) AND ST_IsValidTrajectory(v_times)
+        AND NOT ST_IsEmpty(NEW.outline) AND ST_NumInteriorRings(NEW.outline) = 0 AND ST_SRID(NEW.outline) = 0
+        AND ST_NPoints(NEW.outline) <= 10001 AND NEW.outline @ ST_MakeEnvelope(-500000, -500000, 500000, 500000)
+        AND ST_Length(ST_ExteriorRing(NEW.outline)) < 'infinity'
+        AND 1e12 * abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) <= ST_Area(NEW.outline))
+       IS NOT TRUE THEN
+        IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
+            AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
+            AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
+            AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE) IS NOT TRUE THEN
+            PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties);
         END IF;
-        PERFORM _check_near_centre(v_who, 'path', NEW.path, v_scene.centre_lon, v_scene.centre_lat);
-        PERFORM _check_haven_near_centre(v_who, NEW.path, NEW.outline, v_scene.centre_lon, v_scene.centre_lat,
-                                         NEW.grow_mps, NEW.outlines);
-    -- A degree of latitude is at least 110,574 m.
-    ELSIF greatest(ST_YMax(NEW.path), -ST_YMin(NEW.path))
-       + ST_MaxDistance(ST_MakePoint(0, 0), v_widest) / 110574 > 89.5 THEN
-        PERFORM _check_haven(v_who, NEW.path, NEW.outline, v_scene.earth, NEW.grow_mps, NEW.outlines);
+        IF NEW.path IS NULL OR ST_NPoints(NEW.path) < 2 THEN
+            PERFORM _refuse('ZC001', v_who, 'path', 'needs at least two waypoints', 'path_of_two');
+        END IF;
+        PERFORM _check_size(v_who, 'path', ST_NPoints(NEW.path), 'max_waypoints');
+        IF NEW.outlines IS NOT NULL THEN
+            PERFORM _check_size(v_who, 'outlines', ST_NPoints(NEW.outlines), 'max_vertices');
+        END IF;
+        IF num_nonnulls(NEW.floors_m, NEW.ceilings_m) > 0 THEN
+            PERFORM _check_leg_heights(v_who, NEW.path, NEW.floor_m, NEW.ceiling_m, NEW.floors_m, NEW.ceilings_m);
+        END IF;
+        -- Swapping X and M includes M in the check: a line through a non-finite coordinate has a non-finite length.
+        IF NOT (ST_Length(NEW.path) < 'infinity' AND ST_Length(ST_SwapOrdinates(NEW.path, 'xm')) < 'infinity') THEN
+            PERFORM _refuse('ZC001', v_who, 'path', 'coordinates and times must be finite numbers',
+                            'coordinates_finite');
+        END IF;
+        IF NOT (ST_YMax(NEW.path) <= 89 AND ST_YMin(NEW.path) >= -89
+                AND ST_XMax(NEW.path) <= 360 AND ST_XMin(NEW.path) >= -360) THEN
+            PERFORM _check_coordinates(v_who, 'path', NEW.path, NEW.scene_id);
+        END IF;
+        IF ST_NPoints(v_times) < ST_NPoints(NEW.path) OR NOT ST_IsValidTrajectory(v_times)
+           OR ST_M(ST_StartPoint(NEW.path)) < -62135596800 OR ST_M(ST_EndPoint(NEW.path)) >= 253402300800 THEN
+            PERFORM _check_times(v_who, NEW.path);
+        END IF;
+        -- A restore or replica brings tracks accepted elsewhere under another limit; only they provide first_version.
+        IF current_setting('session_replication_role') <> 'replica'
+           AND (CASE TG_OP WHEN 'INSERT' THEN coalesce(NEW.first_version, 0) = 0
+                           ELSE NEW.path IS DISTINCT FROM OLD.path END) THEN
+            PERFORM _check_speed(v_who, NEW.path);
+        END IF;
+        IF NEW.outline IS NULL OR ST_IsEmpty(NEW.outline) OR ST_NumInteriorRings(NEW.outline) > 0
+           OR NOT ST_Length(ST_ExteriorRing(NEW.outline)) < 'infinity' OR ST_SRID(NEW.outline) <> 0 THEN
+            PERFORM _refuse('ZC006', v_who, 'outline',
+                            'must be one ring of finite [starboard, forward] metres, without SRID', 'outline_ring');
+        END IF;
+        -- The kernel's limit; the ring repeats its first vertex.
+        IF ST_NPoints(NEW.outline) > 10001 THEN
+            PERFORM _refuse('ZC006', v_who, 'outline',
+                            format('must have at most 10000 corners; got %s', ST_NPoints(NEW.outline) - 1),
+                            'outline_corners', 'ST_Simplify leaves fewer.');
+        END IF;
+        v_widest := coalesce(NEW.outlines, NEW.outline);
+        IF greatest(ST_XMax(v_widest), -ST_XMin(v_widest), ST_YMax(v_widest), -ST_YMin(v_widest)) > 20037508
+           OR greatest(ST_XMax(NEW.outline), -ST_XMin(NEW.outline), ST_YMax(NEW.outline), -ST_YMin(NEW.outline))
+              > 20037508
+        THEN
+            PERFORM _refuse('ZC006', v_who, 'outline',
+                            'must lie within 20037508 m of the reference point: half round the earth',
+                            'outline_on_earth');
+        END IF;
+        -- Not as a fraction of the area: PostgreSQL raises an error if a product underflows.
+        IF 1e12 * abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) > ST_Area(NEW.outline) THEN
+            PERFORM _check_outline(v_who, NEW.outline);
+        END IF;
+        v_widest := NEW.outline;
+        IF NEW.grow_mps <> 0 OR NEW.outlines IS NOT NULL THEN
+            PERFORM _check_growth(v_who, NEW.path, NEW.outline, NEW.grow_mps, NEW.outlines);
+            v_widest := coalesce(NEW.outlines, _grown_outline(
+                NEW.outline, NEW.grow_mps * (ST_M(ST_EndPoint(NEW.path)) - ST_M(ST_StartPoint(NEW.path)))));
+        END IF;
+        IF v_scene.motion = 'great_circle' THEN
+            IF v_scene.centre_lon IS NULL THEN
+                SELECT c.* INTO v_scene.centre_lon, v_scene.centre_lat FROM _ensure_centre(NEW.scene_id, NEW.path) c;
+            END IF;
+            PERFORM _check_near_centre(v_who, 'path', NEW.path, v_scene.centre_lon, v_scene.centre_lat);
+            PERFORM _check_haven_near_centre(v_who, NEW.path, NEW.outline, v_scene.centre_lon, v_scene.centre_lat,
+                                             NEW.grow_mps, NEW.outlines);
+        -- A degree of latitude is at least 110,574 m.
+        ELSIF greatest(ST_YMax(NEW.path), -ST_YMin(NEW.path))
+           + ST_MaxDistance(ST_MakePoint(0, 0), v_widest) / 110574 > 89.5 THEN
+            PERFORM _check_haven(v_who, NEW.path, NEW.outline, v_scene.earth, NEW.grow_mps, NEW.outlines);
+        END IF;
     END IF;
     IF TG_OP = 'INSERT' THEN
         NEW.version := _first_version(1::smallint, NEW.track_id);

@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "1cd21e3a501fd7a6fae553497b87af3150050b142ef1e02d3b556cf5a6991a66"
+routines_sha256 = "b295694b1b204d5d0c988fad53f22aa97c6d6e43a81eb2d14b52b4700bfac4c7"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
