@@ -1,5 +1,5 @@
--- Bulk loading: the store COPYs objects into temporary tables; `_load` applies them to the scene. Unchanged rows keep
--- their version and get no mark.
+-- Bulk loading: the store COPYs objects into temporary tables; `_load` applies them to the scene, `_add_staged` adds
+-- the rest of the new ones, in the same transaction. Unchanged rows keep their version and get no mark.
 
 CREATE OR REPLACE FUNCTION _begin_load() RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
@@ -20,9 +20,52 @@ COMMENT ON FUNCTION _begin_load() IS
 'Creates the temporary tables staged_area and staged_track, empty, for this transaction. '
 'Infinite heights (metres) and instants mean unbounded.';
 
+CREATE OR REPLACE FUNCTION _add_staged(
+    p_scene_id bigint, p_first_page bigint, OUT added bigint, OUT next_page bigint
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET jit = off AS $$
+DECLARE
+    -- Some thousand rows: the client shows the progress after each part.
+    c_pages CONSTANT bigint := 500;
+    v_first tid := format('(%s,0)', p_first_page);
+    v_end tid := format('(%s,0)', p_first_page + c_pages);
+    v_max_speed_kn text := current_setting('conflictdb.max_speed_kn', true);
+    v_rows bigint;
+BEGIN
+    -- conflictdb.model has already checked speeds, under the limit of this load.
+    PERFORM set_config('conflictdb.max_speed_kn', 'infinity', true);
+    INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties)
+        SELECT p_scene_id, s.key, s.name, ST_SetSRID(s.footprint, 4326),
+               tstzrange(nullif(s.span_start, '-infinity'), nullif(s.span_end, 'infinity')),
+               nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.properties
+        FROM pg_temp.staged_area s WHERE s.ctid >= v_first AND s.ctid < v_end
+        -- In the order given: objects are listed by id.
+        ORDER BY s.ctid;
+    GET DIAGNOSTICS added = ROW_COUNT;
+    INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, floors_m, ceilings_m, properties,
+                       grow_mps, outlines)
+        SELECT p_scene_id, s.key, s.name, ST_SetSRID(s.path, 4326), s.outline,
+               nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.floors::double precision[],
+               s.ceilings::double precision[], s.properties, s.grow_mps, s.outlines
+        FROM pg_temp.staged_track s WHERE s.ctid >= v_first AND s.ctid < v_end
+        ORDER BY s.ctid;
+    GET DIAGNOSTICS v_rows = ROW_COUNT;
+    added := added + v_rows;
+    PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);
+    IF greatest(pg_relation_size('pg_temp.staged_area'), pg_relation_size('pg_temp.staged_track'))
+       > (p_first_page + c_pages) * current_setting('block_size')::integer THEN
+        next_page := p_first_page + c_pages;
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _add_staged(bigint, bigint) IS
+'Adds a part of the staged objects, those in some pages of the staged tables, to a scene; returns their number and the '
+'first page of the next part, null after the last.';
+
 CREATE OR REPLACE FUNCTION _load(
     p_name text, p_settings jsonb, p_merge boolean,
-    OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint
+    OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint, OUT scene_id bigint,
+    OUT stored bigint, OUT next_page bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 -- No nested loops: for a scene newer than the last ANALYZE the planner expects few rows.
@@ -85,33 +128,23 @@ BEGIN
     GET DIAGNOSTICS v_rows = ROW_COUNT;
     updated := updated + v_rows;
 
-    INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties)
-        SELECT v_scene_id, s.key, s.name, ST_SetSRID(s.footprint, 4326),
-               tstzrange(nullif(s.span_start, '-infinity'), nullif(s.span_end, 'infinity')),
-               nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.properties
-        FROM pg_temp.staged_area s
-        WHERE NOT EXISTS (SELECT FROM area a WHERE a.scene_id = v_scene_id AND a.key = s.key)
-        -- In the order given, whichever table is read first: objects are listed by id.
-        ORDER BY s.ctid;
-    GET DIAGNOSTICS added = ROW_COUNT;
-    INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, floors_m, ceilings_m, properties,
-                       grow_mps, outlines)
-        SELECT v_scene_id, s.key, s.name, ST_SetSRID(s.path, 4326), s.outline,
-               nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.floors::double precision[],
-               s.ceilings::double precision[], s.properties, s.grow_mps, s.outlines
-        FROM pg_temp.staged_track s
-        WHERE NOT EXISTS (SELECT FROM track t WHERE t.scene_id = v_scene_id AND t.key = s.key)
-        ORDER BY s.ctid;
+    -- What remains is new.
+    DELETE FROM pg_temp.staged_area n USING area a WHERE a.scene_id = v_scene_id AND a.key = n.key;
+    GET DIAGNOSTICS unchanged = ROW_COUNT;
+    DELETE FROM pg_temp.staged_track n USING track t WHERE t.scene_id = v_scene_id AND t.key = n.key;
     GET DIAGNOSTICS v_rows = ROW_COUNT;
-    added := added + v_rows;
-    unchanged := v_total - added - updated;
+    added := v_total - unchanged - v_rows;
+    unchanged := unchanged + v_rows - updated;
+    scene_id := v_scene_id;
+    SELECT s.added, s.next_page INTO stored, next_page FROM _add_staged(v_scene_id, 0) s;
     PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);
     SET CONSTRAINTS scene_holds_objects IMMEDIATE;
     SET CONSTRAINTS scene_holds_objects DEFERRED;
 END
 $$;
 COMMENT ON FUNCTION _load(text, jsonb, boolean) IS
-'Applies the staged tables to a scene; returns numbers of objects. Without p_merge, deletes objects not staged.';
+'Applies the staged tables to a scene; returns numbers of objects. Without p_merge, deletes objects not staged. Of the '
+'objects to add, only the first part is stored yet; _add_staged(scene_id, next_page) stores the next.';
 
 -- Reading objects back, bit for bit. WKB is little-endian on every machine; infinite means unbounded.
 

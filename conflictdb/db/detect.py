@@ -366,9 +366,10 @@ def _refresh_conflicts(
     chunks = run_scene(settings, plane_of(settings), source, jobs=options.jobs, progress=progress)
     for found, of_chunk in chunks:
         staged = begun()
-        options.phase("writing conflicts", 0, 0)
+        options.phase("writing conflicts", 0, len(found))
         for part in store.differing(staged, found):
             store.stage(conn, staged, part, found.where(part.rows))
+            options.phase("writing conflicts", int(part.rows[-1]) + 1, len(found))
         funnel.add(of_chunk)
         # Free before the next chunk is allocated.
         del found, of_chunk

@@ -78,8 +78,7 @@ def load_files(
     plans = [_with_settings(connection, plan, skip_invalid) for plan in gathered]
     for plan, _ in plans:
         _require_objects(plan, replace)
-    phase(f"storing {sum(len(plan.areas) + len(plan.tracks) for plan, _ in plans):,} objects", 0, 0)
-    return [_loaded(connection, plan, settings, replace) for plan, settings in plans]
+    return [_loaded(connection, plan, settings, replace, phase) for plan, settings in plans]
 
 
 def _with_settings(connection: "psycopg.Connection[Any]", plan: Plan, skip_invalid: bool) -> tuple[Plan, Scene]:
@@ -140,7 +139,7 @@ def _stored_by_parts(
     phase: Phase,
 ) -> Loaded:
     each = _some_objects(_fitting(settings, parts), parts, source, may_be_empty=replace and parts.settings is not None)
-    counts = store.replace_scene_by_parts(connection, settings, _counted(each, phase), merge=not replace)
+    counts = store.replace_scene_by_parts(connection, settings, _counted(each, phase), merge=not replace, phase=phase)
     return Loaded(settings.name, counts, tuple(parts.skipped), tuple(parts.remarks))
 
 
@@ -151,12 +150,11 @@ def _counted(each: Iterator[tuple[list[Area], list[Track]]], phase: Phase) -> It
         yield areas, tracks
         done += len(areas) + len(tracks)
         phase("reading objects", done, 0)
-    phase(f"storing {done:,} objects", 0, 0)
 
 
-def _loaded(connection: "psycopg.Connection[Any]", plan: Plan, settings: Scene, replace: bool) -> Loaded:
+def _loaded(connection: "psycopg.Connection[Any]", plan: Plan, settings: Scene, replace: bool, phase: Phase) -> Loaded:
     try:
-        counts = store.replace_scene(connection, settings, plan.areas, plan.tracks, merge=not replace)
+        counts = store.replace_scene(connection, settings, plan.areas, plan.tracks, merge=not replace, phase=phase)
     except InvalidInput as refused:
         named = (source for key, source in plan.source_of.items() if refused.key.endswith(repr(key)))
         raise refused.at(next(named, plan.sources[0])) from refused.__cause__

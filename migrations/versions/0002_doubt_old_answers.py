@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "b295694b1b204d5d0c988fad53f22aa97c6d6e43a81eb2d14b52b4700bfac4c7"
+routines_sha256 = "8a22da48e88a7e4d127d21e7a713ca6f6da0a8b9c8021ce95484073b83b1ab3d"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

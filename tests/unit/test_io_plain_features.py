@@ -99,7 +99,8 @@ def test_plain_features_are_read_as_one_by_one(
             assert got == wanted, text
             continue
         assert got.skipped == wanted.skipped
-        for one, other in zip([*got.areas, *got.tracks], [*wanted.areas, *wanted.tracks], strict=True):
+        items: list[list[Area | Track]] = [[*read.areas, *read.tracks] for read in (got, wanted)]
+        for one, other in zip(*items, strict=True):
             assert_same(one, other)
 
 

@@ -17,10 +17,13 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many, require_writable, transaction
 from conflictdb.errors import InvalidInput
+from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.model.inputs import all_certain, certain
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.settings import SETTINGS, Type
 
+# Areas, and tracks, that are encoded at once: bounds memory.
+_SENT_AT_ONCE = 10_000
 _AREA_COLUMNS = [
     ("area_id", "i8"),
     ("version", "i8"),
@@ -76,14 +79,29 @@ class SceneStatus:
 
 
 def replace_scene(
-    conn: psycopg.Connection[Any], scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], *, merge: bool
+    conn: psycopg.Connection[Any],
+    scene: Scene,
+    areas: Sequence[Area],
+    tracks: Sequence[Track],
+    *,
+    merge: bool,
+    phase: Phase = unwatched,
 ) -> LoadCounts:
     """Update a scene to the given settings and objects, in one transaction.
 
     Equal objects stay unchanged. Without `merge`, objects that are not given are removed. Raises InvalidInput, and
     changes nothing, if an object cannot be stored.
+
+    phase : called with the name of each phase and the amounts done and to do
     """
-    return replace_scene_by_parts(conn, scene, [(areas, tracks)], merge=merge)
+
+    def parts() -> Iterator[tuple[Sequence[Area], Sequence[Track]]]:
+        for first in range(0, max(len(areas), len(tracks), 1), _SENT_AT_ONCE):
+            some = slice(first, first + _SENT_AT_ONCE)
+            phase("sending objects", min(first, len(areas)) + min(first, len(tracks)), len(areas) + len(tracks))
+            yield areas[some], tracks[some]
+
+    return replace_scene_by_parts(conn, scene, parts(), merge=merge, phase=phase)
 
 
 def replace_scene_by_parts(
@@ -92,6 +110,7 @@ def replace_scene_by_parts(
     parts: Iterable[tuple[Sequence[Area], Sequence[Track]]],
     *,
     merge: bool,
+    phase: Phase = unwatched,
 ) -> LoadCounts:
     """Update a scene as `replace_scene` does, from batches of areas and tracks; errors of `parts` roll back."""
     require_writable(conn)
@@ -100,7 +119,12 @@ def replace_scene_by_parts(
         for areas, tracks in parts:
             copy_binary.send(conn, "pg_temp.staged_area", _staged_areas(areas))
             copy_binary.send(conn, "pg_temp.staged_track", _staged_tracks(tracks))
-        counts = call(conn, "_load", scene.name, _settings(scene), merge)
+        phase("storing objects", 0, 0)
+        *counts, number, stored, page = call(conn, "_load", scene.name, _settings(scene), merge)
+        while page is not None:
+            phase("storing objects", stored, counts[0])
+            more, page = call(conn, "_add_staged", number, page)
+            stored += more
     return LoadCounts(*counts)
 
 
