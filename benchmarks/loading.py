@@ -1,7 +1,7 @@
 """How long loading a scene file takes, phase by phase; and what a terminal shows of loading and detecting a large one.
 
     ./.venv/bin/python benchmarks/loading.py [--objects 2000 20000 200000] [--record 200000] [--dsn DSN]
-        [--document docs/explanation/performance.md] [--folder docs/explanation/performance]
+        [--files FOLDER] [--document docs/explanation/performance.md] [--folder docs/explanation/performance]
 
 The scenes are the sea of made_scenes.py: half of the objects are areas, half tracks, here of 5 to 10 legs. Each file is
 loaded by a process that begins afresh, into a new database. Seconds are those of the processor, of the client and of
@@ -26,7 +26,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from made_scenes import AT_ONCE, DEGREES_PER_ROOT, SEA, Kind
-from measured import fresh_database, in_fresh_process, peak_mb, processor_clock, versions, write_csv
+from measured import fresh_database, in_fresh_process, peak_mb, server_pid, versions, write_csv
 from tables import markdown, put_into
 from workloads import throw
 
@@ -45,7 +45,10 @@ _CLEARED: Final = re.compile(r"\r\x1b\[K")
 
 
 def made_file(objects: int, folder: Path) -> Path:
-    """Write a scene file of so many objects."""
+    """Return a scene file of so many objects in a folder, made unless it is there."""
+    path = folder / f"sea-{objects}.geojson"
+    if path.exists():
+        return path
     areas: list[Area] = []
     tracks: list[Track] = []
     sea = replace(SEA, window=DEGREES_PER_ROOT * objects**0.5, legs=LEGS)
@@ -53,7 +56,6 @@ def made_file(objects: int, folder: Path) -> Path:
         _, standing, moving = throw(sea, SEED + first, *Kind.MIXED.split(min(AT_ONCE, objects - first)))
         areas += [replace(area, key=f"{first}-{area.key}") for area in standing]
         tracks += [replace(track, key=f"{first}-{track.key}") for track in moving]
-    path = folder / "sea.geojson"
     with path.open("w") as file:
         file.writelines(scene_text(Scene("sea"), areas, tracks))
     return path
@@ -62,13 +64,12 @@ def made_file(objects: int, folder: Path) -> Path:
 def loaded(dsn: str, path: Path) -> tuple[dict[str, tuple[float, float, float]], float]:
     """Load a file; return seconds of each phase, of the client, of the server and by the clock, and the client's MB."""
     with conflictdb.connect(dsn) as db:
-        both = processor_clock(db.connection)
-        if both is None:
+        backend = Path(f"/proc/{db.connection.info.backend_pid}/schedstat")
+        if server_pid(db.connection) is None:
             raise SystemExit("the server's processes cannot be seen here")
 
         def now() -> tuple[float, float, float]:
-            client_s = time.process_time()
-            return client_s, both() - client_s, time.monotonic()
+            return time.process_time(), int(backend.read_text().split()[0]) / 1e9, time.monotonic()
 
         begun = [("reading", now())]
 
@@ -189,15 +190,17 @@ def main() -> None:
     parser.add_argument("--dsn", help="server to make databases on (default: the embedded one)")
     parser.add_argument("--objects", type=int, nargs="*", default=list(OBJECTS))
     parser.add_argument("--record", type=int, help="record a session with so many objects, too")
+    parser.add_argument("--files", type=Path, help="keep the scene files there (default: they are made, and removed)")
     parser.add_argument("--document", type=Path, help="put table and recording there")
     parser.add_argument("--folder", type=Path, help="write loading.csv there")
     args = parser.parse_args()
     rows: list[dict[str, Any]] = []
     told = ""
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() as temporary:
+        folder = args.files or Path(temporary)
         for objects in args.objects:
             with fresh_database(args.dsn) as dsn:
-                rows += measured(dsn, objects, made_file(objects, Path(folder)))
+                rows += measured(dsn, objects, made_file(objects, folder))
                 with conflictdb.connect(dsn) as db:
                     told = versions(db.connection)
         if rows:
@@ -209,7 +212,7 @@ def main() -> None:
                 put_into(args.document, "loading", text)
         if args.record:
             with fresh_database(args.dsn) as dsn:
-                text = session(dsn, made_file(args.record, Path(folder)))
+                text = session(dsn, made_file(args.record, folder))
             print(text)
             if args.document:
                 put_into(args.document, "session", text)

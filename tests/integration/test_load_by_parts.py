@@ -18,6 +18,8 @@ from commands import Outcome, Run, runner
 
 from conflictdb import connect, formats
 from conflictdb.arrays.arrow.object_rows import of_objects
+from conflictdb.db import store
+from conflictdb.errors import InvalidInput
 from conflictdb.formats import parquet_child
 from conflictdb.formats.parquet_writing import write_objects
 from conflictdb.model.plans import Area, Motion, Scene, Track
@@ -177,3 +179,31 @@ def test_memory_does_not_grow_with_the_file(dsn: str, tmp_path: Path) -> None:
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         peaks.append(int(done.stdout.split()[-1]) * 1024)
     assert peaks[1] - peaks[0] < 5 * AT_ONCE * 1_900 / 5
+
+
+def test_new_objects_are_stored_in_parts_all_or_none(dsn: str) -> None:
+    """An object that is refused in a later part leaves nothing of the earlier ones; order and counts are as of one."""
+    far = np.linspace(0.0, 2.0 * np.pi, 91)[:-1]
+    circle = 0.001 * np.column_stack([np.cos(far), np.sin(far)])
+    areas = [Area(f"A{i:04}", circle + np.array([9.0 + 0.01 * (i % 97), 54.0])) for i in range(3_000)]
+    wide = Area("wide", np.concatenate([circle, 0.9 * circle[:1]]) + np.array([9.0, 54.0]))
+    phases: list[tuple[str, int, int]] = []
+    with psycopg.connect(dsn) as conn:
+        conn.execute("SET conflictdb.max_vertices = 91")
+        conn.commit()
+        with pytest.raises(InvalidInput, match="area 'wide': footprint: must have at most 91 vertices; got 92"):
+            store.replace_scene(conn, Scene("sea"), [*areas, wide], [], merge=True)
+        assert told(dsn, "SELECT count(*) FROM conflictdb.scene") == [(0,)]
+        counts = store.replace_scene(
+            conn, Scene("sea"), areas, [], merge=True, phase=lambda *phase: phases.append(phase)
+        )
+        assert counts == store.LoadCounts(3_000, 0, 0, 0)
+        counts = store.replace_scene(conn, Scene("sea"), [*areas[:9], area("B", 9.0)], [], merge=False)
+        assert counts == store.LoadCounts(1, 0, 2_991, 9)
+    stored = [(done, of) for name, done, of in phases if name == "storing objects"]
+    assert stored[0] == (0, 0)
+    assert len(stored) > 1
+    assert all(0 < done < of == 3_000 for done, of in stored[1:])
+    keys = [key for (key,) in told(dsn, "SELECT key FROM conflictdb.area ORDER BY area_id")]
+    assert keys == [*(f"A{i:04}" for i in range(9)), "B"]
+    assert told(dsn, "SELECT count(*) FROM conflictdb.object_key") == [(10,)]

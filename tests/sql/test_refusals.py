@@ -2,8 +2,10 @@
 
 from typing import Any
 
+import numpy as np
 import psycopg
 import pytest
+from hostile_objects import put, throw
 
 Conn = psycopg.Connection[Any]
 
@@ -255,6 +257,33 @@ def test_bad_row_is_refused(scene: Conn, case: str) -> None:
     assert refused.value.diag.table_name
     assert refused.value.diag.message_detail is None  # the message says it all
     assert refused.value.diag.column_name
+
+
+def test_usual_rows_pass_and_fail_as_row_by_row(scene: Conn) -> None:
+    """The one expression that accepts usual rows accepts none that the checks one by one refuse.
+
+    A limit of the database that limits nothing leaves all rows to the checks one by one.
+    """
+    rng = np.random.default_rng(3)
+    things = [throw(rng, f"H{i}") for i in range(400)]
+    outcomes: list[list[Any]] = []
+    for limit in ("", "1000000"):
+        for name, value in (("max_speed_kn", "infinity"), ("max_vertices", limit), ("max_waypoints", limit)):
+            scene.execute("SELECT set_config(%s, %s, true)", [f"conflictdb.{name}", value])
+        outcomes.append([outcome(scene, *put("s", thing)) for thing in things])
+    assert outcomes[0] == outcomes[1]
+    assert 40 < outcomes[0].count(None) < 360
+
+
+def outcome(conn: Conn, statement: str, values: list[Any]) -> tuple[str | None, str | None] | None:
+    """How a row is refused, None if it is not; it is not kept."""
+    try:
+        with conn.transaction():
+            conn.execute(statement.encode(), values)
+            raise psycopg.Rollback
+    except psycopg.Error as refused:
+        return refused.sqlstate, refused.diag.message_primary
+    return None
 
 
 @pytest.mark.parametrize(

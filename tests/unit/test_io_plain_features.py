@@ -6,7 +6,9 @@ import random
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
+from hostile_objects import scene_file, throw
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scene_strategies import assert_same, scenes
@@ -84,24 +86,36 @@ def document(features: list[Any]) -> str:
     return json.dumps({"type": "FeatureCollection", "features": features})
 
 
+def assert_read_alike(text: str, *, skip_invalid: bool) -> Contents | None:
+    """The contents, if the file is not refused; both ways."""
+    got, wanted = (way(text, skip_invalid=skip_invalid) for way in (read, one_by_one))
+    if isinstance(got, str) or isinstance(wanted, str):
+        assert got == wanted, text
+        return None
+    assert got.skipped == wanted.skipped
+    items: list[list[Area | Track]] = [[*contents.areas, *contents.tracks] for contents in (got, wanted)]
+    for one, other in zip(*items, strict=True):
+        assert_same(one, other)
+    return got
+
+
 @settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
 @given(scenes(), st.lists(st.integers(0, 2**32), min_size=1, max_size=6), st.booleans())
 def test_plain_features_are_read_as_one_by_one(
     content: tuple[Scene, list[Area], list[Track]], seeds: list[int], skip_invalid: bool
 ) -> None:
     features = json.loads("".join(scene_text(*content)))["features"]
-    if not features:
-        return
-    for seed in seeds:
-        text = document(changed(features, seed))
-        got, wanted = (way(text, skip_invalid=skip_invalid) for way in (read, one_by_one))
-        if isinstance(got, str) or isinstance(wanted, str):
-            assert got == wanted, text
-            continue
-        assert got.skipped == wanted.skipped
-        items: list[list[Area | Track]] = [[*read.areas, *read.tracks] for read in (got, wanted)]
-        for one, other in zip(*items, strict=True):
-            assert_same(one, other)
+    for seed in seeds if features else ():
+        assert_read_alike(document(changed(features, seed)), skip_invalid=skip_invalid)
+
+
+def test_hostile_features_are_read_as_one_by_one() -> None:
+    rng = np.random.default_rng(5)
+    contents = assert_read_alike(scene_file([throw(rng, str(i)) for i in range(2_000)]), skip_invalid=True)
+    assert contents is not None
+    assert contents.areas
+    assert contents.tracks
+    assert contents.skipped
 
 
 @given(scenes())
