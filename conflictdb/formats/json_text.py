@@ -6,7 +6,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from conflictdb.errors import InvalidInput
 
@@ -16,11 +16,12 @@ _LONGEST_NAME: Final = 100  # characters of a member's name in a message
 # characters, and Unicode's line separators.
 _OBEYED: Final = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
 
+Watch: TypeAlias = Callable[[int], object]
 _SPACE: Final = re.compile(r"[ \t\n\r]*")
 _EACH: Final = 1000  # features from one report of progress to the next
 
 
-def parse(text: str, watch: Callable[[int], object] = int) -> Any:
+def parse(text: str, watch: Watch | None = None) -> Any:
     """Return the value of a JSON text.
 
     watch : called with the number of characters read so far, now and then in a long list of features
@@ -94,7 +95,7 @@ def check_text(who: str, where: str, text: str) -> None:
             raise InvalidInput(who, where, "contains half of a surrogate pair, which is no character") from None
 
 
-def _by_features(text: str, watch: Callable[[int], object]) -> dict[str, Any]:
+def _by_features(text: str, watch: Watch | None) -> dict[str, Any]:
     """Return a JSON object, each of whose `features` is parsed by a call of its own; raises for all other texts."""
     decode = json.JSONDecoder(object_pairs_hook=_unique).raw_decode
     members: list[tuple[str, Any]] = []
@@ -116,7 +117,7 @@ def _by_features(text: str, watch: Callable[[int], object]) -> dict[str, Any]:
 
 
 def _elements(
-    text: str, at: int, decode: Callable[[str, int], tuple[Any, int]], watch: Callable[[int], object]
+    text: str, at: int, decode: Callable[[str, int], tuple[Any, int]], watch: Watch | None
 ) -> tuple[list[Any], int]:
     """Return the elements of a list that begins at a place, not empty, and the place after it."""
     elements: list[Any] = []
@@ -125,7 +126,7 @@ def _elements(
         element, at = decode(text, _after(text, at, "," if elements else ""))
         elements.append(element)
         at = _after(text, at, "")
-        if len(elements) % _EACH == 0:
+        if watch is not None and len(elements) % _EACH == 0:
             watch(at)
     return elements, _after(text, at, "]")
 
