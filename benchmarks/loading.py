@@ -18,6 +18,7 @@ import subprocess
 import sys
 import termios
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -39,8 +40,10 @@ SEED: Final = 1
 LEGS: Final = (5, 11)  # from five to ten
 MAX_FILE_MB: Final = 1_000
 COLUMNS: Final = 100
-# What a recording shows of a phase: its first line, its last, and one in between every so many seconds.
-EVERY_S: Final = 15.0
+# What a recording shows of a phase: its first line, its last, and one in between every so many seconds; of a phase that
+# returns for every part of the scene, the first times only.
+EVERY_S: Final = 30.0
+TIMES: Final = 2
 _CLEARED: Final = re.compile(r"\r\x1b\[K")
 
 
@@ -151,24 +154,29 @@ def _frames(terminal: int, began: float) -> Iterator[tuple[float, str, bool]]:
 
 
 def _some_frames(frames: Iterator[tuple[float, str, bool]]) -> Iterator[str]:
-    """Yield lines that stay, and of each phase its first line, its last, and others now and then; with their times."""
+    """Yield lines that stay, and some of those that show progress, with their times."""
     last: tuple[float, str] | None = None
-    name, shown_s = "", 0.0
+    name, shown_s, is_cut = "", 0.0, False
+    times: Counter[str] = Counter()
     for at_s, line, is_replaced in frames:
         phase = re.split(r"[:,]", line)[0] if is_replaced else ""
-        if phase != name and last is not None:
-            yield _timed(*last)
-        last = None
+        if phase != name:
+            if last is not None:
+                yield _timed(*last)
+            last, name = None, phase
+            times[phase] += 1
+            if is_replaced and times[phase] == TIMES + 1 and not is_cut:
+                is_cut = True
+                yield "[…]"
         if not is_replaced:
             yield line
-        elif phase != name or at_s - shown_s > EVERY_S:
+        elif times[phase] > TIMES:
+            continue
+        elif last is None or at_s - shown_s > EVERY_S:
             yield _timed(at_s, line)
-            shown_s = at_s
+            last, shown_s = (at_s, line), at_s
         else:
             last = at_s, line
-        name = phase
-    if last is not None:
-        yield _timed(*last)
 
 
 def _timed(at_s: float, line: str) -> str:

@@ -75,6 +75,7 @@ def load_files(
         hints=hints,
         phase=phase,
     )
+    phase("checking places", 0, 0)
     plans = [_with_settings(connection, plan, skip_invalid) for plan in gathered]
     for plan, _ in plans:
         _require_objects(plan, replace)

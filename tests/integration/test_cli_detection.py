@@ -562,7 +562,8 @@ def test_the_phases_of_a_detection_and_of_loading_are_reported(dsn: str) -> None
     phases: list[tuple[str, int, int]] = []
     with conflictdb.connect(dsn) as db:
         db.load_files([STRAIT], phase=lambda *phase: phases.append(phase))
-        assert [phase[0] for phase in phases] == ["reading", "checking objects", "sending objects", "storing objects"]
+        names = ["reading", "checking objects", "checking places", "sending objects", "storing objects"]
+        assert [phase[0] for phase in phases] == names
         phases.clear()
         db.scene("strait").detect(full=True, phase=lambda *phase: phases.append(phase))
     names = list(dict.fromkeys(phase[0] for phase in phases))
