@@ -2,9 +2,8 @@
 
 import { metres, printable } from "./format.js";
 import { colour, theme } from "./theme.js";
+import { RADIANS, SPHERE_M } from "./world.js";
 
-const SPHERE_M = 6371008.771415;
-const RADIANS = Math.PI / 180;
 const LOWEST_LAT = -30; // degrees, seen from the pole: what lies beyond is drawn there, far outside of what is shown
 const LEAST_LAT = 20; // objects that stay below are left out
 const EDGE_DEG = 1; // sides that are longer, in longitude and latitude, get points
