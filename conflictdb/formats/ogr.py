@@ -6,13 +6,13 @@ track points of GPX become tracks as positions do. A line of KML with a begin an
 other points and lines are left out and listed.
 
 Columns named like members of scene files, in upper or lower case, are read as these members, lists as JSON; all others
-are kept as properties. Without an id column the number of the feature is the id, after the name of its layer if there
-are several. Other reference systems are transformed vertex by vertex to longitude and latitude; edges are then straight
-in the scene's plane.
+are kept as properties. Without an id column the id is the name of a feature of KML if it is unique, else the number of
+the feature, after the name of its layer if there are several. Other reference systems are transformed vertex by vertex
+to longitude and latitude; edges are then straight in the scene's plane.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -34,6 +34,7 @@ from conflictdb.formats.contents import (
     name_of,
 )
 from conflictdb.formats.features import LINES, POINTS, line_track, polygon_area
+from conflictdb.formats.fields import MAX_KEY_BYTES
 from conflictdb.formats.fixes import Fixes, track_of
 from conflictdb.formats.hints import renamed
 from conflictdb.formats.instants import parse_instant
@@ -41,7 +42,7 @@ from conflictdb.formats.names import RENAME_COLUMN
 from conflictdb.formats.ogr_process import Layer, read_layers
 from conflictdb.formats.reference import of_name
 from conflictdb.formats.speed_columns import within_speed
-from conflictdb.formats.time_columns import is_time_like
+from conflictdb.formats.time_columns import is_time_like, without_times
 from conflictdb.model.plans import Area, Scene, Track
 
 # Columns that make the lines of a layer tracks.
@@ -81,7 +82,8 @@ def read_objects(
     if _is_gpx(layers):
         _read_gpx(str(path), layers, chosen, max_speed_kn, contents)
     else:
-        _read_features(str(path), chosen, len(layers) > 1, max_speed_kn, contents, refusals)
+        names_of = _kml_keys(layers)
+        _read_features(str(path), chosen, names_of, len(layers) > 1, max_speed_kn, contents, refusals)
     if not skip_invalid:
         refusals.raise_found()
     contents.skipped.extend(left_out(str(path), refusals))
@@ -89,15 +91,27 @@ def read_objects(
 
 
 def _read_features(
-    source: str, layers: Sequence[Layer], prefixed: bool, max_speed_kn: float, contents: Contents, refusals: Refusals
+    source: str,
+    layers: Sequence[Layer],
+    names: Mapping[tuple[str, int], str],
+    prefixed: bool,
+    max_speed_kn: float,
+    contents: Contents,
+    refusals: Refusals,
 ) -> None:
-    """Add the areas and tracks of some layers; errors are added to the refusals."""
+    """Add the areas and tracks of some layers; errors are added to the refusals.
+
+    names : the keys of some features, by layer and number
+    prefixed : whether other keys begin with the name of the layer
+    """
     seen: dict[str, str] = {}
     at_speed: list[file_objects.TrackAtSpeed] = []
     tracks: list[Track] = []
     scene = Scene("file")
     for layer in layers:
-        for where, item in _features(source, layer, f"{layer.name}." if prefixed else "", scene, contents, refusals):
+        numbers = layer.numbers
+        keys = [names.get((layer.name, number)) or _key(layer, number, prefixed=prefixed) for number in numbers]
+        for where, item in _features(source, layer, keys, scene, contents, refusals):
             first = seen.setdefault(item.key, where)
             with refusals:
                 if first != where:
@@ -114,9 +128,12 @@ def _read_features(
 
 
 def _features(
-    source: str, layer: Layer, prefix: str, scene: Scene, contents: Contents, refusals: Refusals
+    source: str, layer: Layer, keys: Sequence[str], scene: Scene, contents: Contents, refusals: Refusals
 ) -> Iterator[tuple[str, Area | Track | file_objects.TrackAtSpeed]]:
-    """Yield the place of each object in the file, and the object."""
+    """Yield the place of each object in the file, and the object.
+
+    keys : of features without an id
+    """
     who = f"layer {layer.name!r:.100}"
     check_columns(who, layer.fields)
     shapes = _shapes(who, layer)
@@ -145,22 +162,42 @@ def _features(
             continue
         with refusals:
             if is_track:
-                yield where, line_track(where, f"{prefix}{number}", values, shape, setting)
+                yield where, line_track(where, keys[i], values, shape, setting)
             else:
-                yield where, polygon_area(where, f"{prefix}{number}", values, shape, setting)
+                yield where, polygon_area(where, keys[i], values, shape, setting)
     for kind_name, numbers in others.items():
         named = ", ".join(numbers[:_MOST_NAMED]) + (", …" if len(numbers) > _MOST_NAMED else "")
-        what = f"{_without_times(time_like)}: no tracks" if "Line" in kind_name else "no areas or tracks"
+        what = f"{without_times(time_like)}: no tracks" if "Line" in kind_name else "no areas or tracks"
         contents.skipped.append(
             Skipped(source, who, f"{len(numbers)} features are {kind_name}s, {what} ({named})", (), is_whole=False)
         )
 
 
-def _without_times(time_like: Collection[str]) -> str:
-    """Return a text that lines have no times, naming columns that look like times."""
-    if not time_like:
-        return "without times"
-    return f"without a column times or datetimes ({', '.join(time_like)} look like times, but not of each point)"
+def _kml_keys(layers: Sequence[Layer]) -> dict[tuple[str, int], str]:
+    """Return the names of features of KML that no other feature has as its name or number, by layer and number.
+
+    layers : all of the file, so that keys do not depend on those that are read
+    """
+    names: dict[tuple[str, int], str] = {}
+    for layer in (one for one in layers if set(one.fields) >= _KML_FIELDS):
+        for name, column in zip(layer.fields, layer.columns, strict=True):
+            if name.lower() == "name":
+                given = zip(layer.numbers, column, strict=True)
+                names |= {(layer.name, number): str(one) for number, one in given if one and str(one).strip()}
+    if not names:
+        return {}
+    numbers = {_key(layer, number, prefixed=len(layers) > 1) for layer in layers for number in layer.numbers}
+    same = Counter(names.values())
+    return {
+        of: name
+        for of, name in names.items()
+        if same[name] == 1 and name not in numbers and len(name.encode()) <= MAX_KEY_BYTES
+    }
+
+
+def _key(layer: Layer, number: int, *, prefixed: bool) -> str:
+    """Return the key of a feature without another one."""
+    return f"{layer.name}.{number}" if prefixed else str(number)
 
 
 def _shapes(who: str, layer: Layer) -> NDArray[np.object_]:

@@ -46,6 +46,7 @@ from conflictdb.formats.fields import Fields, number_as_key
 from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.geoparquet import COVERING, GEOMETRY, PLANAR, Layout
 from conflictdb.formats.geoparquet import METADATA_KEY as METADATA_GEO
+from conflictdb.formats.hints import renamed
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import check_storable, check_text
 from conflictdb.formats.names import RENAME_COLUMN
@@ -53,6 +54,7 @@ from conflictdb.formats.parquet_process import decoded
 from conflictdb.formats.positions import COLUMNS, read_positions
 from conflictdb.formats.scene_file import scene_of
 from conflictdb.formats.speed_columns import within_speed
+from conflictdb.formats.time_columns import is_time_like, without_times
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
 
@@ -74,7 +76,11 @@ First = Callable[[str, int], int]
 
 @dataclass(slots=True)
 class _Found:
-    """The objects of a part; `others` collects rows of unusable geometry, by type, over all parts."""
+    """The objects of a part.
+
+    others : rows of unusable geometry, by type, over all parts
+    time_like : the columns of lines among them that look like times
+    """
 
     refusals: Refusals
     first: First
@@ -82,6 +88,7 @@ class _Found:
     tracks: list[Track] = field(default_factory=list)
     at_speed: list[file_objects.TrackAtSpeed] = field(default_factory=list)
     others: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    time_like: dict[str, None] = field(default_factory=dict)
 
     def add(self, row: int, item: Area | Track | file_objects.TrackAtSpeed) -> None:
         """Add the object of a row; refuse an id that an earlier row has."""
@@ -235,7 +242,7 @@ def _others(found: _Found, source: str, skipped: list[Skipped]) -> Iterator[tupl
     """List the rows left out by geometry; yields nothing."""
     for kind, rows in found.others.items():
         named = ", ".join(map(str, rows[:_MOST_NAMED])) + (", …" if len(rows) > _MOST_NAMED else "")
-        what = "without times: no tracks" if "Line" in kind else "no areas or tracks"
+        what = f"{without_times(found.time_like)}: no tracks" if "Line" in kind else "no areas or tracks"
         skipped.append(Skipped(source, "file", f"{len(rows)} rows are {kind}s, {what} ({named})", (), is_whole=False))
     yield from ()
 
@@ -313,6 +320,8 @@ def _add_rows(found: _Found, batch: "pa.RecordBatch", row: int, layout: Layout, 
         is_circle = kind == shapely.GeometryType.POINT and any(name.lower() == "radius_m" for name in names)
         if kind in POINTS | LINES and not is_track and not is_circle:
             found.others[shape.geom_type].append(row + i)
+            if kind in LINES:
+                found.time_like.update(dict.fromkeys(n for n, value in values.items() if is_time_like(n, value)))
             continue
         with found.refusals:
             _check_kind(where, values, is_track=is_track)
@@ -361,7 +370,7 @@ def _are_positions(first: "pa.RecordBatch | None", layout: Layout) -> bool:
     """Return whether rows are waypoints: with a time, and a point or lon and lat."""
     if first is None:
         return False
-    lower = {name.lower() for name in first.schema.names}
+    lower = {name.lower() for name in renamed(first.schema.names)}
     if not lower.intersection(COLUMNS["time"]):
         return False
     if layout.geometry is None:
@@ -416,9 +425,9 @@ def _cell(value: Any, *, is_id: bool) -> str:
 
 
 def _values(batch: "pa.RecordBatch", aside: Collection[str | None]) -> tuple[list[str], list[list[Any]]]:
-    """Return the names of columns and their JSON values, except columns in `aside`."""
+    """Return the names of columns, as the hints map them, and their JSON values, except columns in `aside`."""
     names = [name for name in batch.schema.names if name not in aside]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InvalidInput("file", f"column {twice}", "is there more than once")
-    return names, [plain(name, batch.column(batch.schema.get_field_index(name))) for name in names]
+    return renamed(names), [plain(name, batch.column(batch.schema.get_field_index(name))) for name in names]

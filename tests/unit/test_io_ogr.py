@@ -94,6 +94,19 @@ def test_a_track_of_kml_is_refused_with_the_reason(tmp_path: Path, track: str) -
     ]
 
 
+def test_keys_of_kml_are_unique_names(tmp_path: Path) -> None:
+    """Other features keep their numbers, also one whose name is the number of another one."""
+    path = tmp_path / "plan.kml"
+    ring = "<coordinates>9,57 9.4,57 9.4,57.4 9,57</coordinates>"
+    polygon = f"<Polygon><outerBoundaryIs><LinearRing>{ring}</LinearRing></outerBoundaryIs></Polygon>"
+    names = ("<name>Pier</name>", "<name>Twin</name>", "<name>Twin</name>", "", "<name>4</name>")
+    marks = "".join(f"<Placemark>{name}{polygon}</Placemark>" for name in names)
+    path.write_text(f'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>{marks}</Document></kml>')
+    areas = formats.read(path).areas
+    assert [area.key for area in areas] == ["Pier", "2", "3", "4", "5"]
+    assert [area.name for area in areas] == ["Pier", "Twin", "Twin", None, "4"]
+
+
 def test_lines_without_times_name_columns_that_look_like_them(tmp_path: Path) -> None:
     line = shapely.LineString([(4.0, 57.0), (5.0, 58.0)])
     laid = np.array(["2026-03-01"], "datetime64[D]")

@@ -19,7 +19,7 @@ from hypothesis import given, settings
 from scene_strategies import assert_same, scenes
 from workloads import GROWING, throw
 
-from conflictdb import InvalidInput, solve
+from conflictdb import FileHints, InvalidInput, solve
 from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.formats import parquet, read, write
 from conflictdb.formats.geoparquet import CRS84
@@ -411,6 +411,25 @@ def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
     with read_parts(path) as parts:
         assert len(list(parts.each)) == 1
         assert parts.remarks == [remark]
+
+
+def test_names_of_columns_are_mapped(tmp_path: Path) -> None:
+    """Of areas and of positions, as in other files; and lines without times name columns that look like them."""
+    columns = {"id": ["A"], "geometry": [SQUARE], "valid_from": pa.array([EIGHT], US)}
+    path = written(tmp_path / "a.parquet", columns)
+    (area,) = read(path, hints=FileHints({"start": "valid_from"})).areas
+    assert area.start_us == EIGHT
+    with pytest.raises(InvalidInput, match="column valid_form: is mapped to start"):
+        read(path, hints=FileHints({"start": "valid_form"}))
+    rows = {"ship": ["T", "T"], "when": pa.array([EIGHT, TEN], US), "x": [9.0, 9.1], "y": [57.0, 57.0]}
+    positions = written(tmp_path / "t.parquet", rows, {})
+    with pytest.raises(InvalidInput):
+        read(positions)
+    (track,) = read(positions, hints=FileHints({"id": "ship", "time": "when", "lon": "x", "lat": "y"})).tracks
+    assert (track.key, len(track.times_us)) == ("T", 2)
+    line = shapely.LineString([(9, 57), (10, 58)])
+    (skipped,) = read(written(tmp_path / "l.parquet", {"geometry": [line], "laid": pa.array([EIGHT], US)})).skipped
+    assert "(laid look like times, but not of each point): no tracks" in skipped.reason
 
 
 @pytest.mark.parametrize("crs", ["EPSG:4326", pyproj.CRS(4326).to_wkt(), 4326])
