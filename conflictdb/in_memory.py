@@ -67,11 +67,11 @@ def solve(
     scene = scene or Scene("in memory")
     tracks, areas = _objects(tracks, areas, scene, haven, time_zone)
     scene, _, tracks, areas = _prepared(scene, tracks, areas)
-    keys = {(Kind.AREA.code, n): area.key for n, area in enumerate(areas)}
-    keys |= {(Kind.TRACK.code, n): track.key for n, track in enumerate(tracks)}
+    named = {(Kind.AREA.code, n): (area.key, area.name) for n, area in enumerate(areas)}
+    named |= {(Kind.TRACK.code, n): (track.key, track.name) for n, track in enumerate(tracks)}
     objects: list[Area | Track] = [*areas, *tracks]
     origin = _Objects(scene, {one.key: one for one in objects})
-    rows = to_results(scene, keys, Conflicts.concatenate([conflicts for conflicts, _ in _run(scene, areas, tracks)]))
+    rows = to_results(scene, named, Conflicts.concatenate([conflicts for conflicts, _ in _run(scene, areas, tracks)]))
     return Results((conflict.found_by(origin) for conflict in rows), Conflict)
 
 

@@ -57,16 +57,16 @@ COMMENT ON FUNCTION _pieces_meeting(bigint, bigint, text, bytea[], bigint[], big
 'compared, stage 1 only: pairs of a given piece and a row, without part. Skips the object p_key.';
 
 CREATE OR REPLACE FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
-RETURNS TABLE (kind smallint, id bigint, key text)
+RETURNS TABLE (kind smallint, id bigint, key text, name text)
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT u.kind, u.id, coalesce(a.key, t.key)
+    SELECT u.kind, u.id, coalesce(a.key, t.key), coalesce(a.name, t.name)
     FROM unnest(p_kinds, p_ids) u (kind, id)
     LEFT JOIN area a ON u.kind = 0 AND a.area_id = u.id AND a.scene_id + 0 = p_scene_id
     LEFT JOIN track t ON u.kind = 1 AND t.track_id = u.id AND t.scene_id + 0 = p_scene_id
     WHERE coalesce(a.key, t.key) IS NOT NULL;
 END;
-COMMENT ON FUNCTION _keys_of(bigint, smallint[], bigint[]) IS 'Keys of objects of a scene, by kind and id.';
+COMMENT ON FUNCTION _keys_of(bigint, smallint[], bigint[]) IS 'Keys and names of objects of a scene, by kind and id.';
 
 CREATE OR REPLACE FUNCTION _prune_probes() RETURNS void
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
@@ -293,16 +293,21 @@ COMMENT ON FUNCTION _request_probe(text, text, integer, bytea, bigint, bigint, b
 
 CREATE OR REPLACE FUNCTION _wait_for_probe(p_probe_id bigint, p_timeout interval)
 RETURNS TABLE (
-    key text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision,
-    lat_deg double precision, closest_at timestamptz, closest_m double precision, closest_error_m double precision
+    key text, name text, kind text, verdict text, periods bytea, time_error_s double precision,
+    lon_deg double precision, lat_deg double precision, closest_at timestamptz, closest_m double precision,
+    closest_error_m double precision
 )
 LANGUAGE sql VOLATILE
 BEGIN ATOMIC
-    SELECT w.key, w.kind, w.verdict, multirange_send(w.periods), w.time_error_s, ST_X(w.first_contact_point),
-           ST_Y(w.first_contact_point), w.closest_at, w.closest_m, w.closest_error_m
-    FROM wait_for_probe(p_probe_id, p_timeout) w;
+    SELECT w.key, coalesce(a.name, t.name), w.kind, w.verdict, multirange_send(w.periods), w.time_error_s,
+           ST_X(w.first_contact_point), ST_Y(w.first_contact_point), w.closest_at, w.closest_m, w.closest_error_m
+    FROM wait_for_probe(p_probe_id, p_timeout) w
+    LEFT JOIN probe_request p ON p.probe_id = p_probe_id
+    LEFT JOIN area a ON w.kind = 'area' AND a.scene_id = p.scene_id AND a.key = w.key
+    LEFT JOIN track t ON w.kind = 'track' AND t.scene_id = p.scene_id AND t.key = w.key;
 END;
-COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS 'As wait_for_probe, with periods in binary.';
+COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS
+'As wait_for_probe, with the names of the objects and with periods in binary.';
 
 -- For workers.
 

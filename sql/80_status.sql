@@ -10,7 +10,7 @@ CREATE OR REPLACE FUNCTION _conflicts(
     closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision,
     closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision,
     scene_is_current boolean, conflict_id bigint, changed_at timestamptz, acknowledged_by text,
-    acknowledged_at timestamptz, acknowledged_for text, acknowledged_until timestamptz,
+    acknowledged_at timestamptz, acknowledged_for text, acknowledged_until timestamptz, a_name text, b_name text,
     a_id bigint, a_version bigint, b_id bigint, b_version bigint
 )
 LANGUAGE sql STABLE
@@ -23,7 +23,7 @@ BEGIN ATOMIC
            c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.closest_a_point),
            ST_Y(c.closest_a_point), ST_X(c.closest_b_point), ST_Y(c.closest_b_point), c.scene_is_current,
            c.conflict_id, c.changed_at, c.acknowledged_by, c.acknowledged_at, c.acknowledged_for,
-           c.acknowledged_until, k.a_id, k.a_version, k.b_id, k.b_version
+           c.acknowledged_until, c.a_name, c.b_name, k.a_id, k.a_version, k.b_id, k.b_version
     FROM conflicts c
     LEFT JOIN conflict k ON p_with_region AND k.scene_id = _scene_id(p_scene) AND k.conflict_id = c.conflict_id
                             AND k.a_key = c.a_key AND k.b_key = c.b_key
@@ -99,8 +99,8 @@ RETURNS TABLE (
     a_key text, a_kind text, b_key text, b_kind text, closest_at timestamptz, closest_m double precision,
     closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision,
     b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint,
-    found_at timestamptz, scene_is_current boolean, method text, time_error_s double precision,
-    a_id bigint, a_version bigint, b_id bigint, b_version bigint
+    found_at timestamptz, scene_is_current boolean, method text, time_error_s double precision, a_name text,
+    b_name text, a_id bigint, a_version bigint, b_id bigint, b_version bigint
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -108,7 +108,8 @@ BEGIN
     RETURN QUERY
         SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.a_point),
                ST_Y(c.a_point), ST_X(c.b_point), ST_Y(c.b_point), c.verdict, c.is_current, c.run_id, c.found_at,
-               c.scene_is_current, c.method, c.time_error_s, k.a_id, k.a_version, k.b_id, k.b_version
+               c.scene_is_current, c.method, c.time_error_s, c.a_name, c.b_name, k.a_id, k.a_version, k.b_id,
+               k.b_version
         FROM approaches c
         LEFT JOIN conflict k ON p_only_near AND k.scene_id = _scene_id(p_scene) AND k.verdict = 'near'
                                 AND k.a_key = c.a_key AND (k.a_kind = 1) = (c.a_kind = 'track')

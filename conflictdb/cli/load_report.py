@@ -14,6 +14,7 @@ from conflictdb.errors import MOST_TOLD, NotCurrent
 from conflictdb.formats import Skipped, conflict_text
 from conflictdb.formats.conflict_gpx import as_gpx, position_of
 from conflictdb.formats.conflict_ics import as_ics
+from conflictdb.formats.contents import Remark
 from conflictdb.model.results import Approach, Conflict, SceneState
 from conflictdb.session.loading import Loaded
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from conflictdb.db.store import SceneStatus
 
 _SECOND = timedelta(seconds=1)
+_NAMES: Final = ("A NAME", "B NAME")
+_NAME: Final = 24  # characters of a name in a table; the other formats have all
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +180,8 @@ def conflict_table(
         header.insert(0, "SCENE")
         for row, conflict in zip(rows, conflicts, strict=True):
             row.insert(0, conflict.scene)
-    return table(header, rows, right=["PERIODS", "LATITUDE", "LONGITUDE"])
+    extra = _add_names(header, rows, conflicts)
+    return table(header, rows, right=["PERIODS", "LATITUDE", "LONGITUDE"], extra=extra)
 
 
 def scene_table(scenes: Sequence["SceneStatus"]) -> str:
@@ -217,7 +221,7 @@ def approach_table(approaches: Sequence[Approach | Conflict], more: Sequence[con
     """Return a table of closest approaches, one line per pair, times in UTC to the second."""
     several = len({approach.scene for approach in approaches}) > 1
     header = ["A", "B", "VERDICT", "CLOSEST (UTC)", "METRES"]
-    rows = [
+    rows: list[list[object]] = [
         [
             approach.a_key,
             approach.b_key,
@@ -232,7 +236,22 @@ def approach_table(approaches: Sequence[Approach | Conflict], more: Sequence[con
         header.insert(0, "SCENE")
         for row, approach in zip(rows, approaches, strict=True):
             row.insert(0, approach.scene)
-    return table(header, rows, right=["METRES"])
+    extra = _add_names(header, rows, approaches)
+    return table(header, rows, right=["METRES"], extra=extra)
+
+
+def _add_names(header: list[str], rows: list[list[Any]], pairs: Sequence[Any]) -> Sequence[str]:
+    """Add columns of the names of objects, cut where they are long, if some have names; return the columns added."""
+    if not any(pair.a_name or pair.b_name for pair in pairs):
+        return ()
+    for row, pair in zip(rows, pairs, strict=True):
+        row += [None if name is None else _shortened(name) for name in (pair.a_name, pair.b_name)]
+    header += _NAMES
+    return _NAMES
+
+
+def _shortened(name: str) -> str:
+    return name if len(name) <= _NAME else f"{name[: _NAME - 1]}…"
 
 
 def _verdict_text(pair: Conflict | Approach) -> str:
@@ -268,12 +287,17 @@ def loaded_text(loaded: Loaded) -> str:
 def remark_loaded(loaded: Iterable[Loaded]) -> None:
     """Print the objects left out of files with reasons, and remarks on unintended input."""
     for one in loaded:
-        for line in skipped_text(one.skipped):
-            remark(line)
-        for odd in one.remarks[:MOST_TOLD]:
-            remark(str(odd))
-        if len(one.remarks) > MOST_TOLD:
-            remark(f"and {len(one.remarks) - MOST_TOLD:,} more remarks")
+        remark_read(one.skipped, one.remarks)
+
+
+def remark_read(skipped: Iterable[Skipped], remarks: Sequence[Remark]) -> None:
+    """Print what was left out of files, and remarks on unintended input."""
+    for line in skipped_text(skipped):
+        remark(line)
+    for odd in remarks[:MOST_TOLD]:
+        remark(str(odd))
+    if len(remarks) > MOST_TOLD:
+        remark(f"and {len(remarks) - MOST_TOLD:,} more remarks")
 
 
 def skipped_text(skipped: Iterable[Skipped]) -> list[str]:

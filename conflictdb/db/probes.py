@@ -218,6 +218,6 @@ def _probed(
     if not parts:
         return []
     found = Conflicts.concatenate(parts)
-    keys = store.keys_of(conn, scene_id, found)
+    named = store.names_of(conn, scene_id, found)
     plan_kind = Kind.AREA if isinstance(plan, Area) else Kind.TRACK
-    return to_results(scene, {**keys, (plan_kind.code, _PLAN): plan.key}, found)
+    return to_results(scene, {**named, (plan_kind.code, _PLAN): (plan.key, plan.name)}, found)

@@ -350,7 +350,9 @@ VIEW approaches (
     found_at timestamp with time zone,
     scene_is_current boolean,
     method text,
-    time_error_s double precision
+    time_error_s double precision,
+    a_name text,
+    b_name text
 );
 
 VIEW attachments (
@@ -423,7 +425,9 @@ VIEW conflicts (
     acknowledged_for text,
     acknowledged_until timestamp with time zone,
     first_contact_lon_deg double precision,
-    first_contact_lat_deg double precision
+    first_contact_lat_deg double precision,
+    a_name text,
+    b_name text
 );
 
 VIEW map_areas (
@@ -690,7 +694,7 @@ FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _approaches(p_scene text, p_only_near boolean, p_keys text[])
-    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean, method text, time_error_s double precision, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean, method text, time_error_s double precision, a_name text, b_name text, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _area_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -879,7 +883,7 @@ FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan;
 
 FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean, p_keys text[], p_key text, p_from timestamp with time zone, p_to timestamp with time zone, p_since timestamp with time zone, p_verdict text, p_acknowledged boolean)
-    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean, conflict_id bigint, changed_at timestamp with time zone, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean, conflict_id bigint, changed_at timestamp with time zone, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone, a_name text, b_name text, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _conflicts_known_at(p_scene text, p_instant timestamp with time zone)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, method text, time_error_s double precision, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, conflict_id bigint, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone) LANGUAGE sql STABLE PARALLEL UNSAFE;
@@ -1032,7 +1036,7 @@ FUNCTION _keep_restored_key()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
-    RETURNS TABLE(kind smallint, id bigint, key text) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(kind smallint, id bigint, key text, name text) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _known_conflict(p_scene text, p_a_key text, p_b_key text)
     RETURNS conflict LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
@@ -1404,7 +1408,7 @@ FUNCTION _unmapped(p_scene text)
     RETURNS SETOF unmapped LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
 
 FUNCTION _wait_for_probe(p_probe_id bigint, p_timeout interval)
-    RETURNS TABLE(key text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision, lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision) LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+    RETURNS TABLE(key text, name text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision, lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision) LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _waiting_scenes()
     RETURNS TABLE(scene text, waited_s double precision) LANGUAGE sql STABLE PARALLEL SAFE;

@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "1cd21e3a501fd7a6fae553497b87af3150050b142ef1e02d3b556cf5a6991a66"
+routines_sha256 = "59acd4e6a6a597f1e896c782da356667ab589cecd023b9bb77b0d51f5df41f32"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
@@ -23,6 +23,7 @@ REPLACED_ROUTINES = (
     "_begin_detection(text, double precision, integer, boolean)",
     "_conflicts(text, timestamptz, boolean, text[])",
     "_explained_object(bigint, text)",
+    "_keys_of(bigint, smallint[], bigint[])",
     f"_load({SETTINGS}, boolean)",
     (
         "_pieces_meeting(bigint, text, bytea[], bigint[], bigint[], boolean[], double precision[], double precision[], "
@@ -39,6 +40,7 @@ REPLACED_ROUTINES = (
     "_scene_state(text)",
     "_scenes()",
     f"_set_scene({SETTINGS})",
+    "_wait_for_probe(bigint, interval)",
     "acknowledge(text, text, text, text, timestamptz)",
     f"create_scene({SETTINGS})",
 )

@@ -29,7 +29,7 @@ COLUMNS = [
     *("closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point"),
     *("scene_is_current", "conflict_id", "opened_at", "changed_at"),
     *("acknowledged_by", "acknowledged_at", "acknowledged_for", "acknowledged_until"),
-    *("first_contact_lon_deg", "first_contact_lat_deg"),
+    *("first_contact_lon_deg", "first_contact_lat_deg", "a_name", "b_name"),
 ]
 INSTANT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z")
 
@@ -72,9 +72,13 @@ def test_detection_again_and_by_scene_gives_the_same(run: Run) -> None:
 
 def test_table_csv_and_geojson_show_the_same_pairs(run: Run) -> None:
     table = run("detect", STRAIT).out.splitlines()
-    assert table[0].split() == ["A", "B", "VERDICT", "FIRST", "CONTACT", "(UTC)", "LAST", "CONTACT", "(UTC)", "PERIODS"]
+    header = "A B VERDICT FIRST CONTACT (UTC) LAST CONTACT (UTC) PERIODS A NAME B NAME"
+    assert " ".join(table[0].split()) == header
     assert {tuple(line.split()[:2]) for line in table[1:]} == EXPECTED
-    assert "FIRING  SURVEY  conflict  2026-06-01 11:09:00  2026-06-01 11:50:27        3" in table
+    times = "2026-06-01 11:09:00  2026-06-01 11:50:27"
+    assert f"FIRING  SURVEY  conflict  {times}        3  {'Firing practice':24}  Survey aircraft" in table
+    cut = next(line for line in table if line.startswith("CABLE "))
+    assert "  Cable works on the sea …  " in cut
 
     rows = list(csv.DictReader(StringIO(run("conflicts", "--scene", "strait", "--format", "csv").out)))
     assert list(rows[0]) == COLUMNS
@@ -131,7 +135,7 @@ def test_local_times_are_read_and_shown(run: Run) -> None:
     run("detect", STRAIT)
     local = ("conflicts", "--scene", "strait", "--tz", "Europe/Copenhagen")
     table = run(*local, "FERRY", "--to", "2026-06-01 11:05").out.splitlines()
-    assert table[0].split() == ["A", "B", "VERDICT", "FIRST", "CONTACT", "LAST", "CONTACT", "PERIODS"]
+    assert " ".join(table[0].split()) == "A B VERDICT FIRST CONTACT LAST CONTACT PERIODS A NAME B NAME"
     assert table[1].split()[:2] == ["FIRING", "FERRY"]
     assert "  2026-06-01 10:11:17+02:00  2026-06-01 11:07:24+02:00  " in table[1]
     assert len(table) == 3
@@ -179,7 +183,8 @@ def test_plotters_and_calendars_get_files(run: Run) -> None:
     run("detect", STRAIT)
     gpx = ET.fromstring(run("conflicts", "--scene", "strait", "--format", "gpx").out.encode())  # noqa: S314
     names = {one.text for one in gpx.iter("{http://www.topografix.com/GPX/1/1}name")}
-    assert names == {f"{a} / {b}" for a, b in EXPECTED}
+    assert {tuple(one.partition(" (")[0] for one in str(name).split(" / ")) for name in names} == EXPECTED
+    assert "FIRING (Firing practice) / FERRY (Ferry)" in names
     calendar = run("conflicts", "--scene", "strait", "--format", "ics").out
     assert calendar.count("BEGIN:VEVENT") == 9  # SURVEY enters FIRING three times
     again = run("conflicts", "--scene", "strait", "--format", "ics").out
@@ -443,6 +448,19 @@ def plan_file(path: Path, keys: Sequence[str], **starts: str) -> Path:
             feature["properties"]["start"] = starts[feature["id"]]
     path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     return path
+
+
+def test_probe_says_what_of_a_file_was_not_read(run: Run, tmp_path: Path) -> None:
+    """As load does: columns that look like times."""
+    run("detect", STRAIT)
+    path = plan_file(tmp_path / "closed.geojson", ["DIVING"])
+    document = json.loads(path.read_text())
+    properties = document["features"][0]["properties"]
+    properties["valid_from"], properties["start"] = properties["start"], None
+    path.write_text(json.dumps(document))
+    asked = run("probe", "--scene", "strait", path)
+    assert "1 area without start or end: valid_from look like times and are not read" in asked.err
+    assert run("load", "--scene", "strait", path).err.endswith(asked.err)
 
 
 def periods_of(text: str) -> dict[tuple[str, str], list[list[str]]]:

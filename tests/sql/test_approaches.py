@@ -42,7 +42,7 @@ def test_view_shows_conflicts_and_near_pairs_with_their_closest_approach(planned
     assert columns == [
         *("scene", "a_key", "a_kind", "b_key", "b_kind", "closest_at", "closest_m", "closest_error_m"),
         *("a_point", "b_point", "verdict", "is_current", "run_id", "found_at", "scene_is_current"),
-        *("method", "time_error_s"),
+        *("method", "time_error_s", "a_name", "b_name"),
     ]
     found = rows(
         planned,

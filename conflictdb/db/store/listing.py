@@ -138,7 +138,7 @@ def each_conflict(
             a_key, a_kind, b_key, b_kind, periods, verdict, region, lon_deg, lat_deg, method, time_error_s, *rest = row
             is_current, run_id, found_at, closest_at, closest_m, closest_error_m, *rest = rest
             a_lon_deg, a_lat_deg, b_lon_deg, b_lat_deg, scene_is_current, conflict_id, changed_at, *rest = rest
-            acknowledged_by, acknowledged_at, acknowledged_for, acknowledged_until, *numbers = rest
+            acknowledged_by, acknowledged_at, acknowledged_for, acknowledged_until, a_name, b_name, *numbers = rest
             yield Conflict(
                 scene=scene,
                 a_key=a_key,
@@ -166,6 +166,8 @@ def each_conflict(
                 acknowledged_at=_utc(acknowledged_at),
                 acknowledged_for=acknowledged_for,
                 acknowledged_until=_utc(acknowledged_until),
+                a_name=a_name,
+                b_name=b_name,
                 **dict(zip(_NUMBERS, numbers, strict=True)),
             )
 
@@ -199,7 +201,9 @@ def each_approach(
                 scene_is_current=row[15],
                 method=_METHODS[row[16]],
                 time_error_s=row[17],
-                **dict(zip(_NUMBERS, row[18:], strict=True)),
+                a_name=row[18],
+                b_name=row[19],
+                **dict(zip(_NUMBERS, row[20:], strict=True)),
             )
 
 

@@ -76,15 +76,19 @@ def keys_meeting(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces, k
         return []
     near, _ = pieces_meeting(conn, scene_id, pieces, key, most_compared=0)
     kinds, ids = kinds_and_ids(np.unique(near.objects))
-    return [found for _, _, found in call_many(conn, "_keys_of", scene_id, kinds.tolist(), ids.tolist())]
+    return [found for _, _, found, _ in call_many(conn, "_keys_of", scene_id, kinds.tolist(), ids.tolist())]
 
 
-def keys_of(conn: psycopg.Connection[Any], scene_id: int, found: Conflicts) -> dict[tuple[int, int], str]:
-    """Return the keys of the objects of conflicts, by the code of their kind and their id."""
+def names_of(
+    conn: psycopg.Connection[Any], scene_id: int, found: Conflicts
+) -> dict[tuple[int, int], tuple[str, str | None]]:
+    """Return keys and names of the objects of conflicts, by the code of their kind and their id."""
     kinds, ids = np.concatenate([found.a_kind, found.b_kind]), np.concatenate([found.a_id, found.b_id])
     members = sorted(set(zip(kinds.tolist(), ids.tolist(), strict=True)))
     kind, number = [kind for kind, _ in members], [number for _, number in members]
-    return {(kind, number): key for kind, number, key in call_many(conn, "_keys_of", scene_id, kind, number)}
+    return {
+        (kind, number): (key, name) for kind, number, key, name in call_many(conn, "_keys_of", scene_id, kind, number)
+    }
 
 
 def next_probe(conn: psycopg.Connection[Any]) -> tuple[int, int] | None:
@@ -167,12 +171,14 @@ def wait_for_probe(
 
     Raises NotCurrent on timeout, InvalidInput if the plan is invalid.
     """
-    mine = (Kind.AREA if isinstance(plan, Area) else Kind.TRACK), plan.key
+    mine = (Kind.AREA if isinstance(plan, Area) else Kind.TRACK), plan.key, plan.name
     answer = []
     with transaction(conn):
         rows = call_by_name(conn, "_wait_for_probe", probe_id, timeout)
     for row in rows:
-        pair = sorted([mine, (Kind(row["kind"]), row["key"])], key=lambda one: (one[0].code, one[1].encode()))
+        pair = sorted(
+            [mine, (Kind(row["kind"]), row["key"], row["name"])], key=lambda one: (one[0].code, one[1].encode())
+        )
         closest_at = row["closest_at"]
         answer.append(
             Conflict(
@@ -185,6 +191,8 @@ def wait_for_probe(
                 periods=decode_periods(row["periods"]),
                 time_error_s=row["time_error_s"],
                 method=scene.method,
+                a_name=pair[0][2],
+                b_name=pair[1][2],
                 first_contact_deg=None if row["lon_deg"] is None else (row["lon_deg"], row["lat_deg"]),
                 closest_at=None if closest_at is None else closest_at.astimezone(UTC),
                 closest_m=row["closest_m"],

@@ -196,7 +196,7 @@ class Page {
     const { model, filter } = state;
     state.applyFilter();
     const { left } = state;
-    this.list.take(left, this.whyEmpty());
+    this.list.take(left, model.objects, this.whyEmpty());
     this.timeline.take(left, model.span);
     const isKnown = model.conflicts.length > 0 || model.scene.is_current;
     byId("count").textContent = !isKnown ? "" : filter.isNothing() ? counted(left.length, "conflict")
