@@ -120,19 +120,26 @@ def on_sphere_m(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def least_on_sphere_m(a: np.ndarray, b: np.ndarray) -> float:
-    """Least great-circle distance between two boundaries, by ever denser sampling."""
+    """Least great-circle distance between two boundaries, by ever denser sampling: first of all, then about the least."""
     rings = [shapely.LinearRing(p) for p in (a, b)]
-    at, width, best = [np.linspace(0, 1, 1201)] * 2, 1 / 1200, np.inf
-    for _ in range(5):
-        points = [
-            shapely.get_coordinates(shapely.line_interpolate_point(ring, u % 1, normalized=True))
-            for ring, u in zip(rings, at, strict=True)
+
+    def places(at: list[np.ndarray]) -> list[np.ndarray]:
+        return [
+            shapely.get_coordinates(shapely.line_interpolate_point(ring, share % 1, normalized=True))
+            for ring, share in zip(rings, at, strict=True)
         ]
-        distance = on_sphere_m(*points)
-        i, j = np.unravel_index(np.argmin(distance), distance.shape)
-        best = min(best, float(distance[i, j]))
-        at = [np.linspace(u[k] - 2 * width, u[k] + 2 * width, 401) for u, k in zip(at, (i, j), strict=True)]
-        width /= 100
+
+    at, width, best = [np.linspace(0, 1, 1201)] * 2, 1 / 1200, np.inf
+    one, other = map(unit, places(at))
+    nearness = one @ other.T
+    for _ in range(8):
+        i, j = np.unravel_index(np.argmax(nearness), nearness.shape)
+        at = [
+            np.linspace(shares[k] - 2 * width, shares[k] + 2 * width, 81) for shares, k in zip(at, (i, j), strict=True)
+        ]
+        width /= 20
+        nearness = -on_sphere_m(*places(at))
+        best = min(best, float(-nearness.max()))
     return best
 
 
