@@ -295,6 +295,7 @@ def test_another_platform_has_another_fingerprint() -> None:
     assert build.fingerprint("Darwin arm64") != build.fingerprint("Linux aarch64") != build.fingerprint()
 
 
+@pytest.mark.slow  # .ci/sanitize runs it: a build of the whole kernel under sanitizers takes a minute
 def test_hostile_arrays_under_sanitizers(tmp_path: Path) -> None:
     """Any access outside an array (each is a block of its own), undefined operation or broken precondition ends it."""
     sanitize = (
