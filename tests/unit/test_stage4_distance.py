@@ -120,7 +120,7 @@ def on_sphere_m(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def least_on_sphere_m(a: np.ndarray, b: np.ndarray) -> float:
-    """Least great-circle distance between two boundaries, by ever denser sampling: first of all, then about the least."""
+    """Least great-circle distance between two boundaries: sampled all along, then ever denser about the least."""
     rings = [shapely.LinearRing(p) for p in (a, b)]
 
     def places(at: list[np.ndarray]) -> list[np.ndarray]:
