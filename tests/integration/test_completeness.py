@@ -231,7 +231,7 @@ def test_python_does_not_wait_where_it_cannot_see_anything(dsn: str) -> None:
 def test_a_list_is_never_called_complete_that_a_detection_overtook(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The state is read first: what is detected between the two makes the list better than is said of it."""
     order: list[str] = []
-    for name in ("call", "call_each"):
+    for name in ("call_by_name", "call_each_by_name"):
         routine = getattr(store.listing, name)
         monkeypatch.setattr(
             store.listing, name, lambda conn, what, *more, r=routine: (order.append(what), r(conn, what, *more))[1]

@@ -10,8 +10,9 @@ from typing import Any, Final, TypeVar
 from weakref import WeakKeyDictionary
 
 import psycopg
+from psycopg.postgres import types
 from psycopg.pq import TransactionStatus
-from psycopg.rows import RowFactory, dict_row, tuple_row
+from psycopg.rows import RowFactory, RowMaker, tuple_row
 
 from conflictdb.db.store.parameters import Array, ArrayDumper
 from conflictdb.errors import (
@@ -36,6 +37,7 @@ _ENCODING: Final = "UTF8"
 # Rows of a long answer fetched at a time: bounds the memory of reading it.
 _ROWS_AT_ONCE: Final = 2_000
 _CURSORS: Final = count()  # unique names of cursors
+_INSTANT: Final = types["timestamptz"].oid
 
 # Any role that may delete rows of a table may lock it. Connections of this program wait at most this long for a lock,
 # unless the role or database sets a limit.
@@ -215,19 +217,51 @@ def call_many(conn: psycopg.Connection[Any], routine: str, *arguments: object) -
 
 
 def call_each(
-    conn: psycopg.Connection[Any], routine: str, *arguments: object, rows_at_once: int = _ROWS_AT_ONCE
+    conn: psycopg.Connection[Any], routine: str, *arguments: object, rows_at_once: int | None = None
 ) -> Generator[tuple[Any, ...], None, None]:
     """Yield the rows of a routine of schema conflictdb, fetched as they are consumed; needs an open transaction."""
-    name = f"conflictdb_{next(_CURSORS)}"
-    with translated(routine), psycopg.ServerCursor(conn, name, row_factory=tuple_row) as cursor:
-        cursor.itersize = rows_at_once
-        cursor.execute(query_of(routine, arguments), arguments, binary=True)
-        yield from cursor
+    return _each_row(conn, tuple_row, routine, arguments, rows_at_once or _ROWS_AT_ONCE)
 
 
 def call_by_name(conn: psycopg.Connection[Any], routine: str, *arguments: object) -> list[dict[str, Any]]:
-    """Return the rows of a routine of schema conflictdb as dictionaries by column name."""
-    return _rows(conn, dict_row, routine, arguments)
+    """Return the rows of a routine of schema conflictdb as dictionaries by column name; instants in UTC."""
+    return _rows(conn, _named_row, routine, arguments)
+
+
+def call_each_by_name(
+    conn: psycopg.Connection[Any], routine: str, *arguments: object
+) -> Generator[dict[str, Any], None, None]:
+    """Yield the rows of `call_by_name` as `call_each` does."""
+    return _each_row(conn, _named_row, routine, arguments, _ROWS_AT_ONCE)
+
+
+def _named_row(cursor: psycopg.Cursor[Any]) -> RowMaker[dict[str, Any]]:
+    """Make dictionaries by column name, with instants in UTC whatever the time zone of the caller's connection."""
+    names = [column.name for column in cursor.description or ()]
+    instants = [column.name for column in cursor.description or () if column.type_code == _INSTANT]
+
+    def make(row: Sequence[Any]) -> dict[str, Any]:
+        columns = dict(zip(names, row, strict=True))
+        for name in instants:
+            if columns[name] is not None:
+                columns[name] = columns[name].astimezone(UTC)
+        return columns
+
+    return make
+
+
+def _each_row(
+    conn: psycopg.Connection[Any],
+    row_factory: RowFactory[_Row],
+    routine: str,
+    arguments: Sequence[object],
+    rows_at_once: int,
+) -> Generator[_Row, None, None]:
+    name = f"conflictdb_{next(_CURSORS)}"
+    with translated(routine), psycopg.ServerCursor(conn, name, row_factory=row_factory) as cursor:
+        cursor.itersize = rows_at_once
+        cursor.execute(query_of(routine, arguments), arguments, binary=True)
+        yield from cursor
 
 
 def _rows(

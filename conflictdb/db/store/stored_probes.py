@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from typing import Any, cast
 
 import numpy as np
@@ -173,7 +173,6 @@ def wait_for_probe(
         rows = call_by_name(conn, "_wait_for_probe", probe_id, timeout)
     for row in rows:
         pair = sorted([mine, (Kind(row["kind"]), row["key"])], key=lambda one: (one[0].code, one[1].encode()))
-        closest_at = row["closest_at"]
         answer.append(
             Conflict(
                 scene=scene.name,
@@ -186,7 +185,7 @@ def wait_for_probe(
                 time_error_s=row["time_error_s"],
                 method=scene.method,
                 first_contact_deg=None if row["lon_deg"] is None else (row["lon_deg"], row["lat_deg"]),
-                closest_at=None if closest_at is None else closest_at.astimezone(UTC),
+                closest_at=row["closest_at"],
                 closest_m=row["closest_m"],
                 closest_error_m=row["closest_error_m"],
             )
