@@ -19,11 +19,12 @@ from conflictdb.model import inputs
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Conflict, Delays, Kind, Results
 from conflictdb.stages.delays import delays_of, differences_of
+from conflictdb.stages.funnel import Funnel
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.cutting import check_plane
-from conflictdb.stages.run import Funnel, run_scene
+from conflictdb.stages.run import run_scene
 from conflictdb.stages.source import Chunk
 from conflictdb.stages.stage1_broad_phase import candidates
 from conflictdb.stages.to_results import to_results

@@ -34,11 +34,10 @@ from conflictdb.kernel.waiting import cancel_thread, run_in_thread, wait_for
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
+from conflictdb.stages.funnel import Funnel, Progress
 from conflictdb.stages.memory import MEMORY_MB, Memory
 from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.run import Funnel, Progress, run_scene
-
-__all__ = ["Phase", "Progress", "Run", "detect", "detect_pending", "refresh_pieces"]
+from conflictdb.stages.run import run_scene
 
 _log = logging.getLogger(__name__)
 
@@ -379,14 +378,4 @@ def _refresh_conflicts(
     outcome = store.end_write(conn, begun(), replace(record, settings=kept, counted=counted))
     with store.translated():
         conn.commit()
-    return Run(
-        **counted,
-        run_id=outcome.run_id,
-        method=settings.method,
-        conflicts=outcome.conflicts,
-        unresolved=outcome.unresolved,
-        opened=outcome.opened,
-        changed=outcome.changed,
-        closed=outcome.closed,
-        total_s=time.perf_counter() - started,
-    )
+    return Run(**counted, **asdict(outcome), method=settings.method, total_s=time.perf_counter() - started)

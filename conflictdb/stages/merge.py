@@ -11,6 +11,7 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.plane import Plane
+from conflictdb.kernel.meeting import meetings
 from conflictdb.kernel.whole import Depth
 from conflictdb.model.methods import METHODS
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
@@ -18,7 +19,6 @@ from conflictdb.model.results import Kind, Verdict
 from conflictdb.stages.conflict_regions import Meetings
 from conflictdb.stages.object_pairs import numbered, object_keys, ordered_members
 from conflictdb.stages.pieces.covers import is_covered
-from conflictdb.stages.stage4.meeting_points import meeting_points
 from conflictdb.stages.whole_areas import Footprints, deep_in_whole_areas
 
 
@@ -135,9 +135,10 @@ def _first_contacts(
     if METHODS[scene.method].solver is not None:
         pair = contacts.pair[earliest]
         a, b, at = PieceRows(pairs.a[pair]), PieceRows(pairs.b[pair]), contacts.start_s[earliest]
-        seen = np.flatnonzero(~is_covered(prepared.pieces, a, b))
+        start_us, _ = prepared.pieces.shared_span(a, b)
         at = np.where(np.isfinite(at), at, 0.0)
-        points[seen] = meeting_points(prepared, PieceRows(a[seen]), PieceRows(b[seen]), at[seen], threads)
+        seen = np.flatnonzero(~is_covered(prepared.pieces, a, b))
+        points[seen] = meetings(prepared, a[seen], b[seen], start_us[seen], at[seen], threads)
     return points
 
 

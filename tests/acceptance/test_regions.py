@@ -254,8 +254,7 @@ def test_a_region_around_the_earth_has_a_bounded_number_of_corners() -> None:
     """A metre wide, and crossed in degrees: with a corner every 100 m, some of them are too much to be printed."""
     corners = [(0.0, 0.0), (1.5e7, 5e6), (3e7, 1e7), (3e7, 1e7 + 1.0), (0.0, 1.0), (0.0, 0.0)]
     ring = np.array(corners) - (1.5e7, 0.0)
-    rings = ring, np.array([0, len(ring)]), np.array([0])
-    (region,) = conflict_regions._in_degrees(plane_of(Scene("s")), *rings, stand=np.array([False]), agree_m=1.0)
+    (region,) = conflict_regions._to_degrees(plane_of(Scene("s")), np.array([shapely.Polygon(ring)]), agree_m=1.0)
     assert shapely.is_valid(region)
     assert 1_000 < shapely.get_num_coordinates(region) < 30_000
 

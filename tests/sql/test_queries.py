@@ -186,14 +186,14 @@ def test_a_region_on_which_geometry_fails_is_found_out_by_the_database(
     conn: Conn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The other pairs keep theirs, and the detection its end."""
-    put = conflict_regions._put
+    unions = conflict_regions._unions
 
-    def failing(found: Any, parts: Any, owner: Any) -> None:
+    def failing(parts: Any, owner: Any, stand: Any) -> Any:
         if any(part.area > 1e10 for part in parts):  # WEST and EAST, plane metres
             raise shapely.errors.GEOSException("planted")
-        put(found, parts, owner)
+        return unions(parts, owner, stand)
 
-    monkeypatch.setattr(conflict_regions, "_put", failing)
+    monkeypatch.setattr(conflict_regions, "_unions", failing)
     load(conn, Scene("s"), AREAS, TRACKS)
     assert detect(conn, "s", jobs=1).conflicts == 8
     assert conn.execute("SELECT count(*) FROM conflictdb.conflict WHERE region IS NULL").fetchone() == (0,)

@@ -11,7 +11,6 @@ from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LOW_LATITUDE, OCE
 from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import plane_of
@@ -19,7 +18,6 @@ from conflictdb.kernel.meeting import distances, meetings
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import EarthModel, Motion, Scene
 from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.stage4.meeting_points import meeting_points
 
 ALPS = Scene("s", Motion.GREAT_CIRCLE, centre=(10.0, 46.0))
 PLANES = [plane_of(Scene("s")), plane_of(Scene("s", earth=EarthModel.SPHERE)), plane_of(ALPS)]
@@ -129,8 +127,7 @@ def test_what_meets_in_motion_meets_in_both(workload: Workload) -> None:
     held = kernel.KernelScene(plane.kernel_plane, pieces)
     apart_m = distances(held, a, b, start, at_s)
     touch = np.flatnonzero(apart_m <= 0.0)
-    pairs = Pairs(PieceRows(a[touch]), PieceRows(b[touch]), np.empty((0, 2)), np.zeros(len(touch) + 1, np.int64))
-    places = meeting_points(held, pairs.a, pairs.b, at_s[touch])
+    places = meetings(held, a[touch], b[touch], start[touch], at_s[touch])
     assert len(places) >= 4
     for k, row in enumerate(touch.tolist()):
         x, y = plane.to_plane(*places[k])
