@@ -50,7 +50,7 @@ def _silent(name: str, done: int, of: int) -> None:
 
 
 # Up to this many changed objects are detected in one transaction: rebuilding their pieces after a failure is cheap.
-_FEW_OBJECTS: Final = 100
+FEW_OBJECTS: Final = 100
 # Changed objects in the first batch; the size of later batches follows from the pieces.
 _FIRST_OBJECTS: Final = 2_000
 
@@ -104,6 +104,7 @@ def detect(
     lock_timeout_s: float | None = None,
     say: store.Say = _log.warning,
     memory_mb: int = MEMORY_MB,
+    few_objects: int = FEW_OBJECTS,
 ) -> Run:
     """Update the conflicts of a scene, with the scene's own settings, and return the run.
 
@@ -120,6 +121,7 @@ def detect(
         for another detection, 300 s for any other lock; 0: no wait for another detection, 10 s for any other lock
     say : called with the holder of the lock after 5 s of waiting for another detection
     memory_mb : memory limit of this process, megabytes; a smaller limit means smaller chunks
+    few_objects : up to this many changed objects are detected in one transaction; -1: always two transactions
 
     Raises
     ------
@@ -131,21 +133,33 @@ def detect(
         The database failed; conflicts and marks are unchanged, and the failure is recorded as a run.
     """
     options = _Options(
-        jobs or os.cpu_count() or 1, progress, lock_timeout_s, say, Memory.of(memory_mb), phase=phase or _silent
+        jobs or os.cpu_count() or 1,
+        progress,
+        lock_timeout_s,
+        say,
+        Memory.of(memory_mb),
+        few_objects,
+        phase=phase or _silent,
     )
     with store.translated(), store.waiting_at_most(conn, store.longest_wait_s(lock_timeout_s)):
         return _run(conn, scene, full, options)
 
 
 def detect_pending(
-    conn: psycopg.Connection[Any], scene: str, *, jobs: int | None = None, memory_mb: int = MEMORY_MB
+    conn: psycopg.Connection[Any],
+    scene: str,
+    *,
+    jobs: int | None = None,
+    memory_mb: int = MEMORY_MB,
+    few_objects: int = FEW_OBJECTS,
 ) -> Run | None:
     """Detect as `detect` does if something changed, without waiting for another detection of the scene.
 
     Returns None if nothing was pending. Raises LockTimeout, naming the holder, if another detection is running, or if
     another lock is not free within 10 s.
     """
-    options = _Options(jobs or os.cpu_count() or 1, None, 0.0, _log.debug, Memory.of(memory_mb), only_pending=True)
+    jobs = jobs or os.cpu_count() or 1
+    options = _Options(jobs, None, 0.0, _log.debug, Memory.of(memory_mb), few_objects, only_pending=True)
     try:
         with store.translated(), store.waiting_at_most(conn, store.longest_wait_s(options.lock_timeout_s)):
             return _run(conn, scene, False, options)
@@ -165,6 +179,7 @@ class _Options:
     lock_timeout_s: float | None
     say: store.Say
     memory: Memory
+    few_objects: int
     only_pending: bool = False
     phase: Phase = _silent
 
@@ -183,7 +198,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
         if full:
             store.cover_all(conn, scene_id)
         pending = _pending(conn, scene_id, options)
-        is_first = pending.objects > _FEW_OBJECTS
+        is_first = pending.objects > options.few_objects
         settings, record = refresh_pieces(
             conn, scene_id, pending, record, options.memory, is_first=is_first, is_full=full, phase=options.phase
         )
@@ -218,7 +233,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
 
 def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Options) -> store.Begun:
     """Follow attached tables, then begin the first transaction."""
-    few = -1 if full else _FEW_OBJECTS
+    few = -1 if full else options.few_objects
     again: bool | None = not options.only_pending
     while True:
         begun = store.begin_detection(conn, scene, few, options.lock_timeout_s, options.say, again)
