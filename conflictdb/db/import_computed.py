@@ -11,7 +11,7 @@ object inside had a mark, because that pair was never compared.
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -113,14 +113,9 @@ def write_back(
         with store.naming_grants(conn):
             raise
     return WrittenBack(
-        run_id=outcome.run_id,
+        **asdict(outcome),
         objects=len(same),
         behind=len(np.union1d(current.number, computed.number)) - len(same),
-        conflicts=outcome.conflicts,
-        unresolved=outcome.unresolved,
-        opened=outcome.opened,
-        changed=outcome.changed,
-        closed=outcome.closed,
         total_s=time.perf_counter() - started,
     )
 
