@@ -10,7 +10,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
-from commands import STRAIT, Run, runner
+from commands import STRAIT, Run
 
 import conflictdb
 
@@ -32,11 +32,6 @@ COLUMNS = [
     *("first_contact_lon_deg", "first_contact_lat_deg"),
 ]
 INSTANT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z")
-
-
-@pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
 
 
 def pairs(text: str) -> set[tuple[str, str]]:

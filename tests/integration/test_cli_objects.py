@@ -10,14 +10,9 @@ from typing import Any
 
 import psycopg
 import pytest
-from commands import STRAIT, Run, runner
+from commands import STRAIT, Run
 
 import conflictdb
-
-
-@pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
 
 
 def document() -> dict[str, Any]:

@@ -18,11 +18,6 @@ from conflictdb.db import schema
 from conflictdb.errors import SchemaTooNew
 
 
-@pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
-
-
 def test_status_of_an_empty_database(run: Run, dsn: str) -> None:
     done = run("status")
     assert done.code == 0

@@ -12,7 +12,7 @@ from typing import Any
 
 import psycopg
 import pytest
-from commands import STRAIT, Run, runner
+from commands import STRAIT, Run
 
 import conflictdb
 from conflictdb.db import store
@@ -22,11 +22,6 @@ FORMATS = ("table", "json", "csv", "geojson")
 # Over the ferry's way, so that it has conflicts which nobody has computed yet.
 PUT = "SELECT conflictdb.put_area('strait', 'NEW', ST_Envelope(path)) FROM conflictdb.track WHERE key = 'FERRY'"
 DOES_IT = "(`conflictdb detect --scene strait` does it)"
-
-
-@pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import geopandas
 import pyarrow.parquet as pq
 import pytest
 import shapely
-from commands import STRAIT, Run, runner
+from commands import STRAIT, Run
 
 from conflictdb import connect
 
@@ -43,11 +43,6 @@ CHANGED = {
         },
     ],
 }
-
-
-@pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
 
 
 def test_a_scene_goes_out_and_comes_in_as_it_was(run: Run, tmp_path: Path) -> None:

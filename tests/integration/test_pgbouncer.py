@@ -8,7 +8,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import psycopg
 import pytest
 import sqlalchemy
 from commands import STRAIT, runner
+from patience import until
 from psycopg import conninfo
 
 from conflictdb import connect
@@ -87,13 +88,6 @@ def answers(dsn: str) -> bool:
     with suppress(psycopg.OperationalError), psycopg.connect(dsn, connect_timeout=2):
         return True
     return False
-
-
-def until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + WAIT_S
-    while not condition():
-        assert time.monotonic() < end, "waited too long"
-        time.sleep(0.05)
 
 
 @pytest.fixture

@@ -13,11 +13,6 @@ import conflictdb
 from conflictdb import InvalidInput
 
 
-@pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
-
-
 def names(run: Run) -> list[str]:
     return [line.split()[0] for line in run("scenes").out.splitlines()[1:]]
 

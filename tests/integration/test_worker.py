@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Any
 import psycopg
 import pytest
 from commands import STRAIT, runner
-from patience import killed_after
+from patience import killed_after, until
 from psycopg.conninfo import conninfo_to_dict
 
 from conflictdb import connect
@@ -26,13 +26,6 @@ from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.model.plans import Scene
 
 WAIT_S = 30.0
-
-
-def until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + WAIT_S
-    while not condition():
-        assert time.monotonic() < end, "waited too long"
-        time.sleep(0.05)
 
 
 def load(dsn: str, scene: str) -> None:

@@ -12,11 +12,12 @@ import pytest
 import shapely
 from databases import TestServer
 from piecework import load
+from scenes import box, sail
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.model.methods import Method
-from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import EarthModel, Scene
 from conflictdb.stages import conflict_regions
 
 Conn = psycopg.Connection[Any]
@@ -24,15 +25,6 @@ Conn = psycopg.Connection[Any]
 T0 = datetime(2026, 3, 1, tzinfo=UTC)
 T0_US = int(T0.timestamp()) * 1_000_000
 HOUR_US = 3_600_000_000
-
-
-def box(key: str, west: float, south: float, east: float, north: float, **more: Any) -> Area:
-    return Area(key, shapely.MultiPolygon([shapely.box(west, south, east, north)]), **more)
-
-
-def sail(key: str, *positions: tuple[float, float]) -> Track:
-    times = T0_US + HOUR_US * np.arange(len(positions))
-    return Track(key, np.array(positions), times, rectangle_outline_m(500, 500, 200, 200))
 
 
 # EAST and WEST overlap in [4.5, 5]; the ferry crosses both along 57.5 in one hour and comes back in the next.
