@@ -17,7 +17,7 @@ from conflictdb.model.methods import METHODS
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.results import Kind, Verdict
 from conflictdb.stages.conflict_regions import Meetings
-from conflictdb.stages.object_pairs import numbered, object_keys, ordered_members
+from conflictdb.stages.object_pairs import members, numbered, object_keys, ordered_members
 from conflictdb.stages.pieces.covers import is_covered
 from conflictdb.stages.whole_areas import Footprints, deep_in_whole_areas
 
@@ -81,17 +81,11 @@ def merged_by_object(
     is_known = (has_conflict | is_certain) & (scene.separation_m == 0.0) & (METHODS[scene.method].solver is not None)
     nothing = np.where(is_known, 0.0, np.nan)
     place = np.where(is_known[:, None], first_contact_deg, np.nan)
-    member_a, member_b = a[earliest], b[earliest]
-    conflicts = Conflicts(
-        a_kind=pieces.kind[member_a],
-        a_id=pieces.object_id[member_a],
-        a_version=pieces.version[member_a],
-        b_kind=pieces.kind[member_b],
-        b_id=pieces.object_id[member_b],
-        b_version=pieces.version[member_b],
-        period_us=period_us,
-        period_offset=period_offset,
-        verdict=verdict.astype(np.int8),
+    conflicts = Conflicts.of_members(
+        members(pieces, PieceRows(a[earliest])),
+        members(pieces, PieceRows(b[earliest])),
+        (period_us, period_offset),
+        verdict.astype(np.int8),
         first_contact_deg=first_contact_deg,
         time_error_s=time_error_s,
         closest_us=np.where(is_known, period_us[period_offset[:-1], 0], MINUS_INFINITY_US),

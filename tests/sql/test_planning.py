@@ -17,7 +17,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.db.sources import SceneSource
-from conflictdb.model.plans import MINUS_INFINITY_US, Area, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
 
@@ -41,25 +41,9 @@ def neighbours(conn: Conn) -> Conflicts:
         "SELECT area_id, version FROM conflictdb.area ORDER BY area_id DESC LIMIT %s", [COUNT]
     ).fetchall()
     ids, versions = np.array(rows, dtype=np.int64).T
-    n = COUNT - 1
-    return Conflicts(
-        a_kind=np.zeros(n, np.int8),
-        a_id=ids[:-1],
-        a_version=versions[:-1],
-        b_kind=np.zeros(n, np.int8),
-        b_id=ids[1:],
-        b_version=versions[1:],
-        period_us=np.tile(np.array([T0_US, T0_US + 1]), (n, 1)),
-        period_offset=np.arange(n + 1),
-        verdict=np.zeros(n, np.int8),
-        first_contact_deg=np.full((n, 2), np.nan),
-        time_error_s=np.zeros(n),
-        closest_us=np.full(n, MINUS_INFINITY_US),
-        closest_m=np.full(n, np.nan),
-        closest_error_m=np.full(n, np.nan),
-        closest_a_deg=np.full((n, 2), np.nan),
-        closest_b_deg=np.full((n, 2), np.nan),
-    )
+    zeros = np.zeros(COUNT - 1, np.int8)  # areas, in conflict
+    a, b = (zeros, ids[:-1], versions[:-1]), (zeros, ids[1:], versions[1:])
+    return Conflicts.of_members(a, b, (np.tile([T0_US, T0_US + 1], (len(zeros), 1)), np.arange(COUNT)), zeros)
 
 
 def worst_waste(plan: dict[str, Any]) -> float:

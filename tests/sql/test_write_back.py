@@ -20,7 +20,7 @@ from conflictdb.db.detect import detect as detect_scene
 from conflictdb.db.store import write_rows
 from conflictdb.earth.registry import plane_of
 from conflictdb.model.methods import REMOVED, Method
-from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import INFINITY_US, Area, Scene, Track, rectangle_outline_m
 from conflictdb.stages.conflict_regions import Meetings
 
 Conn = psycopg.Connection[Any]
@@ -74,25 +74,18 @@ def found(
                UNION ALL SELECT 1, key, track_id, version FROM conflictdb.track"""
         )
     }
-    a, b = (np.array([known[pair[k]] for pair in pairs], dtype=np.int64).reshape(-1, 3) for k in (0, 1))
+    members = (np.array([known[pair[k]] for pair in pairs], dtype=np.int64).reshape(-1, 3) for k in (0, 1))
+    a, b = ((one[:, 0].astype(np.int8), one[:, 1], one[:, 2]) for one in members)
     n = len(pairs)
-    return Conflicts(
-        a_kind=a[:, 0].astype(np.int8),
-        a_id=a[:, 1],
-        a_version=a[:, 2],
-        b_kind=b[:, 0].astype(np.int8),
-        b_id=b[:, 1],
-        b_version=b[:, 2],
-        period_us=np.array([period for periods in pairs.values() for period in periods], np.int64).reshape(-1, 2),
-        period_offset=np.cumsum([0, *(len(periods) for periods in pairs.values())]).astype(np.int64),
-        verdict=np.full(n, verdict, np.int8),
+    period_us = np.array([period for periods in pairs.values() for period in periods], np.int64).reshape(-1, 2)
+    period_offset = np.cumsum([0, *(len(periods) for periods in pairs.values())]).astype(np.int64)
+    return Conflicts.of_members(
+        a,
+        b,
+        (period_us, period_offset),
+        np.full(n, verdict, np.int8),
         first_contact_deg=np.tile(np.array(at or (np.nan, np.nan)), (n, 1)),
         time_error_s=np.full(n, 1e-6),  # less than any two periods below differ by
-        closest_us=np.full(n, MINUS_INFINITY_US),
-        closest_m=np.full(n, np.nan),
-        closest_error_m=np.full(n, np.nan),
-        closest_a_deg=np.full((n, 2), np.nan),
-        closest_b_deg=np.full((n, 2), np.nan),
     )
 
 
