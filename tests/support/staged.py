@@ -1,16 +1,18 @@
 """A scene in memory after stages 1 and 2: what tests of the later stages begin with."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scenes import box
 
 from conflictdb.arrays.answers import Conflicts, Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.ragged import offsets
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import plane_of
 from conflictdb.kernel import KernelScene
@@ -22,6 +24,14 @@ from conflictdb.stages.stage1_broad_phase import candidates
 from conflictdb.stages.stage2_intersection import intersections
 from conflictdb.stages.stage4.contact_search import contacts
 from conflictdb.stages.stage4.effort import Effort
+
+
+def still(*rings: Any) -> Pieces:
+    """Return areas with these corners, plane metres, counter-clockwise; their hulls are elsewhere."""
+    areas = [box(f"A{k}", k, 0.0, k + 0.5, 0.5) for k in range(len(rings))]
+    pieces = Staged.of(Scene("s"), areas, []).pieces
+    shape = np.array([corner for ring in rings for corner in ring], np.float64).reshape(-1, 2)
+    return replace(pieces, shape_xy=shape, shape_to_xy=shape, shape_offset=offsets([len(ring) for ring in rings]))
 
 
 @dataclass(frozen=True)

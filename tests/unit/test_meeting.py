@@ -1,19 +1,16 @@
 """Where polygons meet at an instant, and how far apart they are, by the kernel: known answers, and shapely."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-import scenes
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from staged import Staged
+from staged import Staged, still
 from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import PieceRows
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.meeting import distances, meetings
@@ -25,15 +22,6 @@ PLANES = [plane_of(Scene("s")), plane_of(Scene("s", earth=EarthModel.SPHERE)), p
 planes = pytest.mark.parametrize("plane", PLANES, ids=["wgs84", "sphere", "great circles"])
 # Away from the origin of the planes, where coordinates have digits to lose; the seam's neighbourhood is tested below.
 MIDDLE = np.array([9.0e5, 4.0e5])
-
-
-def still(*rings: Floats) -> Pieces:
-    """Areas with these corners, plane metres, counter-clockwise."""
-    areas = [scenes.area(f"A{k}", shapely.box(k, 0.0, k + 0.5, 0.5)) for k in range(len(rings))]
-    pieces = Staged.of(Scene("s"), areas, []).pieces
-    offset = np.concatenate([[0], np.cumsum([len(ring) for ring in rings])])
-    shape = np.concatenate(rings)
-    return replace(pieces, shape_xy=shape, shape_to_xy=shape, shape_offset=offset)
 
 
 def meeting_xy(plane: Plane, one: Floats, other: Floats) -> Floats:

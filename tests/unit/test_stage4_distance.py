@@ -10,6 +10,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_planes import distance_m
+from staged import still
 
 from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -26,14 +27,6 @@ SCENE = Scene("sphere", earth=EarthModel.SPHERE)
 SPHERE = plane_of(SCENE)
 # On the equator, where the plane has the scale of the earth to 2e-8 of a length for some kilometres.
 MIDDLE = np.array([1e7, 0.0])
-
-
-def still(a: np.ndarray, b: np.ndarray) -> Pieces:
-    """Two areas with these corners, plane metres, counter-clockwise."""
-    areas = [scenes.area(f"A{k}", shapely.box(k, 0.0, k + 0.5, 0.5)) for k in range(2)]
-    pieces = pieces_of(SCENE, SPHERE, AreaBatch.of(areas), TrackBatch.of([]))
-    shape, offset = np.concatenate([a, b]), np.array([0, len(a), len(a) + len(b)])
-    return replace(pieces, shape_xy=shape, shape_to_xy=shape, shape_offset=offset)
 
 
 def apart_m(pieces: Pieces, a: int = 0, b: int = 1, at_s: float = 0.0, scene: Scene = SCENE) -> float:
