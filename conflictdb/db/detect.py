@@ -56,19 +56,18 @@ _FIRST_OBJECTS: Final = 2_000
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class Run(store.RunOutcome):
     """The result of a detection.
 
     run_id : its row in the table `run`
+    opened, changed, closed : conflicts that are new, have other periods or another verdict, or are gone
+    conflicts, unresolved : of the scene now, also those this run had no reason to look at
     candidate_pairs, intersecting_pairs, projected_pairs, window_pairs, solved_pairs, met_pairs : pairs of pieces after
         stage 1, after stage 2, that stage 3 worked on, after stage 3, that stage 4 decided, and reported
-    conflicts, unresolved : of the scene now, also those this run had no reason to look at
-    opened, changed, closed : conflicts that are new, have other periods or another verdict, or are gone
     pieces_s, stage1_s, stage2_s, stage3_s, stage4_s, total_s : seconds; of stage 3 with method exact, those of the
         pairs that were decided in closed form
     """
 
-    run_id: int
     method: Method
     candidate_pairs: int
     intersecting_pairs: int
@@ -76,11 +75,6 @@ class Run:
     window_pairs: int
     solved_pairs: int
     met_pairs: int
-    conflicts: int
-    unresolved: int
-    opened: int
-    changed: int
-    closed: int
     pieces_s: float
     stage1_s: float
     stage2_s: float

@@ -34,25 +34,16 @@ _NOT_THESE: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class WrittenBack:
-    """The result of a write-back.
+class WrittenBack(store.RunOutcome):
+    """The result of a write-back; its counts of conflicts are those of a `Run`.
 
-    run_id : its row in the table `run`
     objects : objects of the scene in the state that the conflicts were computed from
     behind : objects that changed since (in the scene or in a file), are new, were removed or left out; their pairs stay
         pending
-    conflicts, unresolved : of the scene now
-    opened, changed, closed : conflicts that are new, have other periods or another verdict, or are gone
     """
 
-    run_id: int
     objects: int
     behind: int
-    conflicts: int
-    unresolved: int
-    opened: int
-    changed: int
-    closed: int
     total_s: float
 
 
