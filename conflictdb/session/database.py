@@ -127,11 +127,7 @@ def _opened(
 
 
 def _borrowed(target: "psycopg.Connection[Any] | Engine | Connection | Session") -> "Database":
-    if isinstance(target, psycopg.Connection):
-        _check(target)
-        return Database(lambda: target)
-    borrowed, release = borrow(target)
-    database = Database(borrowed, release)
+    database = Database(*borrow(target))
     try:
         _check(database.connection)
     except BaseException:

@@ -1,23 +1,28 @@
-"""Use connections of SQLAlchemy that belong to the caller: fetched for each use, within the caller's transaction."""
+"""Use a connection of the caller, also of SQLAlchemy: fetched for each use, within the caller's transaction."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, cast
+
+import psycopg
 
 from conflictdb.db import store
 from conflictdb.errors import InvalidInput
 
 if TYPE_CHECKING:
-    import psycopg
     from sqlalchemy import Connection, Engine
     from sqlalchemy.orm import Session
 
 
 # Returns a caller's connection, for each use anew: its owner may replace it, or begin a transaction, in between.
-Borrowed = Callable[[], "psycopg.Connection[Any]"]
+Borrowed = Callable[[], psycopg.Connection[Any]]
 
 
-def borrow(target: "Engine | Connection | Session") -> tuple[Borrowed, list[Callable[[], None]]]:
+def borrow(
+    target: "psycopg.Connection[Any] | Engine | Connection | Session",
+) -> tuple[Borrowed, list[Callable[[], None]]]:
     """Return a borrowed connection and the functions that release it; raises InvalidInput for other targets."""
+    if isinstance(target, psycopg.Connection):
+        return lambda: target, []
     from sqlalchemy import Connection, Engine
     from sqlalchemy.orm import Session
 
