@@ -10,7 +10,6 @@ from workloads import HARBOUR, LOW_LATITUDE, SEAM, throw
 
 from conflictdb.db import store
 from conflictdb.db.sources import joined
-from conflictdb.db.store import stored_pairs as pairs
 from conflictdb.errors import StoreError
 from conflictdb.model.plans import Area, EarthModel
 
@@ -79,7 +78,7 @@ def test_a_whole_scene_joined_in_memory_has_the_pairs_of_the_database(
     assert sum(map(len, of_objects)) == len(set[frozenset[str]]().union(*of_objects))
 
 
-def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn) -> None:
     scene_id = load(conn, *throw(LOW_LATITUDE, 15, 5, 5))
     refresh(conn, scene_id)
     count = len(stored_pieces(conn, scene_id))
@@ -88,12 +87,9 @@ def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn, monke
     assert len(store.boxes(conn, scene_id, count)[0]) == count
     assert len(store.boxes(conn, scene_id, count - 1)[0]) == 0
     # Whatever memory there is: more than a gigabyte is no answer of a server.
-    monkeypatch.setattr(pairs, "_MOST_ROWS", count - 1)
-    assert len(store.boxes(conn, scene_id, count)[0]) == 0
-    monkeypatch.setattr(pairs, "_MOST_ROWS", count)
+    assert len(store.boxes(conn, scene_id, count, fit=count - 1)[0]) == 0
     assert len(list(store.candidates(conn, scene_id, 10**9))) == 1
-    monkeypatch.setattr(pairs, "_MOST_PAIRS", 2)
-    assert len(list(store.candidates(conn, scene_id, 10**9))) > 1
+    assert len(list(store.candidates(conn, scene_id, 10**9, fit=2))) > 1
     conn.execute("DELETE FROM conflictdb.change WHERE object_kind = 0")
     assert len(store.boxes(conn, scene_id, count)[0]) == 0
     conn.rollback()
