@@ -1,4 +1,4 @@
-"""`worker`, `status`, `init` and `upgrade`."""
+"""`worker`, `status`, `init`, `upgrade` and `extension`."""
 
 import argparse
 from contextlib import ExitStack, suppress
@@ -7,26 +7,19 @@ from typing import Any
 from conflictdb.cli.codes import DONE, FAILED
 from conflictdb.cli.load_report import remark_incomplete, scene_table
 from conflictdb.cli.log import JSON_LOG, TEXT_LOG
-from conflictdb.cli.output import data, note, out, remark
+from conflictdb.cli.output import note, out, print_json, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import connections, database
 from conflictdb.cli.watch import Metrics, served
 from conflictdb.db import schema, store
 from conflictdb.formats.instants import format_moment
-from conflictdb.formats.json_text import dumped
 from conflictdb.session.database import Status, connect
 
 
 def work(args: argparse.Namespace) -> int:
     """Keep all scenes current."""
-    both = "exclude each other"
-    check(
-        args,
-        [
-            (args.once and args.every is not None, f"--once and --every {both}"),
-            (args.once and args.http is not None, f"--once and --http {both}"),
-        ],
-    )
+    other = "--every" if args.every is not None else "--http" if args.http is not None else None
+    check(args, [(args.once and other is not None, f"--once and {other} exclude each other")])
     # Imported here: it loads the solvers, which are slow to import.
     from conflictdb.db.worker import EVERY_S, Worker
 
@@ -54,7 +47,7 @@ def status(args: argparse.Namespace) -> int:
     with database(args) as db:
         state = db.status()
     if args.format == "json":
-        data([dumped(_members(state), indent=2), "\n"], is_json=True)
+        print_json(_members(state))
         return DONE
     out(f"database  {state.database}")
     out(f"server    {state.server}")
@@ -66,27 +59,19 @@ def status(args: argparse.Namespace) -> int:
 
 
 def _members(state: Status) -> dict[str, Any]:
+    counts = ("areas", "tracks", "pending", "conflicts", "run_id")
     scenes = [
         {
             "name": scene.scene.name,
-            "areas": scene.areas,
-            "tracks": scene.tracks,
-            "pending": scene.pending,
-            "conflicts": scene.conflicts,
-            "run_id": scene.run_id,
+            **{name: getattr(scene, name) for name in counts},
             "finished_at": format_moment(scene.finished_at),
             "error": scene.error,
             "is_current": scene.is_current,
         }
         for scene in state.scenes
     ]
-    return {
-        "database": state.database,
-        "server": state.server,
-        "schema_revision": state.revision,
-        "worker_count": state.worker_count,
-        "scenes": scenes,
-    }
+    members = {"database": state.database, "server": state.server, "schema_revision": state.revision}
+    return {**members, "worker_count": state.worker_count, "scenes": scenes}
 
 
 def init(args: argparse.Namespace) -> int:
@@ -105,4 +90,13 @@ def upgrade(args: argparse.Namespace) -> int:
     out(f"database {state.database}: schema conflictdb is at revision {state.revision}")
     # An upgrade that changes answers marks every object.
     remark_incomplete(waiting)
+    return DONE
+
+
+def extension(args: argparse.Namespace) -> int:
+    """Write the files of conflictdb as an extension of a server."""
+    from conflictdb.db import extension as files
+
+    for path in files.build(args.directory or files.install_directory(args.pg_config)):
+        out(str(path))
     return DONE
