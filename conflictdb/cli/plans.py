@@ -11,7 +11,7 @@ from conflictdb.cli.parser import check
 from conflictdb.cli.session import database, load_files
 from conflictdb.formats.instants import format_moment
 from conflictdb.formats.reading import is_parquet
-from conflictdb.formats.whole_files import whole_file
+from conflictdb.formats.writing import whole_file
 
 
 def load(args: argparse.Namespace) -> int:

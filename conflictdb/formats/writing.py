@@ -1,7 +1,9 @@
 """Write files: completely or not at all, compressed if the name ends in .gz."""
 
 import gzip
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import chain, islice
 from pathlib import Path
 from typing import IO, Final, cast
@@ -10,7 +12,6 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.conflict_gpx import as_gpx
 from conflictdb.formats.conflict_ics import as_ics
 from conflictdb.formats.conflict_text import MoreColumn, as_csv, as_geojson, as_json, columns_of
-from conflictdb.formats.whole_files import whole_file
 from conflictdb.model.results import Approach, Conflict, Listing, SceneState, Stream
 
 _PARQUET: Final = ".parquet"
@@ -55,7 +56,7 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
     rows = iter(results)
     first = list(islice(rows, 1))
     kind = listing.kind if listing is not None else Approach if first and isinstance(first[0], Approach) else Conflict
-    each = _each(chain(first, rows), kind, InvalidInput("write", "results", rule, str(path)))
+    each = _checked(chain(first, rows), kind, InvalidInput("write", "results", rule, str(path)))
     if kind is Approach and suffix in _OF_CONFLICTS:
         rule = f"are closest approaches: only conflicts are written as {_OF_CONFLICTS[suffix]}"
         raise InvalidInput("write", "results", rule, str(path))
@@ -98,13 +99,40 @@ def write_geoparquet(stream: IO[bytes], conflicts: Iterable[Conflict]) -> None:
     write_conflicts(stream, conflicts)
 
 
-def _each(
+def _checked(
     rows: Iterable[Conflict | Approach], kind: type[Conflict] | type[Approach], refusal: InvalidInput
 ) -> Iterator[Conflict | Approach]:
     for row in rows:
         if not isinstance(row, kind):
             raise refusal
         yield row
+
+
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[IO[bytes]]:
+    """Yield a file to write; it appears when it is complete, and if writing fails, an older file stays.
+
+    Raises OSError, with the caller's name of the file, if it cannot be written.
+    """
+    path = Path(path)
+    file = Path(os.path.realpath(path)) if path.is_symlink() else path  # keep a link
+    part = file.with_name(f".{file.name}.{os.getpid()}.part")
+    try:
+        if file.exists() and not file.is_file():  # a pipe or a device cannot be replaced
+            with file.open("wb") as raw:
+                yield raw
+        else:
+            with part.open("xb") as raw:
+                yield raw
+            part.replace(file)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        if error.errno is None:  # not from the system, but from the writer
+            raise
+        raise type(error)(error.errno, error.strerror, str(path)) from error
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
 
 
 def write_lines(path: str | Path, lines: Iterable[str]) -> None:
@@ -118,4 +146,4 @@ def write_lines(path: str | Path, lines: Iterable[str]) -> None:
 
 
 def _is_packed(path: Path) -> bool:
-    return path.suffix.lower() == ".gz"  # as `read` tells it
+    return path.suffix.lower() == ".gz"  # as `read` decides

@@ -16,7 +16,7 @@ from conflictdb.db import follow_attached, store
 from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.formats import scene_text, write_lines
 from conflictdb.formats.reading import is_parquet
-from conflictdb.formats.whole_files import whole_file
+from conflictdb.formats.writing import whole_file
 from conflictdb.model import inputs
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import (
