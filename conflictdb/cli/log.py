@@ -1,10 +1,9 @@
 """Log a worker: one line for each detection, failure and remark, as text or JSON."""
 
 import sys
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from conflictdb.cli.load_report import run_text
 from conflictdb.cli.output import data, out, remark
@@ -17,40 +16,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """The log of a worker: as text, with failures and remarks on stderr; as JSON, all on stdout.
+    """The log of a worker: as text, with failures and remarks on stderr; as JSON, all on stdout."""
 
-    report : called after each detection with the scene, the run or the error, and the waiting time of its changes,
-        seconds
-    say : called with any other remark
-    """
+    is_json: bool
 
-    report: "Callable[[str, Run | Exception, float], None]"
-    say: Callable[[str], None]
+    def report(self, scene: str, outcome: "Run | Exception", waited_s: float) -> None:
+        """Log a detection or its failure; `waited_s` is the waiting time of its changes."""
+        if isinstance(outcome, Exception):
+            if self.is_json:
+                _print("failed", scene=scene, waited_s=waited_s, error=str(outcome))
+            else:
+                remark(f"{scene}: failed: {outcome}")
+        elif self.is_json:
+            _print("run", scene=scene, waited_s=waited_s, **asdict(outcome))
+        else:
+            out(run_text(scene, outcome), flush=True)
 
-
-def _text_report(scene: str, outcome: "Run | Exception", waited_s: float) -> None:
-    if isinstance(outcome, Exception):
-        remark(f"{scene}: failed: {outcome}")
-    else:
-        out(run_text(scene, outcome), flush=True)
-
-
-def _json_report(scene: str, outcome: "Run | Exception", waited_s: float) -> None:
-    if isinstance(outcome, Exception):
-        _json("failed", scene=scene, waited_s=waited_s, error=str(outcome))
-    else:
-        _json("run", scene=scene, waited_s=waited_s, **asdict(outcome))
-
-
-def _json_say(text: str) -> None:
-    _json("remark", text=text)
+    def say(self, text: str) -> None:
+        """Log a remark."""
+        if self.is_json:
+            _print("remark", text=text)
+        else:
+            remark(text)
 
 
-def _json(event: str, **members: object) -> None:
-    line = dumped({"at": format_moment(datetime.now(UTC)), "event": event, **members})
-    data([line, "\n"], is_json=True)
+def _print(event: str, **members: object) -> None:
+    data([dumped({"at": format_moment(datetime.now(UTC)), "event": event, **members}), "\n"], is_json=True)
     sys.stdout.flush()
-
-
-TEXT_LOG: Final = Log(_text_report, remark)
-JSON_LOG: Final = Log(_json_report, _json_say)

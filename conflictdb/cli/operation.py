@@ -6,7 +6,7 @@ from typing import Any
 
 from conflictdb.cli.codes import DONE, FAILED
 from conflictdb.cli.load_report import remark_incomplete, scene_table
-from conflictdb.cli.log import JSON_LOG, TEXT_LOG
+from conflictdb.cli.log import Log
 from conflictdb.cli.output import note, out, print_json, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import connections, database
@@ -23,7 +23,7 @@ def work(args: argparse.Namespace) -> int:
     # Imported here: it loads the solvers, which are slow to import.
     from conflictdb.db.worker import EVERY_S, Worker
 
-    log = JSON_LOG if args.log == "json" else TEXT_LOG
+    log = Log(args.log == "json")
     with database(args), connections(args, store.worker_dsn) as connection, ExitStack() as serving:
         worker = Worker(
             connection, log.report, args.every or EVERY_S, args.jobs, args.lock_timeout, log.say, args.memory_mb
