@@ -114,8 +114,8 @@ def as_geojson(
         }
         for state in states
     ]
-    told = f'\n  "scenes": {dumped(scenes)},' if scenes else ""
-    yield f'{{ "type": "FeatureCollection",{told}\n  "features": ['
+    member = f'\n  "scenes": {dumped(scenes)},' if scenes else ""
+    yield f'{{ "type": "FeatureCollection",{member}\n  "features": ['
     separator = "\n"
     for one in conflicts:
         if isinstance(one, Approach):

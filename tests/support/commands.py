@@ -25,6 +25,10 @@ class Outcome:
     out: str
     err: str
 
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
+
 
 Run = Callable[..., Outcome]
 
