@@ -15,7 +15,7 @@ from conflictdb.model.plans import Scene
 from conflictdb.session.database import Database
 
 # Rows listed: a screen full.
-_MOST_TOLD: Final = 20
+_MOST_ROWS: Final = 20
 
 
 def attach(args: argparse.Namespace) -> int:
@@ -66,7 +66,7 @@ def _report(db: Database, scene: str, number: int) -> None:
     left_out = f", {one.unmapped} left out" if one.unmapped else ""
     how = "triggers tell of changes" if one.has_triggers else f"changes are looked for every {one.every}"
     out(f"{scene}: {_counted(one.objects, one.kind)} of {one.table}{left_out}; {how}")
-    for row in db.scene(scene).unmapped()[:_MOST_TOLD]:
+    for row in db.scene(scene).unmapped()[:_MOST_ROWS]:
         if row.attachment_id == number:
             remark(f"left out: {row.identity}: {row.reason}")
 
@@ -97,8 +97,8 @@ def attachments(args: argparse.Namespace) -> int:
         for one in found
     ]
     out(table(header, lines, right=header[3:5]) if found else "nothing is attached")
-    for row in rows[:_MOST_TOLD]:
+    for row in rows[:_MOST_ROWS]:
         out(f"{row.table}: {row.identity}: {row.reason}{' (kept as it was)' if row.is_kept else ''}")
-    if len(rows) > _MOST_TOLD:
-        out(f"and {len(rows) - _MOST_TOLD:,} more in the view conflictdb.unmapped")
+    if len(rows) > _MOST_ROWS:
+        out(f"and {len(rows) - _MOST_ROWS:,} more in the view conflictdb.unmapped")
     return DONE

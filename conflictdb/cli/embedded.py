@@ -57,7 +57,7 @@ def psql(args: argparse.Namespace) -> int:
         dsn, found = running.dsn, embedded.find_psql(running)
         running.stay_through_exec()
     if found is not None:
-        _become(found, dsn, args.arguments)
+        _exec_psql(found, dsn, args.arguments)
     remark(
         "there is no psql on this machine (Debian, Ubuntu: sudo apt-get install postgresql-client);"
         " any other client takes what `conflictdb server dsn` prints"
@@ -65,7 +65,7 @@ def psql(args: argparse.Namespace) -> int:
     return FAILED
 
 
-def _become(psql: embedded.Psql, dsn: str, arguments: Sequence[str]) -> NoReturn:
+def _exec_psql(psql: embedded.Psql, dsn: str, arguments: Sequence[str]) -> NoReturn:
     with store.translated():
         parts = conninfo.conninfo_to_dict(dsn)
     if any(argument.startswith(("-U", "--username")) for argument in arguments):

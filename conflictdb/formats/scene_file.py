@@ -189,11 +189,11 @@ def _plain(
     is_track = kind == TRACK_TYPE
     fields = Fields(f"{'track' if is_track else 'area'} {key!r}", properties)
     with fields.refusals:
-        said = fields.text("kind")
-        if said not in (None, "area", "track"):
-            raise fields.refusal("kind", f"must be 'area' or 'track'; got {said!r:.60}")
-        if said is not None and (said == "track") != is_track:
-            rule = f"is {said!r}, but the geometry is a {kind}, which is {'a track' if is_track else 'an area'}"
+        given_kind = fields.text("kind")
+        if given_kind not in (None, "area", "track"):
+            raise fields.refusal("kind", f"must be 'area' or 'track'; got {given_kind!r:.60}")
+        if given_kind is not None and (given_kind == "track") != is_track:
+            rule = f"is {given_kind!r}, but the geometry is a {kind}, which is {'a track' if is_track else 'an area'}"
             raise fields.refusal("kind", rule)
     with fields.refusals:
         to_degrees = reference.of_member(fields.who, geometry, setting.to_degrees, setting.systems)
