@@ -21,7 +21,9 @@ from conflictdb.formats.computed import read_conflicts
 SQUARE = shapely.box(4, 57, 5, 58).wkb
 LINE = shapely.LineString([(4, 57), (5, 58)]).wkb
 ROW = {"kind": ["area"], "id": ["a"]}
+XYM = {"x": 1.0, "y": 2.0, "m": 3.0}
 DEEP = 200_000
+NESTED = "row 0 nests geometries more than 32 deep"
 
 
 def nested(kind: int) -> pa.Array:
@@ -44,55 +46,33 @@ def refusal(path: Path, table: pa.Table, **options: Any) -> str:
     return hostile_refusal(path, **options)
 
 
+def of_properties(text: str) -> pa.Table:
+    return of_scene(geometry=pa.array([SQUARE]), properties=[text])
+
+
 def bits(count: int) -> dict[str, pa.Array]:
     return {f"c{i}": pa.nulls(1, pa.bool_()) for i in range(count)}
 
 
 TABLES = {
-    "collections in collections": (of_others(geometry=nested(7)), "row 0 nests geometries more than 32 deep"),
+    "collections in collections": (of_others(geometry=nested(7)), NESTED),
     "polygons in polygons": (of_others(geometry=nested(6)), "row 0 has a geometry of kind 6 where only kind 3 may be"),
-    "of a scene": (of_scene(geometry=nested(7)), "row 0 nests geometries more than 32 deep"),
-    "in hexadecimal": (
-        of_others(geometry=pa.array([nested(7)[0].as_py().hex()])),
-        "row 0 nests geometries more than 32 deep",
-    ),
-    "at a time": (
-        of_others(geometry=nested(7), id=["a"], time=["2026-01-01T00:00:00Z"]),
-        "row 0 nests geometries more than 32 deep",
-    ),
-    "lines that are points": (
-        of_others("linestring", geometry=pa.array([{"x": 1.0, "y": 2.0, "m": 3.0}])),
-        "its type must be 1 lists of structs of x and y",
-    ),
-    "points that are lines": (
-        of_others("point", geometry=pa.array([[{"x": 1.0, "y": 2.0}]])),
-        "its type must be 0 lists of structs of x and y",
-    ),
+    "of a scene": (of_scene(geometry=nested(7)), NESTED),
+    "in hexadecimal": (of_others(geometry=pa.array([nested(7)[0].as_py().hex()])), NESTED),
+    "at a time": (of_others(geometry=nested(7), id=["a"], time=["2026-01-01T00:00:00Z"]), NESTED),
+    "lines that are points": (of_others("linestring", geometry=pa.array([XYM])), "must be 1 lists of structs of x and"),
+    "points that are lines": (of_others("point", geometry=pa.array([[XYM]])), "must be 0 lists of structs of x and y"),
     "columns": (of_others(geometry=pa.array([SQUARE]), **bits(2_001)), "2,002 columns; at most 2,000 are read"),
     "members": (
-        of_others(
-            geometry=pa.array([SQUARE]), x=pa.StructArray.from_arrays(list(bits(2_001).values()), [*bits(2_001)])
-        ),
+        of_others(geometry=pa.array([SQUARE]), x=pa.StructArray.from_arrays([*bits(2_001).values()], [*bits(2_001)])),
         "2,002 columns; at most 2,000 are read",
     ),
     "lists in JSON": (of_others(geometry=pa.array([LINE]), times=["[" * DEEP]), "times: must be a list of dates"),
     "digits in JSON": (of_others(geometry=pa.array([LINE]), times=[f"[{'1' * DEEP}]"]), "times: must be a list of da"),
-    "lists in properties": (
-        of_scene(geometry=pa.array([SQUARE]), properties=['{"x":' + "[" * DEEP]),
-        "properties: must be a JSON object",
-    ),
-    "digits in properties": (
-        of_scene(geometry=pa.array([SQUARE]), properties=[f'{{"x":{"1" * DEEP}}}']),
-        "properties: must be a JSON object",
-    ),
-    "a long value": (
-        of_others(geometry=pa.array([LINE]), times=["x" * 5_000_000]),
-        "times: must be a list of dates and times, one per waypoint; got 'xxx",
-    ),
-    "a reference system of many letters": (
-        of_others(geometry=pa.array([SQUARE]), crs="COMPOUNDCRS[" * 10_000),
-        "has 120,000 characters",
-    ),
+    "lists in properties": (of_properties('{"x":' + "[" * DEEP), "properties: must be a JSON object"),
+    "digits in properties": (of_properties(f'{{"x":{"1" * DEEP}}}'), "properties: must be a JSON object"),
+    "a long value": (of_others(geometry=pa.array([LINE]), times=["x" * 5_000_000]), "per waypoint; got 'xxx"),
+    "many letters": (of_others(geometry=pa.array([SQUARE]), crs="COMPOUNDCRS[" * 10_000), "has 120,000 characters"),
 }
 
 
