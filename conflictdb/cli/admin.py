@@ -1,4 +1,4 @@
-"""`attach`, `detach` and `attachments`."""
+"""`init`, `upgrade`, `extension`, `attach`, `detach`, `attachments`, `share` and `protect`."""
 
 import argparse
 import warnings
@@ -7,15 +7,39 @@ from contextlib import contextmanager
 from typing import Final
 
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.output import out, remark, table
+from conflictdb.cli.load_report import moment_text, remark_incomplete
+from conflictdb.cli.output import note, out, remark, table
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
-from conflictdb.db import store
+from conflictdb.db import schema, store
 from conflictdb.model.plans import Scene
-from conflictdb.session.database import Database
+from conflictdb.session.database import Database, connect
 
 # Rows listed: a screen full.
 _MOST_ROWS: Final = 20
+
+
+def upgrade(args: argparse.Namespace) -> int:
+    """Create the schema, or upgrade it to this program's revision."""
+    with connect(args.dsn, create=True, say=note) as db:
+        state = db.status()
+        missing = schema.missing_grants(db.connection)
+        waiting = [db.scene(one.scene.name).state() for one in state.scenes if not one.is_current]
+    if missing:
+        remark(f"the roles of conflictdb cannot read yet; let an administrator run: {missing}")
+    out(f"database {state.database}: schema conflictdb is at revision {state.revision}")
+    # An upgrade that changes answers marks every object.
+    remark_incomplete(waiting)
+    return DONE
+
+
+def extension(args: argparse.Namespace) -> int:
+    """Write the files of conflictdb as an extension of a server."""
+    from conflictdb.db import extension as files
+
+    for path in files.build(args.directory or files.install_directory(args.pg_config)):
+        out(str(path))
+    return DONE
 
 
 def attach(args: argparse.Namespace) -> int:
@@ -33,11 +57,11 @@ def attach(args: argparse.Namespace) -> int:
             if all(status.scene.name != args.scene for status in db.scenes()):
                 store.set_scene(db.connection, Scene(args.scene))
             if args.dry_run:
-                _show(db.scene(args.scene).preview_attachment(*given, every_s=args.every))
+                _show_preview(db.scene(args.scene).preview_attachment(*given, every_s=args.every))
                 return DONE
             number = db.scene(args.scene).attach(*given, every_s=args.every)
         db.scene(args.scene).follow()
-        _report(db, args.scene, number)
+        _report_attachment(db, args.scene, number)
     return DONE
 
 
@@ -50,7 +74,7 @@ def _warnings_as_remarks() -> Iterator[None]:
         remark(str(one.message))
 
 
-def _show(preview: store.AttachmentPreview) -> None:
+def _show_preview(preview: store.AttachmentPreview) -> None:
     for step in preview.steps:
         out(f"would {step}")
     for one in preview.objects:
@@ -59,7 +83,7 @@ def _show(preview: store.AttachmentPreview) -> None:
         remark(f"left out: {one}")
 
 
-def _report(db: Database, scene: str, number: int) -> None:
+def _report_attachment(db: Database, scene: str, number: int) -> None:
     one = next(one for one in db.scene(scene).attachments() if one.attachment_id == number)
     if one.error:
         remark(f"{one.table} cannot be read: {one.error}")
@@ -102,3 +126,44 @@ def attachments(args: argparse.Namespace) -> int:
     if len(rows) > _MOST_ROWS:
         out(f"and {len(rows) - _MOST_ROWS:,} more in the view conflictdb.unmapped")
     return DONE
+
+
+def share(args: argparse.Namespace) -> int:
+    """Share a scene with a role, withdraw a share, or list the shares."""
+    check(args, [(args.role is None and args.access is not None, "--access goes with a role")])
+    with _with_notices(args) as db:
+        if args.role is None:
+            found = db.scene(args.scene).shares()
+            out(_share_table(found) if found else "belongs to nobody, and is shared with nobody")
+        elif args.access == "none":
+            out("taken back" if db.scene(args.scene).unshare(args.role) else "was not shared with it")
+        else:
+            db.scene(args.scene).share(args.role, args.access or "read")
+            out(f"{args.scene}: {args.role} may {args.access or 'read'} it")
+    return DONE
+
+
+def protect(args: argparse.Namespace) -> int:
+    """Restrict scenes to their owners and shares, or show all scenes to all again."""
+    with _with_notices(args) as db:
+        db.protect_scenes(on=not args.off)
+    out("all scenes are open to all roles" if args.off else "scenes are protected")
+    return DONE
+
+
+def _share_table(shares: list[store.Share]) -> str:
+    rows = [
+        [one.role, one.access, one.shared_by or "", moment_text(one.shared_at, up=False) if one.shared_at else ""]
+        for one in shares
+    ]
+    return table(["ROLE", "ACCESS", "SHARED BY", "AT (UTC)"], rows)
+
+
+@contextmanager
+def _with_notices(args: argparse.Namespace) -> Iterator[Database]:
+    """Open the database of a command, and print its notices."""
+    with database(args) as db:
+        db.connection.add_notice_handler(
+            lambda notice: remark("; ".join(filter(None, (notice.message_primary, notice.message_hint))))
+        )
+        yield db
