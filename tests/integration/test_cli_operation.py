@@ -17,6 +17,13 @@ from conflictdb.db import schema
 from conflictdb.errors import SchemaTooNew
 
 
+def program(*words: str, **environ: str) -> "subprocess.CompletedProcess[str]":
+    """Run a command as a program of its own."""
+    command = [sys.executable, "-m", "conflictdb", *words]
+    environment = {**os.environ, **environ}
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+
+
 def test_status_of_an_empty_database(run: Run, dsn: str) -> None:
     done = run("status")
     assert done.code == 0
