@@ -124,18 +124,20 @@ def _within(low: _Ints, high: _Ints, horizon_us: int) -> Spans:
 
 
 def differences_of(
-    scene: Scene, plane: Plane, pieces: Pieces, tracks: _Ints, horizon_us: int, threads: int = 1
+    scene: Scene, plane: Plane, pieces: Pieces, tracks: _Ints, horizon_us: int, threads: int = 1, *, waits: bool = True
 ) -> Differences:
     """Return the delays within the horizon that bring some tracks into contact with other objects.
 
     plane : of the scene, which the pieces were made in
     tracks : (m,) numbers of tracks (`object_numbers`)
     threads : of the kernel; the answer does not depend on it
+    waits : whether a track whose first leg stands still waits there before it departs
     """
     number = object_numbers(pieces)
     mine = np.flatnonzero(np.isin(number, tracks))
+    first = mine[_waits(pieces, number, mine)] if waits else mine[:0]
     moving = _candidates(pieces, number, mine, horizon_us, is_once=True)
-    waiting = _candidates(pieces, number, mine[_waits(pieces, number, mine)], horizon_us, is_once=False)
+    waiting = _candidates(pieces, number, first, horizon_us, is_once=False)
     a, b = (np.concatenate(both) for both in zip(moving, waiting, strict=True))
     prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
     every = _of_pairs(scene, prepared, number, *moving, horizon_us, threads=threads)
