@@ -13,10 +13,10 @@
 --
 -- Checks are at most STABLE: the planner may evaluate IMMUTABLE calls early, even in a branch that never runs.
 
-CREATE OR REPLACE FUNCTION _refuse(
+CREATE OR REPLACE FUNCTION conflictdb_internal._refuse(
     p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''
 ) RETURNS void
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     IF p_hint = '' THEN -- RAISE would show an empty hint, and does not accept null.
         RAISE EXCEPTION '%: %: %', p_who, p_field, p_rule
@@ -30,8 +30,8 @@ $$;
 COMMENT ON FUNCTION _refuse(text, text, text, text, text, text) IS
 'Raises SQLSTATE p_state. For programs, TABLE names the object, COLUMN the field and CONSTRAINT the rule.';
 
-CREATE OR REPLACE FUNCTION _scene_id(p_scene text) RETURNS bigint
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_id(p_scene text) RETURNS bigint
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_scene_id bigint := (SELECT s.scene_id FROM scene s WHERE s.name = p_scene);
     v_known text;
@@ -48,7 +48,7 @@ END
 $$;
 COMMENT ON FUNCTION _scene_id(text) IS 'Returns the scene''s id; raises ZC010 for an unknown name.';
 
-CREATE OR REPLACE FUNCTION _require_snapshot() RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._require_snapshot() RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF current_setting('transaction_isolation') = 'read committed' THEN

@@ -3,7 +3,7 @@
 
 -- Its parameter is no scene, nor is it LANGUAGE sql: either would keep revisions from adding columns. With
 -- extra_float_digits, numbers keep all digits whatever the session's own setting is.
-CREATE OR REPLACE FUNCTION _settings_of(p_scene anyelement) RETURNS jsonb
+CREATE OR REPLACE FUNCTION conflictdb_internal._settings_of(p_scene anyelement) RETURNS jsonb
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
 BEGIN
     RETURN to_jsonb(p_scene) - '{scene_id,history_kept,owner}'::text[];
@@ -12,7 +12,7 @@ $$;
 COMMENT ON FUNCTION _settings_of(anyelement) IS
 'Name and settings of a scene by the columns of its row: all but its id, the age of its history, and its owner.';
 
-CREATE OR REPLACE FUNCTION _half_open(p_span tstzrange) RETURNS tstzrange
+CREATE OR REPLACE FUNCTION conflictdb_internal._half_open(p_span tstzrange) RETURNS tstzrange
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- Instants are whole microseconds: an inclusive end equals an exclusive end one microsecond later.
@@ -28,7 +28,7 @@ COMMENT ON FUNCTION _half_open(tstzrange) IS
 'Returns the same instants as [start, end): an inclusive end becomes an exclusive end one microsecond later. An '
 'infinite bound becomes no bound.';
 
-CREATE OR REPLACE FUNCTION _is_plain(p_properties jsonb) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_plain(p_properties jsonb) RETURNS boolean
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- jsonb accepts numbers outside the range of a double, and thousands of levels; many programs do not.
@@ -40,8 +40,10 @@ END;
 COMMENT ON FUNCTION _is_plain(jsonb) IS
 'Whether properties are a JSON object with at most 100 levels and only numbers in the range of a double.';
 
-CREATE OR REPLACE FUNCTION _check_size(p_who text, p_field text, p_points bigint, p_limit text) RETURNS void
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_size(
+    p_who text, p_field text, p_points bigint, p_limit text
+) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     -- MAX_POINTS in conflictdb.model.
     c_most CONSTANT integer := 1000000;
@@ -66,7 +68,9 @@ COMMENT ON FUNCTION _check_size(text, text, bigint, text) IS
 'Raises ZC017 for more than 1,000,000 points, or more than the setting conflictdb.max_vertices or '
 'conflictdb.max_waypoints (p_limit) of the database or role allows.';
 
-CREATE OR REPLACE FUNCTION _check_heights(p_who text, p_floor_m double precision, p_ceiling_m double precision)
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_heights(
+    p_who text, p_floor_m double precision, p_ceiling_m double precision
+)
 RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -85,8 +89,9 @@ $$;
 COMMENT ON FUNCTION _check_heights(text, double precision, double precision) IS
 'Raises ZC004 unless heights (metres; null: no limit) are finite and the ceiling is above the floor.';
 
-CREATE OR REPLACE FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision,
-                                         p_ceiling_m double precision, p_properties jsonb) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_common(
+    p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb
+) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF p_key IS NULL OR p_key = '' OR octet_length(p_key) > 1000 THEN
@@ -105,7 +110,7 @@ $$;
 COMMENT ON FUNCTION _check_common(text, text, double precision, double precision, jsonb) IS
 'Raises ZC004, ZC008 or ZC012 for an invalid key, heights (metres) or properties of an object.';
 
-CREATE OR REPLACE FUNCTION _check_leg_heights(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_leg_heights(
     p_who text, p_path geometry, p_floor_m double precision, p_ceiling_m double precision,
     p_floors_m double precision[], p_ceilings_m double precision[]
 ) RETURNS void
@@ -142,7 +147,7 @@ COMMENT ON FUNCTION _check_leg_heights(text, geometry, double precision, double 
 'Raises ZC004 unless there is one height (metres) per leg, heights are finite or null, and ceilings are above floors. '
 'Legs count from 1. A null array means that the height of the whole track applies.';
 
-CREATE OR REPLACE FUNCTION _whole_height(
+CREATE OR REPLACE FUNCTION conflictdb_internal._whole_height(
     p_who text, p_field text, p_given_m double precision, p_whole_m double precision, p_known_m double precision,
     p_is_changed boolean
 ) RETURNS double precision
@@ -161,7 +166,9 @@ $$;
 COMMENT ON FUNCTION _whole_height(text, text, double precision, double precision, double precision, boolean) IS
 'Returns p_whole_m, the height (metres) of a whole track derived from its legs; raises ZC004 if another one was given.';
 
-CREATE OR REPLACE FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_scene_id bigint)
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_coordinates(
+    p_who text, p_field text, p_geometry geometry, p_scene_id bigint
+)
 RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -194,7 +201,9 @@ $$;
 COMMENT ON FUNCTION _check_coordinates(text, text, geometry, bigint) IS
 'Raises ZC001 or ZC005 for longitudes or latitudes (degrees) that are not finite, out of range or outside the plane.';
 
-CREATE OR REPLACE FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_planar(
+    p_who text, p_footprint geometry, p_plane text
+) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_planar geometry;
@@ -221,7 +230,7 @@ $$;
 COMMENT ON FUNCTION _check_planar(text, geometry, text) IS
 'Raises ZC001 for a footprint that is valid in degrees but not in the scene''s plane, where its edges are straight.';
 
-CREATE OR REPLACE FUNCTION _middle_of(p_geometry geometry) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._middle_of(p_geometry geometry) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- The mean in space. If it is near zero (points all around the earth), use the first point.
@@ -239,7 +248,9 @@ END;
 COMMENT ON FUNCTION _middle_of(geometry) IS
 'Returns the mean of the points of a geometry (longitude and latitude) on the sphere, rounded to 1e-6 degrees.';
 
-CREATE OR REPLACE FUNCTION _from_centre_deg(p_geometry geometry, p_lon double precision, p_lat double precision)
+CREATE OR REPLACE FUNCTION conflictdb_internal._from_centre_deg(
+    p_geometry geometry, p_lon double precision, p_lat double precision
+)
 RETURNS double precision
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
@@ -251,7 +262,7 @@ END;
 COMMENT ON FUNCTION _from_centre_deg(geometry, double precision, double precision) IS
 'Greatest distance of a geometry''s points (longitude and latitude) from a place, degrees along a great circle.';
 
-CREATE OR REPLACE FUNCTION _check_near_centre(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_near_centre(
     p_who text, p_field text, p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision
 ) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -271,7 +282,7 @@ $$;
 COMMENT ON FUNCTION _check_near_centre(text, text, geometry, double precision, double precision) IS
 'Raises ZC005 for a geometry beyond 60 degrees from the centre of a great-circle scene.';
 
-CREATE OR REPLACE FUNCTION _near_centre(
+CREATE OR REPLACE FUNCTION conflictdb_internal._near_centre(
     p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision
 ) RETURNS geometry
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -283,7 +294,7 @@ $$;
 COMMENT ON FUNCTION _near_centre(geometry, double precision, double precision) IS
 'Returns a geometry (longitude and latitude); raises ZC005 if it leaves the plane of a great-circle scene.';
 
-CREATE OR REPLACE FUNCTION _check_times(p_who text, p_path geometry) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_times(p_who text, p_path geometry) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_bad record;
@@ -311,8 +322,8 @@ $$;
 COMMENT ON FUNCTION _check_times(text, geometry) IS
 'Raises ZC003 or ZC002 unless M (Unix seconds) lies in the years 1 to 9999 and increases by at least a microsecond.';
 
-CREATE OR REPLACE FUNCTION _max_speed_kn() RETURNS double precision
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._max_speed_kn() RETURNS double precision
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     -- Faster than any aircraft in service; MAX_SPEED_KN in conflictdb.speeds.
     c_most_kn CONSTANT double precision := 2000;
@@ -329,7 +340,7 @@ $$;
 COMMENT ON FUNCTION _max_speed_kn() IS
 'Greatest speed accepted for a track, knots: the setting conflictdb.max_speed_kn, default 2,000.';
 
-CREATE OR REPLACE FUNCTION _check_speed(p_who text, p_path geometry) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_speed(p_who text, p_path geometry) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     -- Relative slack; SPEED_SLACK in conflictdb.speeds.
@@ -358,7 +369,9 @@ $$;
 COMMENT ON FUNCTION _check_speed(text, geometry) IS
 'Raises ZC002 for a path (M: Unix seconds) with a leg faster than _max_speed_kn() along its great circle.';
 
-CREATE OR REPLACE FUNCTION _check_outline(p_who text, p_outline geometry, p_field text DEFAULT 'outline') RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_outline(
+    p_who text, p_outline geometry, p_field text DEFAULT 'outline'
+) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_left boolean;
@@ -394,7 +407,7 @@ $$;
 COMMENT ON FUNCTION _check_outline(text, geometry, text) IS
 'Raises ZC006 for an outline (metres to starboard and ahead) that is not convex or winds more than once.';
 
-CREATE OR REPLACE FUNCTION _check_growth(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_growth(
     p_who text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry
 ) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$

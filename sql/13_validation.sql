@@ -1,7 +1,7 @@
 -- Triggers that check rows of scene, area and track, whoever writes them, and normalise them: spans become half-open,
 -- infinite bounds become unbounded.
 
-CREATE OR REPLACE FUNCTION _ensure_centre(
+CREATE OR REPLACE FUNCTION conflictdb_internal._ensure_centre(
     p_scene_id bigint, p_first geometry, OUT centre_lon double precision, OUT centre_lat double precision
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -16,8 +16,8 @@ $$;
 COMMENT ON FUNCTION _ensure_centre(bigint, geometry) IS
 'Sets the centre of a great-circle scene without one to the middle of its first object; returns the centre (degrees).';
 
-CREATE OR REPLACE FUNCTION _first_version(p_kind smallint, p_id bigint) RETURNS bigint
-LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._first_version(p_kind smallint, p_id bigint) RETURNS bigint
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     -- The sequence alone is not enough: a restore may set it back.
     RETURN greatest(
@@ -32,7 +32,7 @@ COMMENT ON FUNCTION _first_version(smallint, bigint) IS
 'its owner, because the former object may belong to a scene that the caller cannot read. Restricted to the versions of '
 'one id; returns only a number.';
 
-CREATE OR REPLACE FUNCTION _area_before() RETURNS trigger
+CREATE OR REPLACE FUNCTION conflictdb_internal._area_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_who text := format('area %L', NEW.key);
@@ -116,7 +116,7 @@ $$;
 COMMENT ON FUNCTION _area_before() IS
 'Trigger: checks an area (SQLSTATE class ZC), normalises its span, and sets a new version if its content changed.';
 
-CREATE OR REPLACE FUNCTION _track_before() RETURNS trigger
+CREATE OR REPLACE FUNCTION conflictdb_internal._track_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_who text := format('track %L', NEW.key);
@@ -249,8 +249,8 @@ $$;
 COMMENT ON FUNCTION _track_before() IS
 'Trigger: checks a track (SQLSTATE class ZC) and sets a new version if its content changed.';
 
-CREATE OR REPLACE FUNCTION _check_may_prune(p_who text, p_owner name) RETURNS void
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_may_prune(p_who text, p_owner name) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     IF row_security_active('scene'::regclass::oid) AND NOT pg_has_role('conflictdb_worker', 'USAGE')
        AND (p_owner IN (SELECT m.role FROM _my_role m WHERE m.role <> 'public')) IS NOT TRUE THEN
@@ -264,7 +264,7 @@ COMMENT ON FUNCTION _check_may_prune(text, name) IS
 'Raises insufficient_privilege unless the current role owns the protected scene, or is a worker: only they may change '
 'how long its history is kept.';
 
-CREATE OR REPLACE FUNCTION _scene_before() RETURNS trigger
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_who text := format('scene %L', NEW.name);
@@ -340,7 +340,7 @@ END
 $$;
 COMMENT ON FUNCTION _scene_before() IS 'Trigger: checks the settings of a scene (SQLSTATE class ZC).';
 
-CREATE OR REPLACE FUNCTION _scene_holds_objects() RETURNS trigger
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_holds_objects() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene scene%ROWTYPE;

@@ -1,7 +1,7 @@
 -- Adding, replacing and removing scenes, areas and tracks. All are upserts by scene and key; without a change they
 -- leave no mark. The triggers of 13_validation.sql check the rows.
 
-CREATE OR REPLACE FUNCTION _set_scene(p_name text, p_settings jsonb) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._set_scene(p_name text, p_settings jsonb) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     -- Great circles are defined on the sphere only.
@@ -49,7 +49,7 @@ $$;
 COMMENT ON FUNCTION _set_scene(text, jsonb) IS
 'As _put_scene, but checks only at commit whether objects fit the settings, so that objects may be changed too.';
 
-CREATE OR REPLACE FUNCTION _put_scene(p_name text, p_settings jsonb) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._put_scene(p_name text, p_settings jsonb) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene_id bigint := _set_scene(p_name, p_settings);
@@ -235,7 +235,7 @@ COMMENT ON FUNCTION track_path(geometry, timestamptz[]) IS
 'Returns the path of a track: a LineStringM of the waypoints, with their times as M (Unix seconds).';
 
 CREATE OR REPLACE FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false) RETURNS bigint
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_scene_id bigint := _scene_to_change(p_scene);
 BEGIN

@@ -3,7 +3,7 @@
 -- The server parses each expression as the only column of a view over the table alone, and writes it out with all names
 -- qualified. The definition of that view shows whether it is one expression of the columns of one row.
 
-CREATE OR REPLACE FUNCTION _map_fields(p_kind smallint) RETURNS TABLE (field text, attribute text)
+CREATE OR REPLACE FUNCTION conflictdb_internal._map_fields(p_kind smallint) RETURNS TABLE (field text, attribute text)
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT v.field, v.attribute
@@ -23,7 +23,7 @@ COMMENT ON FUNCTION _map_fields(smallint) IS
 'Fields that the map of an attachment may contain (0 area, 1 track), and their columns in attached_row; null for '
 'where, which selects rows.';
 
-CREATE OR REPLACE FUNCTION _check_map(p_who text, p_kind smallint, p_map jsonb) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_map(p_who text, p_kind smallint, p_map jsonb) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_field text;
@@ -79,7 +79,7 @@ $$;
 COMMENT ON FUNCTION _check_map(text, smallint, jsonb) IS
 'Raises ZC009 for a map with unknown, missing or contradictory fields.';
 
-CREATE OR REPLACE FUNCTION _cast_to(p_type oid, p_wanted oid) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._cast_to(p_type oid, p_wanted oid) RETURNS boolean
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- Only casts that keep the meaning. A timestamp without time zone is not an instant.
@@ -98,7 +98,7 @@ END;
 COMMENT ON FUNCTION _cast_to(oid, oid) IS 'Whether values of a type may be cast to the type of a field.';
 
 CREATE OR REPLACE FUNCTION instant(p_text text) RETURNS timestamptz
-LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     -- The offset makes it independent of the session's settings.
     IF p_text !~ '^\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)? ?(Z|[+-]\d\d(:?\d\d)?)$' THEN
@@ -112,7 +112,9 @@ COMMENT ON FUNCTION instant(text) IS
 'Parses an instant in ISO 8601 with an offset (2026-03-01T06:00:00Z); raises ZC003 for any other text. For maps of '
 'attached tables, in which casts of text to instants are refused.';
 
-CREATE OR REPLACE FUNCTION _depends_on_settings_alone(p_name name, p_types oidvector) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._depends_on_settings_alone(
+    p_name name, p_types oidvector
+) RETURNS boolean
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- The function that evaluates the map fixes these settings (42_attach.sql): time zone, date and number styles.
@@ -127,7 +129,7 @@ END;
 COMMENT ON FUNCTION _depends_on_settings_alone(name, oidvector) IS
 'Whether a STABLE function of PostgreSQL depends only on its arguments and on settings that are fixed for maps.';
 
-CREATE OR REPLACE FUNCTION _map_expression(
+CREATE OR REPLACE FUNCTION conflictdb_internal._map_expression(
     p_who text, p_field text, p_relation regclass, p_text text, p_wanted oid,
     OUT expression text, OUT columns smallint[]
 )

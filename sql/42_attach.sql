@@ -4,8 +4,9 @@
 -- (43_attached_rows.sql). Editors may create functions in the schema conflictdb_attached, which exists while something
 -- is attached, but not in conflictdb, where names are looked up.
 
-CREATE OR REPLACE FUNCTION _open_attached_schema() RETURNS void
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp SET client_min_messages = warning AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._open_attached_schema() RETURNS void
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp
+SET client_min_messages = warning AS $$
 DECLARE
     v_owner regrole;
     v_ours regrole;
@@ -37,8 +38,8 @@ COMMENT ON FUNCTION _open_attached_schema() IS
 'Creates the schema conflictdb_attached if it is missing. Raises insufficient_privilege if another role owns it. Runs '
 'as the owner of conflictdb, who will own the schema. Restricted to this one schema.';
 
-CREATE OR REPLACE FUNCTION _close_attached_schema() RETURNS void
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._close_attached_schema() RETURNS void
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     -- Keep a schema that another role owns.
     IF EXISTS (SELECT FROM pg_catalog.pg_namespace a, pg_catalog.pg_namespace n
@@ -53,7 +54,9 @@ $$;
 COMMENT ON FUNCTION _close_attached_schema() IS
 'Removes the schema conflictdb_attached. Runs as its owner. Restricted to a schema without objects.';
 
-CREATE OR REPLACE FUNCTION _check_attached_owner(p_who text, p_table regclass, p_has_triggers boolean) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_attached_owner(
+    p_who text, p_table regclass, p_has_triggers boolean
+) RETURNS void
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE
     v_other regclass;
@@ -73,7 +76,9 @@ $$;
 COMMENT ON FUNCTION _check_attached_owner(text, regclass, boolean) IS
 'Raises ZC009 for a table with another owner: reading it could run that owner''s code.';
 
-CREATE OR REPLACE FUNCTION _hold_attached(p_who text, p_table text, p_has_triggers boolean) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._hold_attached(
+    p_who text, p_table text, p_has_triggers boolean
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     -- PREPARE takes a reader's lock on any relation, until the transaction ends, without planning or running anything.
@@ -85,7 +90,9 @@ $$;
 COMMENT ON FUNCTION _hold_attached(text, text, boolean) IS
 'Locks a table against replacement before it is read; raises ZC009 if it now has another owner.';
 
-CREATE OR REPLACE FUNCTION _check_attachable(p_who text, p_table regclass, p_has_triggers boolean) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_attachable(
+    p_who text, p_table regclass, p_has_triggers boolean
+) RETURNS void
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE
     v_table record;
@@ -99,7 +106,7 @@ BEGIN
     IF v_table.relpersistence = 't' THEN
         PERFORM _refuse('ZC009', p_who, 'table', 'is temporary: no other session can read it', 'attached_is_lasting');
     END IF;
-    IF v_table.nspname IN ('conflictdb', 'pg_catalog', 'information_schema') THEN
+    IF v_table.nspname IN ('conflictdb', 'conflictdb_internal', 'pg_catalog', 'information_schema') THEN
         PERFORM _refuse('ZC009', p_who, 'table', 'must be neither a system table nor one of conflictdb',
                         'attached_is_foreign');
     END IF;
@@ -129,7 +136,7 @@ $$;
 COMMENT ON FUNCTION _check_attachable(text, regclass, boolean) IS
 'Raises ZC009 for a table that the current role cannot attach, or not with triggers.';
 
-CREATE OR REPLACE FUNCTION _create_attached_rows(
+CREATE OR REPLACE FUNCTION conflictdb_internal._create_attached_rows(
     p_who text, p_attachment_id bigint, p_kind smallint, p_table regclass, p_map jsonb, OUT identity_columns text[]
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -254,7 +261,9 @@ COMMENT ON FUNCTION _create_attached_rows(text, bigint, smallint, regclass, json
 'Creates the function that reads an attached table, as the current role; returns the columns of which the key '
 'consists.';
 
-CREATE OR REPLACE FUNCTION _create_attached_triggers(p_attachment_id bigint, p_table regclass) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._create_attached_triggers(
+    p_attachment_id bigint, p_table regclass
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_one record;
@@ -273,7 +282,7 @@ BEGIN
         WHERE t.is_root OR g.name <> 'replicated' OR NOT EXISTS (
             SELECT FROM pg_catalog.pg_class c WHERE c.oid = t.relation AND c.relispartition) LOOP
         EXECUTE format('CREATE TRIGGER conflictdb_%s_%s AFTER %s ON %s %s '
-                       'EXECUTE FUNCTION conflictdb._note_%1$s()',
+                       'EXECUTE FUNCTION conflictdb_internal._note_%1$s()',
                        p_attachment_id, v_one.name, v_one.event, v_one.relation, v_one.level);
         IF v_one.name IN ('truncated', 'replicated') THEN
             EXECUTE format('ALTER TABLE %s ENABLE %s TRIGGER conflictdb_%s_%s', v_one.relation,
@@ -286,7 +295,7 @@ $$;
 COMMENT ON FUNCTION _create_attached_triggers(bigint, regclass) IS
 'Creates the triggers that record changes, on an attached table, its partitions and children.';
 
-CREATE OR REPLACE FUNCTION _register_attachment(
+CREATE OR REPLACE FUNCTION conflictdb_internal._register_attachment(
     p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval
 ) RETURNS attachment
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -363,7 +372,7 @@ COMMENT ON FUNCTION attach(text, text, regclass, jsonb, interval) IS
 'Triggers record changes; with p_every, and for views and foreign tables (every minute), all rows are compared '
 'instead. Returns the id of the attachment.';
 
-CREATE OR REPLACE FUNCTION _find_attached(p_scene text, p_table text) RETURNS SETOF attachment
+CREATE OR REPLACE FUNCTION conflictdb_internal._find_attached(p_scene text, p_table text) RETURNS SETOF attachment
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
@@ -420,8 +429,8 @@ COMMENT ON FUNCTION detach(text, text, boolean) IS
 
 -- A scene with attached tables cannot be removed: that would leave their triggers behind.
 
-CREATE OR REPLACE FUNCTION _before_scene_removal() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._before_scene_removal() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_tables text := (SELECT string_agg(DISTINCT format('%I.%I', a.table_schema, a.table_name), ', ')
                       FROM attachment a WHERE a.scene_id = OLD.scene_id);
@@ -440,8 +449,8 @@ CREATE OR REPLACE TRIGGER scene_may_be_removed BEFORE DELETE ON scene
 -- An attachment cannot be changed: otherwise an editor could make its triggers record other columns of the table, or
 -- use the id of another attachment.
 
-CREATE OR REPLACE FUNCTION _before_attachment() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._before_attachment() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     IF pg_has_role((SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = TG_RELID), 'USAGE') THEN
         RETURN NEW; -- The owner of the tables may do everything, including restores.

@@ -1,7 +1,7 @@
 -- Rows of attached tables become objects of their scene, in sets. If a set fails, it is halved until the failing row is
 -- found, so that errors are reported for single rows.
 
-CREATE OR REPLACE FUNCTION _begin_attached() RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._begin_attached() RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
 BEGIN
     -- Kept in the session, empty: a worker uses them many times a minute.
@@ -18,7 +18,7 @@ $$;
 COMMENT ON FUNCTION _begin_attached() IS
 'Creates or empties the temporary tables staged_attached (rows read) and attached_item (one row per object).';
 
-CREATE OR REPLACE FUNCTION _lon_lat(p_who text, p_field text, p_geometry geometry) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._lon_lat(p_who text, p_field text, p_geometry geometry) RETURNS geometry
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_placed geometry;
@@ -51,7 +51,7 @@ COMMENT ON FUNCTION _lon_lat(text, text, geometry) IS
 'Transforms a geometry to longitude and latitude (degrees, SRID 4326). A polygon cut at longitude 180 is made whole: '
 'longitudes from 0 to 360.';
 
-CREATE OR REPLACE FUNCTION _attached_footprint(p_who text, p_shape geometry) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._attached_footprint(p_who text, p_shape geometry) RETURNS geometry
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF (GeometryType(p_shape) IN ('POLYGON', 'MULTIPOLYGON')) IS FALSE THEN
@@ -63,7 +63,9 @@ END
 $$;
 COMMENT ON FUNCTION _attached_footprint(text, geometry) IS 'The footprint of an area, given in any SRID.';
 
-CREATE OR REPLACE FUNCTION _attached_span(p_who text, p_span tstzrange, p_start timestamptz, p_end timestamptz)
+CREATE OR REPLACE FUNCTION conflictdb_internal._attached_span(
+    p_who text, p_span tstzrange, p_start timestamptz, p_end timestamptz
+)
 RETURNS tstzrange
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -77,7 +79,9 @@ $$;
 COMMENT ON FUNCTION _attached_span(text, tstzrange, timestamptz, timestamptz) IS
 'The active span of an area, from a span or from start and end, [start, end); null is unbounded.';
 
-CREATE OR REPLACE FUNCTION _attached_path(p_who text, p_shape geometry, p_times timestamptz[], p_has_times boolean)
+CREATE OR REPLACE FUNCTION conflictdb_internal._attached_path(
+    p_who text, p_shape geometry, p_times timestamptz[], p_has_times boolean
+)
 RETURNS geometry
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -99,7 +103,7 @@ $$;
 COMMENT ON FUNCTION _attached_path(text, geometry, timestamptz[], boolean) IS
 'The path of a track, given in any SRID, with times as M (Unix seconds) or in an array.';
 
-CREATE OR REPLACE FUNCTION _order_reason(p_identity text) RETURNS text
+CREATE OR REPLACE FUNCTION conflictdb_internal._order_reason(p_identity text) RETURNS text
 LANGUAGE plpgsql STABLE STRICT SET search_path FROM CURRENT AS $$
 DECLARE
     v_bad record;
@@ -119,7 +123,9 @@ $$;
 COMMENT ON FUNCTION _order_reason(text) IS
 'Why the staged rows of a track cannot be ordered (order null or repeated, time not increasing); null if they can.';
 
-CREATE OR REPLACE FUNCTION _staged_tracks(p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint)
+CREATE OR REPLACE FUNCTION conflictdb_internal._staged_tracks(
+    p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint
+)
 RETURNS TABLE (
     object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry,
     grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[],
@@ -182,7 +188,9 @@ COMMENT ON FUNCTION _staged_tracks(boolean, boolean, bigint, bigint) IS
 'Tracks of the staged rows p_first to p_last. With one row per waypoint, name, properties and growth are those of the '
 'first row; differing outlines change along the legs; a leg has the lower floor and the higher ceiling of its ends.';
 
-CREATE OR REPLACE FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._put_attached(
+    p_attachment attachment, p_first bigint, p_last bigint
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     IF p_attachment.object_kind = 0 THEN
@@ -245,7 +253,9 @@ $$;
 COMMENT ON FUNCTION _put_attached(attachment, bigint, bigint) IS
 'Creates or updates the objects of items p_first to p_last, all or none.';
 
-CREATE OR REPLACE FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._put_attached_by_halves(
+    p_attachment attachment, p_items bigint
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_ranges int8range[] := ARRAY[int8range(1, p_items, '[]')];
@@ -278,7 +288,7 @@ $$;
 COMMENT ON FUNCTION _put_attached_by_halves(attachment, bigint) IS
 'Creates or updates the objects of all items, halving sets that fail; records the reason of each item that fails.';
 
-CREATE OR REPLACE FUNCTION _take_over_attached(
+CREATE OR REPLACE FUNCTION conflictdb_internal._take_over_attached(
     p_attachment attachment, p_change_ids bigint[], OUT mapped bigint, OUT removed bigint, OUT unmapped bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
@@ -376,8 +386,8 @@ COMMENT ON FUNCTION _take_over_attached(attachment, bigint[]) IS
 
 -- Rows that cannot be mapped are retried after a change of the scene's plane.
 
-CREATE OR REPLACE FUNCTION _after_scene_resettled() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._after_scene_resettled() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     INSERT INTO attached_change (attachment_id, identities)
         SELECT o.attachment_id, array_agg(o.identity) FROM attached_object o JOIN attachment a USING (attachment_id)

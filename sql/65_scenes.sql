@@ -1,6 +1,6 @@
 -- State of scenes: whether the list of conflicts is complete.
 
-CREATE OR REPLACE FUNCTION _is_current(p_scene_id bigint) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_current(p_scene_id bigint) RETURNS boolean
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT
 -- Forces a plain index scan: after many marks were deleted the statistics are outdated, and only this scan flags dead
 -- index entries, so that the next scan skips them. Without jit, as the forced plan has an inflated cost.
@@ -21,7 +21,7 @@ COMMENT ON FUNCTION _is_current(bigint) IS
 'Whether no object, setting or attached table of a scene changed since its last successful detection. False also if '
 'changes of an attached table may be missed.';
 
-CREATE OR REPLACE FUNCTION _attached_waiting(p_scene_id bigint) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._attached_waiting(p_scene_id bigint) RETURNS bigint
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- Count a row once, even if it changed twice or was recorded before and after the change.
@@ -133,7 +133,7 @@ COMMENT ON COLUMN queue.worked_on_since IS 'Start of its transaction; null if wo
 COMMENT ON COLUMN queue.last_error IS
 'Why the last detection of the scene failed; null if it succeeded, or if there was none.';
 
-CREATE OR REPLACE FUNCTION _scene_state(
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_state(
     p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamptz, OUT last_error text,
     OUT is_current boolean, OUT remark text, OUT detected_at timestamptz
 )

@@ -1,7 +1,7 @@
 -- Sharing and giving away scenes, and protecting them by row-level security.
 
-CREATE OR REPLACE FUNCTION _own_scene_id(p_scene text) RETURNS bigint
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._own_scene_id(p_scene text) RETURNS bigint
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
     v_owner name := (SELECT s.owner FROM scene s WHERE s.scene_id = v_scene_id);
@@ -21,7 +21,7 @@ COMMENT ON FUNCTION _own_scene_id(text) IS
 'the scene nor the schema conflictdb.';
 
 CREATE OR REPLACE FUNCTION share_scene(p_scene text, p_role text, p_access text DEFAULT 'read') RETURNS void
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_scene_id bigint := _own_scene_id(p_scene);
     v_needed text;
@@ -53,7 +53,7 @@ COMMENT ON FUNCTION share_scene(text, text, text) IS
 'needs conflictdb_reader, or conflictdb_editor to write.';
 
 CREATE OR REPLACE FUNCTION unshare_scene(p_scene text, p_role text) RETURNS boolean
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_scene_id bigint := _own_scene_id(p_scene);
 BEGIN
@@ -66,7 +66,7 @@ COMMENT ON FUNCTION unshare_scene(text, text) IS
 'of the scene or of schema conflictdb.';
 
 CREATE OR REPLACE FUNCTION give_scene(p_scene text, p_role text) RETURNS void
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_scene_id bigint := _own_scene_id(p_scene);
 BEGIN
@@ -92,8 +92,8 @@ COMMENT ON COLUMN shares.access IS 'own, write or read; each includes the follow
 COMMENT ON COLUMN shares.shared_by IS 'Role that shared it; null for the owner.';
 COMMENT ON COLUMN shares.shared_at IS 'When it was shared; null for the owner.';
 
-CREATE OR REPLACE FUNCTION _shares(p_scene text) RETURNS SETOF shares
-LANGUAGE plpgsql STABLE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._shares(p_scene text) RETURNS SETOF shares
+LANGUAGE plpgsql STABLE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     PERFORM _scene_id(p_scene);
     RETURN QUERY SELECT s.* FROM shares s WHERE s.scene = p_scene ORDER BY s.access <> 'own', s.role;
@@ -102,7 +102,7 @@ $$;
 COMMENT ON FUNCTION _shares(text) IS
 'Owner and shares of a scene, as far as the current role may see them; raises ZC010 for an unknown name.';
 
-CREATE OR REPLACE FUNCTION _protected_tables() RETURNS SETOF regclass
+CREATE OR REPLACE FUNCTION conflictdb_internal._protected_tables() RETURNS SETOF regclass
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- Probes and shares always have row-level security.
@@ -113,7 +113,7 @@ END;
 COMMENT ON FUNCTION _protected_tables() IS 'Tables whose rows belong to scenes.';
 
 CREATE OR REPLACE FUNCTION protect_scenes(p_on boolean DEFAULT true) RETURNS void
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp SET lock_timeout = '10s' AS $$
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp SET lock_timeout = '10s' AS $$
 DECLARE
     v_table regclass;
     v_orphans bigint;

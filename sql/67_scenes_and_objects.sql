@@ -18,7 +18,7 @@ COMMENT ON FUNCTION list_objects(text) IS
 'Areas and tracks of a scene, by key: when they are there, and their heights (metres above mean sea level); null: '
 'unbounded. Raises ZC010 for an unknown scene.';
 
-CREATE OR REPLACE FUNCTION _refuse_taken(p_name text) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._refuse_taken(p_name text) RETURNS void
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     PERFORM _refuse('ZC007', format('scene %L', p_name), 'name', 'is taken by another scene', 'scene_name_unique');

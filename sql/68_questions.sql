@@ -3,7 +3,7 @@
 -- PostgreSQL evaluates them once per query, first, because they are conditions without columns. It skips them if no row
 -- can match, as in a comparison with null; so queries replace nulls.
 
-CREATE OR REPLACE FUNCTION _warn_if_incomplete(p_scene text) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._warn_if_incomplete(p_scene text) RETURNS boolean
 LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path FROM CURRENT AS $$
 BEGIN
     IF NOT _is_current(_scene_id(p_scene)) THEN
@@ -17,7 +17,7 @@ $$;
 COMMENT ON FUNCTION _warn_if_incomplete(text) IS
 'Raises a NOTICE if the conflicts of a scene are not complete; returns true. Raises ZC010 for an unknown name.';
 
-CREATE OR REPLACE FUNCTION _warn_if_no_object(p_scene text, p_key text) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._warn_if_no_object(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL RESTRICTED SET search_path FROM CURRENT AS $$
 BEGIN
     IF NOT EXISTS (SELECT FROM object_key k WHERE k.scene_id = _scene_id(p_scene) AND k.key = p_key) THEN
@@ -29,7 +29,7 @@ $$;
 COMMENT ON FUNCTION _warn_if_no_object(text, text) IS
 'Raises a NOTICE if a scene has no object with that key (it may have been removed); returns true.';
 
-CREATE OR REPLACE FUNCTION _check_key(p_scene text, p_key text) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_key(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
@@ -47,7 +47,7 @@ $$;
 COMMENT ON FUNCTION _check_key(text, text) IS
 'Raises ZC011 if a scene has neither an object nor a conflict with that key; returns true.';
 
-CREATE OR REPLACE FUNCTION _check_place(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_place(
     p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
 ) RETURNS boolean
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$

@@ -1,6 +1,6 @@
 -- Position of havens: of one track at an instant, and of all tracks at many instants.
 
-CREATE OR REPLACE FUNCTION _leg_with_heading(
+CREATE OR REPLACE FUNCTION conflictdb_internal._leg_with_heading(
     p_path geometry, p_leg integer, p_motion text, p_earth text, OUT line geometry, OUT leg integer
 )
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
@@ -28,7 +28,7 @@ COMMENT ON FUNCTION _leg_with_heading(geometry, integer, text, text) IS
 'One leg of a path, counted from 1, as a line; for a loiter with the moving leg that gives its heading. leg: number of '
 'the leg in this line.';
 
-CREATE OR REPLACE FUNCTION _leg_havens(
+CREATE OR REPLACE FUNCTION conflictdb_internal._leg_havens(
     p_motion text, p_earth text, p_plane text, p_path geometry, p_outline geometry, p_grow_mps double precision,
     p_outlines geometry, p_leg integer, p_instants timestamptz[]
 ) RETURNS TABLE (at timestamptz, haven geometry)
@@ -116,7 +116,7 @@ COMMENT ON FUNCTION haven_at(text, text, timestamptz) IS
 'antimeridian; null before the first waypoint and from the last one on. A haven without size is a point, without width '
 'a line. Raises ZC010 or ZC011 for an unknown scene or track.';
 
-CREATE OR REPLACE FUNCTION _most_havens() RETURNS integer
+CREATE OR REPLACE FUNCTION conflictdb_internal._most_havens() RETURNS integer
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT 100000;
@@ -124,7 +124,7 @@ END;
 COMMENT ON FUNCTION _most_havens() IS
 'Greatest number of rows that havens returns, and of instants: about a minute''s work.';
 
-CREATE OR REPLACE FUNCTION _check_instants(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_instants(
     p_from timestamptz, p_to timestamptz, p_step interval
 ) RETURNS timestamptz[]
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$

@@ -1,7 +1,7 @@
 -- Probes with times: which objects a plan would conflict with, and when, to the scene's tolerance. Workers run stages 3
 -- and 4, so a request is a row that must be committed first. The role that asked and workers see request and reply.
 
-CREATE OR REPLACE FUNCTION _instant_of(p_us bigint) RETURNS timestamptz
+CREATE OR REPLACE FUNCTION conflictdb_internal._instant_of(p_us bigint) RETURNS timestamptz
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- In two steps, because microseconds may have more digits than a double.
@@ -11,7 +11,7 @@ END;
 COMMENT ON FUNCTION _instant_of(bigint) IS
 'Converts microseconds since 1970 to an instant; null (unbounded) from 9e18 on.';
 
-CREATE OR REPLACE FUNCTION _pieces_meeting(
+CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_meeting(
     p_scene_id bigint, p_most_compared bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[],
     p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[]
 ) RETURNS TABLE (n bigint, piece_id bigint, pieces integer, object_number bigint, part integer)
@@ -56,7 +56,7 @@ COMMENT ON FUNCTION _pieces_meeting(bigint, bigint, text, bytea[], bigint[], big
 'scene, which overlap in time and height and whose hulls meet. If more than p_most_compared pairs of pieces are to be '
 'compared, stage 1 only: pairs of a given piece and a row, without part. Skips the object p_key.';
 
-CREATE OR REPLACE FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
+CREATE OR REPLACE FUNCTION conflictdb_internal._keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
 RETURNS TABLE (kind smallint, id bigint, key text)
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
@@ -68,8 +68,8 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _keys_of(bigint, smallint[], bigint[]) IS 'Keys of objects of a scene, by kind and id.';
 
-CREATE OR REPLACE FUNCTION _prune_probes() RETURNS void
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._prune_probes() RETURNS void
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     DELETE FROM probe_request p WHERE p.asked_at < now() - interval '1 hour';
 END
@@ -78,7 +78,7 @@ COMMENT ON FUNCTION _prune_probes() IS
 'Deletes old requests and their replies. Runs as its owner: the right to delete rows would include locking the table. '
 'Restricted to requests older than an hour.';
 
-CREATE OR REPLACE FUNCTION _check_area_probe(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_area_probe(
     p_footprint geometry, p_active_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
 ) RETURNS void
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
@@ -99,7 +99,7 @@ $$;
 COMMENT ON FUNCTION _check_area_probe(geometry, tstzrange, double precision, double precision) IS
 'Raises an error (class ZC) for an area that a worker could not probe.';
 
-CREATE OR REPLACE FUNCTION _check_track_probe(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_track_probe(
     p_scene_id bigint, p_path geometry, p_outline geometry, p_floor_m double precision, p_ceiling_m double precision,
     p_grow_mps double precision
 ) RETURNS void
@@ -137,7 +137,7 @@ COMMENT ON FUNCTION _check_track_probe(bigint, geometry, geometry, double precis
 
 -- Readers may insert requests directly, so every row is checked.
 
-CREATE OR REPLACE FUNCTION _before_probe_request() RETURNS trigger
+CREATE OR REPLACE FUNCTION conflictdb_internal._before_probe_request() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     c_who CONSTANT text := 'what is asked about';
@@ -274,7 +274,7 @@ COMMENT ON FUNCTION wait_for_probe(bigint, interval) IS
 
 -- For Python.
 
-CREATE OR REPLACE FUNCTION _request_probe(
+CREATE OR REPLACE FUNCTION conflictdb_internal._request_probe(
     p_scene text, p_key text, p_kind integer, p_footprint bytea, p_start_us bigint, p_end_us bigint, p_path bytea,
     p_outline bytea, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision
 ) RETURNS bigint
@@ -291,7 +291,7 @@ COMMENT ON FUNCTION _request_probe(text, text, integer, bytea, bigint, bigint, b
                                    double precision, double precision) IS
 'request_probe (kind 0) or request_track_probe (kind 1): geometries as WKB, instants in microseconds since 1970.';
 
-CREATE OR REPLACE FUNCTION _wait_for_probe(p_probe_id bigint, p_timeout interval)
+CREATE OR REPLACE FUNCTION conflictdb_internal._wait_for_probe(p_probe_id bigint, p_timeout interval)
 RETURNS TABLE (
     key text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision,
     lat_deg double precision, closest_at timestamptz, closest_m double precision, closest_error_m double precision
@@ -306,7 +306,7 @@ COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS 'As wait_for_probe, wit
 
 -- For workers.
 
-CREATE OR REPLACE FUNCTION _next_probe() RETURNS TABLE (probe_id bigint, scene_id bigint)
+CREATE OR REPLACE FUNCTION conflictdb_internal._next_probe() RETURNS TABLE (probe_id bigint, scene_id bigint)
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     RETURN QUERY
@@ -322,7 +322,7 @@ $$;
 COMMENT ON FUNCTION _next_probe() IS
 'The next request that no other session works on, locked until the transaction ends; no row if there is none.';
 
-CREATE OR REPLACE FUNCTION _probe_request(
+CREATE OR REPLACE FUNCTION conflictdb_internal._probe_request(
     p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea,
     OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision,
     OUT floor_m double precision, OUT ceiling_m double precision
@@ -337,7 +337,7 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _probe_request(bigint) IS 'A request: geometries as WKB, instants in microseconds since 1970.';
 
-CREATE OR REPLACE FUNCTION _probe_failed(p_probe_id bigint, p_error text) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._probe_failed(p_probe_id bigint, p_error text) RETURNS void
 LANGUAGE sql VOLATILE STRICT
 BEGIN ATOMIC
     UPDATE probe_request p SET failures = p.failures + 1,
@@ -349,7 +349,7 @@ END;
 COMMENT ON FUNCTION _probe_failed(bigint, text) IS
 'Records a failed attempt to reply to a request; after the third, the error becomes the reply.';
 
-CREATE OR REPLACE FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb)
+CREATE OR REPLACE FUNCTION conflictdb_internal._answer_probe(p_probe_id bigint, p_error text, p_found jsonb)
 RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN

@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "1cd21e3a501fd7a6fae553497b87af3150050b142ef1e02d3b556cf5a6991a66"
+routines_sha256 = "59313562e82cd0cbcad65db668ffd0bdd28b97398b6cfbf56965d7c41b1848fe"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
@@ -98,4 +98,6 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    raise NotImplementedError("conflictdb does not downgrade; DROP SCHEMA conflictdb CASCADE removes it")
+    raise NotImplementedError(
+        "conflictdb does not downgrade; DROP SCHEMA conflictdb, conflictdb_internal CASCADE removes it"
+    )

@@ -138,7 +138,7 @@ def test_who_can_only_connect_cannot_keep_a_scene_from_being_detected(
                 "SELECT FROM conflictdb.scene_lock FOR KEY SHARE",
                 "LOCK conflictdb.scene_lock IN ACCESS SHARE MODE",
                 "LOCK conflictdb.piece IN ACCESS SHARE MODE",
-                "SELECT conflictdb._take_scene(1, 0)",
+                "SELECT conflictdb_internal._take_scene(1, 0)",
             ):
                 with pytest.raises(psycopg.errors.InsufficientPrivilege), attacker.transaction():
                     attacker.execute(statement.encode())
@@ -154,7 +154,7 @@ def test_only_workers_lock_scenes(conn: Conn, other: Conn, scene_id: int, role: 
     for statement in (
         "SELECT FROM conflictdb.scene_lock FOR KEY SHARE",
         "LOCK conflictdb.scene_lock IN ROW EXCLUSIVE MODE",
-        "SELECT conflictdb._take_scene(1, 0)",
+        "SELECT conflictdb_internal._take_scene(1, 0)",
     ):
         with pytest.raises(psycopg.errors.InsufficientPrivilege), other.transaction():
             other.execute(statement.encode())

@@ -32,11 +32,11 @@ PASSWORD = "never-to-be-seen"  # noqa: S105
 ROWS = """
 INSERT INTO conflictdb.scene (name, motion, earth) VALUES ('late', 'great_circle', 'sphere');
 INSERT INTO conflictdb.track (scene_id, key, path, outline, outlines, grow_mps, floor_m, ceiling_m)
-SELECT conflictdb._scene_id('late'), key, path, outline, outlines, grow_mps, floor_m, ceiling_m
-FROM conflictdb.track WHERE scene_id = conflictdb._scene_id('circles') ORDER BY key DESC;
+SELECT conflictdb_internal._scene_id('late'), key, path, outline, outlines, grow_mps, floor_m, ceiling_m
+FROM conflictdb.track WHERE scene_id = conflictdb_internal._scene_id('circles') ORDER BY key DESC;
 INSERT INTO conflictdb.area (scene_id, key, footprint, active_span)
-SELECT conflictdb._scene_id('late'), key, footprint, active_span
-FROM conflictdb.area WHERE scene_id = conflictdb._scene_id('circles')
+SELECT conflictdb_internal._scene_id('late'), key, footprint, active_span
+FROM conflictdb.area WHERE scene_id = conflictdb_internal._scene_id('circles')
 """
 
 

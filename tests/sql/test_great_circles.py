@@ -47,7 +47,7 @@ def centre(conn: Conn) -> tuple[float | None, float | None]:
 
 
 def pending(conn: Conn) -> int:
-    row = conn.execute("SELECT pending FROM conflictdb._scenes() WHERE settings ->> 'name' = 's'").fetchone()
+    row = conn.execute("SELECT pending FROM conflictdb_internal._scenes() WHERE settings ->> 'name' = 's'").fetchone()
     assert row is not None
     return row[0]
 

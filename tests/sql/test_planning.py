@@ -294,7 +294,7 @@ def with_many(conn: Conn) -> Conn:
 def test_questions_about_one_object_or_place_read_few_of_many_conflicts(
     with_many: Conn, query: str, found: int
 ) -> None:
-    with_many.execute("SET search_path = conflictdb, public")
+    with_many.execute("SET search_path = conflictdb, conflictdb_internal, public")
     with_many.execute("SET client_min_messages = warning")
     row = with_many.execute(f"EXPLAIN (ANALYZE, TIMING off, FORMAT json) SELECT * FROM {query}".encode()).fetchone()
     assert row is not None
@@ -305,7 +305,8 @@ def test_questions_about_one_object_or_place_read_few_of_many_conflicts(
 
 def test_what_was_planned_while_there_were_no_conflicts_reads_few_of_many(conn: Conn) -> None:
     """A worker's session keeps its plans while conflicts come, and nobody has analyzed them yet."""
-    ask = "SELECT octet_length(a_ids) FROM conflictdb._known_conflicts_of(1, array_fill(1::smallint, '{20}'), %s)"
+    ask = """SELECT octet_length(a_ids)
+             FROM conflictdb_internal._known_conflicts_of(1, array_fill(1::smallint, '{20}'), %s)"""
     read = """SELECT sum(pg_stat_get_xact_blocks_fetched(indexrelid)) FROM pg_index
               WHERE indrelid = 'conflictdb.conflict'::regclass"""
     objects = list(range(1, 21))
@@ -325,6 +326,7 @@ def test_what_was_planned_while_there_were_no_conflicts_reads_few_of_many(conn: 
 def test_routines_that_rule_out_plans_compile_none(conn: Conn) -> None:
     """What is ruled out and taken all the same counts as 1e10, as worth a second of compiling (JIT) for two rows."""
     query = r"""SELECT p.oid::regprocedure::text FROM pg_proc p
-                WHERE p.pronamespace = 'conflictdb'::regnamespace AND 'jit=off' <> ALL (coalesce(p.proconfig, '{}'))
+                WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
+                      AND 'jit=off' <> ALL (coalesce(p.proconfig, '{}'))
                   AND (array_to_string(p.proconfig, ' ') ~ '\menable_\w+=' OR p.prosrc ~ '\menable_\w+')"""
     assert conn.execute(query).fetchall() == []

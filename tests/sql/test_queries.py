@@ -55,7 +55,8 @@ def detected_dsn(_server: TestServer, template: str, worker_id: str, request: py
 
 @pytest.fixture
 def conn_with_conflicts(detected_dsn: str) -> Iterator[Conn]:
-    with psycopg.connect(detected_dsn, options="-c timezone=UTC -c search_path=conflictdb,public") as connection:
+    options = "-c timezone=UTC -c search_path=conflictdb,conflictdb_internal,public"
+    with psycopg.connect(detected_dsn, options=options) as connection:
         yield connection
 
 
@@ -156,8 +157,8 @@ def test_part_of_a_region_whose_edges_cross_when_rounded_is_mended(conn: Conn) -
     )
     row = conn.execute(
         "SELECT ST_IsValidReason(d.before), ST_IsValid(d.now), ST_Area(d.now) / ST_Area(d.before) "
-        "FROM (SELECT conflictdb._part_from_plane(%(part)s, 'wgs84') AS now, "
-        "             conflictdb._from_plane(%(part)s, 'wgs84') AS before) d",
+        "FROM (SELECT conflictdb_internal._part_from_plane(%(part)s, 'wgs84') AS now, "
+        "             conflictdb_internal._from_plane(%(part)s, 'wgs84') AS before) d",
         {"part": part},
     ).fetchone()
     assert row is not None

@@ -375,12 +375,12 @@ def test_track_may_run_along_the_limit(scene: Conn) -> None:
 
 def test_duplicate_keys_of_two_writers_at_once_cannot_both_be_put(conn: Conn, dsn: str) -> None:
     """One puts an area, the other a track with the same key: whoever commits second is refused."""
-    conn.execute("SET search_path = conflictdb, public")
+    conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
     conn.execute("SELECT create_scene('s')")
     conn.commit()
     conn.execute(f"SELECT put_area('s', 'K', {SQUARE})")
     with psycopg.connect(dsn) as other:
-        other.execute("SET search_path = conflictdb, public")
+        other.execute("SET search_path = conflictdb, conflictdb_internal, public")
         other.execute("SET lock_timeout = '200ms'")
         other.commit()
         with pytest.raises(psycopg.errors.LockNotAvailable):

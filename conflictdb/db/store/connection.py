@@ -74,12 +74,12 @@ _RIGHTS: Final = """
 SELECT pg_catalog.quote_ident(current_user), pg_catalog.quote_ident(current_database()),
        has_schema_privilege('conflictdb', 'USAGE'),
        coalesce((SELECT bool_and(has_function_privilege(p.oid, 'EXECUTE')) FROM pg_catalog.pg_proc p
-                 WHERE p.pronamespace = 'conflictdb'::regnamespace::oid AND p.proname = %(routine)s::name), true),
+                 WHERE p.pronamespace = to_regnamespace(%(schema)s)::oid AND p.proname = %(routine)s::name), true),
        has_database_privilege(current_database(), 'TEMPORARY'),
        (SELECT r.rolname FROM pg_catalog.pg_roles r
         WHERE r.rolname IN ('conflictdb_reader', 'conflictdb_editor', 'conflictdb_worker')
               AND (SELECT bool_and(has_function_privilege(r.oid, p.oid, 'EXECUTE')) FROM pg_catalog.pg_proc p
-                   WHERE p.pronamespace = 'conflictdb'::regnamespace::oid AND p.proname = %(routine)s::name)
+                   WHERE p.pronamespace = to_regnamespace(%(schema)s)::oid AND p.proname = %(routine)s::name)
         ORDER BY pg_catalog.array_position(ARRAY['conflictdb_reader', 'conflictdb_editor'], r.rolname::text) LIMIT 1)
 """
 
@@ -180,7 +180,8 @@ def _missing_grant(conn: psycopg.Connection[Any], refusal: psycopg.Error, routin
     if conn.info.transaction_status not in (TransactionStatus.IDLE, TransactionStatus.INTRANS):
         return None
     with conn.transaction(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
-        rights = cursor.execute(_RIGHTS.encode(), {"routine": routine}, prepare=False).fetchone()
+        names = {"schema": _schema_of(routine), "routine": routine}
+        rights = cursor.execute(_RIGHTS.encode(), names, prepare=False).fetchone()
     if rights is None:
         return None
     user, database, may_use, may_call, may_have_tables, role = rights
@@ -281,9 +282,14 @@ def _rows(
 
 
 def query_of(routine: str, arguments: Sequence[object]) -> bytes:
-    """Return the statement that calls a routine of schema conflictdb, with a parameter for each argument."""
+    """Return the statement that calls a routine of conflictdb, with a parameter for each argument."""
     # Names of routines come from this package only; values are always parameters.
-    return f"SELECT * FROM conflictdb.{routine}({', '.join(['%s'] * len(arguments))})".encode()  # noqa: S608
+    called = f"{_schema_of(routine)}.{routine}({', '.join(['%s'] * len(arguments))})"
+    return f"SELECT * FROM {called}".encode()  # noqa: S608
+
+
+def _schema_of(routine: str) -> str:
+    return "conflictdb_internal" if routine.startswith("_") else "conflictdb"
 
 
 @contextmanager
