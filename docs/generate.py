@@ -438,7 +438,9 @@ def _states() -> str:
     rows = ((f"`{state}`", name) for state, name in re.findall(r"(ZC\d{3}) (\w+)", text.partition("\n\n")[0]))
     said = (
         "Bad input is refused with one of these. For programs the error names the object (in its field TABLE), the "
-        "field (COLUMN) and the rule (CONSTRAINT)."
+        "field (COLUMN) and the rule (CONSTRAINT). PL/pgSQL also sends the routines that were running, which psql "
+        "prints as CONTEXT; `conflictdb psql` does not, nor psql after `\\set SHOW_CONTEXT never` (in `~/.psqlrc`: "
+        "always)."
     )
     return f"## SQLSTATEs\n\n{said}\n\n{table(['SQLSTATE', 'name'], rows)}"
 

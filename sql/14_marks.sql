@@ -68,7 +68,7 @@ BEGIN
                     'WHERE k.object_kind <> $1 ORDER BY n.key LIMIT 1' INTO v_taken USING v_kind;
             -- A key held by an object of the same kind is this object's own, inserted earlier by a restore.
             IF v_taken IS NOT NULL THEN
-                PERFORM _refuse('ZC007', format('%s %L', TG_TABLE_NAME, v_taken), 'key',
+                FOUND := _raise('ZC007', format('%s %L', TG_TABLE_NAME, v_taken), 'key',
                                 'is taken by another object of the scene', 'object_key_unique');
             END IF;
         END IF;

@@ -44,7 +44,7 @@ BEGIN
         FROM (SELECT a.key FROM pg_temp.staged_area a UNION ALL SELECT t.key FROM pg_temp.staged_track t) k
         GROUP BY k.key HAVING count(*) > 1 ORDER BY k.key LIMIT 1;
     IF FOUND THEN
-        PERFORM _refuse('ZC007', format('object %L', v_key), 'key', 'is given twice', 'object_key_unique');
+        FOUND := _raise('ZC007', format('object %L', v_key), 'key', 'is given twice', 'object_key_unique');
     END IF;
     SELECT (SELECT count(*) FROM pg_temp.staged_area) + (SELECT count(*) FROM pg_temp.staged_track) INTO v_total;
 

@@ -76,7 +76,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._check_may_change(p_scene_id bigi
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     IF NOT _may_change(p_scene_id) THEN
-        PERFORM _refuse('42501', format('scene %L', p_scene), 'owner',
+        FOUND := _raise('42501', format('scene %L', p_scene), 'owner',
                         format('lets role %I read it, but not change it', current_user), 'scene_changeable',
                         format('Its owner may run: SELECT conflictdb.share_scene(%L, %L, ''write'')', p_scene,
                                current_user));
@@ -110,7 +110,7 @@ BEGIN
         RETURN;
     END IF;
     IF (p_owner IN (SELECT m.role FROM _my_role m WHERE m.role <> 'public')) IS NOT TRUE THEN
-        PERFORM _refuse('42501', p_who, 'owner',
+        FOUND := _raise('42501', p_who, 'owner',
                         format('is %s, not role %I', coalesce('role ' || quote_ident(p_owner), 'nobody'), current_user),
                         'scene_owned');
     END IF;
@@ -125,7 +125,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._check_role(p_who text, p_role te
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     IF NOT EXISTS (SELECT FROM pg_catalog.pg_roles r WHERE r.rolname::text = p_role) THEN
-        PERFORM _refuse('ZC009', p_who, 'role', format('%s is not a role of this server', quote_nullable(p_role)),
+        FOUND := _raise('ZC009', p_who, 'role', format('%s is not a role of this server', quote_nullable(p_role)),
                         'role_known', 'Names are used literally: no quotes, case is kept.');
     END IF;
 END

@@ -32,7 +32,7 @@ DECLARE
 BEGIN
     -- A caller with a snapshot older than the attachment would create a broken function.
     IF coalesce(cardinality(v_columns), 0) = 0 THEN
-        PERFORM _refuse('ZC011', format('attachment %s', p_attachment_id), 'attachment_id', 'is not known',
+        FOUND := _raise('ZC011', format('attachment %s', p_attachment_id), 'attachment_id', 'is not known',
                         'attachment_known');
     END IF;
     EXECUTE format('CREATE OR REPLACE FUNCTION conflictdb_internal._note_%s() RETURNS trigger '

@@ -24,7 +24,7 @@ BEGIN
     SELECT a.nspowner, n.nspowner INTO v_owner, v_ours FROM pg_catalog.pg_namespace a, pg_catalog.pg_namespace n
         WHERE a.nspname = 'conflictdb_attached' AND n.nspname = 'conflictdb';
     IF v_owner NOT IN (v_ours, current_user::regrole) THEN
-        PERFORM _refuse('42501', 'schema conflictdb_attached', 'owner',
+        FOUND := _raise('42501', 'schema conflictdb_attached', 'owner',
                         format('must be role %s, the owner of schema conflictdb; got role %s', v_ours, v_owner),
                         'attached_schema_owned', format('Let an administrator remove it, or run: '
                         'ALTER SCHEMA conflictdb_attached OWNER TO %s', v_ours));
@@ -67,7 +67,7 @@ BEGIN
         LEFT JOIN pg_catalog.pg_class c ON c.oid = t.relation LEFT JOIN pg_catalog.pg_roles r ON r.oid = c.relowner
         WHERE (pg_has_role(r.oid, 'USAGE') OR NOT p_has_triggers AND r.rolsuper) IS NOT TRUE LIMIT 1;
     IF FOUND THEN
-        PERFORM _refuse('ZC009', p_who, 'table',
+        FOUND := _raise('ZC009', p_who, 'table',
                         format('must belong to the role that attaches it: role %I does not own %s', current_user,
                                v_other), 'attached_owned', 'Attach it as its owner.');
     END IF;
@@ -101,21 +101,21 @@ BEGIN
     SELECT c.relkind, c.relpersistence, n.nspname INTO v_table
         FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace WHERE c.oid = p_table;
     IF v_table.relkind NOT IN ('r', 'p', 'v', 'm', 'f') THEN
-        PERFORM _refuse('ZC009', p_who, 'table', 'must be a table or a view', 'attached_is_table');
+        FOUND := _raise('ZC009', p_who, 'table', 'must be a table or a view', 'attached_is_table');
     END IF;
     IF v_table.relpersistence = 't' THEN
-        PERFORM _refuse('ZC009', p_who, 'table', 'is temporary: no other session can read it', 'attached_is_lasting');
+        FOUND := _raise('ZC009', p_who, 'table', 'is temporary: no other session can read it', 'attached_is_lasting');
     END IF;
     IF v_table.nspname IN ('conflictdb', 'conflictdb_internal', 'pg_catalog', 'information_schema') THEN
-        PERFORM _refuse('ZC009', p_who, 'table', 'must be neither a system table nor one of conflictdb',
+        FOUND := _raise('ZC009', p_who, 'table', 'must be neither a system table nor one of conflictdb',
                         'attached_is_foreign');
     END IF;
     IF NOT has_table_privilege(p_table, 'SELECT') THEN
-        PERFORM _refuse('ZC009', p_who, 'table', format('cannot be read by role %I', current_user), 'attached_readable',
+        FOUND := _raise('ZC009', p_who, 'table', format('cannot be read by role %I', current_user), 'attached_readable',
                         format('GRANT SELECT ON %s TO %I lets it.', p_table, current_user));
     END IF;
     IF row_security_active(p_table) THEN
-        PERFORM _refuse('ZC009', p_who, 'table',
+        FOUND := _raise('ZC009', p_who, 'table',
                         format('hides rows from role %I by row-level security',
                                current_user), 'attached_whole',
                         'Attach it as its owner, as a role with BYPASSRLS, or attach a view of a role that sees all.');
@@ -124,7 +124,7 @@ BEGIN
         SELECT c.oid INTO v_other FROM _attached_tables(p_table) t JOIN pg_catalog.pg_class c ON c.oid = t.relation
             WHERE c.relkind = 'f' LIMIT 1;
         IF FOUND THEN
-            PERFORM _refuse('ZC009', p_who, 'table',
+            FOUND := _raise('ZC009', p_who, 'table',
                             format('has a foreign partition, %s, whose changes no trigger sees', v_other),
                             'attached_watchable',
                             'Give every, the interval at which to compare all rows instead.');
@@ -175,7 +175,7 @@ BEGIN
             FROM _map_expression(p_who, v_one.field, p_table, v_one.given, v_one.wanted) x;
     END LOOP;
     IF cardinality(identity_columns) = 0 OR array_position(identity_columns, NULL) IS NOT NULL THEN
-        PERFORM _refuse('ZC009', p_who, 'key', 'must be an expression of columns of the table', 'map_key');
+        FOUND := _raise('ZC009', p_who, 'key', 'must be an expression of columns of the table', 'map_key');
     END IF;
     v_identity := _identity_of('t', identity_columns);
     -- All names written out from here on are qualified.
@@ -253,7 +253,7 @@ $body$, v_marks, v_table, v_list, v_decoded, v_joined, v_null, v_identity, v_whe
         IF SQLSTATE !~ '^42' THEN
             RAISE;
         END IF;
-        PERFORM _refuse('ZC009', p_who, 'map', 'cannot be used: ' || SQLERRM, 'map_usable');
+        FOUND := _raise('ZC009', p_who, 'map', 'cannot be used: ' || SQLERRM, 'map_usable');
     END;
 END
 $$;
@@ -312,10 +312,10 @@ DECLARE
     v_times text;
 BEGIN
     IF v_kind IS NULL THEN
-        PERFORM _refuse('ZC009', v_who, 'kind', format('must be area or track; got %L', p_kind), 'attached_kind');
+        FOUND := _raise('ZC009', v_who, 'kind', format('must be area or track; got %L', p_kind), 'attached_kind');
     END IF;
     IF p_every < interval '1 second' THEN
-        PERFORM _refuse('ZC009', v_who, 'every', format('must be a second at least; got %s', p_every),
+        FOUND := _raise('ZC009', v_who, 'every', format('must be a second at least; got %s', p_every),
                         'attachment_every_positive');
     END IF;
     PERFORM _check_attachable(v_who, p_table, v_has_triggers);
@@ -385,7 +385,7 @@ BEGIN
     IF NOT FOUND THEN
         SELECT string_agg(DISTINCT format('%I.%I', a.table_schema, a.table_name), ', ') INTO v_tables
             FROM attachment a WHERE a.scene_id = v_scene_id;
-        PERFORM _refuse('ZC011', format('scene %L', p_scene), 'table',
+        FOUND := _raise('ZC011', format('scene %L', p_scene), 'table',
                         format('%s is not attached to it; attached: %s', p_table, coalesce(v_tables, 'none')),
                         'table_attached');
     END IF;
@@ -436,7 +436,7 @@ DECLARE
                       FROM attachment a WHERE a.scene_id = OLD.scene_id);
 BEGIN
     IF v_tables IS NOT NULL THEN
-        PERFORM _refuse('ZC009', format('scene %L', OLD.name), 'tables', 'are attached to it: ' || v_tables,
+        FOUND := _raise('ZC009', format('scene %L', OLD.name), 'tables', 'are attached to it: ' || v_tables,
                         'scene_without_attachments', 'detach(scene, table) detaches each.');
     END IF;
     RETURN OLD;
@@ -463,7 +463,7 @@ BEGIN
                                 NEW.map, NEW.has_triggers)
        OR TG_OP = 'UPDATE' AND cardinality(OLD.identity_columns) > 0
           AND OLD.identity_columns <> NEW.identity_columns THEN
-        PERFORM _refuse('ZC009', format('attachment %s', NEW.attachment_id), 'table', 'cannot be changed',
+        FOUND := _raise('ZC009', format('attachment %s', NEW.attachment_id), 'table', 'cannot be changed',
                         'attachment_fixed', 'Detach it, and attach it again.');
     END IF;
     RETURN NEW;

@@ -27,7 +27,7 @@ BEGIN
         RETURN p_geometry;
     END IF;
     IF ST_SRID(p_geometry) = 0 THEN
-        PERFORM _refuse('ZC001', p_who, p_field, 'has no SRID', 'attached_srid',
+        FOUND := _raise('ZC001', p_who, p_field, 'has no SRID', 'attached_srid',
                         'ST_SetSRID(COLUMN, 4326) in the map says that it is longitude and latitude on WGS84.');
     END IF;
     v_placed := ST_Transform(p_geometry, 4326);
@@ -55,7 +55,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._attached_footprint(p_who text, p
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF (GeometryType(p_shape) IN ('POLYGON', 'MULTIPOLYGON')) IS FALSE THEN
-        PERFORM _refuse('ZC001', p_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
+        FOUND := _raise('ZC001', p_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
                         GeometryType(p_shape)), 'footprint_polygon');
     END IF;
     RETURN ST_Multi(_lon_lat(p_who, 'footprint', ST_Force2D(p_shape)));
@@ -70,7 +70,7 @@ RETURNS tstzrange
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF p_end <= p_start THEN
-        PERFORM _refuse('ZC003', p_who, 'end', format('must be later than start (%s); got %s', p_start, p_end),
+        FOUND := _raise('ZC003', p_who, 'end', format('must be later than start (%s); got %s', p_start, p_end),
                         'span_not_empty');
     END IF;
     RETURN coalesce(p_span, tstzrange(p_start, p_end));
@@ -88,13 +88,13 @@ DECLARE
     v_path geometry := CASE WHEN p_has_times THEN ST_Force2D(p_shape) ELSE ST_Force3DM(p_shape) END;
 BEGIN
     IF ST_GeometryType(p_shape) <> 'ST_LineString' OR NOT p_has_times AND ST_Zmflag(p_shape) NOT IN (1, 3) THEN
-        PERFORM _refuse('ZC001', p_who, 'path',
+        FOUND := _raise('ZC001', p_who, 'path',
                         format('must be a %s; got %s', CASE WHEN p_has_times THEN 'LineString' ELSE 'LineStringM' END,
                                GeometryType(p_shape)), 'path_linestring_m',
                         'M is Unix seconds; or give times, an array of one instant for each waypoint.');
     END IF;
     IF p_has_times AND (p_times IS NULL OR array_position(p_times, NULL) IS NOT NULL) THEN
-        PERFORM _refuse('ZC002', p_who, 'times', 'must not be null', 'path_time_per_waypoint');
+        FOUND := _raise('ZC002', p_who, 'times', 'must not be null', 'path_time_per_waypoint');
     END IF;
     v_path := _lon_lat(p_who, 'path', v_path);
     RETURN CASE WHEN p_has_times THEN track_path(v_path, p_times) ELSE v_path END;

@@ -172,7 +172,7 @@ DECLARE
     v_scene_id bigint := _scene_id(p_scene);
 BEGIN
     IF p_kept < interval '0' THEN
-        PERFORM _refuse('ZC009', format('scene %L', p_scene), 'kept',
+        FOUND := _raise('ZC009', format('scene %L', p_scene), 'kept',
                         format('must be 0 or longer; got %s', p_kept), 'history_kept_positive');
     END IF;
     -- Takes the lock like a detection; a detection that waits for it starts again.

@@ -179,7 +179,7 @@ BEGIN
     -- Each turn sees what other sessions have committed, including removal of the scene.
     WHILE NOT _is_current(_scene_id(p_scene)) LOOP
         IF current_setting('transaction_isolation') <> 'read committed' THEN
-            PERFORM _refuse('ZC013', v_who, 'transaction',
+            FOUND := _raise('ZC013', v_who, 'transaction',
                             format('is %s: it sees one state of the database until it ends, and would wait in vain',
                                    upper(current_setting('transaction_isolation'))),
                             'wait_sees_others', 'Wait in a transaction that is READ COMMITTED.');
@@ -191,11 +191,11 @@ BEGIN
                        SELECT FROM attached_change q JOIN attachment a USING (attachment_id)
                        JOIN scene s USING (scene_id)
                        WHERE s.name = p_scene AND q.changed_at = now()) THEN
-            PERFORM _refuse('ZC013', v_who, 'transaction', 'has changed the scene itself, which no detection sees '
+            FOUND := _raise('ZC013', v_who, 'transaction', 'has changed the scene itself, which no detection sees '
                             'until it is committed', 'wait_sees_committed', 'Commit first.');
         END IF;
         IF clock_timestamp() >= v_until THEN
-            PERFORM _refuse('ZC014', v_who, 'is_current', format('is not current after %s: %s', p_timeout,
+            FOUND := _raise('ZC014', v_who, 'is_current', format('is not current after %s: %s', p_timeout,
                             (SELECT s.remark FROM _scene_state(p_scene) s)), 'scene_current_in_time',
                             'Is a worker running? Did the last run of the scene fail?');
         END IF;

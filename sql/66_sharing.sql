@@ -8,7 +8,7 @@ DECLARE
 BEGIN
     IF NOT pg_has_role((SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = 'scene'::regclass), 'USAGE')
        AND (v_owner IN (SELECT m.role FROM _my_role m)) IS NOT TRUE THEN
-        PERFORM _refuse('42501', format('scene %L', p_scene), 'owner',
+        FOUND := _raise('42501', format('scene %L', p_scene), 'owner',
                         format('is %s, not role %I', coalesce('role ' || quote_ident(v_owner), 'nobody'), current_user),
                         'scene_owned', 'Only the owner of the scene or of schema conflictdb may share it or give '
                         'it away.');
@@ -27,7 +27,7 @@ DECLARE
     v_needed text;
 BEGIN
     IF (p_access IN ('read', 'write')) IS NOT TRUE THEN
-        PERFORM _refuse('ZC009', format('scene %L', p_scene), 'access',
+        FOUND := _raise('ZC009', format('scene %L', p_scene), 'access',
                         format('must be read or write; got %s', quote_nullable(p_access)), 'share_access_known');
     END IF;
     v_needed := CASE p_access WHEN 'read' THEN 'conflictdb_reader' ELSE 'conflictdb_editor' END;

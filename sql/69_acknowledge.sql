@@ -13,7 +13,7 @@ BEGIN
         WHERE c.scene_id = v_scene_id AND c.verdict <> 'near'
           AND (c.a_key = p_a_key AND c.b_key = p_b_key OR c.a_key = p_b_key AND c.b_key = p_a_key);
     IF NOT FOUND THEN
-        PERFORM _refuse('ZC011', format('scene %L', p_scene), 'conflict',
+        FOUND := _raise('ZC011', format('scene %L', p_scene), 'conflict',
                         format('between %s and %s is not known', quote_nullable(p_a_key), quote_nullable(p_b_key)),
                         'conflict_known', 'The view conflicts has those that are.');
     END IF;
@@ -59,14 +59,14 @@ DECLARE
     v_who text := format('conflict of %L and %L', p_a_key, p_b_key);
 BEGIN
     IF coalesce(btrim(p_reason), '') = '' OR octet_length(p_reason) > c_longest THEN
-        PERFORM _refuse('ZC009', v_who, 'reason', format('must be a text of 1 to %s bytes', c_longest),
+        FOUND := _raise('ZC009', v_who, 'reason', format('must be a text of 1 to %s bytes', c_longest),
                         'acknowledgement_reason_given');
     END IF;
     IF btrim(p_by) = '' OR octet_length(p_by) > 1000 THEN
-        PERFORM _refuse('ZC009', v_who, 'by', 'must be a text of 1 to 1000 bytes', 'acknowledgement_given_name_valid');
+        FOUND := _raise('ZC009', v_who, 'by', 'must be a text of 1 to 1000 bytes', 'acknowledgement_given_name_valid');
     END IF;
     IF p_until <= now() THEN
-        PERFORM _refuse('ZC003', v_who, 'until', format('must be later than now; got %s', p_until),
+        FOUND := _raise('ZC003', v_who, 'until', format('must be later than now; got %s', p_until),
                         'acknowledgement_until_later');
     END IF;
     -- A unique index allows one open row per conflict, so concurrent calls end each other's rows in turn.

@@ -295,7 +295,7 @@ BEGIN
         CROSS JOIN LATERAL (SELECT _not_tiny(ST_Y(d.geom)) / _rectifying_m(p_earth) * cosd(l.bearing_deg) AS ahead,
                                    _not_tiny(ST_X(d.geom)) / _rectifying_m(p_earth) * sind(l.bearing_deg) AS across
                             FROM ST_DumpPoints(o.outline) d) v) > radians(89.5) THEN
-        PERFORM _refuse('ZC005', p_who,
+        FOUND := _raise('ZC005', p_who,
                         CASE WHEN p_outlines IS NOT NULL THEN 'outlines' WHEN p_grow_mps > 0 THEN 'grow_mps'
                              ELSE 'outline' END,
                         'the haven reaches beyond 89.5 degrees of latitude on one of its legs',

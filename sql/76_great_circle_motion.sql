@@ -136,7 +136,7 @@ BEGIN
         WHERE _from_centre_deg(_circle_vertices(l.start, l.heading, e.angle, e.outline), p_centre_lon, p_centre_lat)
               > CASE WHEN v_changes THEN degrees(acos(least(0.5 + _sag(l.angle, o.first, o.last), 1))) ELSE 60 END
                 + 1e-9) THEN
-        PERFORM _refuse('ZC005', p_who,
+        FOUND := _raise('ZC005', p_who,
                         CASE WHEN p_outlines IS NOT NULL THEN 'outlines' WHEN p_grow_mps > 0 THEN 'grow_mps'
                              ELSE 'outline' END,
                         format('the haven reaches beyond 60 degrees from the scene''s centre (%s, %s) on one of '

@@ -97,7 +97,7 @@ BEGIN
     SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
     SELECT * INTO v_track FROM track t WHERE t.scene_id = v_scene.scene_id AND t.key = p_key;
     IF NOT FOUND THEN
-        PERFORM _refuse('ZC011', format('track %L', p_key), 'key', format('is not a track of scene %L', p_scene),
+        FOUND := _raise('ZC011', format('track %L', p_key), 'key', format('is not a track of scene %L', p_scene),
                         'object_known');
     END IF;
     -- A waypoint belongs to the leg that starts there; the last waypoint to none.
@@ -133,19 +133,19 @@ DECLARE
     v_instants timestamptz[];
 BEGIN
     IF p_from IS NULL OR p_to IS NULL OR NOT (isfinite(p_from) AND isfinite(p_to)) OR p_to < p_from THEN
-        PERFORM _refuse('ZC003', c_who, 'p_from, p_to',
+        FOUND := _raise('ZC003', c_who, 'p_from, p_to',
                         format('must be two instants in order; got %s to %s', coalesce(p_from::text, 'null'),
                                coalesce(p_to::text, 'null')), 'havens_span');
     END IF;
     IF (p_step > interval '0') IS NOT TRUE THEN
-        PERFORM _refuse('ZC003', c_who, 'p_step',
+        FOUND := _raise('ZC003', c_who, 'p_step',
                         format('must be positive; got %s', coalesce(p_step::text, 'null')),
                         'havens_step_positive');
     END IF;
     -- In the SELECT list, where LIMIT stops the series; in FROM all rows would be computed first.
     v_instants := ARRAY(SELECT generate_series(p_from, p_to, p_step) LIMIT _most_havens() + 1);
     IF cardinality(v_instants) > _most_havens() THEN
-        PERFORM _refuse('ZC003', c_who, 'p_step',
+        FOUND := _raise('ZC003', c_who, 'p_step',
                         format('%s gives more than %s instants from %s to %s', p_step, _most_havens(), p_from, p_to),
                         'havens_at_most', 'Take a longer step, or a shorter time.');
     END IF;
@@ -177,7 +177,7 @@ BEGIN
                - width_bucket(to_timestamp(ST_M(ST_StartPoint(t.path))) - c_before, v_instants)) INTO v_rows
         FROM track t WHERE t.scene_id = v_scene.scene_id;
     IF v_rows > _most_havens() THEN
-        PERFORM _refuse('ZC003', 'havens', 'p_step',
+        FOUND := _raise('ZC003', 'havens', 'p_step',
                         format('%s gives %s havens from %s to %s: more than %s', p_step, v_rows, p_from, p_to,
                                _most_havens()), 'havens_at_most', 'Take a longer step, or a shorter time.');
     END IF;

@@ -19,7 +19,7 @@ BEGIN
               UNION ALL
               SELECT 1::smallint, t.track_id, t.key FROM track t WHERE t.scene_id = p_scene_id AND t.key = p_key) o;
     IF NOT FOUND THEN
-        PERFORM _refuse('ZC011', format('object %s', quote_nullable(p_key)), 'key',
+        FOUND := _raise('ZC011', format('object %s', quote_nullable(p_key)), 'key',
                         format('is no object of scene %L', (SELECT s.name FROM scene s WHERE s.scene_id = p_scene_id)),
                         'object_known');
     END IF;
@@ -117,7 +117,7 @@ BEGIN
     SELECT * INTO a FROM _explained_object(v_scene.scene_id, p_a);
     SELECT * INTO b FROM _explained_object(v_scene.scene_id, p_b);
     IF p_a = p_b THEN
-        PERFORM _refuse('ZC008', format('object %L', p_a), 'key', 'is given twice: a conflict is of two objects',
+        FOUND := _raise('ZC008', format('object %L', p_a), 'key', 'is given twice: a conflict is of two objects',
                         'explained_objects_differ');
     END IF;
     IF (b.kind, b.key COLLATE "C") < (a.kind, a.key COLLATE "C") THEN

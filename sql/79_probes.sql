@@ -87,12 +87,12 @@ DECLARE
 BEGIN
     PERFORM _check_place(p_footprint, p_active_span, p_floor_m, p_ceiling_m);
     IF GeometryType(p_footprint) NOT IN ('POLYGON', 'MULTIPOLYGON') THEN
-        PERFORM _refuse('ZC001', c_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
+        FOUND := _raise('ZC001', c_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
                         GeometryType(p_footprint)), 'footprint_polygon');
     END IF;
     -- Infinite instants cannot be converted to microseconds.
     IF lower(p_active_span) = 'infinity' OR upper(p_active_span) = '-infinity' THEN
-        PERFORM _refuse('ZC003', c_who, 'span', 'must not start at infinity or end at -infinity', 'span_finite');
+        FOUND := _raise('ZC003', c_who, 'span', 'must not start at infinity or end at -infinity', 'span_finite');
     END IF;
 END
 $$;
@@ -108,14 +108,14 @@ DECLARE
     c_who CONSTANT text := 'what is asked about';
 BEGIN
     IF p_path IS NULL OR GeometryType(p_path) <> 'LINESTRINGM' OR ST_IsEmpty(p_path) THEN
-        PERFORM _refuse('ZC001', c_who, 'path', format('must be a LineStringM with Unix seconds for M; got %s',
+        FOUND := _raise('ZC001', c_who, 'path', format('must be a LineStringM with Unix seconds for M; got %s',
                         coalesce(GeometryType(p_path), 'null')), 'path_trajectory', 'track_path() makes one.');
     END IF;
     IF ST_SRID(p_path) <> 4326 THEN
-        PERFORM _refuse('ZC001', c_who, 'path', format('must have SRID 4326; got %s', ST_SRID(p_path)), 'path_srid');
+        FOUND := _raise('ZC001', c_who, 'path', format('must have SRID 4326; got %s', ST_SRID(p_path)), 'path_srid');
     END IF;
     IF p_outline IS NULL OR GeometryType(p_outline) <> 'POLYGON' OR ST_IsEmpty(p_outline) THEN
-        PERFORM _refuse('ZC006', c_who, 'outline', format('must be a Polygon in metres; got %s',
+        FOUND := _raise('ZC006', c_who, 'outline', format('must be a Polygon in metres; got %s',
                         coalesce(GeometryType(p_outline), 'null')), 'outline_polygon',
                         'rectangle_outline() makes one.');
     END IF;
@@ -123,7 +123,7 @@ BEGIN
     PERFORM _check_size(c_who, 'outline', ST_NPoints(p_outline), 'max_vertices');
     -- The worker checks the rest; it cannot receive times that are not finite.
     IF NOT ST_Length(ST_SwapOrdinates(p_path, 'xm')) < 'infinity' OR NOT ST_Length(p_path) < 'infinity' THEN
-        PERFORM _refuse('ZC001', c_who, 'path', 'coordinates and times must be finite numbers', 'coordinates_finite');
+        FOUND := _raise('ZC001', c_who, 'path', 'coordinates and times must be finite numbers', 'coordinates_finite');
     END IF;
     PERFORM _check_coordinates(c_who, 'path', p_path, p_scene_id);
     PERFORM _check_times(c_who, p_path);
@@ -145,7 +145,7 @@ DECLARE
     c_most_waiting CONSTANT integer := 1000;
 BEGIN
     IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error) > 0 OR NEW.failures <> 0 THEN
-        PERFORM _refuse('ZC013', c_who, 'answered_at', 'can be set by workers only', 'probe_unanswered');
+        FOUND := _raise('ZC013', c_who, 'answered_at', 'can be set by workers only', 'probe_unanswered');
     END IF;
     NEW.asked_at := now();
     IF NEW.object_kind = 0 THEN
@@ -158,7 +158,7 @@ BEGIN
     END IF;
     IF (SELECT count(*) FROM (SELECT FROM probe_request p WHERE p.asked_by = NEW.asked_by AND p.answered_at IS NULL
                               LIMIT c_most_waiting) w) >= c_most_waiting THEN
-        PERFORM _refuse('ZC017', c_who, 'probe_request',
+        FOUND := _raise('ZC017', c_who, 'probe_request',
                         format('%s questions of role %I wait already', c_most_waiting, NEW.asked_by),
                         'probe_request_few', 'Is a worker running? Wait for its answers.');
     END IF;
@@ -235,28 +235,28 @@ BEGIN
         SELECT p.answered_at, p.asked_at, p.error, p.is_current INTO v_request
             FROM probe_request p WHERE p.probe_id = p_probe_id;
         IF NOT FOUND THEN
-            PERFORM _refuse('ZC011', v_who, 'probe_id', 'is not a request of this role within the last hour',
+            FOUND := _raise('ZC011', v_who, 'probe_id', 'is not a request of this role within the last hour',
                             'probe_known');
         END IF;
         EXIT WHEN v_request.answered_at IS NOT NULL;
         IF current_setting('transaction_isolation') <> 'read committed' THEN
-            PERFORM _refuse('ZC013', v_who, 'transaction',
+            FOUND := _raise('ZC013', v_who, 'transaction',
                             format('is %s: it sees one state of the database until it ends, and would wait in vain',
                                    upper(current_setting('transaction_isolation'))),
                             'wait_sees_others', 'Wait in a transaction that is READ COMMITTED.');
         END IF;
         IF pg_current_xact_id_if_assigned() IS NOT NULL AND v_request.asked_at = now() THEN
-            PERFORM _refuse('ZC013', v_who, 'transaction', 'has asked, which no worker sees until it is committed',
+            FOUND := _raise('ZC013', v_who, 'transaction', 'has asked, which no worker sees until it is committed',
                             'wait_sees_committed', 'Commit first.');
         END IF;
         IF clock_timestamp() >= v_until THEN
-            PERFORM _refuse('ZC015', v_who, 'answered_at', format('is not answered after %s', p_timeout),
+            FOUND := _raise('ZC015', v_who, 'answered_at', format('is not answered after %s', p_timeout),
                             'probe_answered_in_time', 'Is a worker running, and not at work on a large detection?');
         END IF;
         PERFORM pg_sleep(least(c_pause_s, extract(epoch FROM v_until - clock_timestamp())));
     END LOOP;
     IF v_request.error IS NOT NULL THEN
-        PERFORM _refuse('ZC016', v_who, 'plan', v_request.error, 'probe_can_be_answered');
+        FOUND := _raise('ZC016', v_who, 'plan', v_request.error, 'probe_can_be_answered');
     END IF;
     IF NOT v_request.is_current THEN
         RAISE NOTICE '%: changes of the scene waited for detection: the answer may not be complete', v_who;

@@ -11,7 +11,7 @@ DECLARE
 BEGIN
     -- Independent of the session's DateStyle and TimeZone.
     IF v_text !~ '^\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d{1,6})?)?(Z|[+-]\d\d(:?\d\d)?)$' THEN
-        PERFORM _refuse('ZC003', 'query_params', p_name,
+        FOUND := _raise('ZC003', 'query_params', p_name,
                         format('must be an instant like 2026-06-01T10:00:00Z; got %L', v_text), 'tile_instant',
                         'In an address, write Z, or + as %2B.');
     END IF;
@@ -27,7 +27,7 @@ DECLARE
     v_text text := p_params ->> p_name;
 BEGIN
     IF v_text !~ '^[+-]?\d{1,15}(\.\d{1,15})?(e[+-]?\d{1,2})?$' THEN
-        PERFORM _refuse('ZC004', 'query_params', p_name, format('must be a number of metres; got %L', v_text),
+        FOUND := _raise('ZC004', 'query_params', p_name, format('must be a number of metres; got %L', v_text),
                         'tile_height');
     END IF;
     RETURN v_text::double precision;
@@ -50,26 +50,26 @@ DECLARE
     v_to timestamptz;
 BEGIN
     IF (p_z BETWEEN 0 AND c_zoom_max) IS NOT TRUE THEN
-        PERFORM _refuse('ZC005', 'tile', 'z', format('must be from 0 to %s; got %s', c_zoom_max,
+        FOUND := _raise('ZC005', 'tile', 'z', format('must be from 0 to %s; got %s', c_zoom_max,
                                                      coalesce(p_z::text, 'null')), 'tile_known');
     END IF;
     IF (p_x BETWEEN 0 AND (1 << p_z) - 1 AND p_y BETWEEN 0 AND (1 << p_z) - 1) IS NOT TRUE THEN
-        PERFORM _refuse('ZC005', 'tile', 'x, y',
+        FOUND := _raise('ZC005', 'tile', 'x, y',
                         format('must be from 0 to %s at zoom %s; got %s, %s', (1 << p_z) - 1, p_z,
                                coalesce(p_x::text, 'null'), coalesce(p_y::text, 'null')), 'tile_known');
     END IF;
     IF json_typeof(p_params) IS DISTINCT FROM 'object' THEN
-        PERFORM _refuse('ZC009', c_who, 'scene', 'must be given, in a JSON object', 'tile_scene_given');
+        FOUND := _raise('ZC009', c_who, 'scene', 'must be given, in a JSON object', 'tile_scene_given');
     END IF;
     SELECT k INTO v_name FROM json_object_keys(p_params) k
         WHERE k <> ALL (ARRAY['scene', 'at', 'from', 'to', 'verdict', 'floor_m', 'ceiling_m']) LIMIT 1;
     IF FOUND THEN
-        PERFORM _refuse('ZC009', c_who, v_name,
+        FOUND := _raise('ZC009', c_who, v_name,
                         'is not known; known: scene, at, from, to, verdict, floor_m, ceiling_m', 'tile_param_known');
     END IF;
     scene := p_params ->> 'scene';
     IF scene IS NULL THEN
-        PERFORM _refuse('ZC009', c_who, 'scene', 'must be given', 'tile_scene_given');
+        FOUND := _raise('ZC009', c_who, 'scene', 'must be given', 'tile_scene_given');
     END IF;
     scene_id := _scene_id(scene);
     SELECT s.motion, s.earth, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) INTO motion, earth, plane
@@ -78,13 +78,13 @@ BEGIN
     v_from := _tile_time(p_params, 'from');
     v_to := _tile_time(p_params, 'to');
     IF instant IS NOT NULL AND num_nonnulls(v_from, v_to) > 0 OR v_to < v_from THEN
-        PERFORM _refuse('ZC003', c_who, 'at, from, to', 'must be one instant, or two in order', 'tile_span');
+        FOUND := _raise('ZC003', c_who, 'at, from, to', 'must be one instant, or two in order', 'tile_span');
     END IF;
     span := tstzrange(coalesce(instant, v_from), coalesce(instant, v_to), '[]');
     verdicts := string_to_array(p_params ->> 'verdict', ',');
     SELECT v INTO v_name FROM unnest(verdicts) v WHERE v <> ALL (ARRAY['conflict', 'grazing', 'unresolved']) LIMIT 1;
     IF FOUND OR verdicts = '{}' THEN
-        PERFORM _refuse('ZC009', c_who, 'verdict',
+        FOUND := _raise('ZC009', c_who, 'verdict',
                         format('must be of conflict, grazing, unresolved, with commas between; got %L',
                                p_params ->> 'verdict'), 'tile_verdict_known');
     END IF;
@@ -433,7 +433,7 @@ DECLARE
     v record := _tile_params(z, x, y, query_params);
 BEGIN
     IF v.instant IS NULL THEN
-        PERFORM _refuse('ZC003', 'query_params', 'at', 'must be given: havens move', 'tile_instant');
+        FOUND := _raise('ZC003', 'query_params', 'at', 'must be given: havens move', 'tile_instant');
     END IF;
     RETURN (
         SELECT ST_AsMVT(f, 'havens', 4096, 'shape', 'track_id')

@@ -72,5 +72,6 @@ def _exec_psql(psql: embedded.Psql, dsn: str, arguments: Sequence[str]) -> NoRet
         del parts["user"]  # a user in the DSN would override it
     password = parts.pop("password", None)  # arguments are visible to all users of a machine
     environ = {**os.environ, **psql.environ, **({"PGPASSWORD": str(password)} if password else {})}
-    command = ["psql", "--dbname", conninfo.make_conninfo("", **parts), *arguments]
+    # The CONTEXT of an error is the source of conflictdb's routines.
+    command = ["psql", "--set=SHOW_CONTEXT=never", "--dbname", conninfo.make_conninfo("", **parts), *arguments]
     os.execve(psql.path, command, environ)  # noqa: S606 (a shell would not help)

@@ -1229,6 +1229,9 @@ FUNCTION _put_scene(p_name text, p_settings jsonb)
 FUNCTION _radius_m(p_plane text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _raise(p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''::text)
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1246,9 +1249,6 @@ FUNCTION _rectifying(p_latitude double precision, p_earth text)
 
 FUNCTION _rectifying_m(p_earth text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
-
-FUNCTION _refuse(p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''::text)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _refuse_taken(p_name text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;

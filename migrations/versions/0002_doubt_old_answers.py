@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "59313562e82cd0cbcad65db668ffd0bdd28b97398b6cfbf56965d7c41b1848fe"
+routines_sha256 = "f33d44c19ed59f0659ab60e673a07402c8b74fbe78ffa7b7fe8e7dbcf2826ba8"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
@@ -34,6 +34,7 @@ REPLACED_ROUTINES = (
         "double precision[], double precision[], double precision[], double precision[], double precision[], "
         "integer[], bytea[], bytea[], integer[], timestamptz[], timestamptz[], double precision[])"
     ),
+    "_refuse(text, text, text, text, text, text)",
     "_scene(bigint)",
     "_scene_named(text)",
     "_scene_state(text)",

@@ -120,7 +120,10 @@ def test_psql_opens_the_database_and_gets_all_arguments(dsn: str, tmp_path: Path
     words = ("--dsn", "postgresql://me:secret@there/plans", "psql", "-c", "SELECT 1", "--")
     done = program(*words, PATH=f"{tmp_path}:{os.environ['PATH']}")
     assert done.returncode == 6
-    assert done.stdout == "<--dbname>\n<user=me dbname=plans host=there>\n<-c>\n<SELECT 1>\n<-->\nsecret\n"
+    assert (
+        done.stdout
+        == "<--set=SHOW_CONTEXT=never>\n<--dbname>\n<user=me dbname=plans host=there>\n<-c>\n<SELECT 1>\n<-->\nsecret\n"
+    )
 
 
 def test_without_psql_says_what_helps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:

@@ -423,8 +423,8 @@ def test_what_only_raises_is_not_immutable(dsn: str) -> None:
         folded = conn.execute(
             """SELECT p.proname FROM pg_proc p
                WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND p.provolatile = 'i'
-                 AND (p.prorettype = 'void'::regtype OR p.prosrc ~ '_refuse|_check_|RAISE EXCEPTION'
-                      OR pg_get_function_sqlbody(p.oid) ~ '_refuse|_check_|_near_centre')"""
+                 AND (p.prorettype = 'void'::regtype OR p.prosrc ~ '_raise|_check_|RAISE EXCEPTION'
+                      OR pg_get_function_sqlbody(p.oid) ~ '_raise|_check_|_near_centre')"""
         ).fetchall()
     assert set(folded) == {("track_path",), ("instant",)}  # they have values, for which they may refuse their input
 

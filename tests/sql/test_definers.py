@@ -43,7 +43,7 @@ def test_all_that_they_call_finds_only_what_is_ours(conn: Conn) -> None:
         assert path[:1] == ONLY_OURS, name
         called = re.findall(r"(?<!')\b(\w+)\(", code)  # but for what hints name
         waiting += [other for other in called if other in functions and other not in seen]
-    assert "_refuse" in seen
+    assert "_raise" in seen
 
 
 def test_nobody_else_can_put_a_name_there(conn: Conn) -> None:
