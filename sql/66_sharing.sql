@@ -43,7 +43,8 @@ BEGIN
             SET may_write = excluded.may_write, shared_by = excluded.shared_by, shared_at = excluded.shared_at;
     IF NOT _is_protected() THEN
         RAISE NOTICE 'scenes are not protected in this database: every reader reads, and every editor changes, all'
-            USING HINT = 'The owner of schema conflictdb may run: SELECT conflictdb.protect_scenes()';
+            USING CONSTRAINT = 'scenes_protected',
+                  HINT = 'The owner of schema conflictdb may run: SELECT conflictdb.protect_scenes()';
     END IF;
 END
 $$;
@@ -125,7 +126,8 @@ BEGIN
     SELECT count(*) INTO v_orphans FROM scene s WHERE s.owner IS NULL;
     IF p_on AND v_orphans > 0 THEN
         RAISE NOTICE '% of the scenes belong to no role yet: only workers and administrators see them', v_orphans
-            USING HINT = 'SELECT conflictdb.give_scene(scene, role), or share_scene(scene, ''public'', ''write'')';
+            USING CONSTRAINT = 'scenes_owned',
+                  HINT = 'SELECT conflictdb.give_scene(scene, role), or share_scene(scene, ''public'', ''write'')';
     END IF;
 END
 $$;

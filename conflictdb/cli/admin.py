@@ -163,7 +163,5 @@ def _share_table(shares: list[store.Share]) -> str:
 def _with_notices(args: argparse.Namespace) -> Iterator[Database]:
     """Open the database of a command, and print its notices."""
     with database(args) as db:
-        db.connection.add_notice_handler(
-            lambda notice: remark("; ".join(filter(None, (notice.message_primary, notice.message_hint))))
-        )
+        db.connection.add_notice_handler(lambda notice: remark(store.with_remedy(notice)))
         yield db

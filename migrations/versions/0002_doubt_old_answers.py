@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "f33d44c19ed59f0659ab60e673a07402c8b74fbe78ffa7b7fe8e7dbcf2826ba8"
+routines_sha256 = "ef23e5968dca38936404c1250f0f8b020fdf4eb8fa811432163941fd388fc9b3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

@@ -154,3 +154,21 @@ def test_a_database_that_takes_no_schema_is_named(empty_dsn: str, capsys: pytest
             assert grant not in run("admin", "init").err
         finally:
             conn.execute(sql.SQL("DROP OWNED BY {0}; DROP ROLE {0}").format(sql.Identifier(name)))
+
+
+def test_what_a_refusal_of_rights_advises_is_a_command(
+    run: Run, user: Callable[..., User], administrator: psycopg.Connection[Any]
+) -> None:
+    """One line, without the CONTEXT of the server and without SQL."""
+    run("load", STRAIT)
+    run("admin", "protect")
+    shared = run("admin", "share", "public", "--scene", "strait")
+    assert shared.err == ""
+    told = user("conflictdb_editor").run("rename", "OTHER", "--scene", "strait")
+    assert told.err.count("\n") == 1
+    assert "CONTEXT" not in told.err
+    assert "(Its owner may run `conflictdb admin share ROLE --scene NAME --access write`.)" in told.err
+    administrator.execute("SELECT conflictdb.protect_scenes(false)")
+    told = run("admin", "share", "public", "--scene", "strait")
+    assert told.err.endswith("(The owner of schema conflictdb may run `conflictdb admin protect`.)\n")
+    assert told.err.count("\n") == 1

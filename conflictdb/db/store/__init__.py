@@ -70,6 +70,7 @@ from conflictdb.db.store.map_rows import (
     tile,
 )
 from conflictdb.db.store.object_states import ObjectStates, cover, object_states
+from conflictdb.db.store.remedies import with_remedy
 from conflictdb.db.store.scenes import (
     ObjectSummary,
     copy_scene,

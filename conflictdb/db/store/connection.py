@@ -15,6 +15,7 @@ from psycopg.pq import TransactionStatus
 from psycopg.rows import RowFactory, RowMaker, tuple_row
 
 from conflictdb.db.store.parameters import Array, ArrayDumper
+from conflictdb.db.store.remedies import with_remedy
 from conflictdb.errors import (
     ConflictDBError,
     InvalidInput,
@@ -409,16 +410,17 @@ def _translation(error: psycopg.Error, routine: str) -> ConflictDBError:
         reason = str(error).strip().partition(_BREAK)[0]
         return StoreError(_LOST if reason in _LOST_BEFORE else f"{_LOST}: {reason}")
     if error.sqlstate in (NOT_CURRENT, NOT_ANSWERED):
-        return NotCurrent(f"{error.diag.message_primary} ({error.diag.message_hint})")
+        return NotCurrent(with_remedy(error.diag))
     if (error.sqlstate or "").startswith(REFUSAL_CLASS) and error.sqlstate != WRONG_SEQUENCE:
         diag = error.diag
         key, field = diag.table_name or "", diag.column_name or ""
         rule = (diag.message_primary or "").removeprefix(f"{key}: {field}: ")
-        return InvalidInput(key, field, f"{rule} ({diag.message_hint})" if diag.message_hint else rule)
+        return InvalidInput(key, field, with_remedy(diag, rule))
     where = f" (SQLSTATE {error.sqlstate})" if error.sqlstate else ""
+    said = with_remedy(error.diag) or str(error).strip()  # errors of the client have no diagnostic
     if isinstance(error, psycopg.errors.ReadOnlySqlTransaction):
-        return ReadOnlyDatabase(f"the database takes no changes in this transaction: {str(error).strip()}{where}")
-    message = f"database: {str(error).strip()}{where}"
+        return ReadOnlyDatabase(f"the database takes no changes in this transaction: {said}{where}")
+    message = f"database: {said}{where}"
     if isinstance(error, psycopg.errors.InsufficientPrivilege):
         # Errors of sql/10_refusals.sql name their subject and the remedy themselves.
         return NotPermitted(message, None if error.diag.table_name else routine)
