@@ -37,7 +37,7 @@ _ROWS: Final = {
 _FIRSTS: Final = {
     kind: (
         f"SELECT {kind.value}_id FROM (SELECT {kind.value}_id, row_number() OVER (ORDER BY {kind.value}_id) AS place"  # noqa: S608
-        f" FROM conflictdb._read_{kind.value}s(%s, NULL)) one WHERE (place - 1) %% %s = 0 ORDER BY 1"
+        f" FROM conflictdb_internal._read_{kind.value}s(%s, NULL)) one WHERE (place - 1) %% %s = 0 ORDER BY 1"
     )
     for kind in Kind
 }
