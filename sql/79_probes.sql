@@ -144,11 +144,13 @@ DECLARE
     -- Per role: more would delay others and fill the table.
     c_most_waiting CONSTANT integer := 1000;
 BEGIN
-    IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error) > 0 OR NEW.failures <> 0 THEN
+    IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error, NEW.delays) > 0 OR NEW.failures <> 0 THEN
         FOUND := _raise('ZC013', c_who, 'answered_at', 'can be set by workers only', 'probe_unanswered');
     END IF;
     NEW.asked_at := now();
-    IF NEW.object_kind = 0 THEN
+    IF NEW.horizon IS NOT NULL THEN
+        PERFORM _check_delays_request(NEW.scene_id, NEW.key, NEW.horizon);
+    ELSIF NEW.object_kind = 0 THEN
         PERFORM _check_area_probe(NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m);
         NEW.active_span := _half_open(coalesce(NEW.active_span, tstzrange(NULL, NULL)));
         NEW.active_span := tstzrange(nullif(lower(NEW.active_span), '-infinity'),
@@ -218,12 +220,9 @@ COMMENT ON FUNCTION request_track_probe(text, geometry, geometry, double precisi
 'conflict with, and when, to the scene''s tolerance; returns an id for wait_for_probe, to be called after commit. '
 'p_key: object that the track would replace, which is ignored.';
 
-CREATE OR REPLACE FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT interval '1 minute')
-RETURNS TABLE (
-    key text, kind text, verdict text, periods tstzmultirange, first_contact timestamptz, last_contact timestamptz,
-    time_error_s double precision, first_contact_point geometry, closest_at timestamptz, closest_m double precision,
-    closest_error_m double precision
-)
+CREATE OR REPLACE FUNCTION conflictdb_internal._await_answer(
+    p_probe_id bigint, p_timeout interval, p_is_delays boolean
+) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     c_pause_s CONSTANT double precision := 0.02;
@@ -233,9 +232,9 @@ DECLARE
 BEGIN
     LOOP
         SELECT p.answered_at, p.asked_at, p.error, p.is_current INTO v_request
-            FROM probe_request p WHERE p.probe_id = p_probe_id;
+            FROM probe_request p WHERE p.probe_id = p_probe_id AND (p.horizon IS NOT NULL) = p_is_delays;
         IF NOT FOUND THEN
-            FOUND := _raise('ZC011', v_who, 'probe_id', 'is not a request of this role within the last hour',
+            FOUND := _raise('ZC011', v_who, 'probe_id', 'is not a request of this kind and role within the last hour',
                             'probe_known');
         END IF;
         EXIT WHEN v_request.answered_at IS NOT NULL;
@@ -258,8 +257,24 @@ BEGIN
     IF v_request.error IS NOT NULL THEN
         FOUND := _raise('ZC016', v_who, 'plan', v_request.error, 'probe_can_be_answered');
     END IF;
-    IF NOT v_request.is_current THEN
-        RAISE NOTICE '%: changes of the scene waited for detection: the answer may not be complete', v_who;
+    RETURN v_request.is_current;
+END
+$$;
+COMMENT ON FUNCTION _await_answer(bigint, interval, boolean) IS
+'Waits until a worker has replied to a request, for a probe or for delays; returns whether the scene was current then. '
+'Raises ZC015 after p_timeout (null: waits without limit), ZC016 with the reason of an invalid plan, and ZC013 in a '
+'transaction that cannot see the reply.';
+
+CREATE OR REPLACE FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT interval '1 minute')
+RETURNS TABLE (
+    key text, kind text, verdict text, periods tstzmultirange, first_contact timestamptz, last_contact timestamptz,
+    time_error_s double precision, first_contact_point geometry, closest_at timestamptz, closest_m double precision,
+    closest_error_m double precision
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF NOT _await_answer(p_probe_id, p_timeout, false) THEN
+        RAISE NOTICE 'probe %: changes of the scene waited for detection: the answer may not be complete', p_probe_id;
     END IF;
     RETURN QUERY
         SELECT r.key, CASE r.object_kind WHEN 0 THEN 'area' ELSE 'track' END, r.verdict, r.periods, lower(r.periods),
@@ -325,15 +340,15 @@ COMMENT ON FUNCTION _next_probe() IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._probe_request(
     p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea,
     OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision,
-    OUT floor_m double precision, OUT ceiling_m double precision
+    OUT floor_m double precision, OUT ceiling_m double precision, OUT horizon_s double precision, OUT scene text
 )
 LANGUAGE sql STABLE STRICT
 BEGIN ATOMIC
     SELECT p.object_kind, p.key, ST_AsBinary(p.footprint, 'NDR'),
            (extract(epoch FROM lower(p.active_span)) * 1000000)::bigint,
            (extract(epoch FROM upper(p.active_span)) * 1000000)::bigint, ST_AsBinary(p.path, 'NDR'),
-           ST_AsBinary(p.outline, 'NDR'), p.grow_mps, p.floor_m, p.ceiling_m
-    FROM probe_request p WHERE p.probe_id = p_probe_id;
+           ST_AsBinary(p.outline, 'NDR'), p.grow_mps, p.floor_m, p.ceiling_m, extract(epoch FROM p.horizon), s.name
+    FROM probe_request p JOIN scene s USING (scene_id) WHERE p.probe_id = p_probe_id;
 END;
 COMMENT ON FUNCTION _probe_request(bigint) IS 'A request: geometries as WKB, instants in microseconds since 1970.';
 
@@ -349,8 +364,9 @@ END;
 COMMENT ON FUNCTION _probe_failed(bigint, text) IS
 'Records a failed attempt to reply to a request; after the third, the error becomes the reply.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._answer_probe(p_probe_id bigint, p_error text, p_found jsonb)
-RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._answer_probe(
+    p_probe_id bigint, p_error text, p_found jsonb, p_delays jsonb
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     INSERT INTO probe_reply (probe_id, object_kind, key, verdict, periods, time_error_s, first_contact_point,
@@ -364,14 +380,15 @@ BEGIN
             kind smallint, key text, verdict text, periods jsonb, time_error_s double precision,
             lon_deg double precision, lat_deg double precision, closest_at timestamptz, closest_m double precision,
             closest_error_m double precision);
-    UPDATE probe_request p SET answered_at = clock_timestamp(), is_current = _is_current(p.scene_id), error = p_error
+    UPDATE probe_request p SET answered_at = clock_timestamp(), is_current = _is_current(p.scene_id), error = p_error,
+                               delays = p_delays
         WHERE p.probe_id = p_probe_id;
     PERFORM _prune_probes();
 END
 $$;
-COMMENT ON FUNCTION _answer_probe(bigint, text, jsonb) IS
-'Writes the reply to a request: the objects found, or the reason why there is none; deletes requests older than an '
-'hour.';
+COMMENT ON FUNCTION _answer_probe(bigint, text, jsonb, jsonb) IS
+'Writes the reply to a request: the objects found, delays, or the reason why there is none; deletes requests older '
+'than an hour.';
 
 -- Visible to the role that asked, while it may read the scene, and to workers.
 ALTER TABLE probe_request ENABLE ROW LEVEL SECURITY;
@@ -389,14 +406,15 @@ DROP POLICY IF EXISTS probe_reply_worker ON probe_reply;
 CREATE POLICY probe_reply_worker ON probe_reply TO conflictdb_worker USING (true) WITH CHECK (true);
 
 COMMENT ON TABLE probe_request IS
-'Probes: requests to the workers about a plan (request_probe, request_track_probe). Visible to the role that asked and '
-'to workers; deleted after an hour.';
+'Requests to the workers: about a plan (request_probe, request_track_probe), or the departures of a track '
+'(request_delays). Visible to the role that asked and to workers; deleted after an hour.';
 COMMENT ON COLUMN probe_request.probe_id IS 'Id of the request.';
 COMMENT ON COLUMN probe_request.scene_id IS 'Scene.';
 COMMENT ON COLUMN probe_request.asked_by IS 'Role that asked.';
 COMMENT ON COLUMN probe_request.asked_at IS 'Start of its transaction.';
 COMMENT ON COLUMN probe_request.object_kind IS 'Kind of the plan: 0 area, 1 track.';
-COMMENT ON COLUMN probe_request.key IS 'Object that the plan would replace, which is ignored; null: none.';
+COMMENT ON COLUMN probe_request.key IS
+'Object that the plan would replace, which is ignored; null: none. With a horizon: the track.';
 COMMENT ON COLUMN probe_request.footprint IS 'Area: longitude and latitude, degrees; null for a track.';
 COMMENT ON COLUMN probe_request.active_span IS 'Area: when it is active, [start, end); null for a track.';
 COMMENT ON COLUMN probe_request.path IS 'Track: waypoints, M is Unix seconds; null for an area.';
@@ -404,6 +422,8 @@ COMMENT ON COLUMN probe_request.outline IS 'Track: haven, metres to starboard an
 COMMENT ON COLUMN probe_request.grow_mps IS 'Track: outward speed of the haven''s sides, metres per second.';
 COMMENT ON COLUMN probe_request.floor_m IS 'Lowest height, metres above mean sea level, inclusive; null: no limit.';
 COMMENT ON COLUMN probe_request.ceiling_m IS 'Highest height, metres above mean sea level, exclusive; null: no limit.';
+COMMENT ON COLUMN probe_request.horizon IS 'Delays: up to how much later or earlier; null for a probe.';
+COMMENT ON COLUMN probe_request.delays IS 'Delays: the reply, as `conflictdb delays --format json` prints it.';
 COMMENT ON COLUMN probe_request.answered_at IS 'When a worker replied; null while it waits.';
 COMMENT ON COLUMN probe_request.is_current IS
 'Whether the scene was current at that time; null while it waits.';

@@ -228,10 +228,12 @@ TABLE probe_request (
     grow_mps double precision NOT NULL DEFAULT 0,
     floor_m double precision,
     ceiling_m double precision,
+    horizon interval,
     answered_at timestamp with time zone,
     is_current boolean,
     error text,
-    failures smallint NOT NULL DEFAULT 0
+    failures smallint NOT NULL DEFAULT 0,
+    delays jsonb
 );
 
 TABLE run (
@@ -581,8 +583,9 @@ CONSTRAINT probe_reply_request_fkey ON probe_reply: FOREIGN KEY (probe_id) REFER
 CONSTRAINT probe_request_kind_known ON probe_request: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT probe_request_pkey ON probe_request: PRIMARY KEY (probe_id);
 CONSTRAINT probe_request_plan_given ON probe_request: CHECK (
-CASE object_kind
-    WHEN 0 THEN (num_nonnulls(footprint, active_span) = 2)
+CASE
+    WHEN (horizon IS NOT NULL) THEN ((object_kind = 1) AND (key IS NOT NULL) AND (path IS NULL))
+    WHEN (object_kind = 0) THEN (num_nonnulls(footprint, active_span) = 2)
     ELSE (num_nonnulls(path, outline) = 2)
 END);
 CONSTRAINT probe_request_scene_fkey ON probe_request: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -686,7 +689,7 @@ FUNCTION _after_scene_removal()
 FUNCTION _after_scene_resettled()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb)
+FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb, p_delays jsonb)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _approaches(p_scene text, p_only_near boolean, p_keys text[])
@@ -733,6 +736,9 @@ FUNCTION _attachments(p_scene text)
 
 FUNCTION _attachments_to_follow(p_scene text, p_try_again boolean)
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _await_answer(p_probe_id bigint, p_timeout interval, p_is_delays boolean)
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _before_attachment()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
@@ -796,6 +802,9 @@ FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_cei
 
 FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_scene_id bigint)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _check_delays_request(p_scene_id bigint, p_key text, p_horizon interval)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_growth(p_who text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1199,7 +1208,7 @@ FUNCTION _plane_srid(p_plane text)
 FUNCTION _probe_failed(p_probe_id bigint, p_error text)
     RETURNS void LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
 
-FUNCTION _probe_request(p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea, OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision, OUT floor_m double precision, OUT ceiling_m double precision)
+FUNCTION _probe_request(p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea, OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision, OUT floor_m double precision, OUT ceiling_m double precision, OUT horizon_s double precision, OUT scene text)
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
 FUNCTION _protected_tables()
@@ -1535,6 +1544,9 @@ FUNCTION rename_object(p_scene text, p_key text, p_new_key text)
 FUNCTION rename_scene(p_scene text, p_name text)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION request_delays(p_scene text, p_key text, p_horizon interval DEFAULT '02:00:00'::interval)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -1567,6 +1579,9 @@ FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text)
 
 FUNCTION unshare_scene(p_scene text, p_role text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION wait_for_delays(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval, OUT key text, OUT least_later_s double precision, OUT least_earlier_s double precision, OUT blocked_by text[], OUT forbidden jsonb)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval)
     RETURNS TABLE(key text, kind text, verdict text, periods tstzmultirange, first_contact timestamp with time zone, last_contact timestamp with time zone, time_error_s double precision, first_contact_point geometry, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;

@@ -111,6 +111,7 @@ from conflictdb.db.store.stored_objects import (
 from conflictdb.db.store.stored_pairs import Candidates, Parts, boxes, bundles, candidates
 from conflictdb.db.store.stored_probes import (
     ProbeRequest,
+    answer_delays,
     answer_probe,
     keys_meeting,
     keys_of,
