@@ -10,11 +10,13 @@ DECLARE
 BEGIN
     IF extract(epoch FROM p_horizon) BETWEEN 0 AND c_longest_s IS NOT TRUE THEN
         FOUND := _raise('ZC003', format('track %s', quote_nullable(p_key)), 'horizon',
-                        format('must be an interval from 0 to %s s; got %s', c_longest_s, coalesce(p_horizon::text, 'null')), 'horizon_finite');
+                        format('must be an interval from 0 to %s s; got %s', c_longest_s,
+                               coalesce(p_horizon::text, 'null')), 'horizon_finite');
     END IF;
     IF NOT EXISTS (SELECT FROM track t WHERE t.scene_id = p_scene_id AND t.key = p_key) THEN
         FOUND := _raise('ZC011', format('track %s', quote_nullable(p_key)), 'key',
-                        format('is not a track of scene %L', (SELECT s.name FROM scene s WHERE s.scene_id = p_scene_id)),
+                        format('is not a track of scene %L',
+                               (SELECT s.name FROM scene s WHERE s.scene_id = p_scene_id)),
                         'object_known');
     END IF;
 END
