@@ -171,7 +171,7 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION approaches_of(text, text) IS 'Closest approaches of one object of a scene to others.';
 
-CREATE OR REPLACE FUNCTION _pieces_near(
+CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_near(
     p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
 ) RETURNS TABLE (object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry)
 LANGUAGE sql STABLE PARALLEL SAFE
@@ -220,7 +220,7 @@ COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, 
 'Stages 1 and 2: pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between '
 'two heights (metres; null: unbounded).';
 
-CREATE OR REPLACE FUNCTION _window(p_geometry geometry, p_plane text) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._window(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- Margins: a millimetre (_meets); on great circles up to 0.1 degrees of latitude, next to a pole, by which sides of

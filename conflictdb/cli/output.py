@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import RLock
-from typing import IO, Final
+from typing import IO, Any, Final
 
 from conflictdb.errors import InvalidInput, printable
 
@@ -84,6 +84,13 @@ def data(lines: Iterable[str], *, is_json: bool) -> None:
     """Print data for programs unchanged; on a terminal, escape formats that cannot escape themselves."""
     shows = not is_json and sys.stdout.isatty()
     sys.stdout.writelines(printable(line, keep=_BREAK) if shows else line for line in lines)
+
+
+def print_json(value: Any) -> None:
+    """Print a value as JSON, indented."""
+    from conflictdb.formats.json_text import dumped  # imported here, so that help is fast
+
+    data([dumped(value, indent=2), "\n"], is_json=True)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "59acd4e6a6a597f1e896c782da356667ab589cecd023b9bb77b0d51f5df41f32"
+routines_sha256 = "ef23e5968dca38936404c1250f0f8b020fdf4eb8fa811432163941fd388fc9b3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
@@ -35,6 +35,7 @@ REPLACED_ROUTINES = (
         "double precision[], double precision[], double precision[], double precision[], double precision[], "
         "integer[], bytea[], bytea[], integer[], timestamptz[], timestamptz[], double precision[])"
     ),
+    "_refuse(text, text, text, text, text, text)",
     "_scene(bigint)",
     "_scene_named(text)",
     "_scene_state(text)",
@@ -100,4 +101,6 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    raise NotImplementedError("conflictdb does not downgrade; DROP SCHEMA conflictdb CASCADE removes it")
+    raise NotImplementedError(
+        "conflictdb does not downgrade; DROP SCHEMA conflictdb, conflictdb_internal CASCADE removes it"
+    )

@@ -47,7 +47,7 @@ def page_served(command: list[str], folder: Path) -> str:
     with subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
-            with urllib.request.urlopen(process.stdout.readline().strip(), timeout=60) as answer:  # noqa: S310
+            with urllib.request.urlopen(process.stdout.readline().strip(), timeout=60) as answer:  # noqa: S310 our own
                 return answer.read().decode()  # type: ignore[no-any-return]
         finally:
             process.terminate()

@@ -112,7 +112,7 @@ def test_conflicts_of_a_database_draw_themselves(run: Run, dsn: str) -> None:
 def test_a_figure_of_a_pair_reads_the_pair_alone(run: Run, dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """However many objects and conflicts the scene has."""
     read: list[Any] = []
-    read_scene, call_each = store.read_scene, listing.call_each
+    read_scene, call_each = store.read_scene, listing.call_each_by_name
 
     def objects(*asked: Any) -> Any:
         found = read_scene(*asked)
@@ -125,7 +125,7 @@ def test_a_figure_of_a_pair_reads_the_pair_alone(run: Run, dsn: str, monkeypatch
             yield row
 
     monkeypatch.setattr(store, "read_scene", objects)
-    monkeypatch.setattr(listing, "call_each", rows)
+    monkeypatch.setattr(listing, "call_each_by_name", rows)
     with conflictdb.connect(dsn) as db:
         db.scene("strait").detect(nearest_m=100_000.0)
         (conflict,) = [one for one in db.scene("strait").conflicts() if (one.a_key, one.b_key) == ("FERRY", "TOW")]

@@ -29,7 +29,7 @@ def planned(conn: Conn) -> Conn:
     """A scene of which one track passes below an area and one goes through it."""
     store.replace_scene(conn, SCENE, [BOX, FAR], [UNDER, THROUGH], merge=False)
     detect(conn, "s", jobs=1)
-    conn.execute("SET search_path = conflictdb, public")
+    conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
     return conn
 
 

@@ -63,13 +63,9 @@ def test_a_phase_says_how_long_it_will_last(given: tuple[str, int, int, float], 
     assert meter.phase_text(*given) == text
 
 
-def test_long_phases_are_shown_and_short_ones_are_not(
-    terminal: Callable[[int], tuple[Terminal, Terminal]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_long_phases_are_shown_and_short_ones_are_not(terminal: Callable[[int], tuple[Terminal, Terminal]]) -> None:
     _, err = terminal(80)
-    monkeypatch.setattr(meter, "_EVERY_S", 0.01)
-    monkeypatch.setattr(meter, "_AFTER_S", 0.2)
-    with meter.shown_phases({"long": 100}) as phase:
+    with meter.shown_phases({"long": 100}, after_s=0.2, every_s=0.01) as phase:
         phase("short", 0, 0)
         time.sleep(0.05)
         phase("long", 50, 0)
@@ -83,9 +79,8 @@ def test_long_phases_are_shown_and_short_ones_are_not(
     assert err.getvalue().endswith("\r\033[K")
 
 
-def test_a_pipe_gets_no_progress(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(meter, "_AFTER_S", 0.0)
-    with meter.shown_phases() as phase:
+def test_a_pipe_gets_no_progress(capsys: pytest.CaptureFixture[str]) -> None:
+    with meter.shown_phases(after_s=0.0) as phase:
         phase("long", 0, 0)
     assert capsys.readouterr() == ("", "")
 
