@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "ef23e5968dca38936404c1250f0f8b020fdf4eb8fa811432163941fd388fc9b3"
+routines_sha256 = "7f8631a2021f932d097271351d488716c4a0f3f090756f20a98f04184ba529d3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
