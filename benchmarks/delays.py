@@ -34,7 +34,7 @@ from conflictdb.stages.pieces.covers import pieces_of
 
 NMI: Final = 1852.0
 T0_US: Final = 1_780_000_000_000_000
-ROW: Final = "{:<34} {:>7} {:>8} {:>9} {:>8} {:>6} {:>8} {:>8} {:>8} {:>8} {:>8} {:>9}"
+ROW: Final = "{:<36} {:>7} {:>8} {:>9} {:>8} {:>6} {:>8} {:>8} {:>8} {:>8} {:>8} {:>9}"
 HEADER: Final = (
     "scene",
     "tracks",
@@ -157,7 +157,7 @@ def _row(name: str, made: Made, within_s: float) -> str:
     with patch.object(delays, "differences", kernel):
         every = delays.differences_of(scene, plane, pieces, numbers, horizon_us)
     for _, own in every.of_each_track():
-        delays.told_delays("", keys, own, horizon_us)
+        delays.delays_of("", keys, own, horizon_us)
     all_s = time.process_time() - began
     found = np.concatenate(kernel.found)
     met, inside = found["state"] != DifferenceState.NONE, found["state"] == DifferenceState.INNER

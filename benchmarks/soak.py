@@ -265,7 +265,7 @@ def _watch(listener: psycopg.Connection[Any], crew: list[Editor], lags: Lags) ->
 
 def _await_workers(conn: psycopg.Connection[Any], workers: int) -> None:
     given_up_at = time.monotonic() + PATIENCE_S
-    while conn.execute("SELECT (conflictdb._service()).worker_count").fetchone() != (workers,):
+    while conn.execute("SELECT (conflictdb_internal._service()).worker_count").fetchone() != (workers,):
         if time.monotonic() > given_up_at:
             raise TimeoutError("the workers do not begin")
         time.sleep(0.1)

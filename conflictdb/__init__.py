@@ -38,11 +38,12 @@ if TYPE_CHECKING:
     from conflictdb.db.detect import Run
     from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
     from conflictdb.formats import Contents, FileHints, Remark, Skipped, read, write
-    from conflictdb.in_memory import delays, solve
+    from conflictdb.in_memory import chances, delays, solve
     from conflictdb.model.methods import Method
     from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
     from conflictdb.model.results import (
         Approach,
+        Chances,
         Conflict,
         ConflictEvent,
         Delays,
@@ -63,6 +64,7 @@ __all__ = [
     "Advice",
     "Approach",
     "Area",
+    "Chances",
     "Conflict",
     "ConflictDBError",
     "ConflictEvent",
@@ -101,6 +103,7 @@ __all__ = [
     "Track",
     "Verdict",
     "__version__",
+    "chances",
     "connect",
     "delays",
     "plot_pair",
@@ -121,7 +124,7 @@ _HOME: Final = {
     **dict.fromkeys(("Run",), "conflictdb.db.detect"),
     **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
     **dict.fromkeys(("Method",), "conflictdb.model.methods"),
-    **dict.fromkeys(("delays", "solve"), "conflictdb.in_memory"),
+    **dict.fromkeys(("chances", "delays", "solve"), "conflictdb.in_memory"),
     **dict.fromkeys(("Contents", "FileHints", "Remark", "Skipped", "read", "write"), "conflictdb.formats"),
     **dict.fromkeys(
         ("Area", "EarthModel", "Motion", "Scene", "Track", "rectangle_outline_m"),
@@ -130,6 +133,7 @@ _HOME: Final = {
     **dict.fromkeys(
         (
             "Approach",
+            "Chances",
             "Conflict",
             "ConflictEvent",
             "Delays",

@@ -1,4 +1,4 @@
-"""Run the stages on objects in memory (`solve`, `delays`): no database, the same answer."""
+"""Run the stages on objects in memory (`solve`, `delays`, `chances`): no database, the same answer."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import tzinfo
@@ -17,13 +17,14 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats import from_frames
 from conflictdb.model import inputs
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.results import Conflict, Delays, Kind, Results
+from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results
 from conflictdb.stages.delays import delays_of, differences_of
+from conflictdb.stages.funnel import Funnel
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.cutting import check_plane
-from conflictdb.stages.run import Funnel, run_scene
+from conflictdb.stages.run import run_scene
 from conflictdb.stages.source import Chunk
 from conflictdb.stages.stage1_broad_phase import candidates
 from conflictdb.stages.to_results import to_results
@@ -67,11 +68,11 @@ def solve(
     scene = scene or Scene("in memory")
     tracks, areas = _objects(tracks, areas, scene, haven, time_zone)
     scene, _, tracks, areas = _prepared(scene, tracks, areas)
-    keys = {(Kind.AREA.code, n): area.key for n, area in enumerate(areas)}
-    keys |= {(Kind.TRACK.code, n): track.key for n, track in enumerate(tracks)}
+    named = {(Kind.AREA.code, n): (area.key, area.name) for n, area in enumerate(areas)}
+    named |= {(Kind.TRACK.code, n): (track.key, track.name) for n, track in enumerate(tracks)}
     objects: list[Area | Track] = [*areas, *tracks]
     origin = _Objects(scene, {one.key: one for one in objects})
-    rows = to_results(scene, keys, Conflicts.concatenate([conflicts for conflicts, _ in _run(scene, areas, tracks)]))
+    rows = to_results(scene, named, Conflicts.concatenate([conflicts for conflicts, _ in _run(scene, areas, tracks)]))
     return Results((conflict.found_by(origin) for conflict in rows), Conflict)
 
 
@@ -97,26 +98,86 @@ def delays(
     within_s : float
         The horizon: delays of up to this many seconds, either way.
     """
-    if not isinstance(scene, Scene | None):
-        raise InvalidInput("delays", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
     horizon_us = round(1e6 * inputs.seconds("delays", "within_s", within_s))
+    scene, plane, pieces, keys, numbers = _numbered("delays", tracks, areas, scene)
+    asked = numbers if key is None else _known(scene, keys, numbers, key)
+    every = differences_of(scene, plane, pieces, asked, horizon_us)
+    found = dict(every.of_each_track())
+    nothing = every.take(np.empty(0, np.int64))
+    return [delays_of(keys[number], keys, found.get(number, nothing), horizon_us) for number in asked.tolist()]
+
+
+def chances(
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None = None,
+    departures: Mapping[str, Any] | None = None,
+) -> Chances:
+    """Return how likely conflicts are if tracks may depart earlier or later than planned: bounds on either side.
+
+    Conflicts are those of tracks, with each other and with areas. Departures are independent of each other, and the
+    method is `exact`. A departure shifts a whole plan: nothing of it
+    is there before, and nothing after.
+
+    Raises the errors of `solve`, and InvalidInput for an unknown track or another distribution.
+
+    Parameters
+    ----------
+    departures : mapping, optional
+        Delays in seconds by the keys of tracks: ``scipy.stats.norm(60, 300)``, ``scipy.stats.uniform(-300, 900)``, or a
+        sequence of delays, each as likely. All other tracks depart as planned.
+    """
+    from conflictdb.stages import chances as stage  # not above: it brings scipy
+
+    scene, plane, pieces, keys, numbers = _numbered("chances", tracks, areas, scene)
+    known: dict[int, stage.Departure] = {}
+    for key, given in (departures or {}).items():
+        [number] = _known(scene, keys, numbers, key).tolist()
+        try:
+            known[number] = stage.Departure.of(given)
+        except (TypeError, ValueError):
+            rule = "must be norm or uniform of scipy.stats, with their parameters, or finite delays in seconds"
+            raise InvalidInput("chances", f"departures[{key!r}]", f"{rule}; got {given!r:.60}") from None
+    most_s = max([0.0, *(one.high for one in known.values())]) - min([0.0, *(one.low for one in known.values())])
+    horizon_us = int(np.ceil(1e6 * most_s)) + 1
+    tail = sum(one.tail for one in known.values())
+    movable = set(numbers.tolist())
+    pairs, any_of = {}, {keys[number]: (0.0, tail) for number in numbers.tolist()}
+    every = differences_of(scene, plane, pieces, numbers, horizon_us, waits=False)
+    for number, own in every.of_each_track():
+        departure = known.get(number, stage.PLANNED)
+        rivals = stage.rivals_of(own, horizon_us, lambda other: known.get(other, stage.PLANNED))
+        any_of[keys[number]] = stage.chance_of_any(departure, list(rivals.values()), tail)
+        for other, rival in rivals.items():
+            if other not in movable or other > number:
+                pairs[keys[number], keys[other]] = stage.chance_of_pair(departure, rival)
+    least, most = (float(sum(bound[k] for bound in pairs.values())) for k in (0, 1))
+    return Chances(pairs, (least, most + tail * len(keys)), any_of)
+
+
+def _numbered(
+    what: str, tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None
+) -> tuple[Scene, Plane, Pieces, dict[int, str], NDArray[np.int64]]:
+    """Return the scene, its plane, its pieces, the keys of all objects by number, and the numbers of the tracks."""
+    if not isinstance(scene, Scene | None):
+        raise InvalidInput(what, "scene", f"must be a Scene, or absent; got {scene!r:.60}")
     scene, plane, tracks, areas = _prepared(
-        scene or Scene("in memory"),
-        _each("delays", "tracks", tracks, Track),
-        _each("delays", "areas", areas, Area),
+        scene or Scene("in memory"), _each(what, "tracks", tracks, Track), _each(what, "areas", areas, Area)
     )
-    if key is not None and key not in (track.key for track in tracks):
-        raise InvalidInput(f"scene {scene.name!r}", "track", f"{key!r} is not known")
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
     numbers = numbers_of(np.full(len(tracks), Kind.TRACK.code), np.arange(len(tracks)))
     keys = dict(enumerate(area.key for area in areas)) | dict(
         zip(numbers.tolist(), (track.key for track in tracks), strict=True)
     )
-    asked = numbers if key is None else numbers[[track.key == key for track in tracks]]
-    every = differences_of(scene, plane, pieces, asked, horizon_us)
-    found = dict(every.of_each_track())
-    nothing = every.take(np.empty(0, np.int64))
-    return [delays_of(keys[number], keys, found.get(number, nothing), horizon_us) for number in asked.tolist()]
+    return scene, plane, pieces, keys, numbers
+
+
+def _known(scene: Scene, keys: Mapping[int, str], numbers: NDArray[np.int64], key: str) -> NDArray[np.int64]:
+    """Return (1,) the number of a track. Raises InvalidInput if there is none of this key."""
+    found = numbers[[keys[number] == key for number in numbers.tolist()]]
+    if not len(found):
+        raise InvalidInput(f"scene {scene.name!r}", "track", f"{key!r} is not known")
+    return found
 
 
 def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Scene, Plane, list[Track], list[Area]]:

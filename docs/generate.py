@@ -295,10 +295,10 @@ SQL: Final = f"""\
 
 {NOTE}
 
-Everything is in the schema `conflictdb`. Names that begin with an underscore are private. Each role may do what the one
-before it may: `conflictdb_reader`, `conflictdb_editor`, `conflictdb_worker`; nothing is granted to PUBLIC. Geometries
-are longitude and latitude in degrees, SRID 4326, unless it is said otherwise. [schema.sql](schema.sql) is the whole
-schema.
+Everything is in the schema `conflictdb`; `\\df conflictdb.*` in psql lists its routines. The schema
+`conflictdb_internal` is private; its names begin with an underscore. Each role may do what the one before it may:
+`conflictdb_reader`, `conflictdb_editor`, `conflictdb_worker`; nothing is granted to PUBLIC. Geometries are longitude
+and latitude in degrees, SRID 4326, unless it is said otherwise. [schema.sql](schema.sql) describes both schemas.
 """
 ROLES: Final = {
     "To ask: conflictdb_reader": (
@@ -347,7 +347,7 @@ SELECT p.proname,
        has_function_privilege('conflictdb_reader', p.oid, 'EXECUTE'),
        has_function_privilege('conflictdb_editor', p.oid, 'EXECUTE')
 FROM pg_proc p
-WHERE p.pronamespace = 'conflictdb'::regnamespace AND left(p.proname, 1) <> '_'
+WHERE p.pronamespace = 'conflictdb'::regnamespace
 ORDER BY p.proname, p.oid::regprocedure::text
 """
 
@@ -357,11 +357,12 @@ SELECT p.proname, p.prosrc, p.prorettype = 'trigger'::regtype, obj_description(p
        ARRAY(SELECT r FROM unnest(ARRAY['conflictdb_reader', 'conflictdb_editor', 'conflictdb_worker']) r
              WHERE has_function_privilege(r, p.oid, 'EXECUTE'))
 FROM pg_proc p
-WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.prosecdef
+WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND p.prosecdef
 ORDER BY p.proname
 """
 TABLES: Final = """
-SELECT c.relname FROM pg_class c WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'v')
+SELECT c.relname FROM pg_class c
+WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind IN ('r', 'v')
 """
 WRITES: Final = r"(?:INSERT INTO|DELETE FROM|\bUPDATE) (?:conflictdb\.)?(\w+)"
 READS: Final = r"\b(?:FROM|JOIN|USING) (?:\(SELECT \w+\.\w+ FROM )?(?:conflictdb\.)?(pg_catalog\.\w+|\w+)"
@@ -386,7 +387,7 @@ def definers(conn: psycopg.Connection[Any]) -> str:
         rows.append([f"`{name}`", least, *lists, restriction[1]])
     said = (
         "These run with the rights of the owner of the schema, whoever calls them (SECURITY DEFINER), and resolve "
-        "names in that schema alone."
+        "names in the schemas of conflictdb alone."
     )
     heads = ["routine", "called by", "reads", "writes", "restricted to"]
     return f"## Routines that run as their owner\n\n{said}\n\n{table(heads, rows)}"
@@ -394,7 +395,7 @@ def definers(conn: psycopg.Connection[Any]) -> str:
 
 def sql(conn: psycopg.Connection[Any]) -> str:
     """Return the page of the SQL interface of a fresh schema."""
-    conn.execute("SELECT set_config('search_path', 'conflictdb, public', true)")
+    conn.execute("SELECT set_config('search_path', 'conflictdb, conflictdb_internal, public', true)")
     routines = conn.execute(ROUTINES.encode()).fetchall()
     sections = [SQL]
     for title, (role, relations) in ROLES.items():
@@ -437,7 +438,9 @@ def _states() -> str:
     rows = ((f"`{state}`", name) for state, name in re.findall(r"(ZC\d{3}) (\w+)", text.partition("\n\n")[0]))
     said = (
         "Bad input is refused with one of these. For programs the error names the object (in its field TABLE), the "
-        "field (COLUMN) and the rule (CONSTRAINT)."
+        "field (COLUMN) and the rule (CONSTRAINT). PL/pgSQL also sends the routines that were running, which psql "
+        "prints as CONTEXT; `conflictdb psql` does not, nor psql after `\\set SHOW_CONTEXT never` (in `~/.psqlrc`: "
+        "always)."
     )
     return f"## SQLSTATEs\n\n{said}\n\n{table(['SQLSTATE', 'name'], rows)}"
 

@@ -10,7 +10,7 @@ DECLARE
 BEGIN
     FOR v_routine IN
         SELECT p.oid::regprocedure AS header, p.proname FROM pg_catalog.pg_proc p
-        WHERE p.pronamespace = 'conflictdb'::regnamespace
+        WHERE p.pronamespace IN ('conflictdb'::regnamespace, 'conflictdb_internal'::regnamespace)
           AND format('%s(%s)', p.proname, array_to_string(p.proargnames, ', ')) = ANY (c_retired)
     LOOP
         EXECUTE format('ALTER FUNCTION %s RENAME TO %I', v_routine.header, '_retired_' || v_routine.proname);

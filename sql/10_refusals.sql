@@ -11,12 +11,15 @@
 -- Functions called by SECURITY DEFINER routines set search_path to the schemas of conflictdb: in another schema a user
 -- could define a better-matching function or operator.
 --
+-- A refusal is written FOUND := _raise(...): an assignment evaluates the call without a statement of its own. PERFORM
+-- would add the source of the call to the error's CONTEXT, which psql shows.
+--
 -- Checks are at most STABLE: the planner may evaluate IMMUTABLE calls early, even in a branch that never runs.
 
-CREATE OR REPLACE FUNCTION _refuse(
+CREATE OR REPLACE FUNCTION conflictdb_internal._raise(
     p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''
-) RETURNS void
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+) RETURNS boolean
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     IF p_hint = '' THEN -- RAISE would show an empty hint, and does not accept null.
         RAISE EXCEPTION '%: %: %', p_who, p_field, p_rule
@@ -27,11 +30,12 @@ BEGIN
               HINT = p_hint;
 END
 $$;
-COMMENT ON FUNCTION _refuse(text, text, text, text, text, text) IS
-'Raises SQLSTATE p_state. For programs, TABLE names the object, COLUMN the field and CONSTRAINT the rule.';
+COMMENT ON FUNCTION _raise(text, text, text, text, text, text) IS
+'Raises SQLSTATE p_state, so it never returns. For programs, TABLE names the object, COLUMN the field and CONSTRAINT '
+'the rule.';
 
-CREATE OR REPLACE FUNCTION _scene_id(p_scene text) RETURNS bigint
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_id(p_scene text) RETURNS bigint
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_scene_id bigint := (SELECT s.scene_id FROM scene s WHERE s.name = p_scene);
     v_known text;
@@ -39,7 +43,7 @@ BEGIN
     IF v_scene_id IS NULL THEN
         SELECT string_agg(quote_literal(k.name), ', ' ORDER BY k.name)
             INTO v_known FROM (SELECT s.name FROM scene s ORDER BY s.name LIMIT 20) k;
-        PERFORM _refuse('ZC010', format('scene %L', p_scene), 'name',
+        FOUND := _raise('ZC010', format('scene %L', p_scene), 'name',
                         'is not in this database; known: ' || coalesce(v_known, 'none'), 'scene_known',
                         'create_scene(name) creates one.');
     END IF;
@@ -48,11 +52,11 @@ END
 $$;
 COMMENT ON FUNCTION _scene_id(text) IS 'Returns the scene''s id; raises ZC010 for an unknown name.';
 
-CREATE OR REPLACE FUNCTION _require_snapshot() RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._require_snapshot() RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF current_setting('transaction_isolation') = 'read committed' THEN
-        PERFORM _refuse('ZC013', 'detection', 'transaction', 'must read one snapshot: REPEATABLE READ',
+        FOUND := _raise('ZC013', 'detection', 'transaction', 'must read one snapshot: REPEATABLE READ',
                         'detection_on_one_snapshot');
     END IF;
 END

@@ -7,7 +7,7 @@
 --
 -- Most functions are single expressions and not STRICT, so that PostgreSQL inlines them. Null input gives null.
 
-CREATE OR REPLACE FUNCTION _not_tiny(p_m double precision) RETURNS double precision
+CREATE OR REPLACE FUNCTION conflictdb_internal._not_tiny(p_m double precision) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE WHEN abs(p_m) < 1e-30 THEN 0 ELSE p_m END;
@@ -15,7 +15,7 @@ END;
 COMMENT ON FUNCTION _not_tiny(double precision) IS
 'Returns metres or degrees, but 0 below 1e-30: PostgreSQL raises an error if a product underflows.';
 
-CREATE OR REPLACE FUNCTION _exact_numeric(p_number double precision) RETURNS numeric
+CREATE OR REPLACE FUNCTION conflictdb_internal._exact_numeric(p_number double precision) RETURNS numeric
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- A cast to numeric keeps 15 digits; the cast of the remainder adds the rest. Text would need extra_float_digits.
@@ -27,28 +27,28 @@ COMMENT ON FUNCTION _exact_numeric(double precision) IS
 -- The only definition of the earth's size in SQL (in Python: conflictdb/earth/geodesy.py). Numeric keeps its text
 -- exact.
 
-CREATE OR REPLACE FUNCTION _sphere_m() RETURNS numeric
+CREATE OR REPLACE FUNCTION conflictdb_internal._sphere_m() RETURNS numeric
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT 6371008.771415;
 END;
 COMMENT ON FUNCTION _sphere_m() IS 'Radius of the sphere, metres: the mean radius of WGS84, (2a + b) / 3.';
 
-CREATE OR REPLACE FUNCTION _wgs84_m() RETURNS numeric
+CREATE OR REPLACE FUNCTION conflictdb_internal._wgs84_m() RETURNS numeric
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT 6378137.0;
 END;
 COMMENT ON FUNCTION _wgs84_m() IS 'Equatorial radius of WGS84, metres.';
 
-CREATE OR REPLACE FUNCTION _globe() RETURNS text
+CREATE OR REPLACE FUNCTION conflictdb_internal._globe() RETURNS text
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT '+proj=longlat +R=' || _sphere_m()::text || ' +no_defs';
 END;
 COMMENT ON FUNCTION _globe() IS 'Returns the PROJ string of longitude and latitude on the sphere.';
 
-CREATE OR REPLACE FUNCTION _plane(
+CREATE OR REPLACE FUNCTION conflictdb_internal._plane(
     p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision
 ) RETURNS text
 -- Not LANGUAGE sql: format is STABLE, which prevents inlining, and the function would be planned at each call.
@@ -66,7 +66,7 @@ COMMENT ON FUNCTION _plane(text, text, double precision, double precision) IS
 'Returns the plane in which tracks and edges of a scene are straight: wgs84 or sphere for Mercator, else a PROJ string '
 'of a gnomonic projection.';
 
-CREATE OR REPLACE FUNCTION _radius_m(p_plane text) RETURNS double precision
+CREATE OR REPLACE FUNCTION conflictdb_internal._radius_m(p_plane text) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE p_plane WHEN 'wgs84' THEN _wgs84_m() ELSE _sphere_m() END::double precision;
@@ -74,14 +74,16 @@ END;
 COMMENT ON FUNCTION _radius_m(text) IS
 'Equatorial radius of the plane''s earth, metres. On a Mercator plane this is x per radian of longitude.';
 
-CREATE OR REPLACE FUNCTION _plane_srid(p_plane text) RETURNS integer
+CREATE OR REPLACE FUNCTION conflictdb_internal._plane_srid(p_plane text) RETURNS integer
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE p_plane WHEN 'wgs84' THEN 3395 ELSE 0 END;
 END;
 COMMENT ON FUNCTION _plane_srid(text) IS 'SRID of a plane: 3395 for wgs84, else 0 (none).';
 
-CREATE OR REPLACE FUNCTION _middle_x(p_geometry geometry, p_half_width double precision) RETURNS double precision
+CREATE OR REPLACE FUNCTION conflictdb_internal._middle_x(
+    p_geometry geometry, p_half_width double precision
+) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE WHEN ST_XMin(p_geometry) >= -p_half_width AND ST_XMax(p_geometry) <= p_half_width THEN 0.0
@@ -92,7 +94,7 @@ COMMENT ON FUNCTION _middle_x(geometry, double precision) IS
 
 -- EPSG:3857 is Mercator on a sphere with the equatorial radius of WGS84; scaling changes it to the mean radius.
 
-CREATE OR REPLACE FUNCTION _to_plane(p_geometry geometry, p_plane text) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._to_plane(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE p_plane WHEN 'wgs84' THEN
@@ -110,7 +112,7 @@ END;
 COMMENT ON FUNCTION _to_plane(geometry, text) IS
 'Projects longitude and latitude (degrees, not wrapped, SRID 4326) to the scene''s plane (metres).';
 
-CREATE OR REPLACE FUNCTION _off_the_pole(p_part geometry) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._off_the_pole(p_part geometry) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- Longitude is arbitrary at a pole: the ring gets two vertices there, with the longitudes of its neighbours.
@@ -141,7 +143,7 @@ END;
 COMMENT ON FUNCTION _off_the_pole(geometry) IS
 'Replaces each pole vertex of a polygon (longitude and latitude, degrees) by a side along the pole.';
 
-CREATE OR REPLACE FUNCTION _from_gnomonic(p_geometry geometry, p_plane text) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._from_gnomonic(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     c_globe CONSTANT text := _globe();
@@ -187,7 +189,7 @@ COMMENT ON FUNCTION _from_gnomonic(geometry, text) IS
 'Projects a gnomonic plane (metres, see _plane) to longitude and latitude (degrees, not wrapped, SRID 4326). Long '
 'sides get additional points; around a pole the result runs along latitude 90.';
 
-CREATE OR REPLACE FUNCTION _from_plane(p_geometry geometry, p_plane text) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._from_plane(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE p_plane WHEN 'wgs84' THEN
@@ -207,7 +209,7 @@ END;
 COMMENT ON FUNCTION _from_plane(geometry, text) IS
 'Projects the scene''s plane (metres) to longitude and latitude (degrees, not wrapped, SRID 4326).';
 
-CREATE OR REPLACE FUNCTION _wrapped(p_geometry geometry) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._wrapped(p_geometry geometry) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE WHEN ST_XMin(p_geometry) >= -180.0 AND ST_XMax(p_geometry) <= 180.0 THEN p_geometry
@@ -216,7 +218,7 @@ END;
 COMMENT ON FUNCTION _wrapped(geometry) IS
 'Returns a geometry with longitudes within +-180 degrees, split at the antimeridian (RFC 7946).';
 
-CREATE OR REPLACE FUNCTION _part_from_plane(p_geometry geometry, p_plane text) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._part_from_plane(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- Rounding may make nearly touching edges cross; GEOS cannot unite invalid parts.
@@ -226,7 +228,9 @@ END;
 COMMENT ON FUNCTION _part_from_plane(geometry, text) IS
 'Projects part of a region (metres in the scene''s plane) to longitude and latitude, wrapped and valid for a union.';
 
-CREATE OR REPLACE FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._meets(
+    p_region geometry, p_geometry geometry, p_plane text
+) RETURNS boolean
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- Compared in the plane, where edges are straight. A distance, not ST_Intersects, because parts split at the

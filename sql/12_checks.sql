@@ -3,7 +3,7 @@
 
 -- Its parameter is no scene, nor is it LANGUAGE sql: either would keep revisions from adding columns. With
 -- extra_float_digits, numbers keep all digits whatever the session's own setting is.
-CREATE OR REPLACE FUNCTION _settings_of(p_scene anyelement) RETURNS jsonb
+CREATE OR REPLACE FUNCTION conflictdb_internal._settings_of(p_scene anyelement) RETURNS jsonb
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
 BEGIN
     RETURN to_jsonb(p_scene) - '{scene_id,history_kept,owner}'::text[];
@@ -12,7 +12,7 @@ $$;
 COMMENT ON FUNCTION _settings_of(anyelement) IS
 'Name and settings of a scene by the columns of its row: all but its id, the age of its history, and its owner.';
 
-CREATE OR REPLACE FUNCTION _half_open(p_span tstzrange) RETURNS tstzrange
+CREATE OR REPLACE FUNCTION conflictdb_internal._half_open(p_span tstzrange) RETURNS tstzrange
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- Instants are whole microseconds: an inclusive end equals an exclusive end one microsecond later.
@@ -28,7 +28,7 @@ COMMENT ON FUNCTION _half_open(tstzrange) IS
 'Returns the same instants as [start, end): an inclusive end becomes an exclusive end one microsecond later. An '
 'infinite bound becomes no bound.';
 
-CREATE OR REPLACE FUNCTION _is_plain(p_properties jsonb) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_plain(p_properties jsonb) RETURNS boolean
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- jsonb accepts numbers outside the range of a double, and thousands of levels; many programs do not.
@@ -40,8 +40,10 @@ END;
 COMMENT ON FUNCTION _is_plain(jsonb) IS
 'Whether properties are a JSON object with at most 100 levels and only numbers in the range of a double.';
 
-CREATE OR REPLACE FUNCTION _check_size(p_who text, p_field text, p_points bigint, p_limit text) RETURNS void
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_size(
+    p_who text, p_field text, p_points bigint, p_limit text
+) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     -- MAX_POINTS in conflictdb.model.
     c_most CONSTANT integer := 1000000;
@@ -49,12 +51,12 @@ DECLARE
     v_given text := nullif(current_setting(v_name, true), '');
 BEGIN
     IF v_given !~ '^[0-9]{1,9}$' THEN
-        PERFORM _refuse('ZC009', 'setting ' || v_name, p_limit,
+        FOUND := _raise('ZC009', 'setting ' || v_name, p_limit,
                         format('must be a whole number from 0 to %s; got %L', c_most, v_given), 'limit_is_number',
                         format('ALTER DATABASE %I RESET %s', current_database(), v_name));
     END IF;
     IF p_points > least(v_given::integer, c_most) THEN
-        PERFORM _refuse('ZC017', p_who, p_field,
+        FOUND := _raise('ZC017', p_who, p_field,
                         format('must have at most %s %s; got %s', least(v_given::integer, c_most),
                                replace(p_limit, 'max_', ''), p_points), 'size_within_limit',
                         format('Simplify it, or split it into several objects; %s is the limit, at most %s.', v_name,
@@ -66,18 +68,20 @@ COMMENT ON FUNCTION _check_size(text, text, bigint, text) IS
 'Raises ZC017 for more than 1,000,000 points, or more than the setting conflictdb.max_vertices or '
 'conflictdb.max_waypoints (p_limit) of the database or role allows.';
 
-CREATE OR REPLACE FUNCTION _check_heights(p_who text, p_floor_m double precision, p_ceiling_m double precision)
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_heights(
+    p_who text, p_floor_m double precision, p_ceiling_m double precision
+)
 RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF NOT (p_floor_m > '-infinity' AND p_floor_m < 'infinity') THEN
-        PERFORM _refuse('ZC004', p_who, 'floor_m', 'must be a finite number of metres, or absent', 'heights_finite');
+        FOUND := _raise('ZC004', p_who, 'floor_m', 'must be a finite number of metres, or absent', 'heights_finite');
     END IF;
     IF NOT (p_ceiling_m > '-infinity' AND p_ceiling_m < 'infinity') THEN
-        PERFORM _refuse('ZC004', p_who, 'ceiling_m', 'must be a finite number of metres, or absent', 'heights_finite');
+        FOUND := _raise('ZC004', p_who, 'ceiling_m', 'must be a finite number of metres, or absent', 'heights_finite');
     END IF;
     IF p_ceiling_m <= p_floor_m THEN
-        PERFORM _refuse('ZC004', p_who, 'ceiling_m',
+        FOUND := _raise('ZC004', p_who, 'ceiling_m',
                         format('must be above floor_m (%s); got %s', p_floor_m, p_ceiling_m), 'ceiling_above_floor');
     END IF;
 END
@@ -85,19 +89,20 @@ $$;
 COMMENT ON FUNCTION _check_heights(text, double precision, double precision) IS
 'Raises ZC004 unless heights (metres; null: no limit) are finite and the ceiling is above the floor.';
 
-CREATE OR REPLACE FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision,
-                                         p_ceiling_m double precision, p_properties jsonb) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_common(
+    p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb
+) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF p_key IS NULL OR p_key = '' OR octet_length(p_key) > 1000 THEN
-        PERFORM _refuse('ZC008', left(p_who, 100), 'key', 'must be a text of 1 to 1000 bytes', 'key_valid');
+        FOUND := _raise('ZC008', left(p_who, 100), 'key', 'must be a text of 1 to 1000 bytes', 'key_valid');
     END IF;
     PERFORM _check_heights(p_who, p_floor_m, p_ceiling_m);
     IF jsonb_typeof(p_properties) IS DISTINCT FROM 'object' THEN
-        PERFORM _refuse('ZC012', p_who, 'properties', 'must be a JSON object', 'properties_object');
+        FOUND := _raise('ZC012', p_who, 'properties', 'must be a JSON object', 'properties_object');
     END IF;
     IF NOT _is_plain(p_properties) THEN
-        PERFORM _refuse('ZC012', p_who, 'properties', 'must be nested at most 100 deep, with numbers up to 1.8e308',
+        FOUND := _raise('ZC012', p_who, 'properties', 'must be nested at most 100 deep, with numbers up to 1.8e308',
                         'properties_plain');
     END IF;
 END
@@ -105,7 +110,7 @@ $$;
 COMMENT ON FUNCTION _check_common(text, text, double precision, double precision, jsonb) IS
 'Raises ZC004, ZC008 or ZC012 for an invalid key, heights (metres) or properties of an object.';
 
-CREATE OR REPLACE FUNCTION _check_leg_heights(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_leg_heights(
     p_who text, p_path geometry, p_floor_m double precision, p_ceiling_m double precision,
     p_floors_m double precision[], p_ceilings_m double precision[]
 ) RETURNS void
@@ -118,7 +123,7 @@ BEGIN
         WHERE array_ndims(h.heights) IS DISTINCT FROM 1 AND h.heights IS NOT NULL OR array_lower(h.heights, 1) <> 1
            OR cardinality(h.heights) <> v_legs LIMIT 1;
     IF FOUND THEN
-        PERFORM _refuse('ZC004', p_who, v_bad.field,
+        FOUND := _raise('ZC004', p_who, v_bad.field,
                         format('must be one per leg: %s legs, %s heights', v_legs, cardinality(v_bad.heights)),
                         'height_per_leg', 'Null is no limit.');
     END IF;
@@ -131,7 +136,7 @@ BEGIN
               <= coalesce(p_floors_m[n.leg], CASE WHEN p_floors_m IS NULL THEN p_floor_m END)
         ORDER BY n.leg LIMIT 1;
     IF FOUND THEN
-        PERFORM _refuse('ZC004', p_who, format('leg %s', v_bad.leg),
+        FOUND := _raise('ZC004', p_who, format('leg %s', v_bad.leg),
                         format('heights must be finite, or null, and the ceiling above the floor; got %s to %s',
                                v_bad.floor_m, v_bad.ceiling_m), 'ceiling_above_floor');
     END IF;
@@ -142,7 +147,7 @@ COMMENT ON FUNCTION _check_leg_heights(text, geometry, double precision, double 
 'Raises ZC004 unless there is one height (metres) per leg, heights are finite or null, and ceilings are above floors. '
 'Legs count from 1. A null array means that the height of the whole track applies.';
 
-CREATE OR REPLACE FUNCTION _whole_height(
+CREATE OR REPLACE FUNCTION conflictdb_internal._whole_height(
     p_who text, p_field text, p_given_m double precision, p_whole_m double precision, p_known_m double precision,
     p_is_changed boolean
 ) RETURNS double precision
@@ -151,7 +156,7 @@ BEGIN
     -- A value left from before the heights of legs changed is not a contradiction.
     IF p_given_m IS DISTINCT FROM p_whole_m AND p_given_m IS NOT NULL
        AND NOT (p_is_changed AND p_given_m IS NOT DISTINCT FROM p_known_m) THEN
-        PERFORM _refuse('ZC004', p_who, p_field,
+        FOUND := _raise('ZC004', p_who, p_field,
                         format('must be that of all legs (%s), or null; got %s', p_whole_m, p_given_m),
                         'height_of_all_legs');
     END IF;
@@ -161,7 +166,9 @@ $$;
 COMMENT ON FUNCTION _whole_height(text, text, double precision, double precision, double precision, boolean) IS
 'Returns p_whole_m, the height (metres) of a whole track derived from its legs; raises ZC004 if another one was given.';
 
-CREATE OR REPLACE FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_scene_id bigint)
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_coordinates(
+    p_who text, p_field text, p_geometry geometry, p_scene_id bigint
+)
 RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -170,19 +177,19 @@ DECLARE
 BEGIN
     -- A line through a non-finite coordinate has a non-finite length.
     IF NOT ST_Length(ST_MakeLine(ARRAY(SELECT d.geom FROM ST_DumpPoints(p_geometry) d))) < 'infinity' THEN
-        PERFORM _refuse('ZC001', p_who, p_field, 'coordinates must be finite numbers', 'coordinates_finite');
+        FOUND := _raise('ZC001', p_who, p_field, 'coordinates must be finite numbers', 'coordinates_finite');
     END IF;
     IF v_latitude > 90 THEN
-        PERFORM _refuse('ZC005', p_who, p_field,
+        FOUND := _raise('ZC005', p_who, p_field,
                         format('latitude must lie within +-90 degrees; got %s (is it longitude first?)', v_latitude),
                         'latitude_in_range');
     END IF;
     IF v_longitude > 360 THEN
-        PERFORM _refuse('ZC005', p_who, p_field,
+        FOUND := _raise('ZC005', p_who, p_field,
                         format('longitude must lie within +-360 degrees; got %s', v_longitude), 'longitude_in_range');
     END IF;
     IF v_latitude > 89 AND EXISTS (SELECT FROM scene s WHERE s.scene_id = p_scene_id AND s.motion = 'rhumb') THEN
-        PERFORM _refuse('ZC005', p_who, p_field,
+        FOUND := _raise('ZC005', p_who, p_field,
                         format('latitude beyond 89 degrees has no place in a scene with motion ''rhumb''; got %s',
                                v_latitude),
                         'latitude_in_plane',
@@ -194,7 +201,9 @@ $$;
 COMMENT ON FUNCTION _check_coordinates(text, text, geometry, bigint) IS
 'Raises ZC001 or ZC005 for longitudes or latitudes (degrees) that are not finite, out of range or outside the plane.';
 
-CREATE OR REPLACE FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_planar(
+    p_who text, p_footprint geometry, p_plane text
+) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_planar geometry;
@@ -210,7 +219,7 @@ BEGIN
     -- Ignore polygons narrower than the plane's rounding error (metres): they may only look invalid.
     IF v_reason <> 'Valid Geometry'
        AND ST_Area(ST_OrientedEnvelope(v_planar)) > 1e-6 * greatest(ST_Perimeter(v_planar), 1) THEN
-        PERFORM _refuse('ZC001', p_who, 'footprint',
+        FOUND := _raise('ZC001', p_who, 'footprint',
                         format('crosses itself when its edges are %s (%s)',
                                CASE WHEN p_plane LIKE '+proj=gnom%' THEN 'great circles' ELSE 'rhumb lines' END,
                                split_part(v_reason, '[', 1)),
@@ -221,7 +230,7 @@ $$;
 COMMENT ON FUNCTION _check_planar(text, geometry, text) IS
 'Raises ZC001 for a footprint that is valid in degrees but not in the scene''s plane, where its edges are straight.';
 
-CREATE OR REPLACE FUNCTION _middle_of(p_geometry geometry) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._middle_of(p_geometry geometry) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- The mean in space. If it is near zero (points all around the earth), use the first point.
@@ -239,7 +248,9 @@ END;
 COMMENT ON FUNCTION _middle_of(geometry) IS
 'Returns the mean of the points of a geometry (longitude and latitude) on the sphere, rounded to 1e-6 degrees.';
 
-CREATE OR REPLACE FUNCTION _from_centre_deg(p_geometry geometry, p_lon double precision, p_lat double precision)
+CREATE OR REPLACE FUNCTION conflictdb_internal._from_centre_deg(
+    p_geometry geometry, p_lon double precision, p_lat double precision
+)
 RETURNS double precision
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
@@ -251,7 +262,7 @@ END;
 COMMENT ON FUNCTION _from_centre_deg(geometry, double precision, double precision) IS
 'Greatest distance of a geometry''s points (longitude and latitude) from a place, degrees along a great circle.';
 
-CREATE OR REPLACE FUNCTION _check_near_centre(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_near_centre(
     p_who text, p_field text, p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision
 ) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -259,7 +270,7 @@ DECLARE
     v_far double precision := _from_centre_deg(p_geometry, p_centre_lon, p_centre_lat);
 BEGIN
     IF v_far > 60 + 1e-9 THEN
-        PERFORM _refuse('ZC005', p_who, p_field,
+        FOUND := _raise('ZC005', p_who, p_field,
                         format('reaches %s degrees from the scene''s centre (%s, %s); with motion ''great_circle'' all '
                                'must lie within 60', round(v_far::numeric, 1), p_centre_lon,
                                p_centre_lat),
@@ -271,7 +282,7 @@ $$;
 COMMENT ON FUNCTION _check_near_centre(text, text, geometry, double precision, double precision) IS
 'Raises ZC005 for a geometry beyond 60 degrees from the centre of a great-circle scene.';
 
-CREATE OR REPLACE FUNCTION _near_centre(
+CREATE OR REPLACE FUNCTION conflictdb_internal._near_centre(
     p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision
 ) RETURNS geometry
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -283,7 +294,7 @@ $$;
 COMMENT ON FUNCTION _near_centre(geometry, double precision, double precision) IS
 'Returns a geometry (longitude and latitude); raises ZC005 if it leaves the plane of a great-circle scene.';
 
-CREATE OR REPLACE FUNCTION _check_times(p_who text, p_path geometry) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_times(p_who text, p_path geometry) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_bad record;
@@ -300,10 +311,10 @@ BEGIN
                      ELSE 'must be later than the time before it' END AS rule
         INTO v_bad FROM step s WHERE NOT s.is_in_calendar OR s.us <= 0 ORDER BY s.n LIMIT 1;
     IF FOUND AND NOT v_bad.is_in_calendar THEN
-        PERFORM _refuse('ZC003', p_who, 'path', format('times[%s] must lie in the years 1 to 9999', v_bad.n),
+        FOUND := _raise('ZC003', p_who, 'path', format('times[%s] must lie in the years 1 to 9999', v_bad.n),
                         'path_in_calendar', 'M is Unix seconds.');
     ELSIF FOUND THEN
-        PERFORM _refuse('ZC002', p_who, 'path', format('times[%s] %s', v_bad.n, v_bad.rule),
+        FOUND := _raise('ZC002', p_who, 'path', format('times[%s] %s', v_bad.n, v_bad.rule),
                         'path_time_increasing', 'M is Unix seconds, precise to the microsecond.');
     END IF;
 END
@@ -311,15 +322,15 @@ $$;
 COMMENT ON FUNCTION _check_times(text, geometry) IS
 'Raises ZC003 or ZC002 unless M (Unix seconds) lies in the years 1 to 9999 and increases by at least a microsecond.';
 
-CREATE OR REPLACE FUNCTION _max_speed_kn() RETURNS double precision
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._max_speed_kn() RETURNS double precision
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     -- Faster than any aircraft in service; MAX_SPEED_KN in conflictdb.speeds.
     c_most_kn CONSTANT double precision := 2000;
     v_given text := nullif(current_setting('conflictdb.max_speed_kn', true), '');
 BEGIN
     IF v_given !~ '^([0-9]{1,9}([.][0-9]{1,9})?|infinity)$' THEN
-        PERFORM _refuse('ZC009', 'setting conflictdb.max_speed_kn', 'max_speed_kn',
+        FOUND := _raise('ZC009', 'setting conflictdb.max_speed_kn', 'max_speed_kn',
                         format('must be a number of knots, or infinity; got %L', v_given), 'limit_is_number',
                         format('ALTER DATABASE %I RESET conflictdb.max_speed_kn', current_database()));
     END IF;
@@ -329,7 +340,7 @@ $$;
 COMMENT ON FUNCTION _max_speed_kn() IS
 'Greatest speed accepted for a track, knots: the setting conflictdb.max_speed_kn, default 2,000.';
 
-CREATE OR REPLACE FUNCTION _check_speed(p_who text, p_path geometry) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_speed(p_who text, p_path geometry) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     -- Relative slack; SPEED_SLACK in conflictdb.speeds.
@@ -348,7 +359,7 @@ BEGIN
     )
     SELECT l.* INTO v_bad FROM leg l WHERE l.kn > v_most_kn * (1 + c_slack) ORDER BY l.n LIMIT 1;
     IF FOUND THEN
-        PERFORM _refuse('ZC002', p_who, 'path',
+        FOUND := _raise('ZC002', p_who, 'path',
                         format('the leg to times[%s] is travelled at %s kn, beyond %s kn', v_bad.n,
                                round(v_bad.kn::numeric), v_most_kn), 'path_speed_possible',
                         'If it is intended, raise the setting conflictdb.max_speed_kn.');
@@ -358,7 +369,9 @@ $$;
 COMMENT ON FUNCTION _check_speed(text, geometry) IS
 'Raises ZC002 for a path (M: Unix seconds) with a leg faster than _max_speed_kn() along its great circle.';
 
-CREATE OR REPLACE FUNCTION _check_outline(p_who text, p_outline geometry, p_field text DEFAULT 'outline') RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_outline(
+    p_who text, p_outline geometry, p_field text DEFAULT 'outline'
+) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_left boolean;
@@ -386,7 +399,7 @@ BEGIN
            (SELECT abs(sum(h.step - 2 * pi() * round((h.step / (2 * pi()))::numeric)::double precision)) FROM heading h)
         INTO v_left, v_right, v_turns FROM corner c;
     IF (v_left AND v_right) OR v_turns > 2 * pi() + 1e-9 THEN
-        PERFORM _refuse('ZC006', p_who, p_field, 'must be a convex ring', 'outline_convex',
+        FOUND := _raise('ZC006', p_who, p_field, 'must be a convex ring', 'outline_convex',
                         'Split it into several tracks, or use ST_ConvexHull.');
     END IF;
 END
@@ -394,7 +407,7 @@ $$;
 COMMENT ON FUNCTION _check_outline(text, geometry, text) IS
 'Raises ZC006 for an outline (metres to starboard and ahead) that is not convex or winds more than once.';
 
-CREATE OR REPLACE FUNCTION _check_growth(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_growth(
     p_who text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry
 ) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -402,25 +415,25 @@ DECLARE
     v_nr integer;
 BEGIN
     IF (p_grow_mps BETWEEN 0 AND 1e6) IS NOT TRUE THEN
-        PERFORM _refuse('ZC006', p_who, 'grow_mps',
+        FOUND := _raise('ZC006', p_who, 'grow_mps',
                         format('must be a number of metres per second from 0 to 1e6; got %s', p_grow_mps),
                         'track_growth_in_range', 'Use outlines for a shrinking haven.');
     END IF;
     IF p_grow_mps > 0 AND p_outlines IS NOT NULL THEN
-        PERFORM _refuse('ZC006', p_who, 'grow_mps', 'must not be given together with outlines',
+        FOUND := _raise('ZC006', p_who, 'grow_mps', 'must not be given together with outlines',
                         'track_growth_given_once');
     END IF;
     -- A mitred corner of angle a moves 1 / sin(a / 2) times as fast as its sides; the limit is one degree.
     IF p_grow_mps > 0 AND (SELECT bool_or((c.dx ^ 2 + c.dy ^ 2 <= 1 / sind(0.5) ^ 2) IS NOT TRUE)
                            FROM _corners(p_outline) c) THEN
-        PERFORM _refuse('ZC006', p_who, 'outline', 'has a corner sharper than 1 degree, which would grow into a spike',
+        FOUND := _raise('ZC006', p_who, 'outline', 'has a corner sharper than 1 degree, which would grow into a spike',
                         'outline_not_sharp', 'Cut off the corner, or give outlines instead of grow_mps.');
     END IF;
     IF p_outlines IS NULL THEN
         RETURN;
     END IF;
     IF ST_NumGeometries(p_outlines) <> ST_NPoints(p_path) THEN
-        PERFORM _refuse('ZC006', p_who, 'outlines',
+        FOUND := _raise('ZC006', p_who, 'outlines',
                         format('must be one per waypoint: %s waypoints, %s outlines', ST_NPoints(p_path),
                                ST_NumGeometries(p_outlines)), 'outline_per_waypoint');
     END IF;
@@ -428,17 +441,17 @@ BEGIN
         WHERE ST_IsEmpty(d.geom) OR ST_NumInteriorRings(d.geom) > 0 OR ST_SRID(d.geom) <> 0
            OR NOT ST_Length(ST_ExteriorRing(d.geom)) < 'infinity';
     IF v_nr IS NOT NULL THEN
-        PERFORM _refuse('ZC006', p_who, format('outlines[%s]', v_nr),
+        FOUND := _raise('ZC006', p_who, format('outlines[%s]', v_nr),
                         'must be one ring of finite [starboard, forward] metres, without SRID', 'outline_ring');
     END IF;
     SELECT min(d.path[1]) INTO v_nr FROM ST_Dump(p_outlines) d
         WHERE ST_NPoints(d.geom) <> ST_NPoints(ST_GeometryN(p_outlines, 1));
     IF v_nr IS NOT NULL THEN
-        PERFORM _refuse('ZC006', p_who, format('outlines[%s]', v_nr), 'must have as many vertices as the first',
+        FOUND := _raise('ZC006', p_who, format('outlines[%s]', v_nr), 'must have as many vertices as the first',
                         'outlines_alike', 'A vertex may be given twice.');
     END IF;
     IF p_outline IS DISTINCT FROM ST_GeometryN(p_outlines, 1) THEN
-        PERFORM _refuse('ZC006', p_who, 'outline', 'must be the first of outlines, or null', 'outline_is_first');
+        FOUND := _raise('ZC006', p_who, 'outline', 'must be the first of outlines, or null', 'outline_is_first');
     END IF;
     PERFORM _check_outline(p_who, d.geom, format('outlines[%s]', d.path[1])) FROM ST_Dump(p_outlines) d
         WHERE 1e12 * abs(ST_Area(ST_ConvexHull(d.geom)) - ST_Area(d.geom)) > ST_Area(d.geom);
@@ -478,7 +491,7 @@ BEGIN
         WHERE c.first < -c.slack OR c.last < -c.slack
            OR c.middle < -2 * sqrt(greatest(c.first, 0)) * sqrt(greatest(c.last, 0)) - c.slack;
     IF v_nr IS NOT NULL THEN
-        PERFORM _refuse('ZC006', p_who, format('outlines[%s]', v_nr + 1),
+        FOUND := _raise('ZC006', p_who, format('outlines[%s]', v_nr + 1),
                         format('does not stay convex on the way from outlines[%s]', v_nr), 'outlines_stay_convex',
                         'Each vertex moves straight to its like: order them alike, or add a waypoint.');
     END IF;

@@ -1,7 +1,7 @@
 -- Triggers that check rows of scene, area and track, whoever writes them, and normalise them: spans become half-open,
 -- infinite bounds become unbounded.
 
-CREATE OR REPLACE FUNCTION _ensure_centre(
+CREATE OR REPLACE FUNCTION conflictdb_internal._ensure_centre(
     p_scene_id bigint, p_first geometry, OUT centre_lon double precision, OUT centre_lat double precision
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -16,8 +16,8 @@ $$;
 COMMENT ON FUNCTION _ensure_centre(bigint, geometry) IS
 'Sets the centre of a great-circle scene without one to the middle of its first object; returns the centre (degrees).';
 
-CREATE OR REPLACE FUNCTION _first_version(p_kind smallint, p_id bigint) RETURNS bigint
-LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._first_version(p_kind smallint, p_id bigint) RETURNS bigint
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_former bigint;
 BEGIN
@@ -37,7 +37,7 @@ COMMENT ON FUNCTION _first_version(smallint, bigint) IS
 'its owner, because the former object may belong to a scene that the caller cannot read. Restricted to the versions of '
 'one id; returns only a number.';
 
-CREATE OR REPLACE FUNCTION _area_before() RETURNS trigger
+CREATE OR REPLACE FUNCTION conflictdb_internal._area_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_who text := format('area %L', NEW.key);
@@ -52,7 +52,7 @@ BEGIN
     NEW.properties := coalesce(NEW.properties, '{}');
     IF TG_OP = 'UPDATE' THEN
         IF NEW.scene_id <> OLD.scene_id OR NEW.area_id <> OLD.area_id THEN
-            PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change: remove the object and add it again',
+            FOUND := _raise('ZC008', v_who, 'scene_id', 'cannot change: remove the object and add it again',
                             'object_stays');
         END IF;
         NEW.version := OLD.version;
@@ -92,7 +92,7 @@ BEGIN
         IF NEW.footprint IS NULL OR ST_IsEmpty(NEW.footprint) OR ST_NPoints(NEW.footprint) = 0
            OR (SELECT count(*) FROM ST_Dump(NEW.footprint) d WHERE ST_NPoints(d.geom) > 0)
               < ST_NumGeometries(NEW.footprint) THEN
-            PERFORM _refuse('ZC001', v_who, 'footprint', 'must be a MultiPolygon without empty parts',
+            FOUND := _raise('ZC001', v_who, 'footprint', 'must be a MultiPolygon without empty parts',
                             'footprint_not_empty');
         END IF;
         PERFORM _check_size(v_who, 'footprint', ST_NPoints(NEW.footprint), 'max_vertices');
@@ -101,12 +101,12 @@ BEGIN
                 AND ST_XMax(NEW.footprint) <= 360 AND ST_XMin(NEW.footprint) >= -360) THEN
             PERFORM _check_coordinates(v_who, 'footprint', NEW.footprint, NEW.scene_id);
             IF v_reason <> 'Valid Geometry' THEN
-                PERFORM _refuse('ZC001', v_who, 'footprint', 'must be a valid polygon: ' || v_reason, 'footprint_valid',
+                FOUND := _raise('ZC001', v_who, 'footprint', 'must be a valid polygon: ' || v_reason, 'footprint_valid',
                                 'ST_MakeValid mends many polygons.');
             END IF;
         END IF;
         IF ST_XMax(NEW.footprint) - ST_XMin(NEW.footprint) > 360 THEN
-            PERFORM _refuse('ZC005', v_who, 'footprint', 'must not be wider than 360 degrees',
+            FOUND := _raise('ZC005', v_who, 'footprint', 'must not be wider than 360 degrees',
                             'footprint_within_a_turn');
         END IF;
         IF v_scene.motion = 'great_circle' THEN
@@ -119,13 +119,13 @@ BEGIN
         PERFORM _check_planar(v_who, NEW.footprint, _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon,
                                                            v_scene.centre_lat));
         IF isempty(NEW.active_span) THEN
-            PERFORM _refuse('ZC003', v_who, 'active_span',
+            FOUND := _raise('ZC003', v_who, 'active_span',
                             'must hold at least one instant: end must be later than start', 'span_not_empty');
         END IF;
         -- A present bound is checked on both sides: without the other bound it could lie beyond the calendar.
         IF lower(NEW.active_span) < '0001-01-01 00:00+00' OR lower(NEW.active_span) >= '10000-01-01 00:00+00'
            OR upper(NEW.active_span) <= '0001-01-01 00:00+00' OR upper(NEW.active_span) >= '10000-01-01 00:00+00' THEN
-            PERFORM _refuse('ZC003', v_who, 'active_span', 'must lie in the years 1 to 9999', 'span_in_calendar',
+            FOUND := _raise('ZC003', v_who, 'active_span', 'must lie in the years 1 to 9999', 'span_in_calendar',
                             'Leave out a bound if there is none.');
         END IF;
     END IF;
@@ -145,7 +145,7 @@ $$;
 COMMENT ON FUNCTION _area_before() IS
 'Trigger: checks an area (SQLSTATE class ZC), normalises its span, and sets a new version if its content changed.';
 
-CREATE OR REPLACE FUNCTION _track_before() RETURNS trigger
+CREATE OR REPLACE FUNCTION conflictdb_internal._track_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_who text := format('track %L', NEW.key);
@@ -172,7 +172,7 @@ BEGIN
     END IF;
     IF TG_OP = 'UPDATE' THEN
         IF NEW.scene_id <> OLD.scene_id OR NEW.track_id <> OLD.track_id THEN
-            PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change: remove the object and add it again',
+            FOUND := _raise('ZC008', v_who, 'scene_id', 'cannot change: remove the object and add it again',
                             'object_stays');
         END IF;
         NEW.version := OLD.version;
@@ -215,7 +215,7 @@ BEGIN
             PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties);
         END IF;
         IF NEW.path IS NULL OR ST_NPoints(NEW.path) < 2 THEN
-            PERFORM _refuse('ZC001', v_who, 'path', 'needs at least two waypoints', 'path_of_two');
+            FOUND := _raise('ZC001', v_who, 'path', 'needs at least two waypoints', 'path_of_two');
         END IF;
         PERFORM _check_size(v_who, 'path', ST_NPoints(NEW.path), 'max_waypoints');
         IF NEW.outlines IS NOT NULL THEN
@@ -226,7 +226,7 @@ BEGIN
         END IF;
         -- Swapping X and M includes M in the check: a line through a non-finite coordinate has a non-finite length.
         IF NOT (ST_Length(NEW.path) < 'infinity' AND ST_Length(ST_SwapOrdinates(NEW.path, 'xm')) < 'infinity') THEN
-            PERFORM _refuse('ZC001', v_who, 'path', 'coordinates and times must be finite numbers',
+            FOUND := _raise('ZC001', v_who, 'path', 'coordinates and times must be finite numbers',
                             'coordinates_finite');
         END IF;
         IF NOT (ST_YMax(NEW.path) <= 89 AND ST_YMin(NEW.path) >= -89
@@ -245,12 +245,12 @@ BEGIN
         END IF;
         IF NEW.outline IS NULL OR ST_IsEmpty(NEW.outline) OR ST_NumInteriorRings(NEW.outline) > 0
            OR NOT ST_Length(ST_ExteriorRing(NEW.outline)) < 'infinity' OR ST_SRID(NEW.outline) <> 0 THEN
-            PERFORM _refuse('ZC006', v_who, 'outline',
+            FOUND := _raise('ZC006', v_who, 'outline',
                             'must be one ring of finite [starboard, forward] metres, without SRID', 'outline_ring');
         END IF;
         -- The kernel's limit; the ring repeats its first vertex.
         IF ST_NPoints(NEW.outline) > 10001 THEN
-            PERFORM _refuse('ZC006', v_who, 'outline',
+            FOUND := _raise('ZC006', v_who, 'outline',
                             format('must have at most 10000 corners; got %s', ST_NPoints(NEW.outline) - 1),
                             'outline_corners', 'ST_Simplify leaves fewer.');
         END IF;
@@ -259,7 +259,7 @@ BEGIN
            OR greatest(ST_XMax(NEW.outline), -ST_XMin(NEW.outline), ST_YMax(NEW.outline), -ST_YMin(NEW.outline))
               > 20037508
         THEN
-            PERFORM _refuse('ZC006', v_who, 'outline',
+            FOUND := _raise('ZC006', v_who, 'outline',
                             'must lie within 20037508 m of the reference point: half round the earth',
                             'outline_on_earth');
         END IF;
@@ -302,12 +302,12 @@ $$;
 COMMENT ON FUNCTION _track_before() IS
 'Trigger: checks a track (SQLSTATE class ZC) and sets a new version if its content changed.';
 
-CREATE OR REPLACE FUNCTION _check_may_prune(p_who text, p_owner name) RETURNS void
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_may_prune(p_who text, p_owner name) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     IF row_security_active('scene'::regclass::oid) AND NOT pg_has_role('conflictdb_worker', 'USAGE')
        AND (p_owner IN (SELECT m.role FROM _my_role m WHERE m.role <> 'public')) IS NOT TRUE THEN
-        PERFORM _refuse('42501', p_who, 'history_kept',
+        FOUND := _raise('42501', p_who, 'history_kept',
                         format('can be changed by the owner of the scene only, not by role %I', current_user),
                         'history_owned', 'A shorter time would remove history, also for other roles.');
     END IF;
@@ -317,7 +317,7 @@ COMMENT ON FUNCTION _check_may_prune(text, name) IS
 'Raises insufficient_privilege unless the current role owns the protected scene, or is a worker: only they may change '
 'how long its history is kept.';
 
-CREATE OR REPLACE FUNCTION _scene_before() RETURNS trigger
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_who text := format('scene %L', NEW.name);
@@ -325,11 +325,11 @@ DECLARE
     v_metres double precision;
 BEGIN
     IF NEW.name IS NULL OR btrim(NEW.name) = '' OR octet_length(NEW.name) > 1000 THEN
-        PERFORM _refuse('ZC008', 'scene', 'name', 'must be a non-empty text of at most 1000 bytes',
+        FOUND := _raise('ZC008', 'scene', 'name', 'must be a non-empty text of at most 1000 bytes',
                         'scene_name_valid');
     END IF;
     IF TG_OP = 'UPDATE' AND NEW.scene_id <> OLD.scene_id THEN
-        PERFORM _refuse('ZC008', v_who, 'scene_id', 'cannot change: remove the scene and create it again',
+        FOUND := _raise('ZC008', v_who, 'scene_id', 'cannot change: remove the scene and create it again',
                         'scene_stays');
     END IF;
     PERFORM _check_owner(v_who, CASE TG_OP WHEN 'UPDATE' THEN OLD.owner ELSE NEW.owner END, NEW.owner,
@@ -338,15 +338,15 @@ BEGIN
         PERFORM _check_may_prune(v_who, OLD.owner);
     END IF;
     IF (NEW.motion IN ('rhumb', 'great_circle')) IS NOT TRUE THEN
-        PERFORM _refuse('ZC009', v_who, 'motion', format('must be one of rhumb, great_circle; got %L', NEW.motion),
+        FOUND := _raise('ZC009', v_who, 'motion', format('must be one of rhumb, great_circle; got %L', NEW.motion),
                         'scene_motion_known');
     END IF;
     IF (NEW.earth IN ('wgs84', 'sphere')) IS NOT TRUE THEN
-        PERFORM _refuse('ZC009', v_who, 'earth', format('must be one of wgs84, sphere; got %L', NEW.earth),
+        FOUND := _raise('ZC009', v_who, 'earth', format('must be one of wgs84, sphere; got %L', NEW.earth),
                         'scene_earth_known');
     END IF;
     IF NEW.motion = 'great_circle' AND NEW.earth <> 'sphere' THEN
-        PERFORM _refuse('ZC009', v_who, 'earth', format('must be sphere with motion great_circle; got %L', NEW.earth),
+        FOUND := _raise('ZC009', v_who, 'earth', format('must be sphere with motion great_circle; got %L', NEW.earth),
                         'scene_circles_on_sphere');
     END IF;
     IF TG_OP = 'UPDATE' AND NEW.motion = 'rhumb' AND OLD.motion = 'great_circle' THEN
@@ -361,16 +361,16 @@ BEGIN
                                   AS o (place))) AS m (place);
     END IF;
     IF NEW.motion = 'rhumb' AND num_nonnulls(NEW.centre_lon, NEW.centre_lat) > 0 THEN
-        PERFORM _refuse('ZC009', v_who, 'centre', 'has a meaning with motion great_circle only',
+        FOUND := _raise('ZC009', v_who, 'centre', 'has a meaning with motion great_circle only',
                         'scene_centre_of_circles');
     END IF;
     IF num_nonnulls(NEW.centre_lon, NEW.centre_lat) > 0
        AND (NEW.centre_lon BETWEEN -180 AND 180 AND NEW.centre_lat BETWEEN -90 AND 90) IS NOT TRUE THEN
-        PERFORM _refuse('ZC009', v_who, 'centre', format('must be longitude and latitude in degrees, within +-180 and '
+        FOUND := _raise('ZC009', v_who, 'centre', format('must be longitude and latitude in degrees, within +-180 and '
                         '+-90; got %s, %s', NEW.centre_lon, NEW.centre_lat), 'scene_centre_on_earth');
     END IF;
     IF (NEW.method IN ('screen', 'exact', 'nlp')) IS NOT TRUE THEN
-        PERFORM _refuse('ZC009', v_who, 'method',
+        FOUND := _raise('ZC009', v_who, 'method',
                         format('must be one of screen, exact, nlp; got %L%s', NEW.method,
                                CASE NEW.method WHEN 'window' THEN
                                    ', which was removed: use exact, which is quicker and decides' ELSE '' END),
@@ -379,11 +379,11 @@ BEGIN
     -- Settings whose names end in _m are distances.
     FOR v_name, v_metres IN SELECT j.key, j.value FROM jsonb_each_text(_settings_of(NEW)) j WHERE j.key LIKE '%\_m' LOOP
         IF (v_metres >= 0 AND v_metres < 'infinity') IS NOT TRUE THEN
-            PERFORM _refuse('ZC009', v_who, v_name, 'must be a finite number of metres, 0 or more',
+            FOUND := _raise('ZC009', v_who, v_name, 'must be a finite number of metres, 0 or more',
                             format('scene_%s_finite', left(v_name, -2)));
         END IF;
         IF v_metres > 20000000 THEN
-            PERFORM _refuse('ZC009', v_who, v_name,
+            FOUND := _raise('ZC009', v_who, v_name,
                             format('must be at most 20000000 metres, half the way around the earth; got %s '
                                    '(is it in metres?)', v_metres), format('scene_%s_on_earth', left(v_name, -2)));
         END IF;
@@ -393,7 +393,7 @@ END
 $$;
 COMMENT ON FUNCTION _scene_before() IS 'Trigger: checks the settings of a scene (SQLSTATE class ZC).';
 
-CREATE OR REPLACE FUNCTION _scene_holds_objects() RETURNS trigger
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_holds_objects() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene scene%ROWTYPE;

@@ -5,8 +5,8 @@
 --
 -- Writers only insert marks, and a detection touches only marks it saw. So neither waits for or fails the other.
 
-CREATE OR REPLACE FUNCTION _notify(p_channel text, p_payload text) RETURNS void
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._notify(p_channel text, p_payload text) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
         -- PREPARE TRANSACTION fails after NOTIFY, and COMMIT fails if the queue is full: a user's write must not fail.
         -- Workers poll for marks as well, more often if writers do not notify (store.writers_notify).
@@ -18,8 +18,8 @@ $$;
 COMMENT ON FUNCTION _notify(text, text) IS
 'Notifies a channel at commit. Does nothing if the server allows prepared transactions or the queue is half full.';
 
-CREATE OR REPLACE FUNCTION _wake_workers() RETURNS void
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._wake_workers() RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     -- Arbitrary number.
     c_lock CONSTANT bigint := 7165063221046263924;
@@ -34,8 +34,8 @@ $$;
 COMMENT ON FUNCTION _wake_workers() IS
 'Wakes the workers at commit, unless a concurrent transaction already does.';
 
-CREATE OR REPLACE FUNCTION _after_object_change() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._after_object_change() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_kind smallint := TG_ARGV[0];
     v_id text := TG_ARGV[1];
@@ -68,7 +68,7 @@ BEGIN
                     'WHERE k.object_kind <> $1 ORDER BY n.key LIMIT 1' INTO v_taken USING v_kind;
             -- A key held by an object of the same kind is this object's own, inserted earlier by a restore.
             IF v_taken IS NOT NULL THEN
-                PERFORM _refuse('ZC007', format('%s %L', TG_TABLE_NAME, v_taken), 'key',
+                FOUND := _raise('ZC007', format('%s %L', TG_TABLE_NAME, v_taken), 'key',
                                 'is taken by another object of the scene', 'object_key_unique');
             END IF;
         END IF;
@@ -89,7 +89,7 @@ COMMENT ON FUNCTION _after_object_change() IS
 'Arguments: kind (0 area, 1 track) and name of the id column. Runs as its owner: editors cannot write marks. '
 'Restricted to the rows that the statement changed.';
 
-CREATE OR REPLACE FUNCTION _mark_all(p_scene_id bigint) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._mark_all(p_scene_id bigint) RETURNS bigint
 LANGUAGE sql VOLATILE PARALLEL UNSAFE
 BEGIN ATOMIC
     WITH marked AS (
@@ -103,7 +103,7 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _mark_all(bigint) IS 'Marks every object of a scene as changed; returns their number.';
 
-CREATE OR REPLACE FUNCTION _cover_all(p_scene_id bigint) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._cover_all(p_scene_id bigint) RETURNS void
 LANGUAGE sql VOLATILE PARALLEL UNSAFE
 BEGIN ATOMIC
     UPDATE change c SET is_covered = true WHERE c.scene_id = p_scene_id AND NOT c.is_covered;
@@ -116,8 +116,8 @@ COMMENT ON FUNCTION _cover_all(bigint) IS
 'Marks every object of a scene as changed and covers all marks. For a full detection, which computes all pieces in the '
 'same transaction.';
 
-CREATE OR REPLACE FUNCTION _after_scene_change() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._after_scene_change() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     PERFORM _mark_all(NEW.scene_id);
     PERFORM _wake_workers();
@@ -132,8 +132,8 @@ COMMENT ON FUNCTION _after_scene_change() IS
 -- triggers, no foreign keys and, in logical replication, no statement triggers. The following row triggers fire for
 -- them only.
 
-CREATE OR REPLACE FUNCTION _after_replicated_object() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._after_replicated_object() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_kind smallint := TG_ARGV[0];
     v_row jsonb := to_jsonb(CASE TG_OP WHEN 'DELETE' THEN OLD ELSE NEW END);
@@ -154,8 +154,8 @@ $$;
 COMMENT ON FUNCTION _after_replicated_object() IS
 'Trigger, once per replicated row: does the same as _after_object_change. Restricted to that row.';
 
-CREATE OR REPLACE FUNCTION _after_replicated_removal() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._after_replicated_removal() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     DELETE FROM conflict c WHERE c.scene_id = OLD.scene_id;
     DELETE FROM conflict_event e WHERE e.scene_id = OLD.scene_id;
@@ -185,7 +185,7 @@ ALTER TABLE scene ENABLE REPLICA TRIGGER scene_replicated;
 
 -- A dump contains the keys that restored rows also insert through these triggers.
 
-CREATE OR REPLACE FUNCTION _keep_restored_key() RETURNS trigger
+CREATE OR REPLACE FUNCTION conflictdb_internal._keep_restored_key() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     RETURN CASE WHEN EXISTS (SELECT FROM object_key k WHERE k.scene_id = NEW.scene_id AND k.key = NEW.key
@@ -216,7 +216,7 @@ CREATE OR REPLACE TRIGGER track_updated AFTER UPDATE ON track REFERENCING OLD TA
 CREATE OR REPLACE TRIGGER track_deleted AFTER DELETE ON track REFERENCING OLD TABLE AS old_rows
     FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change(1, track_id);
 
-CREATE OR REPLACE FUNCTION _refuse_truncate() RETURNS trigger
+CREATE OR REPLACE FUNCTION conflictdb_internal._refuse_truncate() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     RAISE EXCEPTION 'table % cannot be truncated: removed objects must leave marks', TG_TABLE_NAME

@@ -1,7 +1,7 @@
 -- Adding, replacing and removing scenes, areas and tracks. All are upserts by scene and key; without a change they
 -- leave no mark. The triggers of 13_validation.sql check the rows.
 
-CREATE OR REPLACE FUNCTION _set_scene(p_name text, p_settings jsonb) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._set_scene(p_name text, p_settings jsonb) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     -- Great circles are defined on the sphere only.
@@ -29,7 +29,7 @@ BEGIN
             RETURN v_scene_id;
         END IF;
         IF v_turns > 1 THEN
-            PERFORM _refuse('42501', format('scene %L', p_name), 'name',
+            FOUND := _raise('42501', format('scene %L', p_name), 'name',
                             format('is used by a scene that role %I may not read', current_user), 'scene_name_unique');
         END IF;
         v_turns := v_turns + 1;
@@ -49,7 +49,7 @@ $$;
 COMMENT ON FUNCTION _set_scene(text, jsonb) IS
 'As _put_scene, but checks only at commit whether objects fit the settings, so that objects may be changed too.';
 
-CREATE OR REPLACE FUNCTION _put_scene(p_name text, p_settings jsonb) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._put_scene(p_name text, p_settings jsonb) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene_id bigint := _set_scene(p_name, p_settings);
@@ -95,11 +95,11 @@ DECLARE
     v_area_id bigint;
 BEGIN
     IF ST_SRID(p_footprint) <> 4326 THEN
-        PERFORM _refuse('ZC001', v_who, 'footprint', format('must have SRID 4326; got %s', ST_SRID(p_footprint)),
+        FOUND := _raise('ZC001', v_who, 'footprint', format('must have SRID 4326; got %s', ST_SRID(p_footprint)),
                         'footprint_srid', 'Use ST_Transform, or ST_SetSRID if it is longitude and latitude on WGS84.');
     END IF;
     IF GeometryType(p_footprint) NOT IN ('POLYGON', 'MULTIPOLYGON') THEN
-        PERFORM _refuse('ZC001', v_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
+        FOUND := _raise('ZC001', v_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
                         GeometryType(p_footprint)), 'footprint_polygon');
     END IF;
     INSERT INTO area AS a (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties)
@@ -134,19 +134,19 @@ DECLARE
     v_track_id bigint;
 BEGIN
     IF ST_SRID(p_path) <> 4326 THEN
-        PERFORM _refuse('ZC001', v_who, 'path', format('must have SRID 4326; got %s', ST_SRID(p_path)), 'path_srid',
+        FOUND := _raise('ZC001', v_who, 'path', format('must have SRID 4326; got %s', ST_SRID(p_path)), 'path_srid',
                         'Use ST_Transform, or ST_SetSRID if it is longitude and latitude on WGS84.');
     END IF;
     IF GeometryType(p_path) <> 'LINESTRINGM' THEN
-        PERFORM _refuse('ZC001', v_who, 'path', format('must be a LineStringM; got %s', GeometryType(p_path)),
+        FOUND := _raise('ZC001', v_who, 'path', format('must be a LineStringM; got %s', GeometryType(p_path)),
                         'path_linestring_m', 'track_path(waypoints, times) makes one.');
     END IF;
     IF GeometryType(p_outline) NOT IN ('POLYGON') THEN
-        PERFORM _refuse('ZC006', v_who, 'outline', format('must be a Polygon; got %s', GeometryType(p_outline)),
+        FOUND := _raise('ZC006', v_who, 'outline', format('must be a Polygon; got %s', GeometryType(p_outline)),
                         'outline_ring', 'rectangle_outline(fore_m, aft_m, port_m, starboard_m) makes one.');
     END IF;
     IF GeometryType(p_outlines) NOT IN ('MULTIPOLYGON') THEN
-        PERFORM _refuse('ZC006', v_who, 'outlines', format('must be a MultiPolygon; got %s', GeometryType(p_outlines)),
+        FOUND := _raise('ZC006', v_who, 'outlines', format('must be a MultiPolygon; got %s', GeometryType(p_outlines)),
                         'outlines_multipolygon', 'ST_Collect(ARRAY[...]) of outlines, one per waypoint, makes one.');
     END IF;
     INSERT INTO track AS t (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines,
@@ -213,14 +213,14 @@ DECLARE
     v_lost bigint;
 BEGIN
     IF GeometryType(p_waypoints) <> 'LINESTRING' OR ST_NPoints(p_waypoints) <> cardinality(p_times) THEN
-        PERFORM _refuse('ZC002', 'track path', 'times',
+        FOUND := _raise('ZC002', 'track path', 'times',
                         format('must be one per waypoint of a LineString: %s waypoints, %s times',
                                ST_NPoints(p_waypoints), cardinality(p_times)), 'path_time_per_waypoint');
     END IF;
     SELECT min(t.n) - 1 INTO v_lost FROM unnest(p_times) WITH ORDINALITY t (at, n)
         WHERE isfinite(t.at) AND to_timestamp(extract(epoch FROM t.at)::double precision) <> t.at;
     IF v_lost IS NOT NULL THEN
-        PERFORM _refuse('ZC003', 'track path', format('times[%s]', v_lost),
+        FOUND := _raise('ZC003', 'track path', format('times[%s]', v_lost),
                         'cannot be kept to the microsecond: '
                         'before October 1697 and after March 2242 it must be a whole second',
                         'path_time_kept', 'M is Unix seconds in double precision.');
@@ -235,7 +235,7 @@ COMMENT ON FUNCTION track_path(geometry, timestamptz[]) IS
 'Returns the path of a track: a LineStringM of the waypoints, with their times as M (Unix seconds).';
 
 CREATE OR REPLACE FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false) RETURNS bigint
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_scene_id bigint := _scene_to_change(p_scene);
 BEGIN

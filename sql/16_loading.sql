@@ -1,7 +1,7 @@
 -- Bulk loading: the store COPYs objects into temporary tables; `_load` applies them to the scene, `_add_staged` adds
 -- the rest of the new ones, in the same transaction. Unchanged rows keep their version and get no mark.
 
-CREATE OR REPLACE FUNCTION _begin_load() RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._begin_load() RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
 BEGIN
     CREATE TEMPORARY TABLE IF NOT EXISTS staged_area (
@@ -20,7 +20,7 @@ COMMENT ON FUNCTION _begin_load() IS
 'Creates the temporary tables staged_area and staged_track, empty, for this transaction. '
 'Infinite heights (metres) and instants mean unbounded.';
 
-CREATE OR REPLACE FUNCTION _add_staged(
+CREATE OR REPLACE FUNCTION conflictdb_internal._add_staged(
     p_scene_id bigint, p_first_page bigint, OUT added bigint, OUT next_page bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET jit = off AS $$
@@ -62,7 +62,7 @@ COMMENT ON FUNCTION _add_staged(bigint, bigint) IS
 'Adds a part of the staged objects, those in some pages of the staged tables, to a scene; returns their number and the '
 'first page of the next part, null after the last.';
 
-CREATE OR REPLACE FUNCTION _load(
+CREATE OR REPLACE FUNCTION conflictdb_internal._load(
     p_name text, p_settings jsonb, p_merge boolean,
     OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint, OUT scene_id bigint,
     OUT stored bigint, OUT next_page bigint
@@ -87,7 +87,7 @@ BEGIN
         FROM (SELECT a.key FROM pg_temp.staged_area a UNION ALL SELECT t.key FROM pg_temp.staged_track t) k
         GROUP BY k.key HAVING count(*) > 1 ORDER BY k.key LIMIT 1;
     IF FOUND THEN
-        PERFORM _refuse('ZC007', format('object %L', v_key), 'key', 'is given twice', 'object_key_unique');
+        FOUND := _raise('ZC007', format('object %L', v_key), 'key', 'is given twice', 'object_key_unique');
     END IF;
     SELECT (SELECT count(*) FROM pg_temp.staged_area) + (SELECT count(*) FROM pg_temp.staged_track) INTO v_total;
 
@@ -148,7 +148,7 @@ COMMENT ON FUNCTION _load(text, jsonb, boolean) IS
 
 -- Reading objects back, bit for bit. WKB is little-endian on every machine; infinite means unbounded.
 
-CREATE OR REPLACE FUNCTION _read_areas(
+CREATE OR REPLACE FUNCTION conflictdb_internal._read_areas(
     p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamptz,
     OUT span_end timestamptz, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean,
     OUT footprint bytea, OUT key text, OUT name text, OUT properties text
@@ -165,7 +165,7 @@ END;
 COMMENT ON FUNCTION _read_areas(bigint, text[]) IS
 'Areas of a scene, all or those with the given keys; without nulls, for COPY. Heights in metres.';
 
-CREATE OR REPLACE FUNCTION _read_tracks(
+CREATE OR REPLACE FUNCTION conflictdb_internal._read_tracks(
     p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea,
     OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text,

@@ -1,7 +1,7 @@
 -- Updating pieces. Detection (conflictdb.db.store) reads marked objects, cuts them and COPYs the pieces in, all in one
 -- REPEATABLE READ transaction, so that marks and objects are consistent.
 
-CREATE OR REPLACE FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
+CREATE OR REPLACE FUNCTION conflictdb_internal._pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_seqscan = off SET enable_bitmapscan = off SET jit = off -- see _is_current
 AS $$
@@ -15,7 +15,7 @@ $$;
 COMMENT ON FUNCTION _pending(bigint) IS
 'Number of marks of areas and of tracks of a scene, counted up to 1,000 each.';
 
-CREATE OR REPLACE FUNCTION _area_row(p_scene_id bigint, p_area_id bigint) RETURNS TABLE (
+CREATE OR REPLACE FUNCTION conflictdb_internal._area_row(p_scene_id bigint, p_area_id bigint) RETURNS TABLE (
     area_id bigint, version bigint, span_start timestamptz, span_end timestamptz, floor_m double precision,
     ceiling_m double precision, footprint bytea
 )
@@ -30,7 +30,7 @@ END;
 COMMENT ON FUNCTION _area_row(bigint, bigint) IS
 'One area of a scene without nulls: infinite instants and heights (metres) mean unbounded. Inlined into queries.';
 
-CREATE OR REPLACE FUNCTION _changed_areas(
+CREATE OR REPLACE FUNCTION conflictdb_internal._changed_areas(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
     OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea
@@ -48,14 +48,16 @@ END;
 COMMENT ON FUNCTION _changed_areas(bigint, bigint, bigint) IS
 'Marked areas with an id above p_after, at most p_most, in order of id; columns of _area_row, for COPY.';
 
-CREATE OR REPLACE FUNCTION _footprints(p_area_ids bigint[]) RETURNS TABLE (area_id bigint, footprint bytea)
+CREATE OR REPLACE FUNCTION conflictdb_internal._footprints(
+    p_area_ids bigint[]
+) RETURNS TABLE (area_id bigint, footprint bytea)
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT a.area_id, ST_AsBinary(a.footprint, 'NDR') FROM area a WHERE a.area_id = ANY (p_area_ids);
 END;
 COMMENT ON FUNCTION _footprints(bigint[]) IS 'Footprints of areas as WKB, longitude and latitude, degrees.';
 
-CREATE OR REPLACE FUNCTION _track_row(p_scene_id bigint, p_track_id bigint) RETURNS TABLE (
+CREATE OR REPLACE FUNCTION conflictdb_internal._track_row(p_scene_id bigint, p_track_id bigint) RETURNS TABLE (
     track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision,
     path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea
 )
@@ -71,7 +73,7 @@ COMMENT ON FUNCTION _track_row(bigint, bigint) IS
 'One track of a scene without nulls: infinite heights (metres) mean unbounded. Empty: outlines if not per waypoint; '
 'floors and ceilings (array_send, metres) if not per leg. Inlined into queries.';
 
-CREATE OR REPLACE FUNCTION _changed_tracks(
+CREATE OR REPLACE FUNCTION conflictdb_internal._changed_tracks(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea,
@@ -90,7 +92,7 @@ END;
 COMMENT ON FUNCTION _changed_tracks(bigint, bigint, bigint) IS
 'Marked tracks with an id above p_after, at most p_most, in order of id; columns of _track_row, for COPY.';
 
-CREATE OR REPLACE FUNCTION _begin_pieces(
+CREATE OR REPLACE FUNCTION conflictdb_internal._begin_pieces(
     p_scene_id bigint, p_is_first boolean, p_is_full boolean, OUT srid integer, OUT is_compared boolean
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
@@ -127,7 +129,7 @@ COMMENT ON FUNCTION _begin_pieces(bigint, boolean, boolean) IS
 'returned (all pieces are recomputed, or row-level security is active), it deletes none: copy the new pieces into the '
 'temporary table made_piece and call _compare_pieces.';
 
-CREATE OR REPLACE FUNCTION _pieces_of(
+CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_of(
     p_part integer, p_hull geometry, p_span tstzrange, p_shape geometry, p_parts integer[], p_hulls geometry,
     p_shapes geometry, p_cuts timestamptz[]
 ) RETURNS TABLE (part integer, hull geometry, span tstzrange, shape geometry)
@@ -145,7 +147,7 @@ COMMENT ON FUNCTION _pieces_of(
     integer, geometry, tstzrange, geometry, integer[], geometry, geometry, timestamptz[]) IS
 'Returns the pieces of a row of table piece: itself, or all pieces of a bundle. Inlined into queries.';
 
-CREATE OR REPLACE FUNCTION _compare_pieces(p_scene_id bigint) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._compare_pieces(p_scene_id bigint) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_changed bigint;
@@ -187,8 +189,8 @@ COMMENT ON FUNCTION _compare_pieces(bigint) IS
 'Replaces the pieces of marked objects that differ from made_piece and keeps equal ones; returns the number of rows '
 'that differ.';
 
-CREATE OR REPLACE FUNCTION _end_pieces(p_scene_id bigint, p_changed bigint) RETURNS void
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._end_pieces(p_scene_id bigint, p_changed bigint) RETURNS void
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     -- Replaces a foreign key, which would double the cost of writing a piece: removal of the scene waits for this
     -- transaction, or came first.

@@ -2,7 +2,7 @@
 --
 -- A row lock instead of an advisory lock: any user can take advisory locks; only workers can lock rows of scene_lock.
 
-CREATE OR REPLACE FUNCTION _lift_limits(p_lock_timeout_s double precision) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._lift_limits(p_lock_timeout_s double precision) RETURNS void
 LANGUAGE plpgsql VOLATILE CALLED ON NULL INPUT SET search_path FROM CURRENT AS $$
 DECLARE
     v_name text;
@@ -30,7 +30,7 @@ COMMENT ON FUNCTION _lift_limits(double precision) IS
 'lock_timeout to p_lock_timeout_s, seconds; null or 0: no limit (in _take_scene 0 means do not wait). If the client '
 'disconnects, a running statement ends within a second.';
 
-CREATE OR REPLACE FUNCTION _add_scene_lock(p_scene_id bigint) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._add_scene_lock(p_scene_id bigint) RETURNS boolean
 LANGUAGE sql VOLATILE STRICT
 BEGIN ATOMIC
     -- Check first: an INSERT would wait for a transaction that changes the row.
@@ -45,7 +45,7 @@ COMMENT ON FUNCTION _add_scene_lock(bigint) IS
 'Creates the lock of a scene if it is missing; returns whether it was. Call it in a transaction of its own: '
 '_scene_holders sees committed locks only.';
 
-CREATE OR REPLACE FUNCTION _take_scene(p_scene_id bigint, p_wait_s double precision) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._take_scene(p_scene_id bigint, p_wait_s double precision) RETURNS bigint
 LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
 DECLARE
     v_lock_timeout text := current_setting('lock_timeout');
@@ -70,9 +70,9 @@ COMMENT ON FUNCTION _take_scene(bigint, double precision) IS
 'null if there is no lock. Raises serialization_failure if another transaction released the lock after this one''s '
 'snapshot.';
 
-CREATE OR REPLACE FUNCTION _scene_holders(p_scene_id bigint)
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_holders(p_scene_id bigint)
 RETURNS TABLE (pid integer, application text, role text, since timestamptz)
-LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     RETURN QUERY
     SELECT a.pid, a.application_name, coalesce(a.usename, '')::text, a.xact_start
@@ -94,8 +94,8 @@ COMMENT ON FUNCTION _scene_holders(bigint) IS
 'owner, who may see more of other sessions than a worker. Restricted to sessions that hold the lock of the given '
 'scene.';
 
-CREATE OR REPLACE FUNCTION _after_scene_removal() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._after_scene_removal() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     -- No foreign keys: they would cost more than writing a conflict or piece.
     DELETE FROM conflict c WHERE c.scene_id = OLD.scene_id;

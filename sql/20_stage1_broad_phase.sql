@@ -8,7 +8,7 @@
 --
 -- An object number is the kind above the id, so that numbers sort like (object_kind, object_id).
 
-CREATE OR REPLACE FUNCTION _object_number(p_kind smallint, p_id bigint) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._object_number(p_kind smallint, p_id bigint) RETURNS bigint
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT (p_kind::bigint << 62) | p_id;
@@ -16,7 +16,7 @@ END;
 COMMENT ON FUNCTION _object_number(smallint, bigint) IS
 'Returns one number per object, kind above id: numbers sort by kind, then id.';
 
-CREATE OR REPLACE FUNCTION _is_all_dirty(p_scene_id bigint) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_all_dirty(p_scene_id bigint) RETURNS boolean
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- OFFSET 0 forces index lookups; a hash table of all marks may exceed the memory.
@@ -30,7 +30,7 @@ END;
 COMMENT ON FUNCTION _is_all_dirty(bigint) IS
 'Whether every object of a scene has a covered mark: changed, new pieces stored.';
 
-CREATE OR REPLACE FUNCTION _candidates_of_all(
+CREATE OR REPLACE FUNCTION conflictdb_internal._candidates_of_all(
     p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_pieces integer, OUT b_pieces integer,
     OUT a_object bigint, OUT b_object bigint
 ) RETURNS SETOF record
@@ -70,7 +70,7 @@ $$;
 COMMENT ON FUNCTION _candidates_of_all(bigint) IS
 'Stage 1 of a whole scene: pairs of rows of pieces whose boxes overlap in space, time and height.';
 
-CREATE OR REPLACE FUNCTION _candidates_of_dirty(
+CREATE OR REPLACE FUNCTION conflictdb_internal._candidates_of_dirty(
     p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_pieces integer, OUT b_pieces integer,
     OUT a_object bigint, OUT b_object bigint
 ) RETURNS SETOF record
@@ -102,7 +102,7 @@ COMMENT ON FUNCTION _candidates_of_dirty(bigint) IS
 'Stage 1 of changed objects: pairs of rows of pieces, at least one of a dirty object, whose boxes overlap in space, '
 'time and height. If both are dirty, the pair is returned once.';
 
-CREATE OR REPLACE FUNCTION _candidates(
+CREATE OR REPLACE FUNCTION conflictdb_internal._candidates(
     p_scene_id bigint, p_at_once bigint, OUT a bytea, OUT b bytea, OUT a_pieces bytea, OUT b_pieces bytea,
     OUT ranks bytea
 ) RETURNS SETOF record
@@ -144,7 +144,7 @@ COMMENT ON FUNCTION _candidates(bigint, bigint) IS
 'of the same two objects are in one chunk. Arrays without nulls (array_send): ids of the rows, numbers of pieces in '
 'them, and rank of the pair of objects (number of pairs before it). Raises ZC013 in READ COMMITTED.';
 
-CREATE OR REPLACE FUNCTION _row_boxes(
+CREATE OR REPLACE FUNCTION conflictdb_internal._row_boxes(
     p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea,
     OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea,
     OUT span_starts bytea, OUT span_ends bytea
@@ -176,7 +176,7 @@ COMMENT ON FUNCTION _row_boxes(bigint, bigint) IS
 'without nulls (array_send), metres of the plane. Empty if only some objects are dirty, or if there are more than '
 'p_most rows. Raises ZC013 in READ COMMITTED.';
 
-CREATE OR REPLACE FUNCTION _pieces(
+CREATE OR REPLACE FUNCTION conflictdb_internal._pieces(
     p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint,
     OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint,
     OUT span_start timestamptz, OUT span_end timestamptz, OUT end_inclusive boolean, OUT floor_m double precision,

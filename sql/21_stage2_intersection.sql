@@ -2,7 +2,7 @@
 -- involved: detection of few changes, probes, candidates() and explain_conflict. Whole scenes compare hulls at the
 -- client (conflictdb/kernel/broad/apart.c), in a tenth of the time.
 
-CREATE OR REPLACE FUNCTION _boxes_meet(p_a geometry, p_b geometry) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._boxes_meet(p_a geometry, p_b geometry) RETURNS boolean
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- && compares boxes that are rounded outward, by up to a metre.
@@ -13,7 +13,7 @@ COMMENT ON FUNCTION _boxes_meet(geometry, geometry) IS
 'Stage 1 of two pieces: whether the boxes of their hulls overlap, exactly as the client compares them. Inlined into '
 'queries.';
 
-CREATE OR REPLACE FUNCTION _hulls_meet(p_a geometry, p_b geometry) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._hulls_meet(p_a geometry, p_b geometry) RETURNS boolean
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- A distance of a micrometre, not ST_Intersects: apart.c also keeps pairs whose gap is within its rounding error,

@@ -2,7 +2,7 @@
 -- so that the cost depends neither on the size of the scene nor on dead rows, of which `change` has many after a full
 -- detection.
 
-CREATE OR REPLACE FUNCTION _begin_detection(
+CREATE OR REPLACE FUNCTION conflictdb_internal._begin_detection(
     p_scene text, p_wait_s double precision, p_few integer, p_try_again boolean,
     OUT scene_id bigint, OUT taken bigint, OUT is_behind boolean, OUT settings jsonb, OUT srid integer,
     OUT area_ids bigint[], OUT track_ids bigint[], OUT known_objects bigint
@@ -63,7 +63,7 @@ COMMENT ON FUNCTION _begin_detection(text, double precision, integer, boolean) I
 'objects, deletes their pieces and covers their marks; _put_pieces must follow in the same transaction. known_objects: '
 'how many of them the last detection included; null if unknown.';
 
-CREATE OR REPLACE FUNCTION _some_areas(
+CREATE OR REPLACE FUNCTION conflictdb_internal._some_areas(
     p_scene_id bigint, p_area_ids bigint[],
     OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
     OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea
@@ -77,7 +77,7 @@ $$;
 COMMENT ON FUNCTION _some_areas(bigint, bigint[]) IS
 'Areas of a scene by id, ids not in the scene are skipped; columns of _area_row, ordered by id.';
 
-CREATE OR REPLACE FUNCTION _some_tracks(
+CREATE OR REPLACE FUNCTION conflictdb_internal._some_tracks(
     p_scene_id bigint, p_track_ids bigint[],
     OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea,
@@ -92,7 +92,7 @@ $$;
 COMMENT ON FUNCTION _some_tracks(bigint, bigint[]) IS
 'Tracks of a scene by id, ids not in the scene are skipped; columns of _track_row, ordered by id.';
 
-CREATE OR REPLACE FUNCTION _put_pieces(
+CREATE OR REPLACE FUNCTION conflictdb_internal._put_pieces(
     p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[],
     p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[],
     p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[],

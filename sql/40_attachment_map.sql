@@ -3,7 +3,7 @@
 -- The server parses each expression as the only column of a view over the table alone, and writes it out with all names
 -- qualified. The definition of that view shows whether it is one expression of the columns of one row.
 
-CREATE OR REPLACE FUNCTION _map_fields(p_kind smallint) RETURNS TABLE (field text, attribute text)
+CREATE OR REPLACE FUNCTION conflictdb_internal._map_fields(p_kind smallint) RETURNS TABLE (field text, attribute text)
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT v.field, v.attribute
@@ -23,63 +23,63 @@ COMMENT ON FUNCTION _map_fields(smallint) IS
 'Fields that the map of an attachment may contain (0 area, 1 track), and their columns in attached_row; null for '
 'where, which selects rows.';
 
-CREATE OR REPLACE FUNCTION _check_map(p_who text, p_kind smallint, p_map jsonb) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_map(p_who text, p_kind smallint, p_map jsonb) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_field text;
     v_ways text;
 BEGIN
     IF jsonb_typeof(p_map) IS DISTINCT FROM 'object' THEN
-        PERFORM _refuse('ZC009', p_who, 'map', 'must be a JSON object of fields and expressions', 'map_object',
+        FOUND := _raise('ZC009', p_who, 'map', 'must be a JSON object of fields and expressions', 'map_object',
                         'Such as {"key": "id", "footprint": "shape"}.');
     END IF;
     SELECT m.key INTO v_field FROM jsonb_each(p_map) m WHERE m.key NOT IN (SELECT f.field FROM _map_fields(p_kind) f)
         ORDER BY m.key LIMIT 1;
     IF FOUND THEN
-        PERFORM _refuse('ZC009', p_who, v_field,
+        FOUND := _raise('ZC009', p_who, v_field,
                         format('is no field of %s; known: %s', CASE p_kind WHEN 0 THEN 'an area' ELSE 'a track' END,
                                (SELECT string_agg(f.field, ', ') FROM _map_fields(p_kind) f)), 'map_field_known');
     END IF;
     SELECT m.key INTO v_field FROM jsonb_each(p_map) m
         WHERE jsonb_typeof(m.value) <> 'string' OR btrim(m.value #>> '{}') = '' ORDER BY m.key LIMIT 1;
     IF FOUND THEN
-        PERFORM _refuse('ZC009', p_who, v_field, 'must be the name of a column or an SQL expression', 'map_expression');
+        FOUND := _raise('ZC009', p_who, v_field, 'must be the name of a column or an SQL expression', 'map_expression');
     END IF;
     IF NOT p_map ? 'key' THEN
-        PERFORM _refuse('ZC009', p_who, 'key', 'is missing: it identifies the object of a row', 'map_key');
+        FOUND := _raise('ZC009', p_who, 'key', 'is missing: it identifies the object of a row', 'map_key');
     END IF;
     v_ways := CASE
         WHEN p_kind = 0 AND NOT p_map ? 'footprint' THEN 'footprint'
         WHEN p_kind = 1 AND NOT (p_map ? 'path' OR p_map ?& '{position,time}')
             THEN 'path (a LineStringM, or a LineString and times), or position and time (a row for each waypoint)' END;
     IF v_ways IS NOT NULL THEN
-        PERFORM _refuse('ZC009', p_who, 'map', 'must give ' || v_ways, 'map_shape');
+        FOUND := _raise('ZC009', p_who, 'map', 'must give ' || v_ways, 'map_shape');
     END IF;
     IF p_map ?| '{position,time}' AND p_map ?| '{path,times,outlines,floors_m,ceilings_m}' THEN
-        PERFORM _refuse('ZC009', p_who, 'map', 'must not mix fields of single waypoints and of whole paths',
+        FOUND := _raise('ZC009', p_who, 'map', 'must not mix fields of single waypoints and of whole paths',
                         'map_one_shape', 'With a row for each waypoint, outline and heights may differ by row.');
     END IF;
     IF p_map ? 'order' AND NOT p_map ? 'position' THEN
-        PERFORM _refuse('ZC009', p_who, 'order', 'is of waypoints one by one: it needs position and time',
+        FOUND := _raise('ZC009', p_who, 'order', 'is of waypoints one by one: it needs position and time',
                         'map_order_of_waypoints', 'The points of a path have an order.');
     END IF;
     IF p_map ? 'span' AND p_map ?| '{start,end}' THEN
-        PERFORM _refuse('ZC009', p_who, 'span', 'must not be given together with start or end', 'map_one_span');
+        FOUND := _raise('ZC009', p_who, 'span', 'must not be given together with start or end', 'map_one_span');
     END IF;
     IF p_kind = 1 AND NOT (p_map ?| '{outline,outlines}' OR p_map ?& '{fore_m,aft_m,port_m,starboard_m}') THEN
-        PERFORM _refuse('ZC009', p_who, 'map',
+        FOUND := _raise('ZC009', p_who, 'map',
                         'must give outline, outlines, or all of fore_m, aft_m, port_m, starboard_m', 'map_haven',
                         'Constants are accepted: fore_m=50. Sizes of 0 give a point.');
     END IF;
     IF p_map ?| '{outline,outlines}' AND p_map ?| '{fore_m,aft_m,port_m,starboard_m}' THEN
-        PERFORM _refuse('ZC009', p_who, 'map', 'gives the haven twice, as an outline and as sizes', 'map_one_haven');
+        FOUND := _raise('ZC009', p_who, 'map', 'gives the haven twice, as an outline and as sizes', 'map_one_haven');
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _check_map(text, smallint, jsonb) IS
 'Raises ZC009 for a map with unknown, missing or contradictory fields.';
 
-CREATE OR REPLACE FUNCTION _cast_to(p_type oid, p_wanted oid) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._cast_to(p_type oid, p_wanted oid) RETURNS boolean
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- Only casts that keep the meaning. A timestamp without time zone is not an instant.
@@ -98,7 +98,7 @@ END;
 COMMENT ON FUNCTION _cast_to(oid, oid) IS 'Whether values of a type may be cast to the type of a field.';
 
 CREATE OR REPLACE FUNCTION instant(p_text text) RETURNS timestamptz
-LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     -- The offset makes it independent of the session's settings.
     IF p_text !~ '^\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)? ?(Z|[+-]\d\d(:?\d\d)?)$' THEN
@@ -112,7 +112,9 @@ COMMENT ON FUNCTION instant(text) IS
 'Parses an instant in ISO 8601 with an offset (2026-03-01T06:00:00Z); raises ZC003 for any other text. For maps of '
 'attached tables, in which casts of text to instants are refused.';
 
-CREATE OR REPLACE FUNCTION _depends_on_settings_alone(p_name name, p_types oidvector) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._depends_on_settings_alone(
+    p_name name, p_types oidvector
+) RETURNS boolean
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- The function that evaluates the map fixes these settings (42_attach.sql): time zone, date and number styles.
@@ -127,7 +129,7 @@ END;
 COMMENT ON FUNCTION _depends_on_settings_alone(name, oidvector) IS
 'Whether a STABLE function of PostgreSQL depends only on its arguments and on settings that are fixed for maps.';
 
-CREATE OR REPLACE FUNCTION _map_expression(
+CREATE OR REPLACE FUNCTION conflictdb_internal._map_expression(
     p_who text, p_field text, p_relation regclass, p_text text, p_wanted oid,
     OUT expression text, OUT columns smallint[]
 )
@@ -167,7 +169,7 @@ BEGIN
         IF SQLSTATE !~ '^(42|22|0A|2F|34|54|P0)' THEN
             RAISE;
         END IF;
-        PERFORM _refuse('ZC009', p_who, p_field, format('%s cannot be used: %s', quote_literal(p_text), SQLERRM),
+        FOUND := _raise('ZC009', p_who, p_field, format('%s cannot be used: %s', quote_literal(p_text), SQLERRM),
                         'map_expression',
                         'Use an expression of the columns of one row. Quote names that are not plain identifiers; '
                         'qualify functions outside of pg_catalog, PostGIS and conflictdb with their schema.');
@@ -202,7 +204,7 @@ BEGIN
         v_rule := format('must be of type %s; got %s', format_type(p_wanted, -1), v_where);
     END IF;
     IF v_rule IS NOT NULL THEN
-        PERFORM _refuse('ZC009', p_who, p_field, format('%s %s', quote_literal(p_text), v_rule), 'map_expression',
+        FOUND := _raise('ZC009', p_who, p_field, format('%s %s', quote_literal(p_text), v_rule), 'map_expression',
             CASE WHEN v_type IS NULL OR _cast_to(v_type, p_wanted) THEN ''
                  WHEN p_wanted = 'geometry'::regtype THEN 'ST_GeomFromText, ST_GeomFromGeoJSON or ST_Point make one.'
                  WHEN p_wanted = 'timestamptz'::regtype THEN

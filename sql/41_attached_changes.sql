@@ -8,7 +8,7 @@
 -- change. These two could use it in triggers on any table of their own. So it evaluates only output functions, and
 -- reads transition tables only if the trigger declares them: otherwise the name could refer to a temporary view.
 
-CREATE OR REPLACE FUNCTION _identity_of(p_alias text, p_columns text[]) RETURNS text
+CREATE OR REPLACE FUNCTION conflictdb_internal._identity_of(p_alias text, p_columns text[]) RETURNS text
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- Output functions only: users can define casts.
@@ -20,8 +20,8 @@ END;
 COMMENT ON FUNCTION _identity_of(text, text[]) IS
 'Returns the SQL of a row''s identity: the texts of the identity columns, as an array in text form.';
 
-CREATE OR REPLACE FUNCTION _create_note(p_attachment_id bigint) RETURNS void
-LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._create_note(p_attachment_id bigint) RETURNS void
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     -- Larger statements, and identities too long to be mapped (44_attached_objects.sql), cause a comparison of the
     -- whole table: collecting more would slow writers down.
@@ -32,10 +32,11 @@ DECLARE
 BEGIN
     -- A caller with a snapshot older than the attachment would create a broken function.
     IF coalesce(cardinality(v_columns), 0) = 0 THEN
-        PERFORM _refuse('ZC011', format('attachment %s', p_attachment_id), 'attachment_id', 'is not known',
+        FOUND := _raise('ZC011', format('attachment %s', p_attachment_id), 'attachment_id', 'is not known',
                         'attachment_known');
     END IF;
-    EXECUTE format('CREATE OR REPLACE FUNCTION _note_%s() RETURNS trigger LANGUAGE plpgsql VOLATILE SECURITY DEFINER '
+    EXECUTE format('CREATE OR REPLACE FUNCTION conflictdb_internal._note_%s() RETURNS trigger '
+                   'LANGUAGE plpgsql VOLATILE SECURITY DEFINER '
                    -- The same settings as in the function that reads rows (42_attach.sql), so that texts are equal.
                    'SET search_path FROM CURRENT SET "TimeZone" = ''UTC'' SET "DateStyle" = ''ISO, YMD'' '
                    'SET "IntervalStyle" = ''postgres'' SET extra_float_digits = 1 SET bytea_output = ''hex'' AS %L',
@@ -44,6 +45,9 @@ DECLARE
     v_rows bigint := 1;
     v_identities text[];
 BEGIN
+    IF to_regclass('conflictdb.attached_change') IS NULL THEN
+        RETURN NULL; -- The schema was dropped without that of this function: writers go on.
+    END IF;
     -- A column may have been renamed.
     IF TG_OP <> 'TRUNCATE' AND (SELECT count(*) FROM pg_catalog.pg_attribute a WHERE a.attrelid = TG_RELID
                                 AND a.attname = ANY (%2$L::name[]) AND NOT a.attisdropped) = %3$s
@@ -93,7 +97,8 @@ BEGIN
 END
 $body$, p_attachment_id, v_columns, cardinality(v_columns), _identity_of('OLD', v_columns),
         _identity_of('NEW', v_columns), c_most, _identity_of('r', v_columns), c_longest));
-    EXECUTE format('REVOKE ALL ON FUNCTION _note_%s() FROM PUBLIC, conflictdb_editor', p_attachment_id);
+    EXECUTE format('REVOKE ALL ON FUNCTION conflictdb_internal._note_%s() FROM PUBLIC, conflictdb_editor',
+                   p_attachment_id);
     FOR v_role IN
         SELECT pg_get_userbyid(p.proowner) FROM pg_catalog.pg_proc p
             WHERE p.oid = to_regprocedure(format('conflictdb_attached.rows_%s(text[], text)', p_attachment_id))
@@ -102,9 +107,9 @@ $body$, p_attachment_id, v_columns, cardinality(v_columns), _identity_of('OLD', 
             JOIN pg_catalog.pg_namespace n ON n.nspname = a.table_schema
             JOIN pg_catalog.pg_class c ON c.relnamespace = n.oid AND c.relname = a.table_name
             WHERE a.attachment_id = p_attachment_id LOOP
-        EXECUTE format('GRANT EXECUTE ON FUNCTION _note_%s() TO %I', p_attachment_id, v_role);
+        EXECUTE format('GRANT EXECUTE ON FUNCTION conflictdb_internal._note_%s() TO %I', p_attachment_id, v_role);
     END LOOP;
-    EXECUTE format('COMMENT ON FUNCTION _note_%s() IS %L', p_attachment_id,
+    EXECUTE format('COMMENT ON FUNCTION conflictdb_internal._note_%s() IS %L', p_attachment_id,
                    'Trigger on an attached table: records which rows changed. Runs as its owner: writers of the table '
                    'need no rights here. Restricted to changes of its own attachment.');
 END
@@ -116,13 +121,13 @@ COMMENT ON FUNCTION _create_note(bigint) IS
 -- Replaced by a trigger: an editor could call it with a number that is newer than the caller's snapshot.
 DROP FUNCTION IF EXISTS _drop_attachment(bigint);
 
-CREATE OR REPLACE FUNCTION _after_attachment_removal() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp
+CREATE OR REPLACE FUNCTION conflictdb_internal._after_attachment_removal() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp
 SET client_min_messages = warning AS $$
 BEGIN
     -- CASCADE also drops triggers on tables with another owner, and dependent views of users.
     EXECUTE format('DROP FUNCTION IF EXISTS conflictdb_attached.rows_%s(text[], text) CASCADE', OLD.attachment_id);
-    EXECUTE format('DROP FUNCTION IF EXISTS conflictdb._note_%s() CASCADE', OLD.attachment_id);
+    EXECUTE format('DROP FUNCTION IF EXISTS conflictdb_internal._note_%s() CASCADE', OLD.attachment_id);
     RETURN NULL;
 END
 $$;
@@ -139,7 +144,9 @@ BEGIN
 END
 $$;
 
-CREATE OR REPLACE FUNCTION _attached_tables(p_relation oid) RETURNS TABLE (relation oid, is_root boolean)
+CREATE OR REPLACE FUNCTION conflictdb_internal._attached_tables(
+    p_relation oid
+) RETURNS TABLE (relation oid, is_root boolean)
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     WITH RECURSIVE tree AS (
@@ -152,7 +159,9 @@ END;
 COMMENT ON FUNCTION _attached_tables(oid) IS
 'A table with its partitions and children: a statement fires only the triggers of the table that it names.';
 
-CREATE OR REPLACE FUNCTION _is_watched(p_attachment_id bigint, p_table_schema text, p_table_name text) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_watched(
+    p_attachment_id bigint, p_table_schema text, p_table_name text
+) RETURNS boolean
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT count(*) > 0 AND bool_and(

@@ -4,8 +4,9 @@
 -- (43_attached_rows.sql). Editors may create functions in the schema conflictdb_attached, which exists while something
 -- is attached, but not in conflictdb, where names are looked up.
 
-CREATE OR REPLACE FUNCTION _open_attached_schema() RETURNS void
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp SET client_min_messages = warning AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._open_attached_schema() RETURNS void
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp
+SET client_min_messages = warning AS $$
 DECLARE
     v_owner regrole;
     v_ours regrole;
@@ -23,7 +24,7 @@ BEGIN
     SELECT a.nspowner, n.nspowner INTO v_owner, v_ours FROM pg_catalog.pg_namespace a, pg_catalog.pg_namespace n
         WHERE a.nspname = 'conflictdb_attached' AND n.nspname = 'conflictdb';
     IF v_owner NOT IN (v_ours, current_user::regrole) THEN
-        PERFORM _refuse('42501', 'schema conflictdb_attached', 'owner',
+        FOUND := _raise('42501', 'schema conflictdb_attached', 'owner',
                         format('must be role %s, the owner of schema conflictdb; got role %s', v_ours, v_owner),
                         'attached_schema_owned', format('Let an administrator remove it, or run: '
                         'ALTER SCHEMA conflictdb_attached OWNER TO %s', v_ours));
@@ -37,8 +38,8 @@ COMMENT ON FUNCTION _open_attached_schema() IS
 'Creates the schema conflictdb_attached if it is missing. Raises insufficient_privilege if another role owns it. Runs '
 'as the owner of conflictdb, who will own the schema. Restricted to this one schema.';
 
-CREATE OR REPLACE FUNCTION _close_attached_schema() RETURNS void
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._close_attached_schema() RETURNS void
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     -- Keep a schema that another role owns.
     IF EXISTS (SELECT FROM pg_catalog.pg_namespace a, pg_catalog.pg_namespace n
@@ -53,7 +54,9 @@ $$;
 COMMENT ON FUNCTION _close_attached_schema() IS
 'Removes the schema conflictdb_attached. Runs as its owner. Restricted to a schema without objects.';
 
-CREATE OR REPLACE FUNCTION _check_attached_owner(p_who text, p_table regclass, p_has_triggers boolean) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_attached_owner(
+    p_who text, p_table regclass, p_has_triggers boolean
+) RETURNS void
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE
     v_other regclass;
@@ -64,7 +67,7 @@ BEGIN
         LEFT JOIN pg_catalog.pg_class c ON c.oid = t.relation LEFT JOIN pg_catalog.pg_roles r ON r.oid = c.relowner
         WHERE (pg_has_role(r.oid, 'USAGE') OR NOT p_has_triggers AND r.rolsuper) IS NOT TRUE LIMIT 1;
     IF FOUND THEN
-        PERFORM _refuse('ZC009', p_who, 'table',
+        FOUND := _raise('ZC009', p_who, 'table',
                         format('must belong to the role that attaches it: role %I does not own %s', current_user,
                                v_other), 'attached_owned', 'Attach it as its owner.');
     END IF;
@@ -73,7 +76,9 @@ $$;
 COMMENT ON FUNCTION _check_attached_owner(text, regclass, boolean) IS
 'Raises ZC009 for a table with another owner: reading it could run that owner''s code.';
 
-CREATE OR REPLACE FUNCTION _hold_attached(p_who text, p_table text, p_has_triggers boolean) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._hold_attached(
+    p_who text, p_table text, p_has_triggers boolean
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     -- PREPARE takes a reader's lock on any relation, until the transaction ends, without planning or running anything.
@@ -85,7 +90,9 @@ $$;
 COMMENT ON FUNCTION _hold_attached(text, text, boolean) IS
 'Locks a table against replacement before it is read; raises ZC009 if it now has another owner.';
 
-CREATE OR REPLACE FUNCTION _check_attachable(p_who text, p_table regclass, p_has_triggers boolean) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_attachable(
+    p_who text, p_table regclass, p_has_triggers boolean
+) RETURNS void
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE
     v_table record;
@@ -94,21 +101,21 @@ BEGIN
     SELECT c.relkind, c.relpersistence, n.nspname INTO v_table
         FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace WHERE c.oid = p_table;
     IF v_table.relkind NOT IN ('r', 'p', 'v', 'm', 'f') THEN
-        PERFORM _refuse('ZC009', p_who, 'table', 'must be a table or a view', 'attached_is_table');
+        FOUND := _raise('ZC009', p_who, 'table', 'must be a table or a view', 'attached_is_table');
     END IF;
     IF v_table.relpersistence = 't' THEN
-        PERFORM _refuse('ZC009', p_who, 'table', 'is temporary: no other session can read it', 'attached_is_lasting');
+        FOUND := _raise('ZC009', p_who, 'table', 'is temporary: no other session can read it', 'attached_is_lasting');
     END IF;
-    IF v_table.nspname IN ('conflictdb', 'pg_catalog', 'information_schema') THEN
-        PERFORM _refuse('ZC009', p_who, 'table', 'must be neither a system table nor one of conflictdb',
+    IF v_table.nspname IN ('conflictdb', 'conflictdb_internal', 'pg_catalog', 'information_schema') THEN
+        FOUND := _raise('ZC009', p_who, 'table', 'must be neither a system table nor one of conflictdb',
                         'attached_is_foreign');
     END IF;
     IF NOT has_table_privilege(p_table, 'SELECT') THEN
-        PERFORM _refuse('ZC009', p_who, 'table', format('cannot be read by role %I', current_user), 'attached_readable',
+        FOUND := _raise('ZC009', p_who, 'table', format('cannot be read by role %I', current_user), 'attached_readable',
                         format('GRANT SELECT ON %s TO %I lets it.', p_table, current_user));
     END IF;
     IF row_security_active(p_table) THEN
-        PERFORM _refuse('ZC009', p_who, 'table',
+        FOUND := _raise('ZC009', p_who, 'table',
                         format('hides rows from role %I by row-level security',
                                current_user), 'attached_whole',
                         'Attach it as its owner, as a role with BYPASSRLS, or attach a view of a role that sees all.');
@@ -117,7 +124,7 @@ BEGIN
         SELECT c.oid INTO v_other FROM _attached_tables(p_table) t JOIN pg_catalog.pg_class c ON c.oid = t.relation
             WHERE c.relkind = 'f' LIMIT 1;
         IF FOUND THEN
-            PERFORM _refuse('ZC009', p_who, 'table',
+            FOUND := _raise('ZC009', p_who, 'table',
                             format('has a foreign partition, %s, whose changes no trigger sees', v_other),
                             'attached_watchable',
                             'Give every, the interval at which to compare all rows instead.');
@@ -129,7 +136,7 @@ $$;
 COMMENT ON FUNCTION _check_attachable(text, regclass, boolean) IS
 'Raises ZC009 for a table that the current role cannot attach, or not with triggers.';
 
-CREATE OR REPLACE FUNCTION _create_attached_rows(
+CREATE OR REPLACE FUNCTION conflictdb_internal._create_attached_rows(
     p_who text, p_attachment_id bigint, p_kind smallint, p_table regclass, p_map jsonb, OUT identity_columns text[]
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -168,7 +175,7 @@ BEGIN
             FROM _map_expression(p_who, v_one.field, p_table, v_one.given, v_one.wanted) x;
     END LOOP;
     IF cardinality(identity_columns) = 0 OR array_position(identity_columns, NULL) IS NOT NULL THEN
-        PERFORM _refuse('ZC009', p_who, 'key', 'must be an expression of columns of the table', 'map_key');
+        FOUND := _raise('ZC009', p_who, 'key', 'must be an expression of columns of the table', 'map_key');
     END IF;
     v_identity := _identity_of('t', identity_columns);
     -- All names written out from here on are qualified.
@@ -246,7 +253,7 @@ $body$, v_marks, v_table, v_list, v_decoded, v_joined, v_null, v_identity, v_whe
         IF SQLSTATE !~ '^42' THEN
             RAISE;
         END IF;
-        PERFORM _refuse('ZC009', p_who, 'map', 'cannot be used: ' || SQLERRM, 'map_usable');
+        FOUND := _raise('ZC009', p_who, 'map', 'cannot be used: ' || SQLERRM, 'map_usable');
     END;
 END
 $$;
@@ -254,7 +261,9 @@ COMMENT ON FUNCTION _create_attached_rows(text, bigint, smallint, regclass, json
 'Creates the function that reads an attached table, as the current role; returns the columns of which the key '
 'consists.';
 
-CREATE OR REPLACE FUNCTION _create_attached_triggers(p_attachment_id bigint, p_table regclass) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._create_attached_triggers(
+    p_attachment_id bigint, p_table regclass
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_one record;
@@ -273,7 +282,7 @@ BEGIN
         WHERE t.is_root OR g.name <> 'replicated' OR NOT EXISTS (
             SELECT FROM pg_catalog.pg_class c WHERE c.oid = t.relation AND c.relispartition) LOOP
         EXECUTE format('CREATE TRIGGER conflictdb_%s_%s AFTER %s ON %s %s '
-                       'EXECUTE FUNCTION conflictdb._note_%1$s()',
+                       'EXECUTE FUNCTION conflictdb_internal._note_%1$s()',
                        p_attachment_id, v_one.name, v_one.event, v_one.relation, v_one.level);
         IF v_one.name IN ('truncated', 'replicated') THEN
             EXECUTE format('ALTER TABLE %s ENABLE %s TRIGGER conflictdb_%s_%s', v_one.relation,
@@ -286,7 +295,7 @@ $$;
 COMMENT ON FUNCTION _create_attached_triggers(bigint, regclass) IS
 'Creates the triggers that record changes, on an attached table, its partitions and children.';
 
-CREATE OR REPLACE FUNCTION _register_attachment(
+CREATE OR REPLACE FUNCTION conflictdb_internal._register_attachment(
     p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval
 ) RETURNS attachment
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -303,10 +312,10 @@ DECLARE
     v_times text;
 BEGIN
     IF v_kind IS NULL THEN
-        PERFORM _refuse('ZC009', v_who, 'kind', format('must be area or track; got %L', p_kind), 'attached_kind');
+        FOUND := _raise('ZC009', v_who, 'kind', format('must be area or track; got %L', p_kind), 'attached_kind');
     END IF;
     IF p_every < interval '1 second' THEN
-        PERFORM _refuse('ZC009', v_who, 'every', format('must be a second at least; got %s', p_every),
+        FOUND := _raise('ZC009', v_who, 'every', format('must be a second at least; got %s', p_every),
                         'attachment_every_positive');
     END IF;
     PERFORM _check_attachable(v_who, p_table, v_has_triggers);
@@ -363,7 +372,7 @@ COMMENT ON FUNCTION attach(text, text, regclass, jsonb, interval) IS
 'Triggers record changes; with p_every, and for views and foreign tables (every minute), all rows are compared '
 'instead. Returns the id of the attachment.';
 
-CREATE OR REPLACE FUNCTION _find_attached(p_scene text, p_table text) RETURNS SETOF attachment
+CREATE OR REPLACE FUNCTION conflictdb_internal._find_attached(p_scene text, p_table text) RETURNS SETOF attachment
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
@@ -376,7 +385,7 @@ BEGIN
     IF NOT FOUND THEN
         SELECT string_agg(DISTINCT format('%I.%I', a.table_schema, a.table_name), ', ') INTO v_tables
             FROM attachment a WHERE a.scene_id = v_scene_id;
-        PERFORM _refuse('ZC011', format('scene %L', p_scene), 'table',
+        FOUND := _raise('ZC011', format('scene %L', p_scene), 'table',
                         format('%s is not attached to it; attached: %s', p_table, coalesce(v_tables, 'none')),
                         'table_attached');
     END IF;
@@ -420,14 +429,14 @@ COMMENT ON FUNCTION detach(text, text, boolean) IS
 
 -- A scene with attached tables cannot be removed: that would leave their triggers behind.
 
-CREATE OR REPLACE FUNCTION _before_scene_removal() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._before_scene_removal() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_tables text := (SELECT string_agg(DISTINCT format('%I.%I', a.table_schema, a.table_name), ', ')
                       FROM attachment a WHERE a.scene_id = OLD.scene_id);
 BEGIN
     IF v_tables IS NOT NULL THEN
-        PERFORM _refuse('ZC009', format('scene %L', OLD.name), 'tables', 'are attached to it: ' || v_tables,
+        FOUND := _raise('ZC009', format('scene %L', OLD.name), 'tables', 'are attached to it: ' || v_tables,
                         'scene_without_attachments', 'detach(scene, table) detaches each.');
     END IF;
     RETURN OLD;
@@ -440,8 +449,8 @@ CREATE OR REPLACE TRIGGER scene_may_be_removed BEFORE DELETE ON scene
 -- An attachment cannot be changed: otherwise an editor could make its triggers record other columns of the table, or
 -- use the id of another attachment.
 
-CREATE OR REPLACE FUNCTION _before_attachment() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._before_attachment() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     IF pg_has_role((SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = TG_RELID), 'USAGE') THEN
         RETURN NEW; -- The owner of the tables may do everything, including restores.
@@ -454,7 +463,7 @@ BEGIN
                                 NEW.map, NEW.has_triggers)
        OR TG_OP = 'UPDATE' AND cardinality(OLD.identity_columns) > 0
           AND OLD.identity_columns <> NEW.identity_columns THEN
-        PERFORM _refuse('ZC009', format('attachment %s', NEW.attachment_id), 'table', 'cannot be changed',
+        FOUND := _raise('ZC009', format('attachment %s', NEW.attachment_id), 'table', 'cannot be changed',
                         'attachment_fixed', 'Detach it, and attach it again.');
     END IF;
     RETURN NEW;

@@ -5,7 +5,7 @@
 -- attachment; the scene is not current until its role has followed the table. Calls name all parameter types: otherwise
 -- a function of another editor could match unknown types better.
 
-CREATE OR REPLACE FUNCTION _attaching_role(p_attachment_id bigint) RETURNS name
+CREATE OR REPLACE FUNCTION conflictdb_internal._attaching_role(p_attachment_id bigint) RETURNS name
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- By full signature, as in the calls.
@@ -17,7 +17,7 @@ END;
 COMMENT ON FUNCTION _attaching_role(bigint) IS
 'The role that attached a table, owner of the function that reads it; null if that function is missing.';
 
-CREATE OR REPLACE FUNCTION _is_mine(p_attachment_id bigint) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_mine(p_attachment_id bigint) RETURNS boolean
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT coalesce(_attaching_role(p_attachment_id) = current_user, false);
@@ -25,14 +25,14 @@ END;
 COMMENT ON FUNCTION _is_mine(bigint) IS
 'Whether the current role owns the function that reads an attached table, and so may run it.';
 
-CREATE OR REPLACE FUNCTION _short_identity(p_identity text) RETURNS text
+CREATE OR REPLACE FUNCTION conflictdb_internal._short_identity(p_identity text) RETURNS text
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE WHEN octet_length(p_identity) <= 1000 THEN p_identity ELSE left(p_identity, 100) || md5(p_identity) END;
 END;
 COMMENT ON FUNCTION _short_identity(text) IS 'An identity shortened to fit an index entry: at most 1,000 bytes.';
 
-CREATE OR REPLACE FUNCTION _drifted_objects(p_attachment_id bigint) RETURNS SETOF text
+CREATE OR REPLACE FUNCTION conflictdb_internal._drifted_objects(p_attachment_id bigint) RETURNS SETOF text
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- Every change of an object leaves a mark; marks are few, so they come first.
@@ -54,7 +54,7 @@ END;
 COMMENT ON FUNCTION _drifted_objects(bigint) IS
 'Identities of an attachment whose objects were changed or removed by others, or whose key has become free.';
 
-CREATE OR REPLACE FUNCTION _is_compared(p_attachment attachment) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_compared(p_attachment attachment) RETURNS boolean
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- A time in the future means that the clock was set back, and is ignored.
@@ -63,7 +63,7 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _is_compared(attachment) IS 'Whether all rows of an attachment were compared within its interval.';
 
-CREATE OR REPLACE FUNCTION _has_just_failed(p_attachment attachment) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._has_just_failed(p_attachment attachment) RETURNS boolean
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT coalesce(p_attachment.failed_at > now() - interval '1 minute'
@@ -72,7 +72,9 @@ END;
 COMMENT ON FUNCTION _has_just_failed(attachment) IS
 'Whether reading an attachment failed within the last minute, so that it is not retried yet.';
 
-CREATE OR REPLACE FUNCTION _attachments_to_follow(p_scene text, p_try_again boolean) RETURNS SETOF bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._attachments_to_follow(
+    p_scene text, p_try_again boolean
+) RETURNS SETOF bigint
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
     RETURN QUERY SELECT a.attachment_id FROM attachment a
@@ -87,7 +89,7 @@ COMMENT ON FUNCTION _attachments_to_follow(text, boolean) IS
 'Ids of the attachments of a scene, made by the current role, that have changes or are due for comparison. Those that '
 'failed within the last minute only with p_try_again.';
 
-CREATE OR REPLACE FUNCTION _attached_rows(
+CREATE OR REPLACE FUNCTION conflictdb_internal._attached_rows(
     p_attachment_id bigint, p_change_ids bigint[], p_is_full boolean, p_how text
 ) RETURNS SETOF attached_row
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -129,21 +131,21 @@ COMMENT ON FUNCTION _attached_rows(bigint, bigint[], boolean, text) IS
 'Changed rows of an attached table, from the given changes or by comparing all rows, plus one row with is_asked per '
 'identity: an identity without other rows is gone. p_how: rows, or carefully (row by row, with the error of each).';
 
-CREATE OR REPLACE FUNCTION _combined_hash(p_sum numeric) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._combined_hash(p_sum numeric) RETURNS bigint
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT mod(p_sum, 9223372036854775807)::bigint;
 END;
 COMMENT ON FUNCTION _combined_hash(numeric) IS 'One hash from the sum of row hashes; independent of their order.';
 
-CREATE OR REPLACE FUNCTION _attachment_failed(p_attachment_id bigint, p_error text) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._attachment_failed(p_attachment_id bigint, p_error text) RETURNS void
 LANGUAGE sql VOLATILE STRICT
 BEGIN ATOMIC
     UPDATE attachment a SET failed_at = now(), error = p_error WHERE a.attachment_id = p_attachment_id;
 END;
 COMMENT ON FUNCTION _attachment_failed(bigint, text) IS 'Records why an attached table cannot be read.';
 
-CREATE OR REPLACE FUNCTION _seconds_to_comparison() RETURNS double precision
+CREATE OR REPLACE FUNCTION conflictdb_internal._seconds_to_comparison() RETURNS double precision
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT extract(epoch FROM min(greatest(a.compared_at + a.every, a.failed_at + interval '1 minute')) - now())

@@ -1,7 +1,7 @@
 -- Rows of attached tables become objects of their scene, in sets. If a set fails, it is halved until the failing row is
 -- found, so that errors are reported for single rows.
 
-CREATE OR REPLACE FUNCTION _begin_attached() RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._begin_attached() RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
 BEGIN
     -- Kept in the session, empty: a worker uses them many times a minute.
@@ -18,7 +18,7 @@ $$;
 COMMENT ON FUNCTION _begin_attached() IS
 'Creates or empties the temporary tables staged_attached (rows read) and attached_item (one row per object).';
 
-CREATE OR REPLACE FUNCTION _lon_lat(p_who text, p_field text, p_geometry geometry) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._lon_lat(p_who text, p_field text, p_geometry geometry) RETURNS geometry
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_placed geometry;
@@ -27,7 +27,7 @@ BEGIN
         RETURN p_geometry;
     END IF;
     IF ST_SRID(p_geometry) = 0 THEN
-        PERFORM _refuse('ZC001', p_who, p_field, 'has no SRID', 'attached_srid',
+        FOUND := _raise('ZC001', p_who, p_field, 'has no SRID', 'attached_srid',
                         'ST_SetSRID(COLUMN, 4326) in the map says that it is longitude and latitude on WGS84.');
     END IF;
     v_placed := ST_Transform(p_geometry, 4326);
@@ -51,11 +51,11 @@ COMMENT ON FUNCTION _lon_lat(text, text, geometry) IS
 'Transforms a geometry to longitude and latitude (degrees, SRID 4326). A polygon cut at longitude 180 is made whole: '
 'longitudes from 0 to 360.';
 
-CREATE OR REPLACE FUNCTION _attached_footprint(p_who text, p_shape geometry) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._attached_footprint(p_who text, p_shape geometry) RETURNS geometry
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF (GeometryType(p_shape) IN ('POLYGON', 'MULTIPOLYGON')) IS FALSE THEN
-        PERFORM _refuse('ZC001', p_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
+        FOUND := _raise('ZC001', p_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
                         GeometryType(p_shape)), 'footprint_polygon');
     END IF;
     RETURN ST_Multi(_lon_lat(p_who, 'footprint', ST_Force2D(p_shape)));
@@ -63,12 +63,14 @@ END
 $$;
 COMMENT ON FUNCTION _attached_footprint(text, geometry) IS 'The footprint of an area, given in any SRID.';
 
-CREATE OR REPLACE FUNCTION _attached_span(p_who text, p_span tstzrange, p_start timestamptz, p_end timestamptz)
+CREATE OR REPLACE FUNCTION conflictdb_internal._attached_span(
+    p_who text, p_span tstzrange, p_start timestamptz, p_end timestamptz
+)
 RETURNS tstzrange
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF p_end <= p_start THEN
-        PERFORM _refuse('ZC003', p_who, 'end', format('must be later than start (%s); got %s', p_start, p_end),
+        FOUND := _raise('ZC003', p_who, 'end', format('must be later than start (%s); got %s', p_start, p_end),
                         'span_not_empty');
     END IF;
     RETURN coalesce(p_span, tstzrange(p_start, p_end));
@@ -77,20 +79,22 @@ $$;
 COMMENT ON FUNCTION _attached_span(text, tstzrange, timestamptz, timestamptz) IS
 'The active span of an area, from a span or from start and end, [start, end); null is unbounded.';
 
-CREATE OR REPLACE FUNCTION _attached_path(p_who text, p_shape geometry, p_times timestamptz[], p_has_times boolean)
+CREATE OR REPLACE FUNCTION conflictdb_internal._attached_path(
+    p_who text, p_shape geometry, p_times timestamptz[], p_has_times boolean
+)
 RETURNS geometry
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_path geometry := CASE WHEN p_has_times THEN ST_Force2D(p_shape) ELSE ST_Force3DM(p_shape) END;
 BEGIN
     IF ST_GeometryType(p_shape) <> 'ST_LineString' OR NOT p_has_times AND ST_Zmflag(p_shape) NOT IN (1, 3) THEN
-        PERFORM _refuse('ZC001', p_who, 'path',
+        FOUND := _raise('ZC001', p_who, 'path',
                         format('must be a %s; got %s', CASE WHEN p_has_times THEN 'LineString' ELSE 'LineStringM' END,
                                GeometryType(p_shape)), 'path_linestring_m',
                         'M is Unix seconds; or give times, an array of one instant for each waypoint.');
     END IF;
     IF p_has_times AND (p_times IS NULL OR array_position(p_times, NULL) IS NOT NULL) THEN
-        PERFORM _refuse('ZC002', p_who, 'times', 'must not be null', 'path_time_per_waypoint');
+        FOUND := _raise('ZC002', p_who, 'times', 'must not be null', 'path_time_per_waypoint');
     END IF;
     v_path := _lon_lat(p_who, 'path', v_path);
     RETURN CASE WHEN p_has_times THEN track_path(v_path, p_times) ELSE v_path END;
@@ -99,7 +103,7 @@ $$;
 COMMENT ON FUNCTION _attached_path(text, geometry, timestamptz[], boolean) IS
 'The path of a track, given in any SRID, with times as M (Unix seconds) or in an array.';
 
-CREATE OR REPLACE FUNCTION _order_reason(p_identity text) RETURNS text
+CREATE OR REPLACE FUNCTION conflictdb_internal._order_reason(p_identity text) RETURNS text
 LANGUAGE plpgsql STABLE STRICT SET search_path FROM CURRENT AS $$
 DECLARE
     v_bad record;
@@ -119,7 +123,9 @@ $$;
 COMMENT ON FUNCTION _order_reason(text) IS
 'Why the staged rows of a track cannot be ordered (order null or repeated, time not increasing); null if they can.';
 
-CREATE OR REPLACE FUNCTION _staged_tracks(p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint)
+CREATE OR REPLACE FUNCTION conflictdb_internal._staged_tracks(
+    p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint
+)
 RETURNS TABLE (
     object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry,
     grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[],
@@ -182,7 +188,9 @@ COMMENT ON FUNCTION _staged_tracks(boolean, boolean, bigint, bigint) IS
 'Tracks of the staged rows p_first to p_last. With one row per waypoint, name, properties and growth are those of the '
 'first row; differing outlines change along the legs; a leg has the lower floor and the higher ceiling of its ends.';
 
-CREATE OR REPLACE FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._put_attached(
+    p_attachment attachment, p_first bigint, p_last bigint
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     IF p_attachment.object_kind = 0 THEN
@@ -245,7 +253,9 @@ $$;
 COMMENT ON FUNCTION _put_attached(attachment, bigint, bigint) IS
 'Creates or updates the objects of items p_first to p_last, all or none.';
 
-CREATE OR REPLACE FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._put_attached_by_halves(
+    p_attachment attachment, p_items bigint
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_ranges int8range[] := ARRAY[int8range(1, p_items, '[]')];
@@ -278,7 +288,7 @@ $$;
 COMMENT ON FUNCTION _put_attached_by_halves(attachment, bigint) IS
 'Creates or updates the objects of all items, halving sets that fail; records the reason of each item that fails.';
 
-CREATE OR REPLACE FUNCTION _take_over_attached(
+CREATE OR REPLACE FUNCTION conflictdb_internal._take_over_attached(
     p_attachment attachment, p_change_ids bigint[], OUT mapped bigint, OUT removed bigint, OUT unmapped bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
@@ -376,8 +386,8 @@ COMMENT ON FUNCTION _take_over_attached(attachment, bigint[]) IS
 
 -- Rows that cannot be mapped are retried after a change of the scene's plane.
 
-CREATE OR REPLACE FUNCTION _after_scene_resettled() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._after_scene_resettled() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     INSERT INTO attached_change (attachment_id, identities)
         SELECT o.attachment_id, array_agg(o.identity) FROM attached_object o JOIN attachment a USING (attachment_id)

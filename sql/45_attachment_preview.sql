@@ -1,6 +1,6 @@
 -- Preview of an attachment.
 
-CREATE OR REPLACE FUNCTION _area_feature(p_area area) RETURNS jsonb
+CREATE OR REPLACE FUNCTION conflictdb_internal._area_feature(p_area area) RETURNS jsonb
 LANGUAGE sql STABLE STRICT
 BEGIN ATOMIC
     SELECT jsonb_build_object('type', 'Feature', 'id', p_area.key, 'geometry', ST_AsGeoJSON(p_area.footprint)::jsonb,
@@ -10,7 +10,7 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _area_feature(area) IS 'An area as a feature of a scene file (GeoJSON).';
 
-CREATE OR REPLACE FUNCTION _track_feature(p_track track) RETURNS jsonb
+CREATE OR REPLACE FUNCTION conflictdb_internal._track_feature(p_track track) RETURNS jsonb
 LANGUAGE sql STABLE STRICT
 BEGIN ATOMIC
     SELECT jsonb_build_object('type', 'Feature', 'id', p_track.key,

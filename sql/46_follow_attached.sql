@@ -1,6 +1,6 @@
 -- Following attached tables: changed rows become objects, in one transaction per table.
 
-CREATE OR REPLACE FUNCTION _follow_attachment(
+CREATE OR REPLACE FUNCTION conflictdb_internal._follow_attachment(
     p_attachment_id bigint, OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint,
     OUT error text
 )
@@ -79,7 +79,7 @@ COMMENT ON FUNCTION follow_attached(text) IS
 
 -- If changes of a table may be missed, its scene is not current.
 
-CREATE OR REPLACE FUNCTION _attachment_remark(p_attachment attachment) RETURNS text
+CREATE OR REPLACE FUNCTION conflictdb_internal._attachment_remark(p_attachment attachment) RETURNS text
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_role name := _attaching_role(p_attachment.attachment_id);

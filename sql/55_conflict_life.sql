@@ -2,7 +2,9 @@
 -- transaction (60_write_back.sql). Events are the history of conflicts, and an outbox to poll: within a scene they
 -- become visible in the order of their ids.
 
-CREATE OR REPLACE FUNCTION _widened(p_periods tstzmultirange, p_by_s double precision) RETURNS tstzmultirange
+CREATE OR REPLACE FUNCTION conflictdb_internal._widened(
+    p_periods tstzmultirange, p_by_s double precision
+) RETURNS tstzmultirange
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT coalesce((SELECT range_agg(tstzrange(lower(r) - w.by, upper(r) + w.by, '[]')) FROM unnest(p_periods) r),
@@ -13,7 +15,9 @@ END;
 COMMENT ON FUNCTION _widened(tstzmultirange, double precision) IS
 'Returns periods widened on both sides by p_by_s seconds (at most a day) plus a microsecond.';
 
-CREATE OR REPLACE FUNCTION _is_alike(p_some tstzmultirange, p_others tstzmultirange, p_within_s double precision)
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_alike(
+    p_some tstzmultirange, p_others tstzmultirange, p_within_s double precision
+)
 RETURNS boolean
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -25,7 +29,7 @@ COMMENT ON FUNCTION _is_alike(tstzmultirange, tstzmultirange, double precision) 
 'Whether two multiranges agree within p_within_s seconds (at most a day) plus a microsecond: each lies in the other, '
 'widened by that.';
 
-CREATE OR REPLACE FUNCTION _has_grown(
+CREATE OR REPLACE FUNCTION conflictdb_internal._has_grown(
     p_periods tstzmultirange, p_verdict text, p_time_error_s double precision, p_closest_m double precision,
     p_closest_error_m double precision, p_known_periods tstzmultirange, p_known_verdict text,
     p_known_time_error_s double precision, p_known_closest_m double precision, p_known_closest_error_m double precision,
@@ -47,7 +51,9 @@ COMMENT ON FUNCTION _has_grown(
 'Whether a conflict exceeds what was known: other periods or a worse verdict, or closer by more than the tolerance. '
 'Differences count only beyond both error bounds (seconds, metres).';
 
-CREATE OR REPLACE FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_first bigint) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._notify_events(
+    p_scene_id bigint, p_scene text, p_run_id bigint, p_first bigint
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     -- A payload must be shorter than 8,000 bytes. Longer events are sent as their id alone.
@@ -81,7 +87,7 @@ COMMENT ON FUNCTION _notify_events(bigint, text, bigint, bigint) IS
 'both keys, in as many notifications as needed. Very long keys are omitted; so are all keys and the scene if p_scene '
 'is null (protected scenes).';
 
-CREATE OR REPLACE FUNCTION _history_kept(p_scene_id bigint) RETURNS interval
+CREATE OR REPLACE FUNCTION conflictdb_internal._history_kept(p_scene_id bigint) RETURNS interval
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     c_default CONSTANT interval := '30 days';
@@ -110,7 +116,7 @@ COMMENT ON FUNCTION _history_kept(bigint) IS
 'How long the history of a scene is kept: scene.history_kept, else the setting conflictdb.history_kept of the database '
 'or role, else 30 days.';
 
-CREATE OR REPLACE FUNCTION _prune(p_scene_id bigint, p_kept interval) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._prune(p_scene_id bigint, p_kept interval) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_run_id bigint := (SELECT r.run_id FROM run r
@@ -147,7 +153,7 @@ COMMENT ON FUNCTION _prune(bigint, interval) IS
 'Deletes events, acknowledgements and runs of a scene older than p_kept; returns the number of deleted events. The '
 'caller holds the lock of the scene.';
 
-CREATE OR REPLACE FUNCTION _prune_sometimes(p_scene_id bigint) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._prune_sometimes(p_scene_id bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     -- At most hourly, because it reads all events of the scene.
@@ -166,7 +172,7 @@ DECLARE
     v_scene_id bigint := _scene_id(p_scene);
 BEGIN
     IF p_kept < interval '0' THEN
-        PERFORM _refuse('ZC009', format('scene %L', p_scene), 'kept',
+        FOUND := _raise('ZC009', format('scene %L', p_scene), 'kept',
                         format('must be 0 or longer; got %s', p_kept), 'history_kept_positive');
     END IF;
     -- Takes the lock like a detection; a detection that waits for it starts again.

@@ -1,7 +1,9 @@
 -- Write-back: one transaction replaces the conflicts of every pair with a changed member, records the run and deletes
 -- the covered marks.
 
-CREATE OR REPLACE FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._next_owner(
+    p_kind smallint, p_id bigint, p_version bigint
+) RETURNS bigint
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT coalesce(CASE p_kind WHEN 0 THEN (SELECT a.first_version FROM area a
@@ -14,7 +16,9 @@ COMMENT ON FUNCTION _next_owner(smallint, bigint, bigint) IS
 'Returns first_version of the current object with this id if it is greater than p_version, so that p_version belongs '
 'to a former object; else the largest bigint.';
 
-CREATE OR REPLACE FUNCTION _pieces_before(p_scene_id bigint, p_kind smallint, p_id bigint, p_until bigint)
+CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_before(
+    p_scene_id bigint, p_kind smallint, p_id bigint, p_until bigint
+)
 RETURNS TABLE (turn smallint, part integer, hull geometry, span tstzrange, shape geometry)
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
@@ -26,7 +30,7 @@ END;
 COMMENT ON FUNCTION _pieces_before(bigint, smallint, bigint, bigint) IS
 'Pieces of an object of a scene with versions below p_until. Inlined into queries.';
 
-CREATE OR REPLACE FUNCTION _conflict_region(
+CREATE OR REPLACE FUNCTION conflictdb_internal._conflict_region(
     p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint,
     p_b_version bigint, p_periods tstzmultirange, p_plane text
 ) RETURNS geometry
@@ -77,7 +81,7 @@ COMMENT ON FUNCTION _conflict_region(
 'superset: intersection of the hulls swept during the periods. Used if detection did not compute the region: great '
 'circles next to a pole, objects that could not be cut, pairs that could not be solved. Null if nothing intersects.';
 
-CREATE OR REPLACE FUNCTION _covering(p_region geometry, p_place geometry) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._covering(p_region geometry, p_place geometry) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     c_way_deg CONSTANT double precision := 1e-9;  -- half the width of the connection: 0.1 mm
@@ -93,7 +97,7 @@ $$;
 COMMENT ON FUNCTION _covering(geometry, geometry) IS
 'Returns the region extended to cover a place, which may lie outside by curvature of sides or by rounding (degrees).';
 
-CREATE OR REPLACE FUNCTION _known_conflicts_of(
+CREATE OR REPLACE FUNCTION conflictdb_internal._known_conflicts_of(
     p_scene_id bigint, p_kinds smallint[], p_ids bigint[],
     OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea
 )
@@ -123,7 +127,7 @@ $$;
 COMMENT ON FUNCTION _known_conflicts_of(bigint, smallint[], bigint[]) IS
 'Conflicts of the given objects of a scene, with the columns of _known_conflicts.';
 
-CREATE OR REPLACE FUNCTION _known_conflicts_among(
+CREATE OR REPLACE FUNCTION conflictdb_internal._known_conflicts_among(
     p_scene_id bigint, p_is_all boolean,
     OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea
 )
@@ -149,7 +153,7 @@ $$;
 COMMENT ON FUNCTION _known_conflicts_among(bigint, boolean) IS
 'All conflicts of a scene, or those with a changed member; with the columns of _known_conflicts.';
 
-CREATE OR REPLACE FUNCTION _known_conflicts(
+CREATE OR REPLACE FUNCTION conflictdb_internal._known_conflicts(
     p_scene_id bigint, p_numbers bigint[],
     OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea
 )
@@ -184,7 +188,9 @@ COMMENT ON FUNCTION _known_conflicts(bigint, bigint[]) IS
 'rows. p_numbers: changed members; null: those with a covered mark. Each column as an array (array_send). A pair may '
 'occur twice.';
 
-CREATE OR REPLACE FUNCTION _count_conflicts(p_scene_id bigint, OUT conflicts bigint, OUT unresolved bigint)
+CREATE OR REPLACE FUNCTION conflictdb_internal._count_conflicts(
+    p_scene_id bigint, OUT conflicts bigint, OUT unresolved bigint
+)
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 -- In storage order.
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_indexscan = off SET jit = off AS $$
@@ -195,7 +201,7 @@ END
 $$;
 COMMENT ON FUNCTION _count_conflicts(bigint) IS 'Number of conflicts of a scene, and of unresolved ones among them.';
 
-CREATE OR REPLACE FUNCTION _begin_run(p_scene_id bigint, p_run jsonb) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._begin_run(p_scene_id bigint, p_run jsonb) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_run_id bigint;
@@ -221,7 +227,7 @@ COMMENT ON FUNCTION _begin_run(bigint, jsonb) IS
 'Records a run that starts to write, with the counts of the previous run; returns its id. p_run: columns of run, and '
 'more_objects: change in the number of objects since the previous run, if known.';
 
-CREATE OR REPLACE FUNCTION _write_run(
+CREATE OR REPLACE FUNCTION conflictdb_internal._write_run(
     p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean,
     p_a_kind smallint[], p_a_id bigint[], p_a_version bigint[], p_b_kind smallint[], p_b_id bigint[],
     p_b_version bigint[], p_place tid[], p_digest bigint[], p_verdict text[], p_periods tstzmultirange[],
@@ -429,7 +435,9 @@ COMMENT ON FUNCTION _write_run(
 
 -- Results computed outside the database are written by the same routines.
 
-CREATE OR REPLACE FUNCTION _cover(p_scene_id bigint, p_kinds smallint[], p_ids bigint[]) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._cover(
+    p_scene_id bigint, p_kinds smallint[], p_ids bigint[]
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET plan_cache_mode = force_generic_plan SET enable_nestloop = off SET jit = off AS $$
 BEGIN
@@ -464,7 +472,9 @@ COMMENT ON FUNCTION _cover(bigint, smallint[], bigint[]) IS
 'uncovers all others. If one of them had a mark, its pairs with other objects are unknown: all other objects are then '
 'marked and stay pending.';
 
-CREATE OR REPLACE FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._record_failure(
+    p_scene_id bigint, p_run jsonb, p_error text
+) RETURNS bigint
 LANGUAGE sql VOLATILE
 BEGIN ATOMIC
     INSERT INTO run (scene_id, started_at, finished_at, method, settings, objects, candidate_pairs, intersecting_pairs,

@@ -3,7 +3,7 @@
 --
 --   _begin_new_rows, COPY to conflict and to conflict_event, _end_new_rows; once per part
 
-CREATE OR REPLACE FUNCTION _begin_new_rows(
+CREATE OR REPLACE FUNCTION conflictdb_internal._begin_new_rows(
     p_scene_id bigint, p_run_id bigint, p_run jsonb, p_count integer, p_numbers bigint[],
     OUT run_id bigint, OUT at_us bigint, OUT scene text, OUT conflict_ids bytea, OUT event_ids bytea, OUT keys text[],
     OUT first_versions bigint[]
@@ -41,7 +41,7 @@ COMMENT ON FUNCTION _begin_new_rows(bigint, bigint, jsonb, integer, bigint[]) IS
 'conflicts and events (array_send), and key and first version of the objects p_numbers (_object_number; null if not in '
 'the scene). All null if row-level security prevents COPY.';
 
-CREATE OR REPLACE FUNCTION _end_new_rows(
+CREATE OR REPLACE FUNCTION conflictdb_internal._end_new_rows(
     p_run_id bigint, p_opened bigint, p_unresolved bigint, p_notifications text[]
 ) RETURNS void
 LANGUAGE sql VOLATILE

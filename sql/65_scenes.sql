@@ -1,6 +1,6 @@
 -- State of scenes: whether the list of conflicts is complete.
 
-CREATE OR REPLACE FUNCTION _is_current(p_scene_id bigint) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_current(p_scene_id bigint) RETURNS boolean
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT
 -- Forces a plain index scan: after many marks were deleted the statistics are outdated, and only this scan flags dead
 -- index entries, so that the next scan skips them. Without jit, as the forced plan has an inflated cost.
@@ -21,7 +21,7 @@ COMMENT ON FUNCTION _is_current(bigint) IS
 'Whether no object, setting or attached table of a scene changed since its last successful detection. False also if '
 'changes of an attached table may be missed.';
 
-CREATE OR REPLACE FUNCTION _attached_waiting(p_scene_id bigint) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._attached_waiting(p_scene_id bigint) RETURNS bigint
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- Count a row once, even if it changed twice or was recorded before and after the change.
@@ -133,7 +133,7 @@ COMMENT ON COLUMN queue.worked_on_since IS 'Start of its transaction; null if wo
 COMMENT ON COLUMN queue.last_error IS
 'Why the last detection of the scene failed; null if it succeeded, or if there was none.';
 
-CREATE OR REPLACE FUNCTION _scene_state(
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_state(
     p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamptz, OUT last_error text,
     OUT is_current boolean, OUT remark text, OUT detected_at timestamptz
 )
@@ -179,7 +179,7 @@ BEGIN
     -- Each turn sees what other sessions have committed, including removal of the scene.
     WHILE NOT _is_current(_scene_id(p_scene)) LOOP
         IF current_setting('transaction_isolation') <> 'read committed' THEN
-            PERFORM _refuse('ZC013', v_who, 'transaction',
+            FOUND := _raise('ZC013', v_who, 'transaction',
                             format('is %s: it sees one state of the database until it ends, and would wait in vain',
                                    upper(current_setting('transaction_isolation'))),
                             'wait_sees_others', 'Wait in a transaction that is READ COMMITTED.');
@@ -191,11 +191,11 @@ BEGIN
                        SELECT FROM attached_change q JOIN attachment a USING (attachment_id)
                        JOIN scene s USING (scene_id)
                        WHERE s.name = p_scene AND q.changed_at = now()) THEN
-            PERFORM _refuse('ZC013', v_who, 'transaction', 'has changed the scene itself, which no detection sees '
+            FOUND := _raise('ZC013', v_who, 'transaction', 'has changed the scene itself, which no detection sees '
                             'until it is committed', 'wait_sees_committed', 'Commit first.');
         END IF;
         IF clock_timestamp() >= v_until THEN
-            PERFORM _refuse('ZC014', v_who, 'is_current', format('is not current after %s: %s', p_timeout,
+            FOUND := _raise('ZC014', v_who, 'is_current', format('is not current after %s: %s', p_timeout,
                             (SELECT s.remark FROM _scene_state(p_scene) s)), 'scene_current_in_time',
                             'Is a worker running? Did the last run of the scene fail?');
         END IF;

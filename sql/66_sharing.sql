@@ -1,14 +1,14 @@
 -- Sharing and giving away scenes, and protecting them by row-level security.
 
-CREATE OR REPLACE FUNCTION _own_scene_id(p_scene text) RETURNS bigint
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._own_scene_id(p_scene text) RETURNS bigint
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
     v_owner name := (SELECT s.owner FROM scene s WHERE s.scene_id = v_scene_id);
 BEGIN
     IF NOT pg_has_role((SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = 'scene'::regclass), 'USAGE')
        AND (v_owner IN (SELECT m.role FROM _my_role m)) IS NOT TRUE THEN
-        PERFORM _refuse('42501', format('scene %L', p_scene), 'owner',
+        FOUND := _raise('42501', format('scene %L', p_scene), 'owner',
                         format('is %s, not role %I', coalesce('role ' || quote_ident(v_owner), 'nobody'), current_user),
                         'scene_owned', 'Only the owner of the scene or of schema conflictdb may share it or give '
                         'it away.');
@@ -21,13 +21,13 @@ COMMENT ON FUNCTION _own_scene_id(text) IS
 'the scene nor the schema conflictdb.';
 
 CREATE OR REPLACE FUNCTION share_scene(p_scene text, p_role text, p_access text DEFAULT 'read') RETURNS void
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_scene_id bigint := _own_scene_id(p_scene);
     v_needed text;
 BEGIN
     IF (p_access IN ('read', 'write')) IS NOT TRUE THEN
-        PERFORM _refuse('ZC009', format('scene %L', p_scene), 'access',
+        FOUND := _raise('ZC009', format('scene %L', p_scene), 'access',
                         format('must be read or write; got %s', quote_nullable(p_access)), 'share_access_known');
     END IF;
     v_needed := CASE p_access WHEN 'read' THEN 'conflictdb_reader' ELSE 'conflictdb_editor' END;
@@ -43,7 +43,8 @@ BEGIN
             SET may_write = excluded.may_write, shared_by = excluded.shared_by, shared_at = excluded.shared_at;
     IF NOT _is_protected() THEN
         RAISE NOTICE 'scenes are not protected in this database: every reader reads, and every editor changes, all'
-            USING HINT = 'The owner of schema conflictdb may run: SELECT conflictdb.protect_scenes()';
+            USING CONSTRAINT = 'scenes_protected',
+                  HINT = 'The owner of schema conflictdb may run: SELECT conflictdb.protect_scenes()';
     END IF;
 END
 $$;
@@ -53,7 +54,7 @@ COMMENT ON FUNCTION share_scene(text, text, text) IS
 'needs conflictdb_reader, or conflictdb_editor to write.';
 
 CREATE OR REPLACE FUNCTION unshare_scene(p_scene text, p_role text) RETURNS boolean
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_scene_id bigint := _own_scene_id(p_scene);
 BEGIN
@@ -66,7 +67,7 @@ COMMENT ON FUNCTION unshare_scene(text, text) IS
 'of the scene or of schema conflictdb.';
 
 CREATE OR REPLACE FUNCTION give_scene(p_scene text, p_role text) RETURNS void
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp AS $$
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_scene_id bigint := _own_scene_id(p_scene);
 BEGIN
@@ -92,8 +93,8 @@ COMMENT ON COLUMN shares.access IS 'own, write or read; each includes the follow
 COMMENT ON COLUMN shares.shared_by IS 'Role that shared it; null for the owner.';
 COMMENT ON COLUMN shares.shared_at IS 'When it was shared; null for the owner.';
 
-CREATE OR REPLACE FUNCTION _shares(p_scene text) RETURNS SETOF shares
-LANGUAGE plpgsql STABLE SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._shares(p_scene text) RETURNS SETOF shares
+LANGUAGE plpgsql STABLE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     PERFORM _scene_id(p_scene);
     RETURN QUERY SELECT s.* FROM shares s WHERE s.scene = p_scene ORDER BY s.access <> 'own', s.role;
@@ -102,7 +103,7 @@ $$;
 COMMENT ON FUNCTION _shares(text) IS
 'Owner and shares of a scene, as far as the current role may see them; raises ZC010 for an unknown name.';
 
-CREATE OR REPLACE FUNCTION _protected_tables() RETURNS SETOF regclass
+CREATE OR REPLACE FUNCTION conflictdb_internal._protected_tables() RETURNS SETOF regclass
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- Probes and shares always have row-level security.
@@ -113,7 +114,7 @@ END;
 COMMENT ON FUNCTION _protected_tables() IS 'Tables whose rows belong to scenes.';
 
 CREATE OR REPLACE FUNCTION protect_scenes(p_on boolean DEFAULT true) RETURNS void
-LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, pg_temp SET lock_timeout = '10s' AS $$
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp SET lock_timeout = '10s' AS $$
 DECLARE
     v_table regclass;
     v_orphans bigint;
@@ -125,7 +126,8 @@ BEGIN
     SELECT count(*) INTO v_orphans FROM scene s WHERE s.owner IS NULL;
     IF p_on AND v_orphans > 0 THEN
         RAISE NOTICE '% of the scenes belong to no role yet: only workers and administrators see them', v_orphans
-            USING HINT = 'SELECT conflictdb.give_scene(scene, role), or share_scene(scene, ''public'', ''write'')';
+            USING CONSTRAINT = 'scenes_owned',
+                  HINT = 'SELECT conflictdb.give_scene(scene, role), or share_scene(scene, ''public'', ''write'')';
     END IF;
 END
 $$;

@@ -18,10 +18,10 @@ COMMENT ON FUNCTION list_objects(text) IS
 'Areas and tracks of a scene, by key: when they are there, and their heights (metres above mean sea level); null: '
 'unbounded. Raises ZC010 for an unknown scene.';
 
-CREATE OR REPLACE FUNCTION _refuse_taken(p_name text) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._refuse_taken(p_name text) RETURNS void
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
-    PERFORM _refuse('ZC007', format('scene %L', p_name), 'name', 'is taken by another scene', 'scene_name_unique');
+    FOUND := _raise('ZC007', format('scene %L', p_name), 'name', 'is taken by another scene', 'scene_name_unique');
 END
 $$;
 COMMENT ON FUNCTION _refuse_taken(text) IS 'Raises ZC007: the name of a scene is taken.';
@@ -77,7 +77,7 @@ BEGIN
     DELETE FROM scene s WHERE s.scene_id = v_scene_id;
     -- Row-level security silently skips a scene of another role.
     IF NOT FOUND THEN
-        PERFORM _refuse('42501', format('scene %L', p_scene), 'owner', format('is not role %I', current_user),
+        FOUND := _raise('42501', format('scene %L', p_scene), 'owner', format('is not role %I', current_user),
                         'scene_owned', 'Only the owner of a protected scene may remove it.');
     END IF;
 END
@@ -92,7 +92,7 @@ DECLARE
 BEGIN
     IF EXISTS (SELECT FROM attachment a JOIN attached_object o USING (attachment_id)
                WHERE a.scene_id = v_scene_id AND o.key = p_key) THEN
-        PERFORM _refuse('ZC008', format('object %L', p_key), 'key', 'comes from an attached table', 'object_own',
+        FOUND := _raise('ZC008', format('object %L', p_key), 'key', 'comes from an attached table', 'object_own',
                         'Change the row of the table.');
     END IF;
     UPDATE area a SET key = p_new_key WHERE a.scene_id = v_scene_id AND a.key = p_key;
@@ -100,12 +100,12 @@ BEGIN
         UPDATE track t SET key = p_new_key WHERE t.scene_id = v_scene_id AND t.key = p_key;
     END IF;
     IF NOT FOUND THEN
-        PERFORM _refuse('ZC011', format('object %L', p_key), 'key', format('is no object of scene %L', p_scene),
+        FOUND := _raise('ZC011', format('object %L', p_key), 'key', format('is no object of scene %L', p_scene),
                         'object_known');
     END IF;
 EXCEPTION
     WHEN unique_violation THEN
-        PERFORM _refuse('ZC007', format('object %L', p_new_key), 'key', 'is taken by another object of the scene',
+        FOUND := _raise('ZC007', format('object %L', p_new_key), 'key', 'is taken by another object of the scene',
                         'object_key_unique');
 END
 $$;

@@ -3,7 +3,7 @@
 -- PostgreSQL evaluates them once per query, first, because they are conditions without columns. It skips them if no row
 -- can match, as in a comparison with null; so queries replace nulls.
 
-CREATE OR REPLACE FUNCTION _warn_if_incomplete(p_scene text) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._warn_if_incomplete(p_scene text) RETURNS boolean
 LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path FROM CURRENT AS $$
 BEGIN
     IF NOT _is_current(_scene_id(p_scene)) THEN
@@ -17,7 +17,7 @@ $$;
 COMMENT ON FUNCTION _warn_if_incomplete(text) IS
 'Raises a NOTICE if the conflicts of a scene are not complete; returns true. Raises ZC010 for an unknown name.';
 
-CREATE OR REPLACE FUNCTION _warn_if_no_object(p_scene text, p_key text) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._warn_if_no_object(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL RESTRICTED SET search_path FROM CURRENT AS $$
 BEGIN
     IF NOT EXISTS (SELECT FROM object_key k WHERE k.scene_id = _scene_id(p_scene) AND k.key = p_key) THEN
@@ -29,7 +29,7 @@ $$;
 COMMENT ON FUNCTION _warn_if_no_object(text, text) IS
 'Raises a NOTICE if a scene has no object with that key (it may have been removed); returns true.';
 
-CREATE OR REPLACE FUNCTION _check_key(p_scene text, p_key text) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_key(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
@@ -38,7 +38,7 @@ BEGIN
     IF NOT EXISTS (SELECT FROM object_key k WHERE k.scene_id = v_scene_id AND k.key = p_key)
        AND NOT EXISTS (SELECT FROM conflict c WHERE c.scene_id = v_scene_id AND c.a_key = p_key)
        AND NOT EXISTS (SELECT FROM conflict c WHERE c.scene_id = v_scene_id AND c.b_key = p_key) THEN
-        PERFORM _refuse('ZC011', format('object %L', p_key), 'key', format('is no object of scene %L', p_scene),
+        FOUND := _raise('ZC011', format('object %L', p_key), 'key', format('is no object of scene %L', p_scene),
                         'object_known');
     END IF;
     RETURN true;
@@ -47,7 +47,7 @@ $$;
 COMMENT ON FUNCTION _check_key(text, text) IS
 'Raises ZC011 if a scene has neither an object nor a conflict with that key; returns true.';
 
-CREATE OR REPLACE FUNCTION _check_place(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_place(
     p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
 ) RETURNS boolean
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -55,20 +55,20 @@ DECLARE
     c_who CONSTANT text := 'what is asked about';
 BEGIN
     IF p_geometry IS NULL OR ST_IsEmpty(p_geometry) THEN
-        PERFORM _refuse('ZC001', c_who, 'geometry', 'must not be null or empty', 'geometry_given');
+        FOUND := _raise('ZC001', c_who, 'geometry', 'must not be null or empty', 'geometry_given');
     END IF;
     IF ST_SRID(p_geometry) <> 4326 THEN
-        PERFORM _refuse('ZC001', c_who, 'geometry', format('must have SRID 4326; got %s', ST_SRID(p_geometry)),
+        FOUND := _raise('ZC001', c_who, 'geometry', format('must have SRID 4326; got %s', ST_SRID(p_geometry)),
                         'geometry_srid', 'Use ST_Transform, or ST_SetSRID if it is longitude and latitude on WGS84.');
     END IF;
     PERFORM _check_size(c_who, 'geometry', ST_NPoints(p_geometry), 'max_vertices');
     PERFORM _check_coordinates(c_who, 'geometry', p_geometry, NULL);
     IF NOT (ST_IsValidDetail(p_geometry)).valid THEN
-        PERFORM _refuse('ZC001', c_who, 'geometry', 'must be valid: ' || ST_IsValidReason(p_geometry),
+        FOUND := _raise('ZC001', c_who, 'geometry', 'must be valid: ' || ST_IsValidReason(p_geometry),
                         'geometry_valid', 'ST_MakeValid repairs it.');
     END IF;
     IF isempty(p_span) THEN
-        PERFORM _refuse('ZC003', c_who, 'span', 'must not be empty', 'span_not_empty');
+        FOUND := _raise('ZC003', c_who, 'span', 'must not be empty', 'span_not_empty');
     END IF;
     PERFORM _check_heights(c_who, p_floor_m, p_ceiling_m);
     RETURN true;

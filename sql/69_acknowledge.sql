@@ -1,7 +1,9 @@
 -- Acknowledgements: a user accepts a conflict as it is known. An acknowledgement ends when the conflict grows
 -- (_has_grown) or closes, when it is withdrawn, or at its expiry. This is evaluated on reading; growth writes nothing.
 
-CREATE OR REPLACE FUNCTION _known_conflict(p_scene text, p_a_key text, p_b_key text) RETURNS conflict
+CREATE OR REPLACE FUNCTION conflictdb_internal._known_conflict(
+    p_scene text, p_a_key text, p_b_key text
+) RETURNS conflict
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE
     v_scene_id bigint := _scene_id(p_scene);
@@ -11,7 +13,7 @@ BEGIN
         WHERE c.scene_id = v_scene_id AND c.verdict <> 'near'
           AND (c.a_key = p_a_key AND c.b_key = p_b_key OR c.a_key = p_b_key AND c.b_key = p_a_key);
     IF NOT FOUND THEN
-        PERFORM _refuse('ZC011', format('scene %L', p_scene), 'conflict',
+        FOUND := _raise('ZC011', format('scene %L', p_scene), 'conflict',
                         format('between %s and %s is not known', quote_nullable(p_a_key), quote_nullable(p_b_key)),
                         'conflict_known', 'The view conflicts has those that are.');
     END IF;
@@ -21,7 +23,9 @@ $$;
 COMMENT ON FUNCTION _known_conflict(text, text, text) IS
 'Returns the conflict of two objects, in either order; raises ZC011 if there is none.';
 
-CREATE OR REPLACE FUNCTION _notify_acknowledgement(p_scene text, p_conflict_id bigint, p_holds boolean) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._notify_acknowledgement(
+    p_scene text, p_conflict_id bigint, p_holds boolean
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     -- Any user may listen to notifications, so protected scenes are not named.
@@ -33,7 +37,7 @@ $$;
 COMMENT ON FUNCTION _notify_acknowledgement(text, bigint, boolean) IS
 'Notifies channel conflictdb_acknowledgement of a new or ended acknowledgement; scene is null if scenes are protected.';
 
-CREATE OR REPLACE FUNCTION _end_acknowledgement(p_conflict_id bigint) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._end_acknowledgement(p_conflict_id bigint) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     UPDATE acknowledgement k SET ended_at = now(), ended_by = current_user
@@ -55,14 +59,14 @@ DECLARE
     v_who text := format('conflict of %L and %L', p_a_key, p_b_key);
 BEGIN
     IF coalesce(btrim(p_reason), '') = '' OR octet_length(p_reason) > c_longest THEN
-        PERFORM _refuse('ZC009', v_who, 'reason', format('must be a text of 1 to %s bytes', c_longest),
+        FOUND := _raise('ZC009', v_who, 'reason', format('must be a text of 1 to %s bytes', c_longest),
                         'acknowledgement_reason_given');
     END IF;
     IF btrim(p_by) = '' OR octet_length(p_by) > 1000 THEN
-        PERFORM _refuse('ZC009', v_who, 'by', 'must be a text of 1 to 1000 bytes', 'acknowledgement_given_name_valid');
+        FOUND := _raise('ZC009', v_who, 'by', 'must be a text of 1 to 1000 bytes', 'acknowledgement_given_name_valid');
     END IF;
     IF p_until <= now() THEN
-        PERFORM _refuse('ZC003', v_who, 'until', format('must be later than now; got %s', p_until),
+        FOUND := _raise('ZC003', v_who, 'until', format('must be later than now; got %s', p_until),
                         'acknowledgement_until_later');
     END IF;
     -- A unique index allows one open row per conflict, so concurrent calls end each other's rows in turn.
@@ -103,7 +107,7 @@ $$;
 COMMENT ON FUNCTION unacknowledge(text, text, text) IS
 'Withdraws the acknowledgement of a conflict; returns whether there was one. Raises ZC011 if there is no conflict.';
 
-CREATE OR REPLACE FUNCTION _acknowledger(p_user text, p_given_name text) RETURNS text
+CREATE OR REPLACE FUNCTION conflictdb_internal._acknowledger(p_user text, p_given_name text) RETURNS text
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT coalesce(p_given_name || ' (' || p_user || ')', p_user);

@@ -18,7 +18,12 @@ SELECT s.name AS scene,
        n.scene_is_current, c.conflict_id, c.found_at AS opened_at, c.changed_at,
        _acknowledger(k.acknowledged_by, k.given_name) AS acknowledged_by, k.acknowledged_at,
        k.reason AS acknowledged_for, k.until AS acknowledged_until,
-       ST_X(c.first_contact_point) AS first_contact_lon_deg, ST_Y(c.first_contact_point) AS first_contact_lat_deg
+       ST_X(c.first_contact_point) AS first_contact_lon_deg, ST_Y(c.first_contact_point) AS first_contact_lat_deg,
+       -- Read only where they are selected.
+       CASE c.a_kind WHEN 0 THEN (SELECT o.name FROM area o WHERE o.area_id = c.a_id)
+                     ELSE (SELECT o.name FROM track o WHERE o.track_id = c.a_id) END AS a_name,
+       CASE c.b_kind WHEN 0 THEN (SELECT o.name FROM area o WHERE o.area_id = c.b_id)
+                     ELSE (SELECT o.name FROM track o WHERE o.track_id = c.b_id) END AS b_name
 -- OFFSET 0: evaluate once per scene, not per conflict.
 FROM scene s CROSS JOIN LATERAL (SELECT _is_current(s.scene_id) AS scene_is_current OFFSET 0) n
 JOIN conflict c ON c.scene_id = s.scene_id
@@ -82,6 +87,8 @@ COMMENT ON COLUMN conflicts.first_contact_lon_deg IS
 'First contact: longitude, degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.first_contact_lat_deg IS
 'First contact: latitude, degrees; null if not computed.';
+COMMENT ON COLUMN conflicts.a_name IS 'Name of the first object; null if it has none, or it is not known.';
+COMMENT ON COLUMN conflicts.b_name IS 'Name of the second object; null if it has none, or it is not known.';
 
 CREATE OR REPLACE VIEW approaches WITH (security_invoker = true) AS
 SELECT s.name AS scene,
@@ -95,7 +102,11 @@ SELECT s.name AS scene,
            AND NOT EXISTS (SELECT FROM change m
                            WHERE m.scene_id = c.scene_id AND m.object_kind = c.b_kind AND m.object_id = c.b_id)
            AS is_current,
-       c.run_id, c.found_at, n.scene_is_current, c.method, c.time_error_s
+       c.run_id, c.found_at, n.scene_is_current, c.method, c.time_error_s,
+       CASE c.a_kind WHEN 0 THEN (SELECT o.name FROM area o WHERE o.area_id = c.a_id)
+                     ELSE (SELECT o.name FROM track o WHERE o.track_id = c.a_id) END AS a_name,
+       CASE c.b_kind WHEN 0 THEN (SELECT o.name FROM area o WHERE o.area_id = c.b_id)
+                     ELSE (SELECT o.name FROM track o WHERE o.track_id = c.b_id) END AS b_name
 FROM scene s CROSS JOIN LATERAL (SELECT _is_current(s.scene_id) AS scene_is_current OFFSET 0) n
 JOIN conflict c ON c.scene_id = s.scene_id
 WHERE c.closest_m IS NOT NULL;
@@ -125,6 +136,8 @@ COMMENT ON COLUMN approaches.scene_is_current IS
 COMMENT ON COLUMN approaches.method IS 'Method of the detection that found it.';
 COMMENT ON COLUMN approaches.time_error_s IS
 'Error bound of every period''s start and end, seconds; 0 for a pair that is only near.';
+COMMENT ON COLUMN approaches.a_name IS 'Name of the first object; null if it has none, or it is not known.';
+COMMENT ON COLUMN approaches.b_name IS 'Name of the second object; null if it has none, or it is not known.';
 
 CREATE OR REPLACE FUNCTION conflicts_at(p_scene text, p_instant timestamptz) RETURNS SETOF conflicts
 LANGUAGE sql STABLE PARALLEL RESTRICTED
@@ -158,7 +171,7 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION approaches_of(text, text) IS 'Closest approaches of one object of a scene to others.';
 
-CREATE OR REPLACE FUNCTION _pieces_near(
+CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_near(
     p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
 ) RETURNS TABLE (object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry)
 LANGUAGE sql STABLE PARALLEL SAFE
@@ -207,7 +220,7 @@ COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, 
 'Stages 1 and 2: pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between '
 'two heights (metres; null: unbounded).';
 
-CREATE OR REPLACE FUNCTION _window(p_geometry geometry, p_plane text) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._window(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- Margins: a millimetre (_meets); on great circles up to 0.1 degrees of latitude, next to a pole, by which sides of

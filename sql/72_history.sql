@@ -68,10 +68,10 @@ DECLARE
                         ORDER BY r.run_id DESC LIMIT 1);
 BEGIN
     IF p_instant IS NULL THEN
-        PERFORM _refuse('ZC003', format('scene %L', p_scene), 'instant', 'must not be null', 'instant_given');
+        FOUND := _raise('ZC003', format('scene %L', p_scene), 'instant', 'must not be null', 'instant_given');
     END IF;
     IF v_run_id IS NULL AND v_first_run_id IS NULL THEN
-        PERFORM _refuse('ZC003', format('scene %L', p_scene), 'instant', coalesce(
+        FOUND := _raise('ZC003', format('scene %L', p_scene), 'instant', coalesce(
             (SELECT format('is before the first detection of the scene, which ended at %s; got %s', min(r.finished_at),
                            p_instant)
              FROM run r WHERE r.scene_id = v_scene_id AND r.error IS NULL HAVING count(*) > 0),
@@ -79,7 +79,7 @@ BEGIN
             'Before a detection, conflicts are unknown; there may be some.');
     END IF;
     IF coalesce(v_run_id, 0) < v_first_run_id THEN
-        PERFORM _refuse('ZC003', format('scene %L', p_scene), 'instant', format(
+        FOUND := _raise('ZC003', format('scene %L', p_scene), 'instant', format(
             'is before what is kept of its history, which begins at %s; got %s',
             (SELECT r.finished_at FROM run r WHERE r.run_id = v_first_run_id), p_instant), 'history_reaches_instant',
             'scene.history_kept, or else the setting conflictdb.history_kept, says how long history is kept.');

@@ -9,7 +9,9 @@
 -- (mu and latitude), carried to order 6.
 -- Omitted terms are below 1e-17 radians.
 
-CREATE OR REPLACE FUNCTION _series(p_angle double precision, p_coefficients double precision[]) RETURNS double precision
+CREATE OR REPLACE FUNCTION conflictdb_internal._series(
+    p_angle double precision, p_coefficients double precision[]
+) RETURNS double precision
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_sum double precision := 0;
@@ -24,14 +26,16 @@ $$;
 COMMENT ON FUNCTION _series(double precision, double precision[]) IS
 'Returns the angle (radians) plus the sum over j of p_coefficients[j] * sin(2 j angle).';
 
-CREATE OR REPLACE FUNCTION _rectifying_m(p_earth text) RETURNS double precision
+CREATE OR REPLACE FUNCTION conflictdb_internal._rectifying_m(p_earth text) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE p_earth WHEN 'sphere' THEN _sphere_m() ELSE 6367449.1458234153 END::double precision;
 END;
 COMMENT ON FUNCTION _rectifying_m(text) IS 'Metres of meridian per radian of rectifying latitude.';
 
-CREATE OR REPLACE FUNCTION _rectifying(p_latitude double precision, p_earth text) RETURNS double precision
+CREATE OR REPLACE FUNCTION conflictdb_internal._rectifying(
+    p_latitude double precision, p_earth text
+) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE p_earth WHEN 'sphere' THEN p_latitude ELSE _series(p_latitude, ARRAY[
@@ -40,7 +44,9 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _rectifying(double precision, text) IS 'Rectifying latitude from geographic latitude, radians.';
 
-CREATE OR REPLACE FUNCTION _latitude(p_rectifying double precision, p_earth text) RETURNS double precision
+CREATE OR REPLACE FUNCTION conflictdb_internal._latitude(
+    p_rectifying double precision, p_earth text
+) RETURNS double precision
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE p_earth WHEN 'sphere' THEN p_rectifying ELSE _series(p_rectifying, ARRAY[
@@ -49,7 +55,7 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _latitude(double precision, text) IS 'Geographic latitude from rectifying latitude, radians.';
 
-CREATE OR REPLACE FUNCTION _stretch(p_from double precision, p_to double precision, p_earth text)
+CREATE OR REPLACE FUNCTION conflictdb_internal._stretch(p_from double precision, p_to double precision, p_earth text)
 RETURNS double precision
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -82,7 +88,7 @@ $$;
 COMMENT ON FUNCTION _stretch(double precision, double precision, text) IS
 '(psi2 - psi1) / (mu2 - mu1) between two rectifying latitudes (radians); the limit if they are equal.';
 
-CREATE OR REPLACE FUNCTION _legs(
+CREATE OR REPLACE FUNCTION conflictdb_internal._legs(
     p_path geometry, p_earth text, OUT leg integer, OUT starts_at timestamptz, OUT ends_at timestamptz,
     OUT lon_deg double precision, OUT lon_step_deg double precision,
     OUT mu double precision, OUT mu_step double precision, OUT bearing_deg double precision
@@ -121,7 +127,7 @@ COMMENT ON FUNCTION _legs(geometry, text) IS
 'Legs of a path: times, start and change of longitude (degrees) and of rectifying latitude (radians), heading '
 '(degrees).';
 
-CREATE OR REPLACE FUNCTION _corners(
+CREATE OR REPLACE FUNCTION conflictdb_internal._corners(
     p_outline geometry, OUT n bigint, OUT x double precision, OUT y double precision,
     OUT dx double precision, OUT dy double precision
 ) RETURNS SETOF record
@@ -166,7 +172,9 @@ COMMENT ON FUNCTION _corners(geometry) IS
 'null at a corner without angle. Repeated vertices count once; a point is a square of size 0, a line a rectangle of '
 'width 0.';
 
-CREATE OR REPLACE FUNCTION _grown_outline(p_outline geometry, p_by_m double precision) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._grown_outline(
+    p_outline geometry, p_by_m double precision
+) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT ST_MakePolygon(ST_AddPoint(g.line, ST_StartPoint(g.line)))
@@ -176,7 +184,7 @@ END;
 COMMENT ON FUNCTION _grown_outline(geometry, double precision) IS
 'Returns an outline with all sides moved outward by p_by_m metres, corners mitred.';
 
-CREATE OR REPLACE FUNCTION _outline_at(
+CREATE OR REPLACE FUNCTION conflictdb_internal._outline_at(
     p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_waypoint integer
 ) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -190,7 +198,9 @@ END;
 COMMENT ON FUNCTION _outline_at(geometry, geometry, double precision, geometry, integer) IS
 'Returns the outline of a haven (metres) at a waypoint, counted from 1.';
 
-CREATE OR REPLACE FUNCTION _outline_between(p_from geometry, p_to geometry, p_share double precision) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._outline_between(
+    p_from geometry, p_to geometry, p_share double precision
+) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT ST_MakePolygon(ST_MakeLine(ST_MakePoint(ST_X(a.geom) + p_share * (ST_X(b.geom) - ST_X(a.geom)),
@@ -201,7 +211,9 @@ END;
 COMMENT ON FUNCTION _outline_between(geometry, geometry, double precision) IS
 'Interpolates vertices linearly between two outlines with equal numbers of vertices; p_share from 0 to 1.';
 
-CREATE OR REPLACE FUNCTION _is_moving(p_first geometry, p_last geometry, p_motion text, p_earth text) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_moving(
+    p_first geometry, p_last geometry, p_motion text, p_earth text
+) RETURNS boolean
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- As in _legs and _circle_legs: a full turn around the earth, or any turn at a pole, is not movement.
@@ -214,7 +226,7 @@ END;
 COMMENT ON FUNCTION _is_moving(geometry, geometry, text, text) IS
 'Whether a leg between two points (longitude and latitude, degrees) moves; otherwise it is a loiter.';
 
-CREATE OR REPLACE FUNCTION _rhumb_vertices(
+CREATE OR REPLACE FUNCTION conflictdb_internal._rhumb_vertices(
     p_lon_deg double precision, p_mu double precision, p_bearing_deg double precision, p_outline geometry, p_earth text
 ) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
@@ -234,7 +246,7 @@ COMMENT ON FUNCTION _rhumb_vertices(double precision, double precision, double p
 'Vertices of a haven (outline in metres) with its reference point at a longitude (degrees) and a rectifying latitude '
 '(radians) and a heading (degrees): longitude and latitude, degrees, not wrapped.';
 
-CREATE OR REPLACE FUNCTION _leg_heights(
+CREATE OR REPLACE FUNCTION conflictdb_internal._leg_heights(
     p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[],
     p_ceilings_m double precision[], p_first integer, p_last integer,
     OUT floor_m double precision, OUT ceiling_m double precision
@@ -269,7 +281,7 @@ COMMENT ON FUNCTION heights_at(text, text, timestamptz) IS
 'Height band of a track at an instant, metres above mean sea level; null: no limit. At a waypoint it includes the '
 'bands of both legs. Both are also null before the first and after the last waypoint.';
 
-CREATE OR REPLACE FUNCTION _check_haven(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_haven(
     p_who text, p_path geometry, p_outline geometry, p_earth text, p_grow_mps double precision, p_outlines geometry
 ) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -283,7 +295,7 @@ BEGIN
         CROSS JOIN LATERAL (SELECT _not_tiny(ST_Y(d.geom)) / _rectifying_m(p_earth) * cosd(l.bearing_deg) AS ahead,
                                    _not_tiny(ST_X(d.geom)) / _rectifying_m(p_earth) * sind(l.bearing_deg) AS across
                             FROM ST_DumpPoints(o.outline) d) v) > radians(89.5) THEN
-        PERFORM _refuse('ZC005', p_who,
+        FOUND := _raise('ZC005', p_who,
                         CASE WHEN p_outlines IS NOT NULL THEN 'outlines' WHEN p_grow_mps > 0 THEN 'grow_mps'
                              ELSE 'outline' END,
                         'the haven reaches beyond 89.5 degrees of latitude on one of its legs',

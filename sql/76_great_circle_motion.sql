@@ -3,7 +3,7 @@
 -- Places and headings are unit vectors, arrays of three. At an angle along a leg the reference point is at
 -- cos(angle) start + sin(angle) heading. A vertex is one great-circle step ahead, then one to starboard.
 
-CREATE OR REPLACE FUNCTION _mixed(
+CREATE OR REPLACE FUNCTION conflictdb_internal._mixed(
     p_one double precision[], p_share double precision, p_other double precision[], p_other_share double precision
 ) RETURNS double precision[]
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -14,7 +14,7 @@ END;
 COMMENT ON FUNCTION _mixed(double precision[], double precision, double precision[], double precision) IS
 'Returns p_one * p_share + p_other * p_other_share, for vectors of three.';
 
-CREATE OR REPLACE FUNCTION _circle_legs(
+CREATE OR REPLACE FUNCTION conflictdb_internal._circle_legs(
     p_path geometry, OUT leg integer, OUT starts_at timestamptz, OUT ends_at timestamptz,
     OUT start double precision[], OUT heading double precision[], OUT angle double precision
 ) RETURNS SETOF record
@@ -70,7 +70,7 @@ $$;
 COMMENT ON FUNCTION _circle_legs(geometry) IS
 'Legs of a path on great circles: times, unit vectors of the start and of the heading there, length (radians).';
 
-CREATE OR REPLACE FUNCTION _circle_vertices(
+CREATE OR REPLACE FUNCTION conflictdb_internal._circle_vertices(
     p_start double precision[], p_heading double precision[], p_angle double precision, p_outline geometry
 ) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
@@ -96,7 +96,7 @@ COMMENT ON FUNCTION _circle_vertices(double precision[], double precision[], dou
 'Vertices of a haven (outline in metres) at an angle (radians) along a leg: longitude and latitude, degrees, each '
 'within +-180.';
 
-CREATE OR REPLACE FUNCTION _sag(
+CREATE OR REPLACE FUNCTION conflictdb_internal._sag(
     p_angle double precision, p_first geometry, p_last geometry
 ) RETURNS double precision
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
@@ -111,7 +111,7 @@ COMMENT ON FUNCTION _sag(double precision, geometry, geometry) IS
 'Bound on the drop of the cosine of a vertex''s angle from the centre, within a leg (radians), below its values at '
 'both ends, if the outline changes from p_first to p_last (metres).';
 
-CREATE OR REPLACE FUNCTION _check_haven_near_centre(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_haven_near_centre(
     p_who text, p_path geometry, p_outline geometry, p_centre_lon double precision, p_centre_lat double precision,
     p_grow_mps double precision, p_outlines geometry
 ) RETURNS void
@@ -136,7 +136,7 @@ BEGIN
         WHERE _from_centre_deg(_circle_vertices(l.start, l.heading, e.angle, e.outline), p_centre_lon, p_centre_lat)
               > CASE WHEN v_changes THEN degrees(acos(least(0.5 + _sag(l.angle, o.first, o.last), 1))) ELSE 60 END
                 + 1e-9) THEN
-        PERFORM _refuse('ZC005', p_who,
+        FOUND := _raise('ZC005', p_who,
                         CASE WHEN p_outlines IS NOT NULL THEN 'outlines' WHEN p_grow_mps > 0 THEN 'grow_mps'
                              ELSE 'outline' END,
                         format('the haven reaches beyond 60 degrees from the scene''s centre (%s, %s) on one of '

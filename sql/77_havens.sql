@@ -1,6 +1,6 @@
 -- Position of havens: of one track at an instant, and of all tracks at many instants.
 
-CREATE OR REPLACE FUNCTION _leg_with_heading(
+CREATE OR REPLACE FUNCTION conflictdb_internal._leg_with_heading(
     p_path geometry, p_leg integer, p_motion text, p_earth text, OUT line geometry, OUT leg integer
 )
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
@@ -28,7 +28,7 @@ COMMENT ON FUNCTION _leg_with_heading(geometry, integer, text, text) IS
 'One leg of a path, counted from 1, as a line; for a loiter with the moving leg that gives its heading. leg: number of '
 'the leg in this line.';
 
-CREATE OR REPLACE FUNCTION _leg_havens(
+CREATE OR REPLACE FUNCTION conflictdb_internal._leg_havens(
     p_motion text, p_earth text, p_plane text, p_path geometry, p_outline geometry, p_grow_mps double precision,
     p_outlines geometry, p_leg integer, p_instants timestamptz[]
 ) RETURNS TABLE (at timestamptz, haven geometry)
@@ -97,7 +97,7 @@ BEGIN
     SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
     SELECT * INTO v_track FROM track t WHERE t.scene_id = v_scene.scene_id AND t.key = p_key;
     IF NOT FOUND THEN
-        PERFORM _refuse('ZC011', format('track %L', p_key), 'key', format('is not a track of scene %L', p_scene),
+        FOUND := _raise('ZC011', format('track %L', p_key), 'key', format('is not a track of scene %L', p_scene),
                         'object_known');
     END IF;
     -- A waypoint belongs to the leg that starts there; the last waypoint to none.
@@ -116,7 +116,7 @@ COMMENT ON FUNCTION haven_at(text, text, timestamptz) IS
 'antimeridian; null before the first waypoint and from the last one on. A haven without size is a point, without width '
 'a line. Raises ZC010 or ZC011 for an unknown scene or track.';
 
-CREATE OR REPLACE FUNCTION _most_havens() RETURNS integer
+CREATE OR REPLACE FUNCTION conflictdb_internal._most_havens() RETURNS integer
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT 100000;
@@ -124,7 +124,7 @@ END;
 COMMENT ON FUNCTION _most_havens() IS
 'Greatest number of rows that havens returns, and of instants: about a minute''s work.';
 
-CREATE OR REPLACE FUNCTION _check_instants(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_instants(
     p_from timestamptz, p_to timestamptz, p_step interval
 ) RETURNS timestamptz[]
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -133,19 +133,19 @@ DECLARE
     v_instants timestamptz[];
 BEGIN
     IF p_from IS NULL OR p_to IS NULL OR NOT (isfinite(p_from) AND isfinite(p_to)) OR p_to < p_from THEN
-        PERFORM _refuse('ZC003', c_who, 'p_from, p_to',
+        FOUND := _raise('ZC003', c_who, 'p_from, p_to',
                         format('must be two instants in order; got %s to %s', coalesce(p_from::text, 'null'),
                                coalesce(p_to::text, 'null')), 'havens_span');
     END IF;
     IF (p_step > interval '0') IS NOT TRUE THEN
-        PERFORM _refuse('ZC003', c_who, 'p_step',
+        FOUND := _raise('ZC003', c_who, 'p_step',
                         format('must be positive; got %s', coalesce(p_step::text, 'null')),
                         'havens_step_positive');
     END IF;
     -- In the SELECT list, where LIMIT stops the series; in FROM all rows would be computed first.
     v_instants := ARRAY(SELECT generate_series(p_from, p_to, p_step) LIMIT _most_havens() + 1);
     IF cardinality(v_instants) > _most_havens() THEN
-        PERFORM _refuse('ZC003', c_who, 'p_step',
+        FOUND := _raise('ZC003', c_who, 'p_step',
                         format('%s gives more than %s instants from %s to %s', p_step, _most_havens(), p_from, p_to),
                         'havens_at_most', 'Take a longer step, or a shorter time.');
     END IF;
@@ -177,7 +177,7 @@ BEGIN
                - width_bucket(to_timestamp(ST_M(ST_StartPoint(t.path))) - c_before, v_instants)) INTO v_rows
         FROM track t WHERE t.scene_id = v_scene.scene_id;
     IF v_rows > _most_havens() THEN
-        PERFORM _refuse('ZC003', 'havens', 'p_step',
+        FOUND := _raise('ZC003', 'havens', 'p_step',
                         format('%s gives %s havens from %s to %s: more than %s', p_step, v_rows, p_from, p_to,
                                _most_havens()), 'havens_at_most', 'Take a longer step, or a shorter time.');
     END IF;

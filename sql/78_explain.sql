@@ -4,7 +4,7 @@
 -- the conflict. A pair without a stored row was proven apart by the first stage that leaves no pieces. After a change
 -- of either object the verdict is unknown.
 
-CREATE OR REPLACE FUNCTION _explained_object(
+CREATE OR REPLACE FUNCTION conflictdb_internal._explained_object(
     p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT waits boolean, OUT pieces bigint,
     OUT is_covered boolean, OUT span tstzrange, OUT low_m double precision, OUT high_m double precision,
     OUT box geometry, OUT floor_m double precision, OUT ceiling_m double precision
@@ -19,7 +19,7 @@ BEGIN
               UNION ALL
               SELECT 1::smallint, t.track_id, t.key FROM track t WHERE t.scene_id = p_scene_id AND t.key = p_key) o;
     IF NOT FOUND THEN
-        PERFORM _refuse('ZC011', format('object %s', quote_nullable(p_key)), 'key',
+        FOUND := _raise('ZC011', format('object %s', quote_nullable(p_key)), 'key',
                         format('is no object of scene %L', (SELECT s.name FROM scene s WHERE s.scene_id = p_scene_id)),
                         'object_known');
     END IF;
@@ -45,7 +45,7 @@ COMMENT ON FUNCTION _explained_object(bigint, text) IS
 'An object of a scene, whether it waits for detection, and the extent of its pieces (low_m, high_m: with half of the '
 'vertical separation on either side); raises ZC011 for an unknown key.';
 
-CREATE OR REPLACE FUNCTION _explained_as_json(
+CREATE OR REPLACE FUNCTION conflictdb_internal._explained_as_json(
     p_key text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange, p_floor_m double precision,
     p_ceiling_m double precision
 ) RETURNS jsonb
@@ -61,7 +61,7 @@ COMMENT ON FUNCTION _explained_as_json(text, smallint, boolean, bigint, tstzrang
                                        double precision) IS
 'One object in the result of explain_conflict.';
 
-CREATE OR REPLACE FUNCTION _shown(p_instant timestamptz) RETURNS text
+CREATE OR REPLACE FUNCTION conflictdb_internal._shown(p_instant timestamptz) RETURNS text
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- Independent of the session's settings.
@@ -69,7 +69,7 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _shown(timestamptz) IS 'An instant as text in UTC, independent of the session''s settings.';
 
-CREATE OR REPLACE FUNCTION _shown(p_span tstzrange) RETURNS text
+CREATE OR REPLACE FUNCTION conflictdb_internal._shown(p_span tstzrange) RETURNS text
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE WHEN lower_inf(p_span) AND upper_inf(p_span) THEN 'for ever'
@@ -77,7 +77,9 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _shown(tstzrange) IS 'A span as text in UTC, independent of the session''s settings.';
 
-CREATE OR REPLACE FUNCTION _shown_heights(p_floor_m double precision, p_ceiling_m double precision) RETURNS text
+CREATE OR REPLACE FUNCTION conflictdb_internal._shown_heights(
+    p_floor_m double precision, p_ceiling_m double precision
+) RETURNS text
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT CASE WHEN p_floor_m = '-infinity' AND p_ceiling_m = 'infinity' THEN 'at all heights'
@@ -115,7 +117,7 @@ BEGIN
     SELECT * INTO a FROM _explained_object(v_scene.scene_id, p_a);
     SELECT * INTO b FROM _explained_object(v_scene.scene_id, p_b);
     IF p_a = p_b THEN
-        PERFORM _refuse('ZC008', format('object %L', p_a), 'key', 'is given twice: a conflict is of two objects',
+        FOUND := _raise('ZC008', format('object %L', p_a), 'key', 'is given twice: a conflict is of two objects',
                         'explained_objects_differ');
     END IF;
     IF (b.kind, b.key COLLATE "C") < (a.kind, a.key COLLATE "C") THEN
@@ -266,7 +268,7 @@ COMMENT ON FUNCTION explain_conflict(text, text, text) IS
 'periods, closest approach if stored, otherwise a distance that they exceed (further_than_m, metres; null if unknown), '
 'settings, run, and whether this is current. explain_conflict_text returns it as text.';
 
-CREATE OR REPLACE FUNCTION _explained_text(j jsonb) RETURNS text
+CREATE OR REPLACE FUNCTION conflictdb_internal._explained_text(j jsonb) RETURNS text
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- Keys as JSON strings, so that line breaks are escaped.

@@ -1,7 +1,7 @@
 -- Probes with times: which objects a plan would conflict with, and when, to the scene's tolerance. Workers run stages 3
 -- and 4, so a request is a row that must be committed first. The role that asked and workers see request and reply.
 
-CREATE OR REPLACE FUNCTION _instant_of(p_us bigint) RETURNS timestamptz
+CREATE OR REPLACE FUNCTION conflictdb_internal._instant_of(p_us bigint) RETURNS timestamptz
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- In two steps, because microseconds may have more digits than a double.
@@ -11,7 +11,7 @@ END;
 COMMENT ON FUNCTION _instant_of(bigint) IS
 'Converts microseconds since 1970 to an instant; null (unbounded) from 9e18 on.';
 
-CREATE OR REPLACE FUNCTION _pieces_meeting(
+CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_meeting(
     p_scene_id bigint, p_most_compared bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[],
     p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[]
 ) RETURNS TABLE (n bigint, piece_id bigint, pieces integer, object_number bigint, part integer)
@@ -56,20 +56,20 @@ COMMENT ON FUNCTION _pieces_meeting(bigint, bigint, text, bytea[], bigint[], big
 'scene, which overlap in time and height and whose hulls meet. If more than p_most_compared pairs of pieces are to be '
 'compared, stage 1 only: pairs of a given piece and a row, without part. Skips the object p_key.';
 
-CREATE OR REPLACE FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
-RETURNS TABLE (kind smallint, id bigint, key text)
+CREATE OR REPLACE FUNCTION conflictdb_internal._keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
+RETURNS TABLE (kind smallint, id bigint, key text, name text)
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT u.kind, u.id, coalesce(a.key, t.key)
+    SELECT u.kind, u.id, coalesce(a.key, t.key), coalesce(a.name, t.name)
     FROM unnest(p_kinds, p_ids) u (kind, id)
     LEFT JOIN area a ON u.kind = 0 AND a.area_id = u.id AND a.scene_id + 0 = p_scene_id
     LEFT JOIN track t ON u.kind = 1 AND t.track_id = u.id AND t.scene_id + 0 = p_scene_id
     WHERE coalesce(a.key, t.key) IS NOT NULL;
 END;
-COMMENT ON FUNCTION _keys_of(bigint, smallint[], bigint[]) IS 'Keys of objects of a scene, by kind and id.';
+COMMENT ON FUNCTION _keys_of(bigint, smallint[], bigint[]) IS 'Keys and names of objects of a scene, by kind and id.';
 
-CREATE OR REPLACE FUNCTION _prune_probes() RETURNS void
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, pg_temp AS $$
+CREATE OR REPLACE FUNCTION conflictdb_internal._prune_probes() RETURNS void
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     DELETE FROM probe_request p WHERE p.asked_at < now() - interval '1 hour';
 END
@@ -78,7 +78,7 @@ COMMENT ON FUNCTION _prune_probes() IS
 'Deletes old requests and their replies. Runs as its owner: the right to delete rows would include locking the table. '
 'Restricted to requests older than an hour.';
 
-CREATE OR REPLACE FUNCTION _check_area_probe(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_area_probe(
     p_footprint geometry, p_active_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
 ) RETURNS void
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
@@ -87,19 +87,19 @@ DECLARE
 BEGIN
     PERFORM _check_place(p_footprint, p_active_span, p_floor_m, p_ceiling_m);
     IF GeometryType(p_footprint) NOT IN ('POLYGON', 'MULTIPOLYGON') THEN
-        PERFORM _refuse('ZC001', c_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
+        FOUND := _raise('ZC001', c_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
                         GeometryType(p_footprint)), 'footprint_polygon');
     END IF;
     -- Infinite instants cannot be converted to microseconds.
     IF lower(p_active_span) = 'infinity' OR upper(p_active_span) = '-infinity' THEN
-        PERFORM _refuse('ZC003', c_who, 'span', 'must not start at infinity or end at -infinity', 'span_finite');
+        FOUND := _raise('ZC003', c_who, 'span', 'must not start at infinity or end at -infinity', 'span_finite');
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _check_area_probe(geometry, tstzrange, double precision, double precision) IS
 'Raises an error (class ZC) for an area that a worker could not probe.';
 
-CREATE OR REPLACE FUNCTION _check_track_probe(
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_track_probe(
     p_scene_id bigint, p_path geometry, p_outline geometry, p_floor_m double precision, p_ceiling_m double precision,
     p_grow_mps double precision
 ) RETURNS void
@@ -108,14 +108,14 @@ DECLARE
     c_who CONSTANT text := 'what is asked about';
 BEGIN
     IF p_path IS NULL OR GeometryType(p_path) <> 'LINESTRINGM' OR ST_IsEmpty(p_path) THEN
-        PERFORM _refuse('ZC001', c_who, 'path', format('must be a LineStringM with Unix seconds for M; got %s',
+        FOUND := _raise('ZC001', c_who, 'path', format('must be a LineStringM with Unix seconds for M; got %s',
                         coalesce(GeometryType(p_path), 'null')), 'path_trajectory', 'track_path() makes one.');
     END IF;
     IF ST_SRID(p_path) <> 4326 THEN
-        PERFORM _refuse('ZC001', c_who, 'path', format('must have SRID 4326; got %s', ST_SRID(p_path)), 'path_srid');
+        FOUND := _raise('ZC001', c_who, 'path', format('must have SRID 4326; got %s', ST_SRID(p_path)), 'path_srid');
     END IF;
     IF p_outline IS NULL OR GeometryType(p_outline) <> 'POLYGON' OR ST_IsEmpty(p_outline) THEN
-        PERFORM _refuse('ZC006', c_who, 'outline', format('must be a Polygon in metres; got %s',
+        FOUND := _raise('ZC006', c_who, 'outline', format('must be a Polygon in metres; got %s',
                         coalesce(GeometryType(p_outline), 'null')), 'outline_polygon',
                         'rectangle_outline() makes one.');
     END IF;
@@ -123,7 +123,7 @@ BEGIN
     PERFORM _check_size(c_who, 'outline', ST_NPoints(p_outline), 'max_vertices');
     -- The worker checks the rest; it cannot receive times that are not finite.
     IF NOT ST_Length(ST_SwapOrdinates(p_path, 'xm')) < 'infinity' OR NOT ST_Length(p_path) < 'infinity' THEN
-        PERFORM _refuse('ZC001', c_who, 'path', 'coordinates and times must be finite numbers', 'coordinates_finite');
+        FOUND := _raise('ZC001', c_who, 'path', 'coordinates and times must be finite numbers', 'coordinates_finite');
     END IF;
     PERFORM _check_coordinates(c_who, 'path', p_path, p_scene_id);
     PERFORM _check_times(c_who, p_path);
@@ -137,18 +137,20 @@ COMMENT ON FUNCTION _check_track_probe(bigint, geometry, geometry, double precis
 
 -- Readers may insert requests directly, so every row is checked.
 
-CREATE OR REPLACE FUNCTION _before_probe_request() RETURNS trigger
+CREATE OR REPLACE FUNCTION conflictdb_internal._before_probe_request() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     c_who CONSTANT text := 'what is asked about';
     -- Per role: more would delay others and fill the table.
     c_most_waiting CONSTANT integer := 1000;
 BEGIN
-    IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error) > 0 OR NEW.failures <> 0 THEN
-        PERFORM _refuse('ZC013', c_who, 'answered_at', 'can be set by workers only', 'probe_unanswered');
+    IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error, NEW.delays) > 0 OR NEW.failures <> 0 THEN
+        FOUND := _raise('ZC013', c_who, 'answered_at', 'can be set by workers only', 'probe_unanswered');
     END IF;
     NEW.asked_at := now();
-    IF NEW.object_kind = 0 THEN
+    IF NEW.horizon IS NOT NULL THEN
+        PERFORM _check_delays_request(NEW.scene_id, NEW.key, NEW.horizon);
+    ELSIF NEW.object_kind = 0 THEN
         PERFORM _check_area_probe(NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m);
         NEW.active_span := _half_open(coalesce(NEW.active_span, tstzrange(NULL, NULL)));
         NEW.active_span := tstzrange(nullif(lower(NEW.active_span), '-infinity'),
@@ -158,7 +160,7 @@ BEGIN
     END IF;
     IF (SELECT count(*) FROM (SELECT FROM probe_request p WHERE p.asked_by = NEW.asked_by AND p.answered_at IS NULL
                               LIMIT c_most_waiting) w) >= c_most_waiting THEN
-        PERFORM _refuse('ZC017', c_who, 'probe_request',
+        FOUND := _raise('ZC017', c_who, 'probe_request',
                         format('%s questions of role %I wait already', c_most_waiting, NEW.asked_by),
                         'probe_request_few', 'Is a worker running? Wait for its answers.');
     END IF;
@@ -218,12 +220,9 @@ COMMENT ON FUNCTION request_track_probe(text, geometry, geometry, double precisi
 'conflict with, and when, to the scene''s tolerance; returns an id for wait_for_probe, to be called after commit. '
 'p_key: object that the track would replace, which is ignored.';
 
-CREATE OR REPLACE FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT interval '1 minute')
-RETURNS TABLE (
-    key text, kind text, verdict text, periods tstzmultirange, first_contact timestamptz, last_contact timestamptz,
-    time_error_s double precision, first_contact_point geometry, closest_at timestamptz, closest_m double precision,
-    closest_error_m double precision
-)
+CREATE OR REPLACE FUNCTION conflictdb_internal._await_answer(
+    p_probe_id bigint, p_timeout interval, p_is_delays boolean
+) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     c_pause_s CONSTANT double precision := 0.02;
@@ -233,33 +232,49 @@ DECLARE
 BEGIN
     LOOP
         SELECT p.answered_at, p.asked_at, p.error, p.is_current INTO v_request
-            FROM probe_request p WHERE p.probe_id = p_probe_id;
+            FROM probe_request p WHERE p.probe_id = p_probe_id AND (p.horizon IS NOT NULL) = p_is_delays;
         IF NOT FOUND THEN
-            PERFORM _refuse('ZC011', v_who, 'probe_id', 'is not a request of this role within the last hour',
+            FOUND := _raise('ZC011', v_who, 'probe_id', 'is not a request of this kind and role within the last hour',
                             'probe_known');
         END IF;
         EXIT WHEN v_request.answered_at IS NOT NULL;
         IF current_setting('transaction_isolation') <> 'read committed' THEN
-            PERFORM _refuse('ZC013', v_who, 'transaction',
+            FOUND := _raise('ZC013', v_who, 'transaction',
                             format('is %s: it sees one state of the database until it ends, and would wait in vain',
                                    upper(current_setting('transaction_isolation'))),
                             'wait_sees_others', 'Wait in a transaction that is READ COMMITTED.');
         END IF;
         IF pg_current_xact_id_if_assigned() IS NOT NULL AND v_request.asked_at = now() THEN
-            PERFORM _refuse('ZC013', v_who, 'transaction', 'has asked, which no worker sees until it is committed',
+            FOUND := _raise('ZC013', v_who, 'transaction', 'has asked, which no worker sees until it is committed',
                             'wait_sees_committed', 'Commit first.');
         END IF;
         IF clock_timestamp() >= v_until THEN
-            PERFORM _refuse('ZC015', v_who, 'answered_at', format('is not answered after %s', p_timeout),
+            FOUND := _raise('ZC015', v_who, 'answered_at', format('is not answered after %s', p_timeout),
                             'probe_answered_in_time', 'Is a worker running, and not at work on a large detection?');
         END IF;
         PERFORM pg_sleep(least(c_pause_s, extract(epoch FROM v_until - clock_timestamp())));
     END LOOP;
     IF v_request.error IS NOT NULL THEN
-        PERFORM _refuse('ZC016', v_who, 'plan', v_request.error, 'probe_can_be_answered');
+        FOUND := _raise('ZC016', v_who, 'plan', v_request.error, 'probe_can_be_answered');
     END IF;
-    IF NOT v_request.is_current THEN
-        RAISE NOTICE '%: changes of the scene waited for detection: the answer may not be complete', v_who;
+    RETURN v_request.is_current;
+END
+$$;
+COMMENT ON FUNCTION _await_answer(bigint, interval, boolean) IS
+'Waits until a worker has replied to a request, for a probe or for delays; returns whether the scene was current then. '
+'Raises ZC015 after p_timeout (null: waits without limit), ZC016 with the reason of an invalid plan, and ZC013 in a '
+'transaction that cannot see the reply.';
+
+CREATE OR REPLACE FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT interval '1 minute')
+RETURNS TABLE (
+    key text, kind text, verdict text, periods tstzmultirange, first_contact timestamptz, last_contact timestamptz,
+    time_error_s double precision, first_contact_point geometry, closest_at timestamptz, closest_m double precision,
+    closest_error_m double precision
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF NOT _await_answer(p_probe_id, p_timeout, false) THEN
+        RAISE NOTICE 'probe %: changes of the scene waited for detection: the answer may not be complete', p_probe_id;
     END IF;
     RETURN QUERY
         SELECT r.key, CASE r.object_kind WHEN 0 THEN 'area' ELSE 'track' END, r.verdict, r.periods, lower(r.periods),
@@ -274,7 +289,7 @@ COMMENT ON FUNCTION wait_for_probe(bigint, interval) IS
 
 -- For Python.
 
-CREATE OR REPLACE FUNCTION _request_probe(
+CREATE OR REPLACE FUNCTION conflictdb_internal._request_probe(
     p_scene text, p_key text, p_kind integer, p_footprint bytea, p_start_us bigint, p_end_us bigint, p_path bytea,
     p_outline bytea, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision
 ) RETURNS bigint
@@ -291,22 +306,27 @@ COMMENT ON FUNCTION _request_probe(text, text, integer, bytea, bigint, bigint, b
                                    double precision, double precision) IS
 'request_probe (kind 0) or request_track_probe (kind 1): geometries as WKB, instants in microseconds since 1970.';
 
-CREATE OR REPLACE FUNCTION _wait_for_probe(p_probe_id bigint, p_timeout interval)
+CREATE OR REPLACE FUNCTION conflictdb_internal._wait_for_probe(p_probe_id bigint, p_timeout interval)
 RETURNS TABLE (
-    key text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision,
-    lat_deg double precision, closest_at timestamptz, closest_m double precision, closest_error_m double precision
+    key text, name text, kind text, verdict text, periods bytea, time_error_s double precision,
+    lon_deg double precision, lat_deg double precision, closest_at timestamptz, closest_m double precision,
+    closest_error_m double precision
 )
 LANGUAGE sql VOLATILE
 BEGIN ATOMIC
-    SELECT w.key, w.kind, w.verdict, multirange_send(w.periods), w.time_error_s, ST_X(w.first_contact_point),
-           ST_Y(w.first_contact_point), w.closest_at, w.closest_m, w.closest_error_m
-    FROM wait_for_probe(p_probe_id, p_timeout) w;
+    SELECT w.key, coalesce(a.name, t.name), w.kind, w.verdict, multirange_send(w.periods), w.time_error_s,
+           ST_X(w.first_contact_point), ST_Y(w.first_contact_point), w.closest_at, w.closest_m, w.closest_error_m
+    FROM wait_for_probe(p_probe_id, p_timeout) w
+    LEFT JOIN probe_request p ON p.probe_id = p_probe_id
+    LEFT JOIN area a ON w.kind = 'area' AND a.scene_id = p.scene_id AND a.key = w.key
+    LEFT JOIN track t ON w.kind = 'track' AND t.scene_id = p.scene_id AND t.key = w.key;
 END;
-COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS 'As wait_for_probe, with periods in binary.';
+COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS
+'As wait_for_probe, with the names of the objects and with periods in binary.';
 
 -- For workers.
 
-CREATE OR REPLACE FUNCTION _next_probe() RETURNS TABLE (probe_id bigint, scene_id bigint)
+CREATE OR REPLACE FUNCTION conflictdb_internal._next_probe() RETURNS TABLE (probe_id bigint, scene_id bigint)
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     RETURN QUERY
@@ -322,22 +342,22 @@ $$;
 COMMENT ON FUNCTION _next_probe() IS
 'The next request that no other session works on, locked until the transaction ends; no row if there is none.';
 
-CREATE OR REPLACE FUNCTION _probe_request(
+CREATE OR REPLACE FUNCTION conflictdb_internal._probe_request(
     p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea,
     OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision,
-    OUT floor_m double precision, OUT ceiling_m double precision
+    OUT floor_m double precision, OUT ceiling_m double precision, OUT horizon_s double precision, OUT scene text
 )
 LANGUAGE sql STABLE STRICT
 BEGIN ATOMIC
     SELECT p.object_kind, p.key, ST_AsBinary(p.footprint, 'NDR'),
            (extract(epoch FROM lower(p.active_span)) * 1000000)::bigint,
            (extract(epoch FROM upper(p.active_span)) * 1000000)::bigint, ST_AsBinary(p.path, 'NDR'),
-           ST_AsBinary(p.outline, 'NDR'), p.grow_mps, p.floor_m, p.ceiling_m
-    FROM probe_request p WHERE p.probe_id = p_probe_id;
+           ST_AsBinary(p.outline, 'NDR'), p.grow_mps, p.floor_m, p.ceiling_m, extract(epoch FROM p.horizon), s.name
+    FROM probe_request p JOIN scene s USING (scene_id) WHERE p.probe_id = p_probe_id;
 END;
 COMMENT ON FUNCTION _probe_request(bigint) IS 'A request: geometries as WKB, instants in microseconds since 1970.';
 
-CREATE OR REPLACE FUNCTION _probe_failed(p_probe_id bigint, p_error text) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._probe_failed(p_probe_id bigint, p_error text) RETURNS void
 LANGUAGE sql VOLATILE STRICT
 BEGIN ATOMIC
     UPDATE probe_request p SET failures = p.failures + 1,
@@ -349,8 +369,9 @@ END;
 COMMENT ON FUNCTION _probe_failed(bigint, text) IS
 'Records a failed attempt to reply to a request; after the third, the error becomes the reply.';
 
-CREATE OR REPLACE FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb)
-RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._answer_probe(
+    p_probe_id bigint, p_error text, p_found jsonb, p_delays jsonb
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     INSERT INTO probe_reply (probe_id, object_kind, key, verdict, periods, time_error_s, first_contact_point,
@@ -364,14 +385,15 @@ BEGIN
             kind smallint, key text, verdict text, periods jsonb, time_error_s double precision,
             lon_deg double precision, lat_deg double precision, closest_at timestamptz, closest_m double precision,
             closest_error_m double precision);
-    UPDATE probe_request p SET answered_at = clock_timestamp(), is_current = _is_current(p.scene_id), error = p_error
+    UPDATE probe_request p SET answered_at = clock_timestamp(), is_current = _is_current(p.scene_id), error = p_error,
+                               delays = p_delays
         WHERE p.probe_id = p_probe_id;
     PERFORM _prune_probes();
 END
 $$;
-COMMENT ON FUNCTION _answer_probe(bigint, text, jsonb) IS
-'Writes the reply to a request: the objects found, or the reason why there is none; deletes requests older than an '
-'hour.';
+COMMENT ON FUNCTION _answer_probe(bigint, text, jsonb, jsonb) IS
+'Writes the reply to a request: the objects found, delays, or the reason why there is none; deletes requests older '
+'than an hour.';
 
 -- Visible to the role that asked, while it may read the scene, and to workers.
 ALTER TABLE probe_request ENABLE ROW LEVEL SECURITY;
@@ -389,14 +411,15 @@ DROP POLICY IF EXISTS probe_reply_worker ON probe_reply;
 CREATE POLICY probe_reply_worker ON probe_reply TO conflictdb_worker USING (true) WITH CHECK (true);
 
 COMMENT ON TABLE probe_request IS
-'Probes: requests to the workers about a plan (request_probe, request_track_probe). Visible to the role that asked and '
-'to workers; deleted after an hour.';
+'Requests to the workers: about a plan (request_probe, request_track_probe), or the departures of a track '
+'(request_delays). Visible to the role that asked and to workers; deleted after an hour.';
 COMMENT ON COLUMN probe_request.probe_id IS 'Id of the request.';
 COMMENT ON COLUMN probe_request.scene_id IS 'Scene.';
 COMMENT ON COLUMN probe_request.asked_by IS 'Role that asked.';
 COMMENT ON COLUMN probe_request.asked_at IS 'Start of its transaction.';
 COMMENT ON COLUMN probe_request.object_kind IS 'Kind of the plan: 0 area, 1 track.';
-COMMENT ON COLUMN probe_request.key IS 'Object that the plan would replace, which is ignored; null: none.';
+COMMENT ON COLUMN probe_request.key IS
+'Object that the plan would replace, which is ignored; null: none. With a horizon: the track.';
 COMMENT ON COLUMN probe_request.footprint IS 'Area: longitude and latitude, degrees; null for a track.';
 COMMENT ON COLUMN probe_request.active_span IS 'Area: when it is active, [start, end); null for a track.';
 COMMENT ON COLUMN probe_request.path IS 'Track: waypoints, M is Unix seconds; null for an area.';
@@ -404,6 +427,8 @@ COMMENT ON COLUMN probe_request.outline IS 'Track: haven, metres to starboard an
 COMMENT ON COLUMN probe_request.grow_mps IS 'Track: outward speed of the haven''s sides, metres per second.';
 COMMENT ON COLUMN probe_request.floor_m IS 'Lowest height, metres above mean sea level, inclusive; null: no limit.';
 COMMENT ON COLUMN probe_request.ceiling_m IS 'Highest height, metres above mean sea level, exclusive; null: no limit.';
+COMMENT ON COLUMN probe_request.horizon IS 'Delays: up to how much later or earlier; null for a probe.';
+COMMENT ON COLUMN probe_request.delays IS 'Delays: the reply, as `conflictdb delays --format json` prints it.';
 COMMENT ON COLUMN probe_request.answered_at IS 'When a worker replied; null while it waits.';
 COMMENT ON COLUMN probe_request.is_current IS
 'Whether the scene was current at that time; null while it waits.';

@@ -1,6 +1,6 @@
 -- Queries of the store: rows for Python.
 
-CREATE OR REPLACE FUNCTION _conflicts(
+CREATE OR REPLACE FUNCTION conflictdb_internal._conflicts(
     p_scene text, p_at timestamptz, p_with_region boolean, p_keys text[], p_key text, p_from timestamptz,
     p_to timestamptz, p_since timestamptz, p_verdict text, p_acknowledged boolean
 ) RETURNS TABLE (
@@ -10,7 +10,7 @@ CREATE OR REPLACE FUNCTION _conflicts(
     closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision,
     closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision,
     scene_is_current boolean, conflict_id bigint, changed_at timestamptz, acknowledged_by text,
-    acknowledged_at timestamptz, acknowledged_for text, acknowledged_until timestamptz,
+    acknowledged_at timestamptz, acknowledged_for text, acknowledged_until timestamptz, a_name text, b_name text,
     a_id bigint, a_version bigint, b_id bigint, b_version bigint
 )
 LANGUAGE sql STABLE
@@ -23,7 +23,7 @@ BEGIN ATOMIC
            c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.closest_a_point),
            ST_Y(c.closest_a_point), ST_X(c.closest_b_point), ST_Y(c.closest_b_point), c.scene_is_current,
            c.conflict_id, c.changed_at, c.acknowledged_by, c.acknowledged_at, c.acknowledged_for,
-           c.acknowledged_until, k.a_id, k.a_version, k.b_id, k.b_version
+           c.acknowledged_until, c.a_name, c.b_name, k.a_id, k.a_version, k.b_id, k.b_version
     FROM conflicts c
     LEFT JOIN conflict k ON p_with_region AND k.scene_id = _scene_id(p_scene) AND k.conflict_id = c.conflict_id
                             AND k.a_key = c.a_key AND k.b_key = c.b_key
@@ -42,7 +42,7 @@ COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean, text[], text, timesta
 'changed since p_since, with a verdict, acknowledged or not; null: all. Periods in binary. Ids and versions of objects '
 'only p_with_region. Raises ZC011 for an unknown p_key.';
 
-CREATE OR REPLACE FUNCTION _counted_conflicts() RETURNS TABLE (
+CREATE OR REPLACE FUNCTION conflictdb_internal._counted_conflicts() RETURNS TABLE (
     scene text, verdict text, is_acknowledged boolean, conflicts bigint
 )
 LANGUAGE sql STABLE
@@ -52,7 +52,7 @@ END;
 COMMENT ON FUNCTION _counted_conflicts() IS
 'Numbers of conflicts of all scenes by verdict, and whether they are acknowledged.';
 
-CREATE OR REPLACE FUNCTION _conflicts_known_at(p_scene text, p_instant timestamptz)
+CREATE OR REPLACE FUNCTION conflictdb_internal._conflicts_known_at(p_scene text, p_instant timestamptz)
 RETURNS TABLE (
     a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, method text,
     time_error_s double precision, run_id bigint, found_at timestamptz, closest_at timestamptz,
@@ -70,7 +70,7 @@ END;
 COMMENT ON FUNCTION _conflicts_known_at(text, timestamptz) IS
 'As conflicts_known_at, earliest first, with periods in binary.';
 
-CREATE OR REPLACE FUNCTION _conflict_events(
+CREATE OR REPLACE FUNCTION conflictdb_internal._conflict_events(
     p_scene text, p_key text, p_other_key text, p_after bigint, p_most bigint
 ) RETURNS TABLE (
     event bigint, kind text, at timestamptz, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text,
@@ -94,13 +94,13 @@ $$;
 COMMENT ON FUNCTION _conflict_events(text, text, text, bigint, bigint) IS
 'Events of a scene after p_after (of one object, or of two), at most p_most, in order; periods in binary.';
 
-CREATE OR REPLACE FUNCTION _approaches(p_scene text, p_only_near boolean, p_keys text[])
+CREATE OR REPLACE FUNCTION conflictdb_internal._approaches(p_scene text, p_only_near boolean, p_keys text[])
 RETURNS TABLE (
     a_key text, a_kind text, b_key text, b_kind text, closest_at timestamptz, closest_m double precision,
     closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision,
     b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint,
-    found_at timestamptz, scene_is_current boolean, method text, time_error_s double precision,
-    a_id bigint, a_version bigint, b_id bigint, b_version bigint
+    found_at timestamptz, scene_is_current boolean, method text, time_error_s double precision, a_name text,
+    b_name text, a_id bigint, a_version bigint, b_id bigint, b_version bigint
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -108,7 +108,8 @@ BEGIN
     RETURN QUERY
         SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.a_point),
                ST_Y(c.a_point), ST_X(c.b_point), ST_Y(c.b_point), c.verdict, c.is_current, c.run_id, c.found_at,
-               c.scene_is_current, c.method, c.time_error_s, k.a_id, k.a_version, k.b_id, k.b_version
+               c.scene_is_current, c.method, c.time_error_s, c.a_name, c.b_name, k.a_id, k.a_version, k.b_id,
+               k.b_version
         FROM approaches c
         LEFT JOIN conflict k ON p_only_near AND k.scene_id = _scene_id(p_scene) AND k.verdict = 'near'
                                 AND k.a_key = c.a_key AND (k.a_kind = 1) = (c.a_kind = 'track')
@@ -122,7 +123,7 @@ COMMENT ON FUNCTION _approaches(text, boolean, text[]) IS
 'Closest approaches of a scene, earliest first; p_only_near: only pairs without conflict, with ids and versions of the '
 'objects; p_keys: only among these objects.';
 
-CREATE OR REPLACE FUNCTION _scenes() RETURNS TABLE (
+CREATE OR REPLACE FUNCTION conflictdb_internal._scenes() RETURNS TABLE (
     scene_id bigint, settings jsonb, areas bigint, tracks bigint, pending bigint, conflicts bigint,
     run_id bigint, finished_at timestamptz, error text, is_current boolean
 )
@@ -139,28 +140,28 @@ END;
 COMMENT ON FUNCTION _scenes() IS
 'All scenes with their settings, numbers of objects, of pending objects and of conflicts, and their last run.';
 
-CREATE OR REPLACE FUNCTION _runs(p_scene text, p_limit integer) RETURNS SETOF run
+CREATE OR REPLACE FUNCTION conflictdb_internal._runs(p_scene text, p_limit integer) RETURNS SETOF run
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT r.* FROM run r WHERE r.scene_id = _scene_id(p_scene) ORDER BY r.run_id DESC LIMIT p_limit;
 END;
 COMMENT ON FUNCTION _runs(text, integer) IS 'The last p_limit runs of a scene, newest first.';
 
-CREATE OR REPLACE FUNCTION _scene(p_scene_id bigint) RETURNS TABLE (settings jsonb)
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene(p_scene_id bigint) RETURNS TABLE (settings jsonb)
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT _settings_of(s) FROM scene s WHERE s.scene_id = p_scene_id;
 END;
 COMMENT ON FUNCTION _scene(bigint) IS 'Name and settings of a scene.';
 
-CREATE OR REPLACE FUNCTION _scene_named(p_scene text) RETURNS TABLE (settings jsonb)
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_named(p_scene text) RETURNS TABLE (settings jsonb)
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT _settings_of(s) FROM scene s WHERE s.name = p_scene;
 END;
 COMMENT ON FUNCTION _scene_named(text) IS 'Name and settings of a scene; no row for an unknown name.';
 
-CREATE OR REPLACE FUNCTION _waiting_scenes() RETURNS TABLE (scene text, waited_s double precision)
+CREATE OR REPLACE FUNCTION conflictdb_internal._waiting_scenes() RETURNS TABLE (scene text, waited_s double precision)
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- greatest(0, …): the clock may have been set back since the change.
@@ -179,7 +180,7 @@ COMMENT ON FUNCTION _waiting_scenes() IS
 'Scenes that wait for detection, or for tables that the current role attached, with seconds of waiting; the longest '
 'waiting first.';
 
-CREATE OR REPLACE FUNCTION _attachments(p_scene text) RETURNS SETOF attachments
+CREATE OR REPLACE FUNCTION conflictdb_internal._attachments(p_scene text) RETURNS SETOF attachments
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
     PERFORM _scene_id(p_scene) WHERE p_scene IS NOT NULL;
@@ -189,7 +190,7 @@ END
 $$;
 COMMENT ON FUNCTION _attachments(text) IS 'Tables attached to a scene; null: to any scene.';
 
-CREATE OR REPLACE FUNCTION _unmapped(p_scene text) RETURNS SETOF unmapped
+CREATE OR REPLACE FUNCTION conflictdb_internal._unmapped(p_scene text) RETURNS SETOF unmapped
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
     PERFORM _scene_id(p_scene);

@@ -1,6 +1,6 @@
 -- The server's part of `conflictdb status`. Workers are recognised by their application_name.
 
-CREATE OR REPLACE FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
+CREATE OR REPLACE FUNCTION conflictdb_internal._service(OUT postgis_version text, OUT worker_count bigint)
 LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT PostGIS_Lib_Version(),

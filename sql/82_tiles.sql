@@ -4,14 +4,14 @@
 -- antimeridian. Objects that wait for detection have no pieces, or old ones, and are all checked by their boxes. Shapes
 -- come from the tables area and track.
 
-CREATE OR REPLACE FUNCTION _tile_time(p_params json, p_name text) RETURNS timestamptz
+CREATE OR REPLACE FUNCTION conflictdb_internal._tile_time(p_params json, p_name text) RETURNS timestamptz
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_text text := p_params ->> p_name;
 BEGIN
     -- Independent of the session's DateStyle and TimeZone.
     IF v_text !~ '^\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d{1,6})?)?(Z|[+-]\d\d(:?\d\d)?)$' THEN
-        PERFORM _refuse('ZC003', 'query_params', p_name,
+        FOUND := _raise('ZC003', 'query_params', p_name,
                         format('must be an instant like 2026-06-01T10:00:00Z; got %L', v_text), 'tile_instant',
                         'In an address, write Z, or + as %2B.');
     END IF;
@@ -21,13 +21,13 @@ $$;
 COMMENT ON FUNCTION _tile_time(json, text) IS
 'Reads an instant from the parameters of a tile; null if absent. Raises ZC003 unless it is ISO 8601 with an offset.';
 
-CREATE OR REPLACE FUNCTION _tile_height(p_params json, p_name text) RETURNS double precision
+CREATE OR REPLACE FUNCTION conflictdb_internal._tile_height(p_params json, p_name text) RETURNS double precision
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_text text := p_params ->> p_name;
 BEGIN
     IF v_text !~ '^[+-]?\d{1,15}(\.\d{1,15})?(e[+-]?\d{1,2})?$' THEN
-        PERFORM _refuse('ZC004', 'query_params', p_name, format('must be a number of metres; got %L', v_text),
+        FOUND := _raise('ZC004', 'query_params', p_name, format('must be a number of metres; got %L', v_text),
                         'tile_height');
     END IF;
     RETURN v_text::double precision;
@@ -36,7 +36,7 @@ $$;
 COMMENT ON FUNCTION _tile_height(json, text) IS
 'Reads a height (metres) from the parameters of a tile; null if absent. Raises ZC004 unless it is a number.';
 
-CREATE OR REPLACE FUNCTION _tile_params(
+CREATE OR REPLACE FUNCTION conflictdb_internal._tile_params(
     p_z integer, p_x integer, p_y integer, p_params json,
     OUT scene_id bigint, OUT scene text, OUT motion text, OUT earth text, OUT plane text, OUT span tstzrange,
     OUT instant timestamptz, OUT verdicts text[], OUT floor_m double precision, OUT ceiling_m double precision
@@ -50,26 +50,26 @@ DECLARE
     v_to timestamptz;
 BEGIN
     IF (p_z BETWEEN 0 AND c_zoom_max) IS NOT TRUE THEN
-        PERFORM _refuse('ZC005', 'tile', 'z', format('must be from 0 to %s; got %s', c_zoom_max,
+        FOUND := _raise('ZC005', 'tile', 'z', format('must be from 0 to %s; got %s', c_zoom_max,
                                                      coalesce(p_z::text, 'null')), 'tile_known');
     END IF;
     IF (p_x BETWEEN 0 AND (1 << p_z) - 1 AND p_y BETWEEN 0 AND (1 << p_z) - 1) IS NOT TRUE THEN
-        PERFORM _refuse('ZC005', 'tile', 'x, y',
+        FOUND := _raise('ZC005', 'tile', 'x, y',
                         format('must be from 0 to %s at zoom %s; got %s, %s', (1 << p_z) - 1, p_z,
                                coalesce(p_x::text, 'null'), coalesce(p_y::text, 'null')), 'tile_known');
     END IF;
     IF json_typeof(p_params) IS DISTINCT FROM 'object' THEN
-        PERFORM _refuse('ZC009', c_who, 'scene', 'must be given, in a JSON object', 'tile_scene_given');
+        FOUND := _raise('ZC009', c_who, 'scene', 'must be given, in a JSON object', 'tile_scene_given');
     END IF;
     SELECT k INTO v_name FROM json_object_keys(p_params) k
         WHERE k <> ALL (ARRAY['scene', 'at', 'from', 'to', 'verdict', 'floor_m', 'ceiling_m']) LIMIT 1;
     IF FOUND THEN
-        PERFORM _refuse('ZC009', c_who, v_name,
+        FOUND := _raise('ZC009', c_who, v_name,
                         'is not known; known: scene, at, from, to, verdict, floor_m, ceiling_m', 'tile_param_known');
     END IF;
     scene := p_params ->> 'scene';
     IF scene IS NULL THEN
-        PERFORM _refuse('ZC009', c_who, 'scene', 'must be given', 'tile_scene_given');
+        FOUND := _raise('ZC009', c_who, 'scene', 'must be given', 'tile_scene_given');
     END IF;
     scene_id := _scene_id(scene);
     SELECT s.motion, s.earth, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) INTO motion, earth, plane
@@ -78,13 +78,13 @@ BEGIN
     v_from := _tile_time(p_params, 'from');
     v_to := _tile_time(p_params, 'to');
     IF instant IS NOT NULL AND num_nonnulls(v_from, v_to) > 0 OR v_to < v_from THEN
-        PERFORM _refuse('ZC003', c_who, 'at, from, to', 'must be one instant, or two in order', 'tile_span');
+        FOUND := _raise('ZC003', c_who, 'at, from, to', 'must be one instant, or two in order', 'tile_span');
     END IF;
     span := tstzrange(coalesce(instant, v_from), coalesce(instant, v_to), '[]');
     verdicts := string_to_array(p_params ->> 'verdict', ',');
     SELECT v INTO v_name FROM unnest(verdicts) v WHERE v <> ALL (ARRAY['conflict', 'grazing', 'unresolved']) LIMIT 1;
     IF FOUND OR verdicts = '{}' THEN
-        PERFORM _refuse('ZC009', c_who, 'verdict',
+        FOUND := _raise('ZC009', c_who, 'verdict',
                         format('must be of conflict, grazing, unresolved, with commas between; got %L',
                                p_params ->> 'verdict'), 'tile_verdict_known');
     END IF;
@@ -97,7 +97,7 @@ COMMENT ON FUNCTION _tile_params(integer, integer, integer, json) IS
 'Reads the parameters of a tile. Raises ZC005 for a tile that does not exist, and ZC003, ZC004, ZC009 or ZC010 for '
 'missing, unknown or invalid parameters.';
 
-CREATE OR REPLACE FUNCTION _tile_bounds(p_z integer, p_x integer, p_y integer) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._tile_bounds(p_z integer, p_x integer, p_y integer) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- With a margin of 64 of 4096 units, as in ST_AsMVTGeom below.
@@ -107,7 +107,7 @@ END;
 COMMENT ON FUNCTION _tile_bounds(integer, integer, integer) IS
 'Bounds of a tile with its margin (metres, EPSG:3857); may extend across the antimeridian.';
 
-CREATE OR REPLACE FUNCTION _tile_degrees(p_z integer, p_x integer, p_y integer) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._tile_degrees(p_z integer, p_x integer, p_y integer) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT ST_MakeEnvelope(
@@ -120,7 +120,9 @@ END;
 COMMENT ON FUNCTION _tile_degrees(integer, integer, integer) IS
 'Bounds of a tile with its margin, longitude and latitude (degrees, not wrapped).';
 
-CREATE OR REPLACE FUNCTION _tile_windows(p_z integer, p_x integer, p_y integer, p_plane text) RETURNS SETOF geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._tile_windows(
+    p_z integer, p_x integer, p_y integer, p_plane text
+) RETURNS SETOF geometry
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE ROWS 3 SET search_path FROM CURRENT AS $$
 DECLARE
     -- Farther from the centre the gnomonic plane stretches without limit; its horizon is at 90.
@@ -156,7 +158,7 @@ $$;
 COMMENT ON FUNCTION _tile_windows(integer, integer, integer, text) IS
 'Boxes in the plane of a scene (metres) that contain what a tile shows; the whole plane for a tile outside of it.';
 
-CREATE OR REPLACE FUNCTION _marked_objects(p_scene_id bigint, p_kind smallint) RETURNS SETOF bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._marked_objects(p_scene_id bigint, p_kind smallint) RETURNS SETOF bigint
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_seqscan = off SET enable_bitmapscan = off SET jit = off -- see _is_current
 AS $$
@@ -167,7 +169,7 @@ $$;
 COMMENT ON FUNCTION _marked_objects(bigint, smallint) IS
 'Ids of objects of a kind that wait for detection, once per mark.';
 
-CREATE OR REPLACE FUNCTION _tile_objects(
+CREATE OR REPLACE FUNCTION conflictdb_internal._tile_objects(
     p_scene_id bigint, p_kind smallint, p_plane text, p_z integer, p_x integer, p_y integer, p_span tstzrange
 ) RETURNS SETOF bigint
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
@@ -183,7 +185,7 @@ END;
 COMMENT ON FUNCTION _tile_objects(bigint, smallint, text, integer, integer, integer, tstzrange) IS
 'Ids of objects of a kind that a tile may show: a superset of those active during a span.';
 
-CREATE OR REPLACE FUNCTION _drawn(p_geometry geometry, p_plane text) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._drawn(p_geometry geometry, p_plane text) RETURNS geometry
 -- Not LANGUAGE sql, nor the next two: inlining would evaluate each step as often as later steps mention it.
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -200,7 +202,7 @@ COMMENT ON FUNCTION _drawn(geometry, text) IS
 'Adds points to long edges of a geometry (longitude and latitude, edges straight in the scene''s plane), so that any '
 'map draws it correctly: degrees, not wrapped.';
 
-CREATE OR REPLACE FUNCTION _drawn_path(p_path geometry, p_plane text) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._drawn_path(p_path geometry, p_plane text) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
     IF p_plane NOT IN ('wgs84', 'sphere') OR ST_XMax(p_path) - ST_XMin(p_path) <= 180 THEN
@@ -219,7 +221,7 @@ $$;
 COMMENT ON FUNCTION _drawn_path(geometry, text) IS
 'Adds points to long legs of a path, as _drawn does, and splits it at the antimeridian.';
 
-CREATE OR REPLACE FUNCTION _shown(p_geometry geometry, p_plane text) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._shown(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     -- Shorter edges (22 km along a meridian) at lower latitudes (degrees) get no point from _drawn near the middle of
@@ -254,7 +256,9 @@ COMMENT ON FUNCTION _shown(geometry, text) IS
 'A footprint or path (longitude and latitude, straight in the scene''s plane) as a map layer: points on long edges, '
 'within +-180 degrees, split at the antimeridian.';
 
-CREATE OR REPLACE FUNCTION _tile_shape(p_geometry geometry, p_z integer, p_x integer, p_y integer) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._tile_shape(
+    p_geometry geometry, p_z integer, p_x integer, p_y integer
+) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     c_size CONSTANT double precision := _wgs84_m() / _sphere_m();
@@ -297,7 +301,7 @@ COMMENT ON FUNCTION _tile_shape(geometry, integer, integer, integer) IS
 'The part of a geometry (longitude and latitude, degrees) that a tile shows, in tile units (4096, margin 64), '
 'simplified by at most half a unit; null if there is none.';
 
-CREATE OR REPLACE FUNCTION _tile_measures(
+CREATE OR REPLACE FUNCTION conflictdb_internal._tile_measures(
     p_z integer, p_x integer, p_y integer, p_plane text,
     OUT bounds geometry, OUT shown geometry, OUT unit_m double precision, OUT unit_deg double precision,
     OUT plain_deg double precision, OUT large_deg double precision, OUT edge_deg double precision
@@ -327,7 +331,9 @@ COMMENT ON FUNCTION _tile_measures(integer, integer, integer, text) IS
 'to half a unit. large_deg: size above which objects are checked without shown. edge_deg: longitude of the margin '
 'before the antimeridian.';
 
-CREATE OR REPLACE FUNCTION _is_plain(p_box box3d, p_size_deg double precision, p_edge_deg double precision)
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_plain(
+    p_box box3d, p_size_deg double precision, p_edge_deg double precision
+)
 RETURNS boolean
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
@@ -340,7 +346,7 @@ END;
 COMMENT ON FUNCTION _is_plain(box3d, double precision, double precision) IS
 'Whether objects in a box (degrees) can be drawn from their corners alone: small, no pole, no antimeridian.';
 
-CREATE OR REPLACE FUNCTION _tile_plain(
+CREATE OR REPLACE FUNCTION conflictdb_internal._tile_plain(
     p_geometry geometry, p_box box3d, p_bounds geometry, p_unit_m double precision, p_unit_deg double precision
 ) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -427,7 +433,7 @@ DECLARE
     v record := _tile_params(z, x, y, query_params);
 BEGIN
     IF v.instant IS NULL THEN
-        PERFORM _refuse('ZC003', 'query_params', 'at', 'must be given: havens move', 'tile_instant');
+        FOUND := _raise('ZC003', 'query_params', 'at', 'must be given: havens move', 'tile_instant');
     END IF;
     RETURN (
         SELECT ST_AsMVT(f, 'havens', 4096, 'shape', 'track_id')

@@ -1,6 +1,6 @@
 -- Lists for the page of `conflictdb map`, besides its tiles (82_tiles.sql): each a whole scene in one answer.
 
-CREATE OR REPLACE FUNCTION _map_conflicts(p_scene text) RETURNS TABLE (head text, numbers bytea)
+CREATE OR REPLACE FUNCTION conflictdb_internal._map_conflicts(p_scene text) RETURNS TABLE (head text, numbers bytea)
 LANGUAGE sql STABLE CALLED ON NULL INPUT
 BEGIN ATOMIC
     -- The aggregates receive the rows in order, directly from the subquery with ORDER BY.
@@ -36,7 +36,7 @@ COMMENT ON FUNCTION _map_conflicts(text) IS
 '(2 x 8, NaN: not computed), west, south, east, north of the region (4 each), number of periods (4), and their starts '
 'and ends in Unix seconds (8 each).';
 
-CREATE OR REPLACE FUNCTION _map_areas(p_scene text) RETURNS TABLE (
+CREATE OR REPLACE FUNCTION conflictdb_internal._map_areas(p_scene text) RETURNS TABLE (
     area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision,
     start_s double precision, end_s double precision,
     west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision,
@@ -72,7 +72,7 @@ COMMENT ON FUNCTION _map_areas(text) IS
 'Areas of a scene: span (Unix seconds, null: no limit), bounding box (degrees, not wrapped) and, if its middle is '
 'outside the area, a point inside.';
 
-CREATE OR REPLACE FUNCTION _map_overview(p_scene text) RETURNS bytea
+CREATE OR REPLACE FUNCTION conflictdb_internal._map_overview(p_scene text) RETURNS bytea
 LANGUAGE sql STABLE CALLED ON NULL INPUT
 BEGIN ATOMIC
     -- unit_deg: half a pixel if the areas are 16 times as high as a screen of 1,000 pixels. Areas wider than plain_deg
@@ -100,7 +100,7 @@ COMMENT ON FUNCTION _map_overview(text) IS
 'Simplified outlines of all areas of a scene: for each area_id (8 bytes, big-endian) and a multipolygon, longitude and '
 'latitude in degrees, not wrapped, as WKB (little-endian); null if there are no areas.';
 
-CREATE OR REPLACE FUNCTION _map_tracks(p_scene text) RETURNS TABLE (
+CREATE OR REPLACE FUNCTION conflictdb_internal._map_tracks(p_scene text) RETURNS TABLE (
     track_id bigint, key text, name text, floor_m double precision, ceiling_m double precision,
     path bytea, outline bytea, grow_mps double precision, outlines bytea
 )
@@ -113,7 +113,7 @@ END;
 COMMENT ON FUNCTION _map_tracks(text) IS
 'Tracks of a scene: path (longitude, latitude, Unix seconds) and outlines (metres) as WKB (little-endian).';
 
-CREATE OR REPLACE FUNCTION _map_shapes(p_scene text, p_keys text[]) RETURNS TABLE (
+CREATE OR REPLACE FUNCTION conflictdb_internal._map_shapes(p_scene text, p_keys text[]) RETURNS TABLE (
     layer text, feature_id bigint, key text, shape text
 )
 LANGUAGE sql STABLE CALLED ON NULL INPUT
@@ -130,7 +130,7 @@ END;
 COMMENT ON FUNCTION _map_shapes(text, text[]) IS
 'GeoJSON of areas, paths and conflict regions of a scene as drawn on maps; p_keys: only these objects, no regions.';
 
-CREATE OR REPLACE FUNCTION _map_may_acknowledge() RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._map_may_acknowledge() RETURNS boolean
 LANGUAGE sql STABLE
 BEGIN ATOMIC
     SELECT has_function_privilege('acknowledge(text, text, text, text, timestamptz, text)'::regprocedure, 'EXECUTE')

@@ -2,6 +2,7 @@
 
 COMMENT ON SCHEMA conflictdb IS
 'Detects when and where moving and static areas conflict: scenes, areas, tracks and their conflicts.';
+COMMENT ON SCHEMA conflictdb_internal IS 'Private routines of conflictdb; other releases have other ones.';
 COMMENT ON SEQUENCE version_seq IS 'Versions of objects and of marks; never reused.';
 
 COMMENT ON TABLE scene IS 'Objects that are detected together, and their settings. Input.';

@@ -1,15 +1,15 @@
 -- Privileges. Nothing is granted to PUBLIC; each role includes the previous one (05_roles.sql).
 
-REVOKE ALL ON SCHEMA conflictdb FROM PUBLIC;
-REVOKE ALL ON ALL TABLES IN SCHEMA conflictdb FROM PUBLIC;
+REVOKE ALL ON SCHEMA conflictdb, conflictdb_internal FROM PUBLIC;
+REVOKE ALL ON ALL TABLES IN SCHEMA conflictdb, conflictdb_internal FROM PUBLIC;
 REVOKE ALL ON ALL SEQUENCES IN SCHEMA conflictdb FROM PUBLIC;
-REVOKE ALL ON ALL ROUTINES IN SCHEMA conflictdb FROM PUBLIC;
+REVOKE ALL ON ALL ROUTINES IN SCHEMA conflictdb, conflictdb_internal FROM PUBLIC;
 
 -- Readers see everything. Query functions run as their caller, so that they can be inlined; so the tables must be
--- readable.
-GRANT USAGE ON SCHEMA conflictdb TO conflictdb_reader;
-GRANT SELECT ON ALL TABLES IN SCHEMA conflictdb TO conflictdb_reader;
-GRANT EXECUTE ON ALL ROUTINES IN SCHEMA conflictdb TO conflictdb_worker;
+-- readable, and the private routines that they call callable.
+GRANT USAGE ON SCHEMA conflictdb, conflictdb_internal TO conflictdb_reader;
+GRANT SELECT ON ALL TABLES IN SCHEMA conflictdb, conflictdb_internal TO conflictdb_reader;
+GRANT EXECUTE ON ALL ROUTINES IN SCHEMA conflictdb, conflictdb_internal TO conflictdb_worker;
 DO $$
 DECLARE
     v_routine regprocedure;
@@ -17,7 +17,8 @@ BEGIN
     -- Functions that do not write are queries or their helpers.
     FOR v_routine IN
         SELECT p.oid FROM pg_catalog.pg_proc p
-        WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.provolatile <> 'v' LOOP
+        WHERE p.pronamespace IN ('conflictdb'::regnamespace, 'conflictdb_internal'::regnamespace)
+              AND p.provolatile <> 'v' LOOP
         EXECUTE format('GRANT EXECUTE ON FUNCTION %s TO conflictdb_reader', v_routine);
     END LOOP;
     -- EXECUTE on a trigger function would let a role use it on its own tables, and make it act as its owner on
@@ -25,7 +26,7 @@ BEGIN
     -- (41_attached_changes.sql).
     FOR v_routine IN
         SELECT p.oid FROM pg_catalog.pg_proc p
-        WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.prorettype = 'trigger'::regtype
+        WHERE p.pronamespace = 'conflictdb_internal'::regnamespace AND p.prorettype = 'trigger'::regtype
               AND p.proname !~ '^_note_[0-9]+$' LOOP
         EXECUTE format('REVOKE ALL ON FUNCTION %s FROM conflictdb_worker', v_routine);
     END LOOP;
@@ -36,9 +37,9 @@ $$;
 -- calls _scene_holders.
 GRANT EXECUTE ON FUNCTION wait_until_current, _scene_holders TO conflictdb_reader;
 
--- Readers may send probes; only the asking role and workers see them (79_probes.sql).
-GRANT EXECUTE ON FUNCTION request_probe, request_track_probe, wait_for_probe, _prune_probes, _notify, _wake_workers
-    TO conflictdb_reader;
+-- Readers may ask workers; only the asking role and workers see what (79_probes.sql).
+GRANT EXECUTE ON FUNCTION request_probe, request_track_probe, wait_for_probe, request_delays, wait_for_delays,
+    _await_answer, _prune_probes, _notify, _wake_workers TO conflictdb_reader;
 
 -- Roles also need the schema of PostGIS. If the installing role may not grant it, conflictdb.db.schema.missing_grants
 -- reports that. In an extension script the grant would make all grants on that schema part of the extension, which

@@ -6,11 +6,11 @@
 
 DO $$
 DECLARE
-    c_readable CONSTANT text := 'scene_id IN (SELECT conflictdb._readable_scenes())';
-    c_writable CONSTANT text := 'scene_id IN (SELECT conflictdb._writable_scenes())';
-    c_owned CONSTANT text := 'scene_id IN (SELECT conflictdb._own_scenes())';
+    c_readable CONSTANT text := 'scene_id IN (SELECT conflictdb_internal._readable_scenes())';
+    c_writable CONSTANT text := 'scene_id IN (SELECT conflictdb_internal._writable_scenes())';
+    c_owned CONSTANT text := 'scene_id IN (SELECT conflictdb_internal._own_scenes())';
     -- A scene inserted by the same statement is not visible to the functions yet.
-    c_mine CONSTANT text := '%s IN (SELECT conflictdb._my_roles())';
+    c_mine CONSTANT text := '%s IN (SELECT conflictdb_internal._my_roles())';
     c_attached CONSTANT text := 'attachment_id IN (SELECT a.attachment_id FROM conflictdb.attachment a WHERE %s)';
     v_table regclass;
     v_readable text;
@@ -19,7 +19,7 @@ DECLARE
     v_addable text;
     v_one record;
 BEGIN
-    FOR v_table IN SELECT t FROM conflictdb._protected_tables() t
+    FOR v_table IN SELECT t FROM conflictdb_internal._protected_tables() t
                    UNION ALL SELECT 'conflictdb.scene_share'::regclass LOOP
         v_readable := CASE v_table::text
             WHEN 'scene' THEN format(c_mine, 'owner') || ' OR ' || c_readable

@@ -3,7 +3,8 @@
 DO $$
 DECLARE
     v_routines text := (SELECT string_agg(p.oid::regprocedure::text, ', ') FROM pg_catalog.pg_proc p
-                        WHERE p.pronamespace = 'conflictdb'::regnamespace AND starts_with(p.proname, '_retired_'));
+                        WHERE p.pronamespace IN ('conflictdb'::regnamespace, 'conflictdb_internal'::regnamespace)
+                              AND starts_with(p.proname, '_retired_'));
 BEGIN
     IF v_routines IS NOT NULL THEN
         EXECUTE 'DROP FUNCTION ' || v_routines;

@@ -11,6 +11,7 @@ from typing import Any
 
 import psycopg
 import pytest
+from commands import Run, runner
 from databases import TestServer, clean_up, run_home, test_server
 
 from conflictdb.db import schema
@@ -128,6 +129,12 @@ def conn(dsn: str) -> Iterator[psycopg.Connection[Any]]:
     """Return a connection to a fresh database with the schema, in time zone UTC."""
     with psycopg.connect(dsn, options="-c timezone=UTC") as connection:
         yield connection
+
+
+@pytest.fixture
+def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Return a function that runs a command on a fresh database with the schema."""
+    return runner(dsn, capsys)
 
 
 def _worker_input(config: pytest.Config) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.arrays.ragged import ragged_rows
+from conflictdb.model.plans import MINUS_INFINITY_US
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +53,12 @@ class Contacts:
         columns = [np.concatenate([getattr(batch, column.name) for batch in batches]) for column in fields(cls)]
         order = np.lexsort((columns[1], columns[0]))
         return cls(*(column[order] for column in columns))
+
+
+# Kinds (n,) int8, ids and versions (n,) int64 of objects.
+Members = tuple[NDArray[np.int8], NDArray[np.int64], NDArray[np.int64]]
+# Ends (p, 2) and offsets (n + 1,), as in `Conflicts`.
+Periods = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def _unknown(rows: NDArray[np.int64]) -> Polygons:
@@ -99,6 +106,23 @@ class Conflicts:
 
     def __len__(self) -> int:
         return len(self.a_id)
+
+    @classmethod
+    def of_members(cls, a: Members, b: Members, periods: Periods, verdict: NDArray[np.int8], **measured: Any) -> Self:
+        """Return conflicts of objects a and b; columns of `measured` that are absent are not computed."""
+        n = len(verdict)
+        nothing, nowhere = np.full(n, np.nan), np.full((n, 2), np.nan)
+        unknown: dict[str, Any] = {
+            "first_contact_deg": nowhere,
+            "time_error_s": np.zeros(n),
+            "closest_us": np.full(n, MINUS_INFINITY_US),
+            "closest_m": nothing,
+            "closest_error_m": nothing,
+            "closest_a_deg": nowhere,
+            "closest_b_deg": nowhere,
+        }
+        (a_kind, a_id, a_version), (b_kind, b_id, b_version) = a, b
+        return cls(a_kind, a_id, a_version, b_kind, b_id, b_version, *periods, verdict, **unknown | measured)
 
     def take(self, rows: NDArray[np.int64]) -> "Conflicts":
         """Return some of the rows (k,), without `where`."""

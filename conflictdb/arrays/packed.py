@@ -9,7 +9,7 @@ A piece is a sequence of eight-byte words, little-endian, integers or doubles, w
 """
 
 import sys
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,9 @@ PART: Final = 2
 TURN: Final = 3
 _HEAD: Final = 20
 _INTEGERS: Final = {
-    "kind": 0, "version": 1, "part": 2, "turn": 3, "start_us": 4, "end_us": 5, "end_inclusive": 6, "leg_start_us": 9,
-    "leg_end_us": 10, "object_id": 19,
+    "kind": (0, np.int8), "version": (1, np.int64), "part": (PART, np.int32), "turn": (TURN, np.int16),
+    "start_us": (4, np.int64), "end_us": (5, np.int64), "end_inclusive": (6, np.bool_), "leg_start_us": (9, np.int64),
+    "leg_end_us": (10, np.int64), "object_id": (19, np.int64),
 }  # fmt: skip
 _DOUBLES: Final = {"floor_m": 7, "ceiling_m": 8, "bearing_deg": 15}
 _PLACES: Final = {"leg_start_deg": 11, "leg_end_deg": 13}
@@ -36,13 +37,13 @@ Words = NDArray[np.int64]
 def packed(pieces: Pieces) -> tuple[Words, NDArray[np.int64]]:
     """Return pieces as words (w,), and the offset of each piece's words (n + 1,)."""
     n = len(pieces)
-    changed = _changed(pieces)
+    changed = pieces.changed()
     hull, shape = np.diff(pieces.hull_offset), np.diff(pieces.shape_offset)
     offset = offsets(_HEAD + 2 * hull + 2 * shape * (1 + changed))
     words = np.empty(offset[-1], np.int64)
     doubles = words.view(np.float64)
     begin = offset[:-1]
-    for name, at in _INTEGERS.items():
+    for name, (at, _) in _INTEGERS.items():
         words[begin + at] = getattr(pieces, name)
     for name, at in _DOUBLES.items():
         doubles[begin + at] = getattr(pieces, name)
@@ -74,28 +75,17 @@ def unpacked(words: Words, begin: NDArray[np.int64]) -> Pieces:
     shape, shape_xy = _ring(doubles, at_shape, count)
     changes = words[begin + _CHANGES] != 0
     shape_to_xy = _ring(doubles, at_shape + 2 * count * changes, count)[1] if changes.any() else shape_xy
+    columns: dict[str, Any] = {name: words[begin + at].astype(of) for name, (at, of) in _INTEGERS.items()}
+    columns |= {name: doubles[begin + at] for name, at in _DOUBLES.items()}
+    columns |= {name: np.stack([doubles[begin + at], doubles[begin + at + 1]], axis=1) for name, at in _PLACES.items()}
     return Pieces(
         piece_id=np.full(len(begin), -1, np.int64),
-        kind=words[begin].astype(np.int8),
-        object_id=words[begin + 19],
-        version=words[begin + 1],
-        part=words[begin + 2].astype(np.int32),
-        turn=words[begin + 3].astype(np.int16),
-        start_us=words[begin + 4],
-        end_us=words[begin + 5],
-        end_inclusive=words[begin + 6] != 0,
-        floor_m=doubles[begin + 7],
-        ceiling_m=doubles[begin + 8],
         hull_xy=hull_xy,
         hull_offset=hull,
         shape_xy=shape_xy,
         shape_to_xy=shape_to_xy,
         shape_offset=shape,
-        leg_start_us=words[begin + 9],
-        leg_end_us=words[begin + 10],
-        leg_start_deg=np.stack([doubles[begin + 11], doubles[begin + 12]], axis=1),
-        leg_end_deg=np.stack([doubles[begin + 13], doubles[begin + 14]], axis=1),
-        bearing_deg=doubles[begin + 15],
+        **columns,
     )
 
 
@@ -120,15 +110,6 @@ def begins_in(words: Words, begin: NDArray[np.int64], end: NDArray[np.int64]) ->
     order = np.argsort(runs, kind="stable")
     begins = np.concatenate([np.empty(0, np.int64), *found])[order]
     return begins, offsets(np.bincount(runs, minlength=len(begin)))
-
-
-def _changed(pieces: Pieces) -> NDArray[np.int64]:
-    """Return (n,) 1 if the shape of a piece differs at the end of its leg, else 0."""
-    changed = np.zeros(len(pieces), np.int64)
-    if pieces.changes:
-        differs = (pieces.shape_to_xy != pieces.shape_xy).any(axis=1)
-        changed[np.repeat(np.arange(len(pieces)), np.diff(pieces.shape_offset))[differs]] = 1
-    return changed
 
 
 def _places(begin: NDArray[np.int64], offset: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -70,6 +70,14 @@ class Pieces:
         """Whether any haven has a different outline at the end of its leg."""
         return self.shape_to_xy is not self.shape_xy
 
+    def changed(self) -> NDArray[np.bool_]:
+        """Return (n,) whether the shape of a piece differs at the end of its leg."""
+        found = np.zeros(len(self), np.bool_)
+        if self.changes:
+            differs = (self.shape_to_xy != self.shape_xy).any(axis=1)
+            found[np.repeat(np.arange(len(self)), np.diff(self.shape_offset))[differs]] = True
+        return found
+
     def shared_span(self, a: PieceRows, b: PieceRows) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return (start_us, end_us) of the shared time of pieces a and b, (n,) each; unbounded where both are."""
         return np.maximum(self.start_us[a], self.start_us[b]), np.minimum(self.end_us[a], self.end_us[b])

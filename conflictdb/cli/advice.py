@@ -8,9 +8,8 @@ from typing import Any
 from conflictdb.advice.advise import Advice
 from conflictdb.advice.estimates import Count, Share, duration
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.output import data, out, table
+from conflictdb.cli.output import out, print_json, table
 from conflictdb.cli.session import database
-from conflictdb.formats.json_text import dumped
 
 
 def advise(args: argparse.Namespace) -> int:
@@ -18,7 +17,7 @@ def advise(args: argparse.Namespace) -> int:
     with database(args) as db:
         advice = db.scene(args.scene).advise(sample=args.sample, seed=args.seed)
     if args.format == "json":
-        data([dumped(_finite(asdict(advice)), indent=2), "\n"], is_json=True)
+        print_json(_finite(asdict(advice)))
     else:
         out(advice_text(advice))
     return DONE

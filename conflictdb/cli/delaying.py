@@ -5,9 +5,8 @@ import math
 from collections.abc import Sequence
 
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.output import data, out, table
+from conflictdb.cli.output import out, print_json, table
 from conflictdb.cli.session import database
-from conflictdb.formats.json_text import dumped
 from conflictdb.model.results import Delays, Forbidden
 
 
@@ -16,7 +15,7 @@ def delays(args: argparse.Namespace) -> int:
     with database(args) as db:
         found = db.scene(args.scene).delays(args.key, args.within)
     if args.format == "json":
-        data([dumped([one.as_json() for one in found], indent=2), "\n"], is_json=True)
+        print_json([one.as_json() for one in found])
     else:
         out(delays_text(found, args.within) if found else "no tracks")
         if args.key is not None and found[0].forbidden:

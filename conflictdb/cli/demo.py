@@ -19,7 +19,10 @@ _BELOW: Final = ("SUB-1", "SUB-2")
 
 
 def demo(args: argparse.Namespace) -> int:
-    """Load the scene, detect it completely, and show the conflicts and the stages."""
+    """Load the scene, detect it completely, and show the conflicts and the stages, after how to load a file."""
+    # A database from the environment need not be named, and its password must not be printed.
+    given = args.dsn and args.dsn != os.environ.get("CONFLICTDB_DSN")
+    command = f"{program()} --dsn {shlex.quote(args.dsn)}" if given else program()
     with database(args) as db:
         db.load_demo()
         with shown_phases() as phase:
@@ -27,11 +30,12 @@ def demo(args: argparse.Namespace) -> int:
         found = db.scene(DEMO_SCENE).conflicts()
         args.scene = DEMO_SCENE  # the last one used
         (state,) = (scene for scene in db.scenes() if scene.scene.name == DEMO_SCENE)
-    out(f"A strait on 1 June 2026: {state.areas} closed areas, {state.tracks} moving havens.")
-    out()
-    out(funnel_table(run))
+    out(f"Your own plans: {command} detect my.geojson (or positions in .csv, GPX, KML, GeoPackage, GeoParquet)")
+    out(f"Here, a strait on 1 June 2026: {state.areas} closed areas, {state.tracks} moving havens.")
     out()
     show_table(conflict_table(found))
+    out()
+    out(funnel_table(run))
     out()
     pairs = {(conflict.a_key, conflict.b_key) for conflict in found}
     if _FALSE_ALARM not in pairs:
@@ -39,13 +43,10 @@ def demo(args: argparse.Namespace) -> int:
     if _BELOW not in pairs:
         out("SUB-1 and SUB-2 cross, but one passes below the other: the first stage told them apart.")
     out()
-    # A database from the environment need not be named, and its password must not be printed.
-    given = args.dsn and args.dsn != os.environ.get("CONFLICTDB_DSN")
-    command = f"{program()} --dsn {shlex.quote(args.dsn)}" if given else program()
     out("Try next:")
     out(f"  {command} conflicts --scene {DEMO_SCENE} --format geojson > conflicts.geojson   # for a map")
-    out(f"  {command} export --scene {DEMO_SCENE} my.geojson   # change it, then:")
-    out(f"  {command} detect my.geojson")
+    out(f"  {command} export --scene {DEMO_SCENE} {DEMO_SCENE}.geojson   # change it, then:")
+    out(f"  {command} detect {DEMO_SCENE}.geojson")
     out(f"  {command} status")
     out(f"  {command} psql   # the view conflictdb.conflicts, and what else SQL can ask")
     out(f"  {command} map   # the scene in your browser, with time")

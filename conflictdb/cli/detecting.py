@@ -4,6 +4,7 @@ import argparse
 import json
 from datetime import UTC
 from itertools import chain
+from typing import Final
 
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE, LEFT_OUT
 from conflictdb.cli.load_report import (
@@ -20,26 +21,17 @@ from conflictdb.cli.load_report import (
 from conflictdb.cli.meter import shown_phases
 from conflictdb.cli.output import data, note, out, remark, show_table
 from conflictdb.cli.parser import check, resolve_times
-from conflictdb.cli.session import database, load_files
+from conflictdb.cli.session import database, load_files, wait
 from conflictdb.model.settings import STORED_BY_DETECT, given
-from conflictdb.session.database import Database
+
+# Options that need files.
+_FOR_FILES: Final = ("replace", "max_speed_kn", "layer", "skip_invalid", "max_file_mb", "haven", "time_zone", "map")
 
 
 def detect(args: argparse.Namespace) -> int:
     """Load files, detect, and print the conflicts."""
-    check(
-        args,
-        [
-            (args.replace and not args.files, "--replace is for files"),
-            (args.max_speed_kn is not None and not args.files, "--max-speed-kn is for files"),
-            (args.layer is not None and not args.files, "--layer is for files"),
-            (args.skip_invalid and not args.files, "--skip-invalid is for files"),
-            (args.max_file_mb is not None and not args.files, "--max-file-mb is for files"),
-            (args.haven is not None and not args.files, "--haven is for files"),
-            (args.time_zone is not None and not args.files, "--time-zone is for files"),
-            (args.map is not None and not args.files, "--map is for files"),
-        ],
-    )
+    given_for_files = [one for one in _FOR_FILES if getattr(args, one) not in (None, False)]
+    check(args, [(not args.files, f"--{one.replace('_', '-')} is for files") for one in given_for_files])
     args.needs_scene = not args.files
     with database(args) as db:
         scenes = [args.scene]
@@ -98,7 +90,7 @@ def conflicts(args: argparse.Namespace) -> int:
             print_conflicts(db.scene(args.scene).conflicts_known_at(args.known_at), [], args.format, shown=shown)
         return DONE
     with database(args) as db:
-        _wait(db, args)
+        wait(db, args)
         found = db.scene(args.scene).stream_conflicts(args.at, with_region=_wants_region(args), **which)
         require_current(args, found.state)
         print_conflicts(found, [found.state], args.format, shown=shown)
@@ -108,7 +100,7 @@ def conflicts(args: argparse.Namespace) -> int:
 def approaches(args: argparse.Namespace) -> int:
     """Print the known closest approaches."""
     with database(args) as db:
-        _wait(db, args)
+        wait(db, args)
         found = db.scene(args.scene).stream_approaches()
         require_current(args, found.state)
         print_approaches(found, [found.state], args.format)
@@ -118,7 +110,7 @@ def approaches(args: argparse.Namespace) -> int:
 def explain(args: argparse.Namespace) -> int:
     """Print why two objects are in conflict or not."""
     with database(args) as db:
-        _wait(db, args)
+        wait(db, args)
         require_current(args, db.scene(args.scene).state())
         found = db.scene(args.scene).explain(*args.keys)
     if args.format == "json":
@@ -126,11 +118,6 @@ def explain(args: argparse.Namespace) -> int:
     else:
         out(found.text)
     return DONE
-
-
-def _wait(db: Database, args: argparse.Namespace) -> None:
-    if args.wait is not None:
-        db.scene(args.scene).wait_until_current(args.wait)
 
 
 def _wants_region(args: argparse.Namespace) -> bool:

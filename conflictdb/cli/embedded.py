@@ -17,40 +17,31 @@ from conflictdb.session.database import connect
 
 def server(args: argparse.Namespace) -> int:
     """Start, stop or show the embedded database."""
-    actions = {"start": _start, "stop": _stop, "status": _show, "dsn": _dsn}
-    return actions[args.action]()
-
-
-def _start() -> int:
-    return _describe(embedded.start_holder(say=note))
-
-
-def _stop() -> int:
-    return _describe(embedded.stop_holder(say=note))
-
-
-def _show() -> int:
-    return _describe(embedded.status())
-
-
-def _dsn() -> int:
-    with embedded.embedded(say=note) as running:
-        if not running.status().held:
-            remark("it stops when this command ends: `conflictdb server start` keeps it running")
-        out(running.dsn)
+    if args.action == "dsn":
+        with embedded.embedded(say=note) as running:
+            if not running.status().held:
+                remark("it stops when this command ends: `conflictdb server start` keeps it running")
+            out(running.dsn)
+        return DONE
+    if args.action == "start":
+        state = embedded.start_holder(say=note)
+    elif args.action == "stop":
+        state = embedded.stop_holder(say=note)
+    else:
+        state = embedded.status()
+    _describe(state)
     return DONE
 
 
-def _describe(state: embedded.ServerStatus) -> int:
+def _describe(state: embedded.ServerStatus) -> None:
     if not state.running:
         out(f"stopped; its home is {state.home}")
-        return DONE
+        return
     stays = as_called("stays until `conflictdb server stop`") if state.held else "stops when its last user has gone"
     out(f"running, {stays}")
     out(f"server  {state.description}")
     out(f"home    {state.home}")
     out(f"dsn     {state.dsn}")
-    return DONE
 
 
 def psql(args: argparse.Namespace) -> int:
@@ -66,7 +57,7 @@ def psql(args: argparse.Namespace) -> int:
         dsn, found = running.dsn, embedded.find_psql(running)
         running.stay_through_exec()
     if found is not None:
-        _become(found, dsn, args.arguments)
+        _exec_psql(found, dsn, args.arguments)
     remark(
         "there is no psql on this machine (Debian, Ubuntu: sudo apt-get install postgresql-client);"
         " any other client takes what `conflictdb server dsn` prints"
@@ -74,12 +65,13 @@ def psql(args: argparse.Namespace) -> int:
     return FAILED
 
 
-def _become(psql: embedded.Psql, dsn: str, arguments: Sequence[str]) -> NoReturn:
+def _exec_psql(psql: embedded.Psql, dsn: str, arguments: Sequence[str]) -> NoReturn:
     with store.translated():
         parts = conninfo.conninfo_to_dict(dsn)
     if any(argument.startswith(("-U", "--username")) for argument in arguments):
         del parts["user"]  # a user in the DSN would override it
     password = parts.pop("password", None)  # arguments are visible to all users of a machine
     environ = {**os.environ, **psql.environ, **({"PGPASSWORD": str(password)} if password else {})}
-    command = ["psql", "--dbname", conninfo.make_conninfo("", **parts), *arguments]
+    # The CONTEXT of an error is the source of conflictdb's routines.
+    command = ["psql", "--set=SHOW_CONTEXT=never", "--dbname", conninfo.make_conninfo("", **parts), *arguments]
     os.execve(psql.path, command, environ)  # noqa: S606 (a shell would not help)

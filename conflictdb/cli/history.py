@@ -1,14 +1,13 @@
 """`history` and `acknowledge`."""
 
 import argparse
-import json
 from dataclasses import fields
 from datetime import datetime
 from typing import Any
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import moment_text
-from conflictdb.cli.output import data, out, table
+from conflictdb.cli.output import out, print_json, table
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.formats.instants import format_moment
@@ -21,7 +20,7 @@ def history(args: argparse.Namespace) -> int:
     with database(args) as db:
         found = db.scene(args.scene).conflict_events(*args.keys, after=args.after)
     if args.format == "json":
-        data([json.dumps([_facts(event) for event in found], indent=2), "\n"], is_json=True)
+        print_json([_facts(event) for event in found])
     else:
         out(_table(found) if found else "no events")
     return DONE

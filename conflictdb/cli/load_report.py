@@ -3,17 +3,19 @@
 import argparse
 import shlex
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, tzinfo
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.cli.codes import DONE, NOT_CURRENT
 from conflictdb.cli.output import as_called, binary, coloured, data, out, remark, show_table, table
 from conflictdb.errors import MOST_TOLD, NotCurrent
-from conflictdb.formats import Skipped, conflict_text
-from conflictdb.formats.conflict_gpx import as_gpx, position_of
-from conflictdb.formats.conflict_ics import as_ics
+from conflictdb.formats import Skipped
+from conflictdb.formats.conflict_gpx import position_of
+from conflictdb.formats.conflict_text import MoreColumn
+from conflictdb.formats.contents import Remark
+from conflictdb.formats.writing import lines_of, write_geoparquet
 from conflictdb.model.results import Approach, Conflict, SceneState
 from conflictdb.session.loading import Loaded
 
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from conflictdb.db.store import SceneStatus
 
 _SECOND = timedelta(seconds=1)
+_NAME: Final = 24  # characters of a name in a table; the other formats have all
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +61,7 @@ def print_conflicts(
     conflicts: Iterable[Conflict],
     states: Sequence[SceneState],
     form: str,
-    more: Sequence[conflict_text.MoreColumn] = (),
+    more: Sequence[MoreColumn] = (),
     *,
     shown: Shown = _PLAIN,
 ) -> None:
@@ -67,35 +70,29 @@ def print_conflicts(
     All formats but the table, which needs its column widths, are printed as a stream.
     """
     remark_incomplete(states)
-    if form == "table":
-        complete = all(state.is_current for state in states)
-        rows = list(conflicts)
-        if rows:
-            show_table(conflict_table(rows, more, shown=shown))
-        else:
-            out("no conflicts" if complete else "no conflict is known")
-        return
     if form == "geoparquet":
-        from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
-        from conflictdb.formats.parquet_writing import write_conflicts  # needs pyarrow
-
         with binary() as stream:
-            write_conflicts(stream, conflicts)
-        return
-    _write(conflicts, states, form, conflict_text.COLUMNS, more)
+            write_geoparquet(stream, conflicts)
+    elif form != "table":
+        left_out: list[Conflict] = []
+        data(lines_of(conflicts, form, Conflict, states, more, left_out.append), is_json=form in ("json", "geojson"))
+        if left_out:
+            remark(f"left out {len(left_out)}: {'no position' if form == 'gpx' else 'no start or no end'}")
+    elif rows := list(conflicts):
+        show_table(conflict_table(rows, more, shown=shown))
+    else:
+        out("no conflicts" if all(state.is_current for state in states) else "no conflict is known")
 
 
 def print_approaches(approaches: Iterable[Approach], states: Sequence[SceneState], form: str) -> None:
     """Print closest approaches as `print_conflicts` prints conflicts."""
     remark_incomplete(states)
-    if form == "table":
-        rows = list(approaches)
-        if rows:
-            show_table(approach_table(rows))
-        else:
-            out("no closest approach is known")
-        return
-    _write(approaches, states, form, conflict_text.APPROACH_COLUMNS)
+    if form != "table":
+        data(lines_of(approaches, form, Approach, states), is_json=form != "csv")
+    elif rows := list(approaches):
+        show_table(approach_table(rows))
+    else:
+        out("no closest approach is known")
 
 
 def remark_incomplete(states: Iterable[SceneState]) -> None:
@@ -120,64 +117,76 @@ def _incomplete(state: SceneState) -> str:
     return f"not complete: {state.remark} (`conflictdb detect --scene {shlex.quote(state.scene)}` does it)"
 
 
-def _write(
-    pairs: Iterable[Conflict | Approach],
-    states: Sequence[SceneState],
-    form: str,
-    columns: Sequence[str],
-    more: Sequence[conflict_text.MoreColumn] = (),
-) -> None:
-    left_out: list[Conflict] = []
-    if form in ("gpx", "ics"):
-        as_lines = as_gpx if form == "gpx" else as_ics
-        lines = as_lines(cast("Iterable[Conflict]", pairs), left_out.append)
-    elif form == "csv":
-        lines = conflict_text.as_csv(pairs, columns, more)
-    elif form == "geojson":
-        lines = conflict_text.as_geojson(pairs, states, more)
-    else:
-        lines = conflict_text.as_json(pairs, more)
-    data(lines, is_json=form not in ("csv", "gpx", "ics"))
-    if left_out:
-        remark(f"left out {len(left_out)}: {'no position' if form == 'gpx' else 'no start or no end'}")
+# A column of a table of pairs: its header, and the cell of a pair.
+_Column = tuple[str, Callable[[Any], object]]
 
 
-def conflict_table(
-    conflicts: Sequence[Conflict], more: Sequence[conflict_text.MoreColumn] = (), *, shown: Shown = _PLAIN
-) -> str:
+def conflict_table(conflicts: Sequence[Conflict], more: Sequence[MoreColumn] = (), *, shown: Shown = _PLAIN) -> str:
     """Return a table of conflicts, one line per pair, times rounded outward to the second."""
-    several = len({conflict.scene for conflict in conflicts}) > 1
-    header = ["A", "B", "VERDICT", shown.header("FIRST CONTACT"), shown.header("LAST CONTACT"), "PERIODS"]
-    rows: list[list[object]] = [
-        [
-            conflict.a_key,
-            conflict.b_key,
-            _verdict_text(conflict),
-            shown.moment(conflict.first_contact, up=False),
-            shown.moment(conflict.last_contact, up=True),
-            len(conflict.periods),
-        ]
-        for conflict in conflicts
+    columns: list[_Column] = [
+        *_PAIR,
+        (shown.header("FIRST CONTACT"), lambda one: shown.moment(one.first_contact, up=False)),
+        (shown.header("LAST CONTACT"), lambda one: shown.moment(one.last_contact, up=True)),
+        ("PERIODS", lambda one: len(one.periods)),
     ]
     if "position" in shown.more:
-        header += ["LATITUDE", "LONGITUDE"]
-        for row, conflict in zip(rows, conflicts, strict=True):
-            lon_deg, lat_deg = position_of(conflict) or (None, None)
-            row += [None if one is None else f"{one:.6f}" for one in (lat_deg, lon_deg)]
+        columns += [("LATITUDE", lambda one: _degrees(one, 1)), ("LONGITUDE", lambda one: _degrees(one, 0))]
     if "acknowledged" in shown.more:
-        header += ["ACKNOWLEDGED BY", shown.header("AT"), shown.header("UNTIL"), "REASON"]
-        for row, conflict in zip(rows, conflicts, strict=True):
-            if conflict.acknowledged_by is None:
-                row += [None] * 4
-                continue
-            at, until = (shown.moment(one, up=False) for one in (conflict.acknowledged_at, conflict.acknowledged_until))
-            row += [conflict.acknowledged_by, at, until, conflict.acknowledged_for]
-    _add_columns(header, rows, conflicts, more)
-    if several:
-        header.insert(0, "SCENE")
-        for row, conflict in zip(rows, conflicts, strict=True):
-            row.insert(0, conflict.scene)
-    return table(header, rows, right=["PERIODS", "LATITUDE", "LONGITUDE"])
+        columns += [
+            ("ACKNOWLEDGED BY", lambda one: one.acknowledged_by),
+            (shown.header("AT"), lambda one: one.acknowledged_by and shown.moment(one.acknowledged_at, up=False)),
+            (shown.header("UNTIL"), lambda one: one.acknowledged_by and shown.moment(one.acknowledged_until, up=False)),
+            ("REASON", lambda one: one.acknowledged_for),
+        ]
+    return _pair_table(conflicts, columns, more, right=["PERIODS", "LATITUDE", "LONGITUDE"])
+
+
+def approach_table(approaches: Sequence[Approach | Conflict], more: Sequence[MoreColumn] = ()) -> str:
+    """Return a table of closest approaches, one line per pair, times in UTC to the second."""
+    columns: list[_Column] = [
+        *_PAIR,
+        ("CLOSEST (UTC)", lambda one: moment_text(one.closest_at, up=False)),
+        ("METRES", lambda one: None if one.closest_m is None else f"{one.closest_m:.1f}"),
+    ]
+    return _pair_table(approaches, columns, more, right=["METRES"])
+
+
+def _pair_table(
+    pairs: Sequence[Approach | Conflict], columns: list[_Column], more: Sequence[MoreColumn], right: Sequence[str]
+) -> str:
+    """Return a table with further columns before its own, before these the scene if there are several, names last."""
+    columns = [*((one.name.upper(), one.text) for one in more), *columns]
+    if len({pair.scene for pair in pairs}) > 1:
+        columns.insert(0, ("SCENE", lambda one: one.scene))
+    names = _NAMES if any(pair.a_name or pair.b_name for pair in pairs) else []
+    columns += names
+    extra = [name for name, _ in names]
+    return table(
+        [name for name, _ in columns], [[cell(pair) for _, cell in columns] for pair in pairs], right, extra=extra
+    )
+
+
+def _shortened(name: str | None) -> str | None:
+    return name if name is None or len(name) <= _NAME else f"{name[: _NAME - 1]}…"
+
+
+def _verdict_text(pair: Conflict | Approach) -> str:
+    marks = ["outdated"] if pair.is_current is False else []
+    if isinstance(pair, Conflict) and pair.acknowledged_by is not None:
+        marks.append("acknowledged")
+    return coloured(pair.verdict, f"{pair.verdict} ({', '.join(marks)})" if marks else str(pair.verdict))
+
+
+_PAIR: Final[list[_Column]] = [("A", lambda one: one.a_key), ("B", lambda one: one.b_key), ("VERDICT", _verdict_text)]
+_NAMES: Final[list[_Column]] = [
+    ("A NAME", lambda one: _shortened(one.a_name)),
+    ("B NAME", lambda one: _shortened(one.b_name)),
+]
+
+
+def _degrees(conflict: Conflict, axis: int) -> str | None:
+    position = position_of(conflict)
+    return None if position is None else f"{position[axis]:.6f}"
 
 
 def scene_table(scenes: Sequence["SceneStatus"]) -> str:
@@ -199,47 +208,6 @@ def _result(scene: "SceneStatus") -> str:
     if scene.run_id is None:
         return "never detected"
     return f"failed: {scene.error}" if scene.error else "done"
-
-
-def _add_columns(
-    header: list[str],
-    rows: list[list[Any]],
-    conflicts: Sequence[Any],
-    more: Sequence[conflict_text.MoreColumn],
-) -> None:
-    """Insert further columns before those of a table."""
-    header[:0] = [column.name.upper() for column in more]
-    for row, conflict in zip(rows, conflicts, strict=True):
-        row[:0] = [column.text(conflict) for column in more]
-
-
-def approach_table(approaches: Sequence[Approach | Conflict], more: Sequence[conflict_text.MoreColumn] = ()) -> str:
-    """Return a table of closest approaches, one line per pair, times in UTC to the second."""
-    several = len({approach.scene for approach in approaches}) > 1
-    header = ["A", "B", "VERDICT", "CLOSEST (UTC)", "METRES"]
-    rows = [
-        [
-            approach.a_key,
-            approach.b_key,
-            _verdict_text(approach),
-            moment_text(approach.closest_at, up=False),
-            None if approach.closest_m is None else f"{approach.closest_m:.1f}",
-        ]
-        for approach in approaches
-    ]
-    _add_columns(header, rows, approaches, more)
-    if several:
-        header.insert(0, "SCENE")
-        for row, approach in zip(rows, approaches, strict=True):
-            row.insert(0, approach.scene)
-    return table(header, rows, right=["METRES"])
-
-
-def _verdict_text(pair: Conflict | Approach) -> str:
-    marks = ["outdated"] if pair.is_current is False else []
-    if isinstance(pair, Conflict) and pair.acknowledged_by is not None:
-        marks.append("acknowledged")
-    return coloured(pair.verdict, f"{pair.verdict} ({', '.join(marks)})" if marks else str(pair.verdict))
 
 
 def moment_text(moment: datetime | None, *, up: bool) -> str:
@@ -268,12 +236,17 @@ def loaded_text(loaded: Loaded) -> str:
 def remark_loaded(loaded: Iterable[Loaded]) -> None:
     """Print the objects left out of files with reasons, and remarks on unintended input."""
     for one in loaded:
-        for line in skipped_text(one.skipped):
-            remark(line)
-        for odd in one.remarks[:MOST_TOLD]:
-            remark(str(odd))
-        if len(one.remarks) > MOST_TOLD:
-            remark(f"and {len(one.remarks) - MOST_TOLD:,} more remarks")
+        remark_read(one.skipped, one.remarks)
+
+
+def remark_read(skipped: Iterable[Skipped], remarks: Sequence[Remark]) -> None:
+    """Print what was left out of files, and remarks on unintended input."""
+    for line in skipped_text(skipped):
+        remark(line)
+    for odd in remarks[:MOST_TOLD]:
+        remark(str(odd))
+    if len(remarks) > MOST_TOLD:
+        remark(f"and {len(remarks) - MOST_TOLD:,} more remarks")
 
 
 def skipped_text(skipped: Iterable[Skipped]) -> list[str]:

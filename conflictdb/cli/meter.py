@@ -9,17 +9,42 @@ from typing import Final
 
 from conflictdb.cli.output import progress
 
-_AFTER_S: Final = 2.0
-_EVERY_S: Final = 0.5
 # An estimate from less than this share of the work is a guess.
 _LEAST_SHARE: Final = 0.02
 
 
 @contextmanager
-def shown_phases(sizes: Mapping[str, int] | None = None) -> Iterator[Callable[[str, int, int], None]]:
+def shown(text: Callable[[], str], every_s: float) -> Iterator[None]:
+    """Show a text on one line of the terminal, again and again until the context ends; an empty one removes the line.
+
+    text : called by another thread
+    """
+    if not sys.stderr.isatty():
+        yield
+        return
+    ended = Event()
+
+    def show() -> None:
+        while not ended.wait(every_s):
+            progress(text())
+
+    thread = Thread(target=show, daemon=True, name="progress")
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        progress("")
+
+
+@contextmanager
+def shown_phases(
+    sizes: Mapping[str, int] | None = None, *, after_s: float = 2.0, every_s: float = 0.5
+) -> Iterator[Callable[[str, int, int], None]]:
     """Yield a function to call with the name of a phase, and the amounts done and to do; 0: see `sizes`, else unknown.
 
-    A phase that lasts longer than 2 s is shown, and again every half a second, until the context ends.
+    A phase that lasts longer than `after_s` is shown, and again every `every_s` seconds, until the context ends.
     """
     known = sizes or {}
     now = ("", 0, 0)
@@ -31,23 +56,12 @@ def shown_phases(sizes: Mapping[str, int] | None = None) -> Iterator[Callable[[s
             began_s = time.monotonic()
         now = (name, done, of or known.get(name, 0))
 
-    def show() -> None:
-        while not ended.wait(_EVERY_S):
-            elapsed_s = time.monotonic() - began_s
-            progress(phase_text(*now, elapsed_s) if now[0] and elapsed_s >= _AFTER_S else "")
+    def text() -> str:
+        elapsed_s = time.monotonic() - began_s
+        return phase_text(*now, elapsed_s) if now[0] and elapsed_s >= after_s else ""
 
-    ended = Event()
-    if not sys.stderr.isatty():
+    with shown(text, every_s):
         yield phase
-        return
-    showing = Thread(target=show, daemon=True, name="progress")
-    showing.start()
-    try:
-        yield phase
-    finally:
-        ended.set()
-        showing.join()
-        progress("")
 
 
 def phase_text(name: str, done: int, of: int, elapsed_s: float) -> str:

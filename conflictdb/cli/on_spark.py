@@ -11,12 +11,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import conflict_table
-from conflictdb.cli.output import note, out, progress, remark, show_table
+from conflictdb.cli.meter import shown
+from conflictdb.cli.output import note, out, remark, show_table
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.errors import ConflictDBError, StoreError
@@ -34,8 +34,6 @@ from conflictdb.spark import engine
 if TYPE_CHECKING:
     from pyspark.sql import DataFrame, SparkSession
 
-# Seconds between updates of Spark's progress.
-_EVERY_S: Final = 1.0
 _LEFT_OUT: Final = frozenset({"region", "a_id", "a_version", "b_id", "b_version"})
 
 
@@ -52,13 +50,13 @@ def detect(args: argparse.Namespace) -> int:
         from conflictdb.spark.files import write_conflicts, write_states
         from conflictdb.spark.on_cluster import detected
 
-        with _shown_progress(spark) as doing:
-            doing("cutting objects")
+        with _shown_progress(spark) as begin:
+            begin("cutting objects")
             memory_mb, partitions = args.memory_mb, args.partitions
             found = detected(spark, objects, scene, partitions=partitions, memory_mb=memory_mb, max_speed_kn=fastest_kn)
-            doing("joining and solving")
+            begin("joining and solving")
             write_conflicts(found.conflicts, args.output, overwrite=args.overwrite)
-            doing("counting")
+            begin("counting")
             pairs = spark.read.parquet(args.output).count()
             write_states(found.objects, scene, args.output, pairs)
         note(f"{scene.name}: {pairs:,} pairs in {args.output}")
@@ -118,29 +116,27 @@ def _settings_text(scene: Scene) -> str:
 
 
 @contextmanager
-def _shown_progress(spark: "SparkSession") -> Iterator[Callable[[str], None]]:
-    """Show Spark's finished tasks on a terminal every second; yields a function that sets the present activity."""
+def _shown_progress(spark: "SparkSession", every_s: float = 1.0) -> Iterator[Callable[[str], None]]:
+    """Show Spark's finished tasks on a terminal; yields a function that sets the present activity."""
     began_s = time.monotonic()
-    doing, ended = ["starting"], Event()
+    activity = "starting"
     tracker = spark.sparkContext.statusTracker()
 
-    def show() -> None:
-        while not ended.wait(_EVERY_S):
-            with suppress(Exception):  # Spark may be ending
-                stages = [tracker.getStageInfo(number) for number in tracker.getActiveStageIds()]
-                done = sum(one.numCompletedTasks for one in stages if one)
-                tasks = sum(one.numTasks for one in stages if one)
-                tasks_text = f", {done:,} of {tasks:,} tasks" if tasks else ""
-                progress(f"Spark: {doing[0]}{tasks_text}, {time.monotonic() - began_s:.0f} s")
+    def begin(text: str) -> None:
+        nonlocal activity
+        activity = text
 
-    watching = Thread(target=show, daemon=True, name="progress")
-    watching.start()
-    try:
-        yield lambda text: doing.__setitem__(0, text)
-    finally:
-        ended.set()
-        watching.join()
-        progress("")
+    def text() -> str:
+        stages = []
+        with suppress(Exception):  # Spark may be ending
+            stages = [tracker.getStageInfo(number) for number in tracker.getActiveStageIds()]
+        done = sum(one.numCompletedTasks for one in stages if one)
+        tasks = sum(one.numTasks for one in stages if one)
+        tasks_text = f", {done:,} of {tasks:,} tasks" if tasks else ""
+        return f"Spark: {activity}{tasks_text}, {time.monotonic() - began_s:.0f} s"
+
+    with shown(text, every_s):
+        yield begin
 
 
 def _require_here(spark: "SparkSession", scene: str) -> None:

@@ -1,36 +1,35 @@
-"""`worker`, `status`, `init` and `upgrade`."""
+"""`worker` and `status`."""
 
 import argparse
+import sys
 from contextlib import ExitStack, suppress
-from typing import Any
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
 
 from conflictdb.cli.codes import DONE, FAILED
-from conflictdb.cli.load_report import remark_incomplete, scene_table
-from conflictdb.cli.log import JSON_LOG, TEXT_LOG
-from conflictdb.cli.output import data, note, out, remark
+from conflictdb.cli.load_report import run_text, scene_table
+from conflictdb.cli.output import data, note, out, print_json, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import connections, database
 from conflictdb.cli.watch import Metrics, served
-from conflictdb.db import schema, store
+from conflictdb.db import store
 from conflictdb.formats.instants import format_moment
 from conflictdb.formats.json_text import dumped
-from conflictdb.session.database import Status, connect
+from conflictdb.session.database import Status
+
+if TYPE_CHECKING:
+    from conflictdb.db.detect import Run
 
 
 def work(args: argparse.Namespace) -> int:
     """Keep all scenes current."""
-    both = "exclude each other"
-    check(
-        args,
-        [
-            (args.once and args.every is not None, f"--once and --every {both}"),
-            (args.once and args.http is not None, f"--once and --http {both}"),
-        ],
-    )
+    other = "--every" if args.every is not None else "--http" if args.http is not None else None
+    check(args, [(args.once and other is not None, f"--once and {other} exclude each other")])
     # Imported here: it loads the solvers, which are slow to import.
     from conflictdb.db.worker import EVERY_S, Worker
 
-    log = JSON_LOG if args.log == "json" else TEXT_LOG
+    log = _Log(args.log == "json")
     with database(args), connections(args, store.worker_dsn) as connection, ExitStack() as serving:
         worker = Worker(
             connection, log.report, args.every or EVERY_S, args.jobs, args.lock_timeout, log.say, args.memory_mb
@@ -54,7 +53,7 @@ def status(args: argparse.Namespace) -> int:
     with database(args) as db:
         state = db.status()
     if args.format == "json":
-        data([dumped(_members(state), indent=2), "\n"], is_json=True)
+        print_json(_members(state))
         return DONE
     out(f"database  {state.database}")
     out(f"server    {state.server}")
@@ -66,43 +65,47 @@ def status(args: argparse.Namespace) -> int:
 
 
 def _members(state: Status) -> dict[str, Any]:
+    counts = ("areas", "tracks", "pending", "conflicts", "run_id")
     scenes = [
         {
             "name": scene.scene.name,
-            "areas": scene.areas,
-            "tracks": scene.tracks,
-            "pending": scene.pending,
-            "conflicts": scene.conflicts,
-            "run_id": scene.run_id,
+            **{name: getattr(scene, name) for name in counts},
             "finished_at": format_moment(scene.finished_at),
             "error": scene.error,
             "is_current": scene.is_current,
         }
         for scene in state.scenes
     ]
-    return {
-        "database": state.database,
-        "server": state.server,
-        "schema_revision": state.revision,
-        "worker_count": state.worker_count,
-        "scenes": scenes,
-    }
+    members = {"database": state.database, "server": state.server, "schema_revision": state.revision}
+    return {**members, "worker_count": state.worker_count, "scenes": scenes}
 
 
-def init(args: argparse.Namespace) -> int:
-    """Create the schema."""
-    return upgrade(args)
+@dataclass(frozen=True, slots=True)
+class _Log:
+    """The log of a worker: as text, with failures and remarks on stderr; as JSON, all on stdout."""
+
+    is_json: bool
+
+    def report(self, scene: str, outcome: "Run | Exception", waited_s: float) -> None:
+        """Log a detection or its failure; `waited_s` is the waiting time of its changes."""
+        if isinstance(outcome, Exception):
+            if self.is_json:
+                _print_event("failed", scene=scene, waited_s=waited_s, error=str(outcome))
+            else:
+                remark(f"{scene}: failed: {outcome}")
+        elif self.is_json:
+            _print_event("run", scene=scene, waited_s=waited_s, **asdict(outcome))
+        else:
+            out(run_text(scene, outcome), flush=True)
+
+    def say(self, text: str) -> None:
+        """Log a remark."""
+        if self.is_json:
+            _print_event("remark", text=text)
+        else:
+            remark(text)
 
 
-def upgrade(args: argparse.Namespace) -> int:
-    """Create the schema, or upgrade it to this program's revision."""
-    with connect(args.dsn, create=True, say=note) as db:
-        state = db.status()
-        missing = schema.missing_grants(db.connection)
-        waiting = [db.scene(one.scene.name).state() for one in state.scenes if not one.is_current]
-    if missing:
-        remark(f"the roles of conflictdb cannot read yet; let an administrator run: {missing}")
-    out(f"database {state.database}: schema conflictdb is at revision {state.revision}")
-    # An upgrade that changes answers marks every object.
-    remark_incomplete(waiting)
-    return DONE
+def _print_event(event: str, **members: object) -> None:
+    data([dumped({"at": format_moment(datetime.now(UTC)), "event": event, **members}), "\n"], is_json=True)
+    sys.stdout.flush()

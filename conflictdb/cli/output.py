@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import RLock
-from typing import IO, Final
+from typing import IO, Any, Final
 
 from conflictdb.errors import InvalidInput, printable
 
@@ -86,6 +86,13 @@ def data(lines: Iterable[str], *, is_json: bool) -> None:
     sys.stdout.writelines(printable(line, keep=_BREAK) if shows else line for line in lines)
 
 
+def print_json(value: Any) -> None:
+    """Print a value as JSON, indented."""
+    from conflictdb.formats.json_text import dumped  # imported here, so that help is fast
+
+    data([dumped(value, indent=2), "\n"], is_json=True)
+
+
 @contextmanager
 def binary() -> Iterator[IO[bytes]]:
     """Yield standard output for binary data; raises InvalidInput for a terminal."""
@@ -117,14 +124,22 @@ def progress(text: str) -> None:
             sys.stderr.flush()
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[object]], right: Sequence[str] = ()) -> str:
+def table(
+    header: Sequence[str], rows: Iterable[Sequence[object]], right: Sequence[str] = (), extra: Sequence[str] = ()
+) -> str:
     """Return rows under a header in aligned columns, without a final line break; columns in `right` end flush.
 
-    On a terminal, long cells of other columns are cut to fit its width.
+    On a terminal, long cells of other columns are cut to fit its width. The columns in `extra`, the last ones, are cut
+    first, and left out where there is no room for them.
     """
     cells = [list(header), *([_text(value) for value in row] for row in rows)]
     widths = [max(_width(row[i]) for row in cells) for i in range(len(header))]
     if sys.stdout.isatty():
+        if extra:
+            _fit(widths, [_LEAST_WIDTH if name in extra else widths[i] for i, name in enumerate(header)])
+            if _line(widths) > shutil.get_terminal_size().columns:
+                cells = [row[: -len(extra)] for row in cells]
+                header, widths = header[: -len(extra)], widths[: -len(extra)]
         _fit(widths, [_LEAST_WIDTH if name not in right else widths[i] for i, name in enumerate(header)])
     lines = []
     for row in cells:
@@ -139,11 +154,16 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]], right: Sequen
 def _fit(widths: list[int], least: Sequence[int]) -> None:
     """Narrow the widest columns, none below its least width, until a line fits the terminal, if it can."""
     most = shutil.get_terminal_size().columns
-    while sum(widths) + 2 * (len(widths) - 1) > most:
+    while _line(widths) > most:
         i = max(range(len(widths)), key=lambda k: widths[k] if widths[k] > least[k] else 0)
         if widths[i] <= least[i]:
             return
         widths[i] -= 1
+
+
+def _line(widths: Sequence[int]) -> int:
+    """Return the width of a line."""
+    return sum(widths) + 2 * (len(widths) - 1)
 
 
 def _cut(text: str, width: int) -> str:

@@ -1,7 +1,7 @@
 """Parse commands, and define options of several commands. Imports no library, so that help is fast."""
 
 import argparse
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from importlib import import_module
 from typing import Any, Final, NoReturn
@@ -28,6 +28,19 @@ from conflictdb.stages.memory import MEMORY_MB
 APPROACH_FORMATS: Final = ("table", "json", "csv", "geojson")
 FORMATS: Final = (*APPROACH_FORMATS, "gpx", "ics")
 _OF_ALL_COMMANDS: Final = ("--dsn", "--debug", "--version")
+# Options of several commands, for `add_options`: value, default, name of the value in help, help.
+_OPTIONS: Final[Mapping[str, tuple[Callable[[str], Any], object, str, str]]] = {
+    "--jobs": (count, None, "N", "threads (default: one per processor)"),
+    "--lock-timeout": (duration_s, None, "DURATION", "wait no longer for a lock (30s, 5m)"),
+    "--memory-mb": (memory_mb, MEMORY_MB, "N", f"memory limit, megabytes (default {MEMORY_MB})"),
+    "--tz": (zone, None, "ZONE", "time zone of input and table, Europe/Copenhagen"),
+    "--wait": (duration_s, None, "DURATION", "wait for a worker to detect changes, else exit with 7"),
+}
+_FLAGS: Final = {
+    "--fail-on-conflict": "exit with 10 if there are conflicts",
+    "--no-region": "leave out the regions",
+    "--require-current": "exit with 7 if changes wait for detection",
+}
 
 
 class Parser(argparse.ArgumentParser):
@@ -147,30 +160,14 @@ def add_settings(parser: argparse.ArgumentParser, settings: Iterable[Setting]) -
             parser.add_argument(one.option, type=value, metavar=metavar, help=one.help)
 
 
-def add_memory(parser: argparse.ArgumentParser) -> None:
-    """Add `--memory-mb`."""
-    parser.add_argument(
-        "--memory-mb",
-        type=memory_mb,
-        default=MEMORY_MB,
-        metavar="N",
-        help=f"memory limit, megabytes (default {MEMORY_MB})",
-    )
-
-
-def add_jobs(parser: Parser) -> None:
-    """Add `--jobs`."""
-    parser.add_argument("--jobs", type=count, metavar="N", help="threads (default: one per processor)")
-
-
-def add_fail_on_conflict(parser: Parser) -> None:
-    """Add `--fail-on-conflict`."""
-    parser.add_argument("--fail-on-conflict", action="store_true", help="exit with 10 if there are conflicts")
-
-
-def add_lock_timeout(parser: Parser, what: str = "wait no longer for a lock") -> None:
-    """Add `--lock-timeout`; `what` is its help text."""
-    parser.add_argument("--lock-timeout", type=duration_s, metavar="DURATION", help=f"{what} (30s, 5m)")
+def add_options(parser: argparse.ArgumentParser, *options: str) -> None:
+    """Add options that several commands have."""
+    for one in options:
+        if one in _FLAGS:
+            parser.add_argument(one, action="store_true", help=_FLAGS[one])
+        else:
+            value, default, metavar, text = _OPTIONS[one]
+            parser.add_argument(one, type=value, default=default, metavar=metavar, help=text)
 
 
 def add_loading(parser: Parser, *, is_shown: bool = True) -> None:
@@ -189,23 +186,6 @@ def add_loading(parser: Parser, *, is_shown: bool = True) -> None:
     add("--max-file-mb", "refuse larger files (default 64; GeoParquet 4000)", type=megabytes, metavar="MB")
 
 
-def add_wait(parser: Parser) -> None:
-    """Add `--wait`."""
-    parser.add_argument(
-        "--wait", type=duration_s, metavar="DURATION", help="wait for a worker to detect changes, else exit with 7"
-    )
-
-
-def add_require_current(parser: Parser) -> None:
-    """Add `--require-current`."""
-    parser.add_argument("--require-current", action="store_true", help="exit with 7 if changes wait for detection")
-
-
-def add_zone(parser: Parser) -> None:
-    """Add `--tz`."""
-    parser.add_argument("--tz", type=zone, metavar="ZONE", help="time zone of input and table, Europe/Copenhagen")
-
-
 def resolve_times(args: argparse.Namespace, *names: str) -> None:
     """Give the times of options their offsets; ends with a usage error where one is unknown."""
     for one in names:
@@ -218,12 +198,6 @@ def resolve_times(args: argparse.Namespace, *names: str) -> None:
 def add_format(parser: Parser, *formats: str) -> None:
     """Add `--format`; the first is the default."""
     parser.add_argument("--format", choices=formats, default=formats[0], help=f"default: {formats[0]}")
-
-
-def add_output(parser: Parser) -> None:
-    """Add the options of printing conflicts."""
-    add_format(parser, *FORMATS, "geoparquet")
-    parser.add_argument("--no-region", action="store_true", help="leave out the regions")
 
 
 def check(args: argparse.Namespace, rules: Sequence[tuple[bool, str]]) -> None:

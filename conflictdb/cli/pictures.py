@@ -1,11 +1,16 @@
-"""`plot` and `report`."""
+"""`map`, `plot` and `report`."""
 
 import argparse
+from contextlib import suppress
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import remark_incomplete, require_current
-from conflictdb.cli.output import note
-from conflictdb.cli.session import database
+from conflictdb.cli.output import note, out
+from conflictdb.cli.session import connections, database, usual_scene, wait
+from conflictdb.db import store
+from conflictdb.errors import ConflictDBError
+from conflictdb.session.database import DEMO_SCENE, Database
+from conflictdb.session.stored_scene import StoredScene
 
 
 def plot(args: argparse.Namespace) -> int:
@@ -14,12 +19,7 @@ def plot(args: argparse.Namespace) -> int:
 
     figures.check_name(args.file)
     with database(args) as db:
-        if args.wait is not None:
-            db.scene(args.scene).wait_until_current(args.wait)
-        state = db.scene(args.scene).state()
-        require_current(args, state)
-        remark_incomplete([state])
-        figures.save(db.scene(args.scene).plot(*(args.conflict or ())), args.file)
+        figures.save(_required(db, args).plot(*(args.conflict or ())), args.file)
     note(f"{args.file} is written")
     return DONE
 
@@ -27,11 +27,62 @@ def plot(args: argparse.Namespace) -> int:
 def report(args: argparse.Namespace) -> int:
     """Write a report of a scene."""
     with database(args) as db:
-        if args.wait is not None:
-            db.scene(args.scene).wait_until_current(args.wait)
-        state = db.scene(args.scene).state()
-        require_current(args, state)
-        remark_incomplete([state])
-        db.scene(args.scene).report(args.file)
+        _required(db, args).report(args.file)
     note(f"{args.file} is written")
     return DONE
+
+
+def _required(db: Database, args: argparse.Namespace) -> StoredScene:
+    """Return the scene of a command, once it is as current as the options require; remarks if it is not."""
+    wait(db, args)
+    scene = db.scene(args.scene)
+    state = scene.state()
+    require_current(args, state)
+    remark_incomplete([state])
+    return scene
+
+
+def show_map(args: argparse.Namespace) -> int:
+    """Serve the page of a scene until interrupted, or write it into a file."""
+    if args.html is not None:
+        return _write_map(args)
+    try:
+        from conflictdb.map.serve import PageServer
+    except ImportError as error:
+        if error.name not in ("starlette", "uvicorn", "anyio"):
+            raise
+        raise ConflictDBError("map needs starlette and uvicorn: pip install 'conflictdb[map]'") from None
+    with database(args) as db, connections(args, store.map_dsn) as connect:
+        scene = _scene_of_map(db, args.scene)
+        with PageServer(scene, connect, args.host, args.port) as server, suppress(KeyboardInterrupt):
+            out(server.address, flush=True)
+            server.serve_until_interrupted()
+    note("stopped")
+    return DONE
+
+
+def _write_map(args: argparse.Namespace) -> int:
+    # Imported here: shapely is slow to import.
+    from conflictdb.formats import write_lines
+    from conflictdb.map.html import page
+
+    with database(args) as db:
+        text, left_out = page(db.connection, _scene_of_map(db, args.scene))
+    write_lines(args.html, [text])
+    note(f"{args.html} leaves out {left_out}")
+    return DONE
+
+
+def _scene_of_map(db: Database, name: str | None) -> str:
+    """Return the name of the scene to show, by default the usual one, else the demo's, which is loaded.
+
+    Raises InvalidInput if it does not exist.
+    """
+    name = name or usual_scene(db)
+    if name is None:
+        if all(status.scene.name != DEMO_SCENE for status in db.scenes()):
+            db.load_demo()
+            db.scene(DEMO_SCENE).detect()
+        return DEMO_SCENE
+    store.scene_id(db.connection, name)
+    return name

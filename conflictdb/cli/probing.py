@@ -7,8 +7,14 @@ from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 from conflictdb.cli.codes import CONFLICTS_FOUND, DONE
-from conflictdb.cli.load_report import approach_table, print_conflicts, remark_incomplete, require_current, skipped_text
-from conflictdb.cli.output import out, remark, show_table
+from conflictdb.cli.load_report import (
+    approach_table,
+    print_conflicts,
+    remark_incomplete,
+    remark_read,
+    require_current,
+)
+from conflictdb.cli.output import out, show_table
 from conflictdb.cli.parser import Parser, check
 from conflictdb.cli.session import database
 from conflictdb.cli.values import duration_s
@@ -109,8 +115,7 @@ def _plans(args: argparse.Namespace) -> list[Area | Track]:
 
     plans: list[Area | Track] = []
     for read in gather(args.files, "plans"):
-        for line in skipped_text(read.skipped):
-            remark(line)
+        remark_read(read.skipped, read.remarks)
         if not (read.areas or read.tracks):
             raise without_objects("file", read.sources[0], read.skipped)
         plans += [*read.areas, *read.tracks]

@@ -40,6 +40,12 @@ def database(args: argparse.Namespace) -> Iterator[Database]:
                 remember(_name(opened), used)
 
 
+def wait(db: Database, args: argparse.Namespace) -> None:
+    """Wait until a worker has detected all changes of the scene, if `--wait` is given."""
+    if args.wait is not None:
+        db.scene(args.scene).wait_until_current(args.wait)
+
+
 def usual_scene(db: Database) -> str | None:
     """Return the scene of the environment, else the last one used, else the only one, with a remark; or None."""
     if (scene := os.environ.get("CONFLICTDB_SCENE")) is not None:

@@ -32,20 +32,20 @@ def termination_as_interrupt() -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> NoReturn:
         raise Terminated
 
-    heard, sink = os.pipe()
-    os.set_blocking(sink, False)
-    watchdog = Thread(target=_end_late, args=(heard,), daemon=True, name="termination")
+    receiver, sender = os.pipe()
+    os.set_blocking(sender, False)
+    watchdog = Thread(target=_end_late, args=(receiver,), daemon=True, name="termination")
     watchdog.start()
     before = signal.signal(signal.SIGTERM, interrupt)
-    sink_before = signal.set_wakeup_fd(sink, warn_on_full_buffer=False)
+    sender_before = signal.set_wakeup_fd(sender, warn_on_full_buffer=False)
     try:
         yield
     finally:
-        signal.set_wakeup_fd(sink_before)
+        signal.set_wakeup_fd(sender_before)
         signal.signal(signal.SIGTERM, before)
-        os.close(sink)
+        os.close(sender)
         watchdog.join()
-        os.close(heard)
+        os.close(receiver)
 
 
 def interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
@@ -56,14 +56,14 @@ def interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
     return behind
 
 
-def _end_late(heard: int) -> None:
+def _end_late(receiver: int) -> None:
     """End the process some seconds after SIGTERM; return when no more signals can come."""
     end_at_s: float | None = None
     while True:
         left_s = None if end_at_s is None else max(0.0, end_at_s - time.monotonic())
-        if not select.select([heard], [], [], left_s)[0]:
+        if not select.select([receiver], [], [], left_s)[0]:
             os._exit(TERMINATED)
-        numbers = os.read(heard, 64)
+        numbers = os.read(receiver, 64)
         if not numbers:
             return
         if end_at_s is None and signal.SIGTERM in numbers:

@@ -3,6 +3,7 @@
 import argparse
 import re
 from datetime import UTC, datetime, timedelta
+from math import ulp
 from sys import float_info
 from typing import Final
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
@@ -93,39 +94,28 @@ def haven(text: str) -> dict[str, float]:
 
 def speed_kn(text: str) -> float:
     """Return a speed in knots, more than 0."""
-    value = _number(text, "a speed in knots, more than 0", least=0.0)
-    if value == 0.0:
-        raise argparse.ArgumentTypeError("must be a speed in knots, more than 0")
-    return value
+    return _number(text, "a speed in knots, more than 0", least=ulp(0.0))
 
 
 def megabytes(text: str) -> float:
     """Return a size in millions of bytes, more than 0."""
-    value = _number(text, "a number of megabytes, more than 0", least=0.0)
-    if not 0.0 < value <= _MOST_MB:
-        raise argparse.ArgumentTypeError(f"must be a number of megabytes, more than 0 and at most {_MOST_MB:g}")
-    return value
+    rule = f"a number of megabytes, more than 0 and at most {_MOST_MB:g}"
+    return _number(text, rule, least=ulp(0.0), most=_MOST_MB)
 
 
 def memory_mb(text: str) -> int:
     """Return a whole number of megabytes, enough for a detection."""
-    if not re.fullmatch(r"\d{1,9}", text) or int(text) < LEAST_MEMORY_MB:
-        raise argparse.ArgumentTypeError(f"must be a whole number, {LEAST_MEMORY_MB} or more; got {text!r}")
-    return int(text)
+    return _whole(text, f"{LEAST_MEMORY_MB} or more", LEAST_MEMORY_MB, 10**9)
 
 
 def count(text: str) -> int:
     """Return a whole number, 1 or more."""
-    if not re.fullmatch(r"\d{1,6}", text) or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be a whole number, 1 or more; got {text!r}")
-    return int(text)
+    return _whole(text, "1 or more", 1, 999_999)
 
 
 def whole(text: str) -> int:
     """Return a whole number, 0 or more."""
-    if not re.fullmatch(r"\d{1,18}", text):
-        raise argparse.ArgumentTypeError(f"must be a whole number, 0 or more; got {text!r}")
-    return int(text)
+    return _whole(text, "0 or more", 0, 10**18)
 
 
 def address(text: str) -> tuple[str, int]:
@@ -138,9 +128,7 @@ def address(text: str) -> tuple[str, int]:
 
 def port(text: str) -> int:
     """Return a port number, or 0."""
-    if not re.fullmatch(r"[0-9]{1,5}", text) or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to 65535; got {text!r}")
-    return int(text)
+    return _whole(text, "from 0 to 65535", 0, 65535)
 
 
 def duration_s(text: str) -> float:
@@ -218,11 +206,17 @@ def height(text: str) -> float:
     return _number(text, "a number of metres", least=-float_info.max)
 
 
-def _number(text: str, rule: str, least: float) -> float:
+def _whole(text: str, rule: str, least: int, most: int) -> int:
+    if not re.fullmatch(r"\d{1,18}", text) or not least <= int(text) <= most:
+        raise argparse.ArgumentTypeError(f"must be a whole number, {rule}; got {text!r}")
+    return int(text)
+
+
+def _number(text: str, rule: str, least: float, most: float = float_info.max) -> float:
     try:
         value = float(text)
     except ValueError:
         value = float("nan")
-    if not least <= value < float("inf"):
+    if not least <= value <= most:
         raise argparse.ArgumentTypeError(f"must be {rule}; got {text!r}")
     return value

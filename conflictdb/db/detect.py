@@ -34,11 +34,10 @@ from conflictdb.kernel.waiting import cancel_thread, run_in_thread, wait_for
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
+from conflictdb.stages.funnel import Funnel, Progress
 from conflictdb.stages.memory import MEMORY_MB, Memory
 from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.run import Funnel, Progress, run_scene
-
-__all__ = ["Phase", "Progress", "Run", "detect", "detect_pending", "refresh_pieces"]
+from conflictdb.stages.run import run_scene
 
 _log = logging.getLogger(__name__)
 
@@ -51,25 +50,24 @@ def _silent(name: str, done: int, of: int) -> None:
 
 
 # Up to this many changed objects are detected in one transaction: rebuilding their pieces after a failure is cheap.
-_FEW_OBJECTS: Final = 100
+FEW_OBJECTS: Final = 100
 # Changed objects in the first batch; the size of later batches follows from the pieces.
 _FIRST_OBJECTS: Final = 2_000
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class Run(store.RunOutcome):
     """The result of a detection.
 
     run_id : its row in the table `run`
+    opened, changed, closed : conflicts that are new, have other periods or another verdict, or are gone
+    conflicts, unresolved : of the scene now, also those this run had no reason to look at
     candidate_pairs, intersecting_pairs, projected_pairs, window_pairs, solved_pairs, met_pairs : pairs of pieces after
         stage 1, after stage 2, that stage 3 worked on, after stage 3, that stage 4 decided, and reported
-    conflicts, unresolved : of the scene now, also those this run had no reason to look at
-    opened, changed, closed : conflicts that are new, have other periods or another verdict, or are gone
     pieces_s, stage1_s, stage2_s, stage3_s, stage4_s, total_s : seconds; of stage 3 with method exact, those of the
         pairs that were decided in closed form
     """
 
-    run_id: int
     method: Method
     candidate_pairs: int
     intersecting_pairs: int
@@ -77,11 +75,6 @@ class Run:
     window_pairs: int
     solved_pairs: int
     met_pairs: int
-    conflicts: int
-    unresolved: int
-    opened: int
-    changed: int
-    closed: int
     pieces_s: float
     stage1_s: float
     stage2_s: float
@@ -105,6 +98,7 @@ def detect(
     lock_timeout_s: float | None = None,
     say: store.Say = _log.warning,
     memory_mb: int = MEMORY_MB,
+    few_objects: int = FEW_OBJECTS,
 ) -> Run:
     """Update the conflicts of a scene, with the scene's own settings, and return the run.
 
@@ -121,6 +115,7 @@ def detect(
         for another detection, 300 s for any other lock; 0: no wait for another detection, 10 s for any other lock
     say : called with the holder of the lock after 5 s of waiting for another detection
     memory_mb : memory limit of this process, megabytes; a smaller limit means smaller chunks
+    few_objects : up to this many changed objects are detected in one transaction; -1: always two transactions
 
     Raises
     ------
@@ -132,21 +127,33 @@ def detect(
         The database failed; conflicts and marks are unchanged, and the failure is recorded as a run.
     """
     options = _Options(
-        jobs or os.cpu_count() or 1, progress, lock_timeout_s, say, Memory.of(memory_mb), phase=phase or _silent
+        jobs or os.cpu_count() or 1,
+        progress,
+        lock_timeout_s,
+        say,
+        Memory.of(memory_mb),
+        few_objects,
+        phase=phase or _silent,
     )
     with store.translated(), store.waiting_at_most(conn, store.longest_wait_s(lock_timeout_s)):
         return _run(conn, scene, full, options)
 
 
 def detect_pending(
-    conn: psycopg.Connection[Any], scene: str, *, jobs: int | None = None, memory_mb: int = MEMORY_MB
+    conn: psycopg.Connection[Any],
+    scene: str,
+    *,
+    jobs: int | None = None,
+    memory_mb: int = MEMORY_MB,
+    few_objects: int = FEW_OBJECTS,
 ) -> Run | None:
     """Detect as `detect` does if something changed, without waiting for another detection of the scene.
 
     Returns None if nothing was pending. Raises LockTimeout, naming the holder, if another detection is running, or if
     another lock is not free within 10 s.
     """
-    options = _Options(jobs or os.cpu_count() or 1, None, 0.0, _log.debug, Memory.of(memory_mb), only_pending=True)
+    jobs = jobs or os.cpu_count() or 1
+    options = _Options(jobs, None, 0.0, _log.debug, Memory.of(memory_mb), few_objects, only_pending=True)
     try:
         with store.translated(), store.waiting_at_most(conn, store.longest_wait_s(options.lock_timeout_s)):
             return _run(conn, scene, False, options)
@@ -166,6 +173,7 @@ class _Options:
     lock_timeout_s: float | None
     say: store.Say
     memory: Memory
+    few_objects: int
     only_pending: bool = False
     phase: Phase = _silent
 
@@ -184,7 +192,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
         if full:
             store.cover_all(conn, scene_id)
         pending = _pending(conn, scene_id, options)
-        is_first = pending.objects > _FEW_OBJECTS
+        is_first = pending.objects > options.few_objects
         settings, record = refresh_pieces(
             conn, scene_id, pending, record, options.memory, is_first=is_first, is_full=full, phase=options.phase
         )
@@ -219,7 +227,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
 
 def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Options) -> store.Begun:
     """Follow attached tables, then begin the first transaction."""
-    few = -1 if full else _FEW_OBJECTS
+    few = -1 if full else options.few_objects
     again: bool | None = not options.only_pending
     while True:
         begun = store.begin_detection(conn, scene, few, options.lock_timeout_s, options.say, again)
@@ -380,14 +388,4 @@ def _refresh_conflicts(
     outcome = store.end_write(conn, begun(), replace(record, settings=kept, counted=counted))
     with store.translated():
         conn.commit()
-    return Run(
-        **counted,
-        run_id=outcome.run_id,
-        method=settings.method,
-        conflicts=outcome.conflicts,
-        unresolved=outcome.unresolved,
-        opened=outcome.opened,
-        changed=outcome.changed,
-        closed=outcome.closed,
-        total_s=time.perf_counter() - started,
-    )
+    return Run(**counted, **asdict(outcome), method=settings.method, total_s=time.perf_counter() - started)

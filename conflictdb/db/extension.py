@@ -42,7 +42,8 @@ $$;
 _PREPARE: Final = """
 DO $$
 DECLARE
-    v_path text := (SELECT format('conflictdb, %I, pg_temp', n.nspname) FROM pg_catalog.pg_extension e
+    v_path text := (SELECT format('conflictdb, conflictdb_internal, %I, pg_temp', n.nspname)
+                    FROM pg_catalog.pg_extension e
                     JOIN pg_catalog.pg_namespace n ON n.oid = e.extnamespace WHERE e.extname = 'postgis');
     v_version text := (SELECT substring(e.extversion FROM '^[0-9]+[.][0-9]+') FROM pg_catalog.pg_extension e
                        WHERE e.extname = 'postgis');
@@ -52,6 +53,7 @@ BEGIN
         RAISE EXCEPTION 'PostgreSQL {major} or newer and PostGIS {postgis} or newer are needed'
             USING ERRCODE = 'feature_not_supported';
     END IF;
+    CREATE SCHEMA IF NOT EXISTS conflictdb_internal;
     PERFORM set_config('search_path', v_path, true);
     PERFORM set_config('conflictdb.is_extension', 'on', true); -- for 90_grants.sql
 END
@@ -61,7 +63,7 @@ $$;
 # Run files that need no PostGIS names without its schema on the path: users may have created names there.
 _WITHOUT_POSTGIS: Final = """
 SELECT pg_catalog.set_config('conflictdb.path'::text, pg_catalog.current_setting('search_path'::text), true);
-SET LOCAL search_path = conflictdb, pg_temp;
+SET LOCAL search_path = conflictdb, conflictdb_internal, pg_temp;
 """
 _WITH_POSTGIS: Final = """
 SELECT pg_catalog.set_config('search_path'::text, pg_catalog.current_setting('conflictdb.path'::text), true);
@@ -75,7 +77,8 @@ DECLARE
     v_note regprocedure;
 BEGIN
     FOR v_note IN SELECT p.oid FROM pg_catalog.pg_proc p
-                  WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.proname ~ '^_note_[0-9]+$' LOOP
+                  WHERE p.pronamespace IN ('conflictdb'::regnamespace, 'conflictdb_internal'::regnamespace)
+                        AND p.proname ~ '^_note_[0-9]+$' LOOP
         EXECUTE format('ALTER EXTENSION conflictdb {action} FUNCTION %s', v_note);
     END LOOP;
 END

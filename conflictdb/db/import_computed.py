@@ -11,7 +11,7 @@ object inside had a mark, because that pair was never compared.
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -34,25 +34,16 @@ _NOT_THESE: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class WrittenBack:
-    """The result of a write-back.
+class WrittenBack(store.RunOutcome):
+    """The result of a write-back; its counts of conflicts are those of a `Run`.
 
-    run_id : its row in the table `run`
     objects : objects of the scene in the state that the conflicts were computed from
     behind : objects that changed since (in the scene or in a file), are new, were removed or left out; their pairs stay
         pending
-    conflicts, unresolved : of the scene now
-    opened, changed, closed : conflicts that are new, have other periods or another verdict, or are gone
     """
 
-    run_id: int
     objects: int
     behind: int
-    conflicts: int
-    unresolved: int
-    opened: int
-    changed: int
-    closed: int
     total_s: float
 
 
@@ -113,14 +104,9 @@ def write_back(
         with store.naming_grants(conn):
             raise
     return WrittenBack(
-        run_id=outcome.run_id,
+        **asdict(outcome),
         objects=len(same),
         behind=len(np.union1d(current.number, computed.number)) - len(same),
-        conflicts=outcome.conflicts,
-        unresolved=outcome.unresolved,
-        opened=outcome.opened,
-        changed=outcome.changed,
-        closed=outcome.closed,
         total_s=time.perf_counter() - started,
     )
 

@@ -142,6 +142,8 @@ class Conflict(Base):
     acknowledged_until: Mapped[datetime | None]
     first_contact_lon_deg: Mapped[float | None]
     first_contact_lat_deg: Mapped[float | None]
+    a_name: Mapped[str | None]
+    b_name: Mapped[str | None]
 
 
 class Approach(Base):
@@ -166,6 +168,8 @@ class Approach(Base):
     scene_is_current: Mapped[bool]
     method: Mapped[str]
     time_error_s: Mapped[float]
+    a_name: Mapped[str | None]
+    b_name: Mapped[str | None]
 
 
 class SceneState(Base):

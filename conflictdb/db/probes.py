@@ -19,6 +19,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db import store
+from conflictdb.db.delays import delays
 from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
@@ -131,9 +132,13 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory) -> boo
         number = store.next_probe(conn)
         if number is not None:
             request = store.read_probe(conn, *number)
-            plan = store.plan_of(request)
-            found = _probed(conn, request.scene_id, plan, request.key, jobs, memory)
-            store.answer_probe(conn, request, plan, found)
+            if request.horizon_s is None:
+                plan = store.plan_of(request)
+                found = _probed(conn, request.scene_id, plan, request.key, jobs, memory)
+                store.answer_probe(conn, request, plan, found)
+            else:
+                (of_track,) = delays(conn, request.scene, request.key, request.horizon_s)
+                store.answer_delays(conn, request, of_track)
         with store.translated():
             conn.commit()
     except Exception as error:  # a faulty plan must not stop the others
@@ -218,6 +223,6 @@ def _probed(
     if not parts:
         return []
     found = Conflicts.concatenate(parts)
-    keys = store.keys_of(conn, scene_id, found)
+    named = store.names_of(conn, scene_id, found)
     plan_kind = Kind.AREA if isinstance(plan, Area) else Kind.TRACK
-    return to_results(scene, {**keys, (plan_kind.code, _PLAN): plan.key}, found)
+    return to_results(scene, {**named, (plan_kind.code, _PLAN): (plan.key, plan.name)}, found)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 SCHEMA: Final = "conflictdb"
+PRIVATE_SCHEMA: Final = "conflictdb_internal"  # routines and views that only this package calls
 MIN_SERVER_VERSION: Final = 140000  # BEGIN ATOMIC bodies, multiranges
 MIN_POSTGIS_VERSION: Final = (3, 3)
 
@@ -66,10 +67,12 @@ BEGIN
     FOR v_one IN
         SELECT i.type, i.identity
         FROM (SELECT 'pg_proc'::regclass::oid AS class, p.oid FROM pg_catalog.pg_proc p
-              WHERE p.pronamespace = 'conflictdb'::regnamespace::oid AND p.proname::text !~ '^_note_[0-9]+$'::text
+              WHERE p.pronamespace IN ('conflictdb'::regnamespace::oid, 'conflictdb_internal'::regnamespace::oid)
+                AND p.proname::text !~ '^_note_[0-9]+$'::text
               UNION ALL
               SELECT 'pg_class'::regclass::oid, c.oid FROM pg_catalog.pg_class c
-              WHERE c.relnamespace = 'conflictdb'::regnamespace::oid AND c.relkind = 'v'::"char") o
+              WHERE c.relnamespace IN ('conflictdb'::regnamespace::oid, 'conflictdb_internal'::regnamespace::oid)
+                AND c.relkind = 'v'::"char") o
         CROSS JOIN LATERAL pg_catalog.pg_identify_object(o.class, o.oid, 0) i
         WHERE NOT EXISTS (SELECT FROM pg_catalog.pg_depend d
                           WHERE d.classid = o.class AND d.objid = o.oid AND d.deptype = 'e'::"char") LOOP
@@ -87,54 +90,56 @@ DECLARE
     v_found text;
     v_remedy text;
 BEGIN
-    SELECT n.oid, n.nspacl, n.nspowner, r.rolname, r.rolsuper INTO v_schema
+    FOR v_schema IN
+        SELECT n.oid, n.nspname, n.nspacl, n.nspowner, r.rolname, r.rolsuper
         FROM pg_catalog.pg_namespace n JOIN pg_catalog.pg_roles r ON r.oid = n.nspowner
-        WHERE n.nspname = 'conflictdb'::name;
-    IF v_schema.oid IS NULL THEN
-        RETURN;
-    END IF;
-    IF v_schema.rolname <> current_user::name AND NOT v_schema.rolsuper THEN
-        v_found := pg_catalog.concat('belongs to role '::text, pg_catalog.quote_ident(v_schema.rolname::text));
-        v_remedy := 'Connect as that role, or drop the schema or give it away: ALTER SCHEMA conflictdb OWNER TO ...';
-    END IF;
-    IF v_found IS NULL THEN
-        SELECT pg_catalog.concat('lets '::text, pg_catalog.string_agg(
-                   CASE x.grantee WHEN 0::pg_catalog.oid THEN 'PUBLIC'::text
-                   ELSE pg_catalog.concat('role '::text, pg_catalog.quote_ident(r.rolname::text)) END, ', '::text),
-                   ' create objects'::text)
-            INTO v_found FROM pg_catalog.aclexplode(v_schema.nspacl) x LEFT JOIN pg_catalog.pg_roles r
-                ON r.oid = x.grantee
-            WHERE x.privilege_type = 'CREATE'::text AND x.grantee <> v_schema.nspowner AND r.rolsuper IS NOT TRUE
-            HAVING pg_catalog.bool_or(true);
-        v_remedy := 'Drop it, or run: REVOKE CREATE ON SCHEMA conflictdb FROM ...';
-    END IF;
-    IF v_found IS NULL THEN
-        SELECT pg_catalog.concat('has an object of role '::text, pg_catalog.quote_ident(r.rolname::text), ': '::text,
-                                 pg_catalog.pg_describe_object(o.classid, o.objid, 0))
-            INTO v_found FROM pg_catalog.pg_depend o JOIN pg_catalog.pg_shdepend s
-                ON s.classid = o.classid AND s.objid = o.objid AND s.deptype = 'o'::"char"
-                JOIN pg_catalog.pg_database d ON d.oid = s.dbid AND d.datname = pg_catalog.current_database()
-                JOIN pg_catalog.pg_roles r ON r.oid = s.refobjid
-            WHERE o.refobjid = v_schema.oid AND s.refobjid <> v_schema.nspowner
-                  AND o.refclassid = 'pg_catalog.pg_namespace'::pg_catalog.regclass::pg_catalog.oid
-                  AND NOT (r.rolsuper AND v_schema.rolsuper)
-            ORDER BY o.classid, o.objid LIMIT 1;
-        v_remedy := 'Drop the object, or give it to the owner of the schema: ALTER ... OWNER TO ...';
-    END IF;
-    IF v_found IS NULL AND pg_catalog.to_regclass('conflictdb.alembic_version'::text) IS NULL THEN
-        SELECT pg_catalog.concat('has objects that are none of ours: '::text,
-                                 pg_catalog.pg_describe_object(o.classid, o.objid, 0))
-            INTO v_found FROM pg_catalog.pg_depend o
-            WHERE o.refobjid = v_schema.oid
-                  AND o.refclassid = 'pg_catalog.pg_namespace'::pg_catalog.regclass::pg_catalog.oid
-                  -- CREATE EXTENSION puts the extension into the schema before it runs the script.
-                  AND o.classid <> 'pg_catalog.pg_extension'::pg_catalog.regclass::pg_catalog.oid
-            ORDER BY o.classid, o.objid LIMIT 1;
-        v_remedy := 'Drop or rename the schema.';
-    END IF;
+        WHERE n.nspname IN ('conflictdb'::name, 'conflictdb_internal'::name) ORDER BY n.nspname LOOP
+        IF v_schema.rolname <> current_user::name AND NOT v_schema.rolsuper THEN
+            v_found := pg_catalog.concat('belongs to role '::text, pg_catalog.quote_ident(v_schema.rolname::text));
+            v_remedy := pg_catalog.concat('Connect as that role, or drop the schema or give it away: '::text,
+                                          'ALTER SCHEMA '::text, v_schema.nspname, ' OWNER TO ...'::text);
+        END IF;
+        IF v_found IS NULL THEN
+            SELECT pg_catalog.concat('lets '::text, pg_catalog.string_agg(
+                       CASE x.grantee WHEN 0::pg_catalog.oid THEN 'PUBLIC'::text
+                       ELSE pg_catalog.concat('role '::text, pg_catalog.quote_ident(r.rolname::text)) END, ', '::text),
+                       ' create objects'::text)
+                INTO v_found FROM pg_catalog.aclexplode(v_schema.nspacl) x LEFT JOIN pg_catalog.pg_roles r
+                    ON r.oid = x.grantee
+                WHERE x.privilege_type = 'CREATE'::text AND x.grantee <> v_schema.nspowner AND r.rolsuper IS NOT TRUE
+                HAVING pg_catalog.bool_or(true);
+            v_remedy := pg_catalog.concat('Drop it, or run: REVOKE CREATE ON SCHEMA '::text, v_schema.nspname,
+                                          ' FROM ...'::text);
+        END IF;
+        IF v_found IS NULL THEN
+            SELECT pg_catalog.concat('has an object of role '::text, pg_catalog.quote_ident(r.rolname::text),
+                                     ': '::text, pg_catalog.pg_describe_object(o.classid, o.objid, 0))
+                INTO v_found FROM pg_catalog.pg_depend o JOIN pg_catalog.pg_shdepend s
+                    ON s.classid = o.classid AND s.objid = o.objid AND s.deptype = 'o'::"char"
+                    JOIN pg_catalog.pg_database d ON d.oid = s.dbid AND d.datname = pg_catalog.current_database()
+                    JOIN pg_catalog.pg_roles r ON r.oid = s.refobjid
+                WHERE o.refobjid = v_schema.oid AND s.refobjid <> v_schema.nspowner
+                      AND o.refclassid = 'pg_catalog.pg_namespace'::pg_catalog.regclass::pg_catalog.oid
+                      AND NOT (r.rolsuper AND v_schema.rolsuper)
+                ORDER BY o.classid, o.objid LIMIT 1;
+            v_remedy := 'Drop the object, or give it to the owner of the schema: ALTER ... OWNER TO ...';
+        END IF;
+        IF v_found IS NULL AND pg_catalog.to_regclass('conflictdb.alembic_version'::text) IS NULL THEN
+            SELECT pg_catalog.concat('has objects that are none of ours: '::text,
+                                     pg_catalog.pg_describe_object(o.classid, o.objid, 0))
+                INTO v_found FROM pg_catalog.pg_depend o
+                WHERE o.refobjid = v_schema.oid
+                      AND o.refclassid = 'pg_catalog.pg_namespace'::pg_catalog.regclass::pg_catalog.oid
+                      -- CREATE EXTENSION puts the extension into the schema before it runs the script.
+                      AND o.classid <> 'pg_catalog.pg_extension'::pg_catalog.regclass::pg_catalog.oid
+                ORDER BY o.classid, o.objid LIMIT 1;
+            v_remedy := 'Drop or rename the schema.';
+        END IF;
+        EXIT WHEN v_found IS NOT NULL;
+    END LOOP;
     IF v_found IS NOT NULL THEN
-        RAISE EXCEPTION 'database %: schema conflictdb % (must be created by %, and by nobody else)',
-                        pg_catalog.quote_ident(pg_catalog.current_database()::text), v_found,
+        RAISE EXCEPTION 'database %: schema % % (must be created by %, and by nobody else)',
+                        pg_catalog.quote_ident(pg_catalog.current_database()::text), v_schema.nspname, v_found,
                         pg_catalog.quote_ident(current_user::text)
             USING ERRCODE = 'duplicate_schema', HINT = v_remedy;
     END IF;
@@ -146,7 +151,8 @@ $refuse$;
 REFUSE_FOREIGN_NAMES: Final = """
 DO $refuse$
 DECLARE
-    v_ours pg_catalog.oid := 'conflictdb'::pg_catalog.regnamespace::pg_catalog.oid;
+    v_ours pg_catalog.oid[] := ARRAY['conflictdb'::pg_catalog.regnamespace::pg_catalog.oid,
+                                     'conflictdb_internal'::pg_catalog.regnamespace::pg_catalog.oid];
     v_found text;
     v_user text;
 BEGIN
@@ -176,8 +182,8 @@ BEGIN
             ON c.oid = coalesce(r.ev_class, k.conrelid, y.polrelid, a.adrelid, g.tgrelid,
                                 CASE WHEN d.classid = 'pg_catalog.pg_class'::pg_catalog.regclass::pg_catalog.oid
                                      THEN d.objid END)
-        WHERE coalesce(f.pronamespace, c.relnamespace) = v_ours
-              AND coalesce(p.pronamespace, o.oprnamespace, t.typnamespace) <> v_ours
+        WHERE coalesce(f.pronamespace, c.relnamespace) = ANY (v_ours)
+              AND coalesce(p.pronamespace, o.oprnamespace, t.typnamespace) <> ALL (v_ours)
               AND NOT EXISTS (SELECT FROM pg_catalog.pg_depend e
                               WHERE e.classid = d.refclassid AND e.objid = d.refobjid
                                     AND e.deptype IN ('e'::"char", 'i'::"char"))
@@ -243,7 +249,7 @@ def marking_sql(after: str | None) -> str:
     """
     if after is None or not any(name > after and _changes_answers(name) for name in revisions()):
         return ""
-    return "SELECT pg_catalog.sum(conflictdb._mark_all(s.scene_id)) FROM conflictdb.scene s;\n"
+    return "SELECT pg_catalog.sum(conflictdb_internal._mark_all(s.scene_id)) FROM conflictdb.scene s;\n"
 
 
 def _changes_answers(name: str) -> bool:
@@ -430,9 +436,12 @@ def prepare(conn: psycopg.Connection[Any]) -> None:
     if tuple(int(part) for part in re.findall(r"\d+", version)[:2]) < MIN_POSTGIS_VERSION:
         raise ServerError(f"PostGIS 3.3 or newer is needed; database {conn.info.dbname!r} has {version}")
     try:
-        # Not IF NOT EXISTS, which requires the right to create schemas even if it exists.
-        if _one(conn, "SELECT to_regnamespace('conflictdb') IS NULL") is True:
-            conn.execute("CREATE SCHEMA conflictdb")
+        for name in (SCHEMA, PRIVATE_SCHEMA):
+            # Not IF NOT EXISTS, which requires the right to create schemas even if it exists.
+            if _one(conn, "SELECT to_regnamespace(%s) IS NULL", name) is True:
+                conn.execute(sql.SQL("CREATE SCHEMA {}").format(sql.Identifier(name)))
+                if _is_extension(conn):
+                    conn.execute(sql.SQL("ALTER EXTENSION conflictdb ADD SCHEMA {}").format(sql.Identifier(name)))
     except psycopg.errors.InsufficientPrivilege as error:
         grant = sql.SQL("GRANT CREATE ON DATABASE {} TO {}")
         statement = grant.format(sql.Identifier(conn.info.dbname), sql.Identifier(conn.info.user)).as_string(conn)
@@ -444,7 +453,7 @@ def prepare(conn: psycopg.Connection[Any]) -> None:
 
 
 def _refuse_foreign_schema(conn: psycopg.Connection[Any]) -> None:
-    """Raise ServerError if schema conflictdb exists and a role other than the current one may create objects in it."""
+    """Raise ServerError if one of our schemas exists and a role other than the current one may create objects in it."""
     _refuse(conn, REFUSE_FOREIGN_SCHEMA, psycopg.errors.DuplicateSchema)
 
 
@@ -482,7 +491,7 @@ def apply_routines(conn: psycopg.Connection[Any]) -> None:
     """Run all of sql/ in the transaction of `conn`, whose schema must be at head."""
     for file in routine_files():
         if needs_no_postgis(file):
-            conn.execute("SET LOCAL search_path = conflictdb, pg_temp")
+            conn.execute("SET LOCAL search_path = conflictdb, conflictdb_internal, pg_temp")
         else:
             _set_search_path(conn)
         # As bytes and without parameters, so that % and : have no special meaning.
@@ -517,12 +526,12 @@ def _applied_sha256(conn: psycopg.Connection[Any]) -> str:
 
 
 def _set_search_path(conn: psycopg.Connection[Any]) -> None:
-    """Set the search path: this schema, then PostGIS's, then temporary objects last."""
+    """Set the search path: our schemas, then PostGIS's, then temporary objects last."""
     where = _one(
         conn,
         "SELECT n.nspname FROM pg_extension e JOIN pg_namespace n ON n.oid = e.extnamespace WHERE extname = 'postgis'",
     )
-    path = sql.SQL(", ").join(sql.Identifier(name) for name in (SCHEMA, str(where), "pg_temp"))
+    path = sql.SQL(", ").join(sql.Identifier(name) for name in (SCHEMA, PRIVATE_SCHEMA, str(where), "pg_temp"))
     conn.execute(sql.SQL("SET LOCAL search_path = {}").format(path))
 
 

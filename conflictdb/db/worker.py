@@ -23,12 +23,9 @@ from conflictdb.stages.memory import MEMORY_MB
 _log = logging.getLogger(__name__)
 
 EVERY_S: Final = 0.5
-# Pause after a lost connection or a failed detection, doubled up to the longest.
-_PAUSE_S: Final = 1.0
+# Longest pause after a lost connection or a failed detection.
 _LONGEST_PAUSE_S: Final = 60.0
-# While another session detects a changed scene: how often to try again, and when to report its holder. With `once`,
-# somebody waits and is told earlier (store.SAY_AFTER_S).
-_BUSY_PAUSE_S: Final = 1.0
+# When to report who else detects a changed scene. With `once`, somebody waits and is told earlier (store.SAY_AFTER_S).
 _SAY_BUSY_AFTER_S: Final = 60.0
 # Lower bound of the pause, however often attached tables are compared.
 _LEAST_PAUSE_S: Final = 0.1
@@ -36,16 +33,14 @@ _LEAST_PAUSE_S: Final = 0.1
 _LOCK_WAIT_S: Final = 10.0
 # How often to count conflicts.
 _COUNT_EVERY_S: Final = 10.0
-# How often to look for changes without notifications.
-_UNTOLD_PAUSE_S: Final = 0.25
 
 Connect = Callable[[], "psycopg.Connection[Any]"]
 Report = Callable[[str, "detect.Run | Exception", float], None]
 
 
-def _pauses(longest_s: float) -> Iterator[float]:
+def _pauses(first_s: float, longest_s: float = _LONGEST_PAUSE_S) -> Iterator[float]:
     """Yield the pauses before further attempts, seconds: random, so that workers do not retry at the same time."""
-    pause_s = min(_PAUSE_S, longest_s)
+    pause_s = min(first_s, longest_s)
     while True:
         yield SystemRandom().uniform(0.5 * pause_s, pause_s)
         pause_s = min(2.0 * pause_s, longest_s)
@@ -101,14 +96,17 @@ class Worker:
     connect : opens a connection of its own
     report : called after each detection with the scene, the run or the error, and how long the oldest change had waited
         at its end, seconds
-    every_s : looks for changes at least this often, seconds; a scene that failed is tried again after a second, then
-        after twice as long each time, up to this or a minute
+    every_s : looks for changes at least this often, seconds
     jobs : threads to solve in, None for one per processor
     lock_timeout_s : a changed scene that another session detects for longer has failed, seconds; None: never
     say : called with remarks: who blocks a scene, no notifications, a database lost and found
     memory_mb : see `detect`
     state : its present activity
     counts : whether it counts conflicts, every ten seconds
+    retry_s : pause after a lost connection or a failed detection, seconds; doubled each time, up to a minute, or
+        to `every_s` for a scene if that is longer
+    busy_s : pause before it tries again a scene that another session detects, seconds
+    unnotified_s : looks this often for changes of which no notification arrives, seconds
     """
 
     connect: Connect
@@ -120,6 +118,9 @@ class Worker:
     memory_mb: int = MEMORY_MB
     state: State = field(default_factory=State)
     counts: bool = False
+    retry_s: float = 1.0
+    busy_s: float = 1.0
+    unnotified_s: float = 0.25
     _counted_at_s: float = -math.inf
     _failing: dict[str, _Failing] = field(default_factory=dict)
     _busy: dict[str, _Busy] = field(default_factory=dict)
@@ -138,7 +139,7 @@ class Worker:
                 if not self._busy and not self._is_asked:
                     return well
                 if not self._is_asked:
-                    time.sleep(_BUSY_PAUSE_S)
+                    time.sleep(self.busy_s)
 
     def run(self) -> None:
         """Keep scenes current until KeyboardInterrupt; survives the failure of a scene and the loss of the database.
@@ -152,7 +153,7 @@ class Worker:
         ServerError, StoreError
             The first connection fails.
         """
-        pauses = _pauses(_LONGEST_PAUSE_S)
+        pauses = _pauses(self.retry_s)
         connection = self.connect()
         while True:
             self.state.is_connected, self.state.connections = True, self.state.connections + 1
@@ -162,7 +163,7 @@ class Worker:
                     every_s = self._listen(connection)
                     while True:
                         self._turn(connection, every_s)
-                        pauses = _pauses(_LONGEST_PAUSE_S)
+                        pauses = _pauses(self.retry_s)
             except (SchemaError, ReadOnlyDatabase):
                 raise
             except (ConflictDBError, psycopg.Error) as error:
@@ -185,7 +186,7 @@ class Worker:
         except (ConflictDBError, psycopg.Error) as error:
             _recover(connection, error)
             self.say(f"cannot look for changes, trying again: {_reason(error)}")
-            pause_s = _BUSY_PAUSE_S
+            pause_s = self.busy_s
         store.wait_for_change(connection, pause_s)
 
     def _pause_s(self, connection: "psycopg.Connection[Any]", every_s: float) -> float:
@@ -194,22 +195,23 @@ class Worker:
         if (comparison_s := store.seconds_to_comparison(connection)) is not None:
             dues_s.append(comparison_s)
         if self._busy:
-            dues_s.append(_BUSY_PAUSE_S)
+            dues_s.append(self.busy_s)
         if self._is_asked:
             return 0.0
         return min([every_s, *(max(due_s, _LEAST_PAUSE_S) for due_s in dues_s)])
 
     def _listen(self, connection: "psycopg.Connection[Any]") -> float:
         """Listen for changes; return how often to look for changes that are not notified, seconds."""
+        unnotified_s = min(self.every_s, self.unnotified_s)
         if store.listen(connection, self.connect):
-            return self.every_s if store.writers_notify(connection) else min(self.every_s, _UNTOLD_PAUSE_S)
+            return self.every_s if store.writers_notify(connection) else unnotified_s
         if not self._deafness_is_said:
             self._deafness_is_said = True
             self.say(
                 "notifications do not arrive on this connection, as through a pooler that gives every transaction "
-                f"another session: looking for changes every {min(self.every_s, _UNTOLD_PAUSE_S):g} s"
+                f"another session: looking for changes every {unnotified_s:g} s"
             )
-        return min(self.every_s, _UNTOLD_PAUSE_S)
+        return unnotified_s
 
     def _reconnected(self, pauses: Iterator[float]) -> "psycopg.Connection[Any]":
         for pause_s in pauses:
@@ -266,7 +268,7 @@ class Worker:
     def _passed_over(self, scene: str, error: LockTimeout, say_after_s: float, changed_at_s: float) -> bool:
         """Record that another session detects a scene; return whether that is still within the limit."""
         busy = self._busy.setdefault(scene, _Busy(time.monotonic()))
-        busy.again_at_s = time.monotonic() + _BUSY_PAUSE_S
+        busy.again_at_s = time.monotonic() + self.busy_s
         waited_s = time.monotonic() - busy.since_s
         if self.lock_timeout_s is not None and waited_s >= self.lock_timeout_s:
             self._failed(scene, error, changed_at_s)
@@ -278,7 +280,9 @@ class Worker:
 
     def _failed(self, scene: str, error: Exception, changed_at_s: float) -> None:
         self._busy.pop(scene, None)
-        failing = self._failing.setdefault(scene, _Failing(0.0, _pauses(max(self.every_s, _LONGEST_PAUSE_S))))
+        failing = self._failing.setdefault(
+            scene, _Failing(0.0, _pauses(self.retry_s, max(self.every_s, _LONGEST_PAUSE_S)))
+        )
         failing.again_at_s = time.monotonic() + next(failing.pauses)
         _log.debug("scene %r failed", scene, exc_info=error)
         self.report(scene, error, time.monotonic() - changed_at_s)

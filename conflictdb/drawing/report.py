@@ -100,6 +100,7 @@ def _sections(checked: Checked) -> list[Section]:
         _found(checked, conflicts),
         Section("Where and when", figures=[("All objects, and where and when they are in conflict.", overview)]),
         _listed(checked, conflicts),
+        *_acknowledged(conflicts),
         *_near(checked),
         _settings(checked.scene),
         _objects(checked),
@@ -131,9 +132,8 @@ def _listed(checked: Checked, conflicts: Sequence[Conflict]) -> Section:
     header = ["A", "B", "Verdict", "Periods (UTC)", "Each end to", "First contact", "Least distance, m"]
     rows = [
         [
-            printable(one.a_key),
-            printable(one.b_key),
-            str(one.verdict) + (" (outdated)" if one.is_current is False else ""),
+            *map(printable, one.labels),
+            _verdict(one),
             "\n".join(_period(*period) for period in one.periods),
             bound_text(one.time_error_s),
             "" if one.first_contact_deg is None else "{1:.5f}, {0:.5f}".format(*one.first_contact_deg),
@@ -147,13 +147,40 @@ def _listed(checked: Checked, conflicts: Sequence[Conflict]) -> Section:
     return Section("Conflicts", text if rows else "No conflict is known.", header if rows else (), rows)
 
 
+def _verdict(one: Conflict) -> str:
+    marks = ["outdated"] if one.is_current is False else []
+    if one.acknowledged_by is not None:
+        marks.append("acknowledged")
+    return f"{one.verdict} ({', '.join(marks)})" if marks else str(one.verdict)
+
+
+def _acknowledged(conflicts: Sequence[Conflict]) -> list[Section]:
+    """Return who acknowledged which conflicts, when, until when and why; empty if nobody did."""
+    some = [one for one in conflicts if one.acknowledged_by is not None]
+    if not some:
+        return []
+    rows = [
+        [
+            *map(printable, one.labels),
+            printable(one.acknowledged_by or ""),
+            instant_text(one.acknowledged_at),
+            "it ends" if one.acknowledged_until is None else instant_text(one.acknowledged_until),
+            printable(one.acknowledged_for or ""),
+        ]
+        for one in some[:_MOST_CONFLICTS]
+    ]
+    text = f"{len(some):,} of {len(conflicts):,} conflicts."
+    if len(some) > _MOST_CONFLICTS:
+        text += f" The first {_MOST_CONFLICTS}."
+    return [Section("Acknowledged", text, ["A", "B", "By", "At (UTC)", "Until (UTC)", "Note"], rows)]
+
+
 def _near(checked: Checked) -> list[Section]:
     if not checked.near:
         return []
     rows = [
         [
-            printable(one.a_key),
-            printable(one.b_key),
+            *map(printable, one.labels),
             instant_text(one.closest_at),
             distance_text(one),
         ]
@@ -215,7 +242,7 @@ def _pairs(checked: Checked, conflicts: Sequence[Conflict]) -> list[Section]:
     for one in conflicts[:_MOST_PAIRS_DRAWN]:
         if one.a_key in by_key and one.b_key in by_key:
             figure = figures.plot_pair(checked.scene, by_key[one.a_key], by_key[one.b_key], one)
-            drawn.append((f"{printable(one.a_key)} and {printable(one.b_key)}", figure))
+            drawn.append((printable(" and ".join(one.labels)), figure))
     if not drawn:
         return []
     more = len(conflicts) - len(drawn)

@@ -15,14 +15,11 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import TOO_LARGE
 
 _HERE: Final = Path(__file__).parent
-# Minimum that Python and a library need to start.
-_LEAST_SECONDS: Final = 30.0
-_LEAST_MEMORY: Final = 2 << 30
 # Bytes of answer per byte of file limit: geometries have two digits per byte, numbers up to 26 characters.
 _ANSWER_BYTES: Final = 4
 _LEAST_ANSWER: Final = 1 << 20
 # Bytes of an error message that are read; honest messages are shorter.
-_MOST_SAID: Final = 1 << 16
+_MOST_MESSAGE: Final = 1 << 16
 # For all programs: extra threads would take address space.
 _SETTINGS: Final = {"LC_ALL": "C.UTF-8", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
@@ -35,6 +32,7 @@ class Program:
     cannot_read : beginning of the message if it refuses a file
     seconds_per_mb, memory_per_mb : processor seconds, and bytes, per MB of file limit
     settings : its environment
+    least_seconds, least_memory : limits of small files, which Python and a library need to start
     """
 
     file: str
@@ -42,12 +40,14 @@ class Program:
     seconds_per_mb: float
     memory_per_mb: int
     settings: Mapping[str, str] = field(default_factory=dict)
+    least_seconds: float = 30.0
+    least_memory: int = 2 << 30
 
     @contextmanager
     def running(self, arguments: Sequence[str], max_file_mb: float) -> "Iterator[Running]":
         """Start the program with arguments, and kill it at the end of the block."""
-        seconds = max(_LEAST_SECONDS, self.seconds_per_mb * max_file_mb)
-        memory = max(_LEAST_MEMORY, int(self.memory_per_mb * max_file_mb))
+        seconds = max(self.least_seconds, self.seconds_per_mb * max_file_mb)
+        memory = max(self.least_memory, int(self.memory_per_mb * max_file_mb))
         limits = [str(int(most)) for most in (max_file_mb * 1e6, memory, seconds)]
         child = subprocess.Popen(
             # -P: do not import from the current directory
@@ -106,12 +106,12 @@ class Running:
     def refusal(self) -> InvalidInput:
         """Return the reason for which the program ended early."""
         assert self.child.stderr is not None  # noqa: S101
-        return self._refusal(self.child.stderr.read(_MOST_SAID))
+        return self._refusal(self.child.stderr.read(_MOST_MESSAGE))
 
-    def _refusal(self, said: bytes) -> InvalidInput:
+    def _refusal(self, message: bytes) -> InvalidInput:
         """Return the reason from the program's message; without one, a limit ended it, or it crashed."""
         try:
-            wrong = json.loads((said.splitlines() or [b"{}"])[-1])
+            wrong = json.loads((message.splitlines() or [b"{}"])[-1])
         except ValueError:
             wrong = {}
         if isinstance(wrong, dict) and "refused" in wrong:

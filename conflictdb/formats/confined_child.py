@@ -20,7 +20,7 @@ import runpy
 import sys
 
 # Characters of an error message: fewer than a pipe buffers.
-_MOST_SAID = 2_000
+_MOST_MESSAGE = 2_000
 
 
 def main(program: str, most_bytes: int, most_memory_bytes: int, most_seconds: int, arguments: list[str]) -> str:
@@ -37,15 +37,15 @@ def main(program: str, most_bytes: int, most_memory_bytes: int, most_seconds: in
     except MemoryError:
         return json.dumps({"too_large": True})
     except Exception as error:  # any error means that the file cannot be read
-        return json.dumps({"refused": str(error)[:_MOST_SAID]})
+        return json.dumps({"refused": str(error)[:_MOST_MESSAGE]})
     return ""
 
 
 if __name__ == "__main__":
     program, most_bytes, most_memory_bytes, most_seconds, *arguments = sys.argv[1:]
-    said = os.dup(2)
+    stderr = os.dup(2)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # discard output of libraries
     wrong = main(program, int(most_bytes), int(most_memory_bytes), int(most_seconds), arguments)
     if wrong:
-        os.write(said, f"\n{wrong}".encode())
+        os.write(stderr, f"\n{wrong}".encode())
         sys.exit(1)

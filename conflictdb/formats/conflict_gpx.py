@@ -25,8 +25,9 @@ def as_gpx(conflicts: Iterable[Conflict], leave_out: Callable[[Conflict], object
         at = format_moment(one.first_contact if one.periods else one.closest_at)
         time = f"<time>{at}</time>" if at else ""
         periods = interval_text(one.periods)
+        labels = _text(" / ".join(one.labels))
         yield (
-            f'  <wpt lat="{place[1]:.9f}" lon="{place[0]:.9f}">{time}<name>{_text(f"{one.a_key} / {one.b_key}")}</name>'
+            f'  <wpt lat="{place[1]:.9f}" lon="{place[0]:.9f}">{time}<name>{labels}</name>'
             f"<desc>{_text(' '.join(filter(None, (one.scene, str(one.verdict), periods))))}</desc>"
             f"<type>{one.verdict}</type></wpt>\n"
         )

@@ -37,7 +37,8 @@ def _event(one: Conflict, n: int, start: datetime, end: datetime) -> Iterator[st
     yield f"DTSTAMP:{_stamp(one.changed_at or one.found_at or datetime.now(UTC))}"
     yield f"DTSTART:{_stamp(start)}"
     yield f"DTEND:{_stamp(end + (_SECOND if end.microsecond or end == start else timedelta(0)))}"
-    yield f"SUMMARY:{_text(f'{one.a_key} / {one.b_key}: {one.verdict}')}"
+    labels = " / ".join(one.labels)
+    yield f"SUMMARY:{_text(f'{labels}: {one.verdict}')}"
     yield f"CATEGORIES:{_text(str(one.verdict))}"
     yield f"STATUS:{'CONFIRMED' if one.verdict is Verdict.CONFLICT else 'TENTATIVE'}"
     if n == 0 and (place := position_of(one)) is not None:

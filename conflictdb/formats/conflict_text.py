@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import lru_cache
-from io import StringIO
+from itertools import chain
 from json.encoder import encode_basestring
 from math import isfinite
 from operator import attrgetter
@@ -71,18 +71,18 @@ def as_csv(
     Periods are ISO 8601 intervals, start/end, separated by spaces; an unbounded end is two dots. Geometries are
     GeoJSON. Texts of users that a spreadsheet could take for a formula begin with an apostrophe: see `cell`.
     """
-    buffer = StringIO()
-    writer = csv.writer(buffer, lineterminator=_LINE_END)
+    writer = csv.writer(_Echo(), lineterminator=_LINE_END)
+    header = [*columns, *(column.name for column in more)]
+    for row in chain([header], (_form(one).cells(one, more) for one in conflicts)):
+        yield f"{writer.writerow(row).removesuffix(_LINE_END)}\n"
 
-    def written(row: Sequence[str]) -> str:
-        buffer.seek(0)
-        buffer.truncate()
-        writer.writerow(row)
-        return buffer.getvalue().removesuffix(_LINE_END) + "\n"
 
-    yield written([*columns, *(column.name for column in more)])
-    for one in conflicts:
-        yield written(_form(one).cells(one, more))
+class _Echo:
+    """A file whose `write` returns the text, for `writerow` to return it."""
+
+    def write(self, text: str) -> str:
+        """Return the text."""
+        return text
 
 
 def cell(text: str) -> str:
@@ -102,20 +102,10 @@ def as_geojson(
     That is a conflict's region, else its first contact; of a closest approach the line between the nearest points. The
     foreign member `scenes` says of each scene of a database whether this is all.
     """
-    scenes = [
-        {
-            "scene": state.scene,
-            "is_current": state.is_current,
-            "objects": state.objects,
-            "pending": state.pending,
-            "last_run_at": format_moment(state.last_run_at),
-            "last_error": state.last_error,
-            "detected_at": format_moment(state.detected_at),
-        }
-        for state in states
-    ]
-    told = f'\n  "scenes": {dumped(scenes)},' if scenes else ""
-    yield f'{{ "type": "FeatureCollection",{told}\n  "features": ['
+    names = ("scene", "is_current", "objects", "pending", "last_run_at", "last_error", "detected_at")
+    scenes = [{name: _plain(getattr(state, name)) for name in names} for state in states]
+    member = f'\n  "scenes": {dumped(scenes)},' if scenes else ""
+    yield f'{{ "type": "FeatureCollection",{member}\n  "features": ['
     separator = "\n"
     for one in conflicts:
         if isinstance(one, Approach):
@@ -129,6 +119,10 @@ def as_geojson(
         yield separator + harmless(f'    {{"type": "Feature", "geometry": {geometry}, "properties": {properties}}}')
         separator = ",\n"
     yield " ] }\n"
+
+
+def _plain(value: object) -> object:
+    return format_moment(value) if isinstance(value, datetime) else value
 
 
 def interval_text(periods: Sequence[Period]) -> str:

@@ -1,7 +1,7 @@
 """Build areas and tracks from features: a shapely geometry, and columns named as in scene files."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any, Final
 
@@ -9,14 +9,21 @@ import shapely
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import file_objects
+from conflictdb.formats.contents import Skipped
 from conflictdb.formats.fields import Fields, number_as_key
 from conflictdb.formats.fields import key as checked_key
+from conflictdb.formats.geometry import CIRCLE_TYPE, TRACK_TYPE
+from conflictdb.formats.track_times import TrackAtSpeed
 from conflictdb.model.plans import Area, Track
 
 ALIASES: Final = {"begin": "start"}  # KML's name
 POLYGONS: Final = frozenset({shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON})
 LINES: Final = frozenset({shapely.GeometryType.LINESTRING, shapely.GeometryType.MULTILINESTRING})
 POINTS: Final = frozenset({shapely.GeometryType.POINT, shapely.GeometryType.MULTIPOINT})
+# Columns, in lower case, that make lines tracks.
+TIMES_OR_SPEED: Final = frozenset({"times", "datetimes", "speed_kn", "speed_mps"})
+# Features left out by geometry that are listed by number.
+_MOST_NAMED: Final = 10
 
 
 def polygon_area(where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.Setting) -> Area:
@@ -36,9 +43,16 @@ def polygon_area(where: str, number: str, values: Mapping[str, Any], shape: Any,
     return Area(key, footprint, **members)
 
 
+def circle_area(where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.Setting) -> Area:
+    """Return the area of a point with a radius; `number` is its key if it has none. Raises InvalidInput."""
+    key, values = _keyed(where, number, values, file_objects.AREA_MEMBERS | {"radius_m"})
+    geometry = {"type": CIRCLE_TYPE, "coordinates": shapely.get_coordinates(shape)[0].tolist()}
+    return file_objects.area(key, geometry, Fields(f"area {key!r}", values), setting)
+
+
 def line_track(
     where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.Setting
-) -> Track | file_objects.TrackAtSpeed:
+) -> Track | TrackAtSpeed:
     """Return the track of a feature; `number` is its key if it has none. Raises InvalidInput with all errors."""
     key, values = _keyed(where, number, values, file_objects.TRACK_MEMBERS)
     fields = Fields(f"track {key!r}", values)
@@ -46,7 +60,7 @@ def line_track(
     with fields.refusals:
         if len(parts) != 1:
             raise fields.refusal("geometry", f"must be one line: a track has no gaps; got {len(parts)}")
-    geometry = {"type": "LineString", "coordinates": shapely.get_coordinates(shape).tolist()}
+    geometry = {"type": TRACK_TYPE, "coordinates": shapely.get_coordinates(shape).tolist()}
     return file_objects.track(key, geometry, fields, setting)
 
 
@@ -70,3 +84,16 @@ def _known_names(values: Mapping[str, Any], members: frozenset[str]) -> dict[str
                 value = json.loads(value)
         known[lower] = value
     return known
+
+
+def unusable(source: str, who: str, what: str, numbers: Mapping[str, list[int]], no_times: str) -> Iterator[Skipped]:
+    """Yield points and lines as left out, one entry per type of geometry.
+
+    what : ``features`` or ``rows``
+    numbers : of the features, by the type of their geometry
+    no_times : why lines are no tracks
+    """
+    for kind, found in numbers.items():
+        named = ", ".join(map(str, found[:_MOST_NAMED])) + (", …" if len(found) > _MOST_NAMED else "")
+        reason = f"{no_times}: no tracks" if "Line" in kind else "no areas or tracks"
+        yield Skipped(source, who, f"{len(found)} {what} are {kind}s, {reason} ({named})", (), is_whole=False)

@@ -1,8 +1,11 @@
 """Read the members of one object of a file with type checks; errors name the member."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import FileRefusals
@@ -121,3 +124,10 @@ def instant(who: str, where: str, value: Any) -> int:
         return parse_instant(value)
     except ValueError as error:
         raise InvalidInput(who, where, str(error)) from None
+
+
+def instants(who: str, where: str, values: Any, read: Callable[[str, str, Any], int] = instant) -> NDArray[np.int64]:
+    """Return a list of instants in microseconds since 1970; `read` converts one of them."""
+    if not isinstance(values, list):
+        raise InvalidInput(who, where, f"must be a list of dates and times, one per waypoint; got {values!r:.60}")
+    return np.array([read(who, f"{where}[{i}]", value) for i, value in enumerate(values)], dtype=np.int64)

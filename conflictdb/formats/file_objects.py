@@ -3,7 +3,7 @@
 Includes the reading of havens and speeds that other formats share.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -11,26 +11,16 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.earth import geodesy
-from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats.discs import Corners, disc
-from conflictdb.formats.fields import Fields, finite, instant
+from conflictdb.formats.fields import Fields, finite, instants
 from conflictdb.formats.geometry import AREA_TYPES, CIRCLE_TYPE, line, multipolygon, pairs, point
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.names import RENAME_MEMBER, SETTING_RULE, SETTINGS, misnamed
 from conflictdb.formats.reference import Systems, ToDegrees
+from conflictdb.formats.track_times import TrackAtSpeed
 from conflictdb.model.inputs import all_certain, certain
-from conflictdb.model.plans import (
-    MAX_LATITUDE_DEG,
-    MAX_RHUMB_LATITUDE_DEG,
-    METRES_PER_NMI,
-    Area,
-    Motion,
-    Scene,
-    Track,
-    rectangle_outline_m,
-)
-from conflictdb.model.speeds import MPS_PER_KNOT, SPEED_SLACK, too_fast
+from conflictdb.model.plans import METRES_PER_NMI, Area, Scene, Track, rectangle_outline_m
+from conflictdb.model.speeds import MPS_PER_KNOT
 
 SIDES: Final = ("fore", "aft", "port", "starboard")
 TIMES: Final = ("times", "datetimes")
@@ -53,8 +43,6 @@ TRACK_ELSEWHERE: Final = _SETTINGS | {
     "radius_m": "has a meaning for areas only: the haven of a track has four sides, or an outline",
     "end": "has a meaning for areas only: a track ends with its last waypoint; to stay, give that twice, with times",
 }
-# A longer plan leaves the years 1 to 9999 anyway; below this limit, microseconds fit 64 bits.
-MAX_DURATION_S: Final = 3.2e11
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,27 +107,6 @@ def area_members(fields: Fields, setting: Setting) -> dict[str, Any]:
     return members
 
 
-@dataclass(frozen=True, slots=True)
-class TrackAtSpeed:
-    """A track whose times are not yet computed from its start and the speed on each leg.
-
-    positions_deg : (n, 2) float64, longitude and latitude of the waypoints
-    speed_mps : (n - 1,) float64, on each leg, from field `speed`
-    members : all but its key, positions and times
-    """
-
-    key: str
-    positions_deg: NDArray[np.float64]
-    start_us: int
-    speed: str
-    speed_mps: NDArray[np.float64]
-    members: Mapping[str, Any]
-
-    def refusal(self, field: str, rule: str) -> InvalidInput:
-        """Return the error that refuses a field of this track."""
-        return InvalidInput(f"track {self.key!r}", field, rule)
-
-
 def track(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) -> Track | TrackAtSpeed:
     """Return the track of a feature; raises InvalidInput with all errors.
 
@@ -163,7 +130,7 @@ def track(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) 
             rule = "is missing: give times (one per waypoint), or start and speed_kn or speed_mps"
             raise fields.refusal("times", rule)
         if by_times:
-            times_us = instants(fields, by_times[0])
+            times_us = instants(fields.who, by_times[0], fields.get(by_times[0]))
         else:
             if not fields.has("start"):
                 raise fields.refusal("start", "is missing: a track with a speed needs its start")
@@ -175,39 +142,6 @@ def track(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) 
         return Track(key, positions, all_certain(times_us), **members, max_speed_kn=np.inf)
     assert start_us is not None  # noqa: S101
     return TrackAtSpeed(key, positions, start_us, speed, speed_mps, members)
-
-
-def timed(tracks: Sequence[TrackAtSpeed], scene: Scene, max_speed_kn: float, refusals: Refusals) -> list[Track | None]:
-    """Return tracks with times computed from their speeds and the lengths of their legs in a scene.
-
-    A refused track is None, and its errors are added to the refusals.
-    """
-    if not tracks:
-        return []
-    positions = np.concatenate([track.positions_deg for track in tracks])
-    # Latitudes beyond the limit are refused below; clip them for the computation.
-    highest = _highest_latitude_deg(scene)
-    lon, lat = positions[:, 0], np.clip(positions[:, 1], -highest, highest)
-    ends = lon[:-1], lat[:-1], lon[1:], lat[1:]
-    if scene.motion == Motion.GREAT_CIRCLE:
-        length_m = geodesy.great_circle_distance(*ends)
-    else:
-        length_m = geodesy.rhumb_distance(geodesy.earth_of(scene.earth), *ends)
-    until = np.cumsum([len(track.positions_deg) for track in tracks]).tolist()
-    starts = [0, *until[:-1]]
-    done: list[Track | None] = [None] * len(tracks)
-    for k, (track, i, j) in enumerate(zip(tracks, starts, until, strict=True)):
-        with refusals:
-            done[k] = _timed(track, length_m[i : j - 1], highest)
-            fastest_kn = float(track.speed_mps.max()) / MPS_PER_KNOT
-            if fastest_kn > max_speed_kn * (1.0 + SPEED_SLACK):
-                done[k] = None
-                raise track.refusal(track.speed, f"is {too_fast(fastest_kn, max_speed_kn)}")
-    return done
-
-
-def _highest_latitude_deg(scene: Scene) -> float:
-    return MAX_LATITUDE_DEG if scene.motion == Motion.GREAT_CIRCLE else MAX_RHUMB_LATITUDE_DEG
 
 
 def track_members(fields: Fields, setting: Setting) -> dict[str, Any]:
@@ -242,14 +176,6 @@ def _heights(fields: Fields, name: str, unbounded: float) -> dict[str, Any]:
     return {name.replace("_m", "s_m"): np.array(heights, dtype=np.float64)}
 
 
-def instants(fields: Fields, name: str) -> NDArray[np.int64]:
-    """Return a member that must be a list of ISO 8601 instants, in microseconds since 1970."""
-    values = fields.get(name)
-    if not isinstance(values, list):
-        raise fields.refusal(name, f"must be a list of dates and times, one per waypoint; got {values!r:.60}")
-    return np.array([instant(fields.who, f"{name}[{i}]", v) for i, v in enumerate(values)], dtype=np.int64)
-
-
 def haven(fields: Fields) -> NDArray[np.float64]:
     """Return the (m, 2) outline (starboard, forward) in metres of the haven in the fields.
 
@@ -260,8 +186,7 @@ def haven(fields: Fields) -> NDArray[np.float64]:
         if sides:
             raise fields.refusal(sides[0], "must not be given together with outline_m")
         outline = pairs(fields.who, "outline_m", fields.get("outline_m"), "[starboard, forward] in metres")
-        closed = len(outline) > 1 and bool(np.all(outline[0] == outline[-1]))
-        return outline[:-1] if closed else outline
+        return _opened(outline[None])[0]
     if not sides:
         rule = "is missing: a track needs its haven, four sides in _m or _nmi, or outline_m (all 0 is a point)"
         raise fields.refusal("fore_m", rule)
@@ -291,7 +216,11 @@ def havens(fields: Fields) -> NDArray[np.float64] | None:
         if len(ring) != len(rings[0]):
             rule = f"must have as many vertices as outlines_m[0]: {len(rings[0])}, not {len(ring)}"
             raise fields.refusal(f"outlines_m[{k}]", f"{rule} (a vertex may be given twice)")
-    outlines = np.stack(rings)
+    return _opened(np.stack(rings))
+
+
+def _opened(outlines: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return outlines (n, m, 2) without the last vertex if it is the first again, in all of them."""
     closed = outlines.shape[1] > 1 and bool(np.all(outlines[:, 0] == outlines[:, -1]))
     return outlines[:, :-1] if closed else outlines
 
@@ -308,33 +237,6 @@ def _side_m(fields: Fields, side: str) -> float | None:
             raise fields.refusal(given[0], f"must not be negative; got {size:g}")
         return size if size is None or given[0].endswith("_m") else size * METRES_PER_NMI
     return None
-
-
-def _timed(track: TrackAtSpeed, length_m: NDArray[np.float64], highest_latitude_deg: float) -> Track:
-    positions = track.positions_deg
-    worst = float(np.abs(positions[:, 1]).max())
-    if worst > MAX_LATITUDE_DEG:  # refused by Track
-        return Track(
-            track.key, positions, np.arange(len(positions), dtype=np.int64), **track.members, max_speed_kn=np.inf
-        )
-    if worst > highest_latitude_deg:
-        rule = f"rhumb lines are followed up to {MAX_RHUMB_LATITUDE_DEG:g} degrees of latitude only; got {worst:g}"
-        raise track.refusal("geometry", rule)
-    with np.errstate(over="ignore"):
-        elapsed_s = np.cumsum(length_m / track.speed_mps)
-    if not elapsed_s[-1] < MAX_DURATION_S:
-        raise track.refusal(track.speed, "is so slow that the track would leave the years 1 to 9999")
-    times_us = np.concatenate([[0], np.rint(elapsed_s * 1e6).astype(np.int64)]) + track.start_us
-    short = np.flatnonzero(times_us[1:] <= times_us[:-1])
-    if short.size:
-        i = int(short[0])
-        where = f"waypoints {i} and {i + 1} (from 0)"
-        if np.all(positions[i] == positions[i + 1]):
-            rule = f"{where} are the same place: a speed cannot say how long to stay; give times"
-        else:
-            rule = f"{where} are less than a microsecond apart, the resolution of times"
-        raise track.refusal(track.speed, rule)
-    return Track(track.key, positions, all_certain(times_us), **track.members, max_speed_kn=np.inf)
 
 
 def _speeds_mps(fields: Fields, legs: int) -> tuple[str, NDArray[np.float64]]:

@@ -1,6 +1,6 @@
-"""Build a track from observed fixes of one object; unusable fixes are left out and noted."""
+"""Build tracks from observed fixes; unusable fixes are left out and noted."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.earth import geodesy
+from conflictdb.formats.contents import FileRefusals, Skipped
 from conflictdb.model.inputs import all_certain
 from conflictdb.model.plans import EarthModel, Track, rectangle_outline_m
 from conflictdb.model.speeds import MPS_PER_KNOT
@@ -30,15 +31,38 @@ class Fixes:
     constant: dict[str, str | None] = field(default_factory=dict)
 
 
-def track_of(
-    key: str, rows: Fixes, size_columns: Sequence[str], max_speed_kn: float, left_out: dict[tuple[str, str], list[int]]
-) -> Track | None:
-    """Return the track of one object's usable fixes, None if they make no track; note omissions.
+def tracks_of(
+    source: str,
+    objects: Iterable[tuple[str, Fixes]],
+    size_columns: Sequence[str],
+    max_speed_kn: float,
+    left_out: dict[tuple[str, str], list[int]],
+) -> tuple[list[Track], list[Skipped]]:
+    """Return the tracks of the usable fixes of each object, and what is left out; raises InvalidInput with all errors.
 
-    size_columns : SIDES, LENGTH_WIDTH, or none for a point
+    size_columns : SIDES, LENGTH_WIDTH, or none for points
     max_speed_kn : fixes reachable only above this speed are left out, as few as possible
     left_out : line numbers by key and reason
     """
+    refusals = FileRefusals()
+    tracks = []
+    for key, rows in objects:
+        with refusals:
+            track = _track_of(key, rows, size_columns, max_speed_kn, left_out)
+            if track is not None:
+                tracks.append(track)
+    refusals.raise_found()
+    kept = {track.key for track in tracks}
+    return tracks, [
+        Skipped(source, key, reason, tuple(sorted(lines)), is_whole=key not in kept)
+        for (key, reason), lines in left_out.items()
+    ]
+
+
+def _track_of(
+    key: str, rows: Fixes, size_columns: Sequence[str], max_speed_kn: float, left_out: dict[tuple[str, str], list[int]]
+) -> Track | None:
+    """Return the track of one object's usable fixes, None if they make no track; note omissions."""
     if not rows.lines:
         return None  # the reasons are noted already
     missing = [column for column in size_columns if column not in rows.largest]

@@ -22,7 +22,7 @@ from conflictdb.formats.fields import number_as_key
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.names import RENAME_COLUMN
 from conflictdb.formats.reference import ToDegrees, of_name
-from conflictdb.formats.speed_columns import within_speed
+from conflictdb.formats.track_times import TrackAtSpeed, timed
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.speeds import MAX_SPEED_KN
@@ -57,10 +57,10 @@ class Zone:
     def text(self, who: str, field: str, instant: datetime) -> str:
         """Return an instant as ISO 8601 UTC with microseconds, truncated; raises InvalidInput."""
         if instant.utcoffset() is None:
-            instant = self._placed(who, field, instant)
+            instant = self._with_zone(who, field, instant)
         return format_instant(int((instant - EPOCH) // MICROSECOND))
 
-    def _placed(self, who: str, field: str, instant: datetime) -> datetime:
+    def _with_zone(self, who: str, field: str, instant: datetime) -> datetime:
         if self._zone is None:
             rule = (
                 "has no time zone: give it one with tz_localize, or all that have none with solve(..., time_zone=...)"
@@ -106,16 +106,17 @@ def tracks_of(
 
     haven : default members for the size of tracks that have none
     """
-    return _of_lines(given, scene, haven, zone) if not is_trajectories(given) else _of_fixes(given, scene, haven, zone)
+    read = _tracks_of_trajectories if is_trajectories(given) else _tracks_of_lines
+    return read(given, scene, haven, zone)
 
 
-def _of_fixes(given: Any, scene: Scene, haven: Mapping[str, Any], zone: Zone) -> list[Track]:
+def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], zone: Zone) -> list[Track]:
     """Return the tracks of trajectories, each a frame of fixes; sizes and heights are those of the first fix.
 
     MovingPandas removes the zone from the instants and stores it in an attribute.
     """
     refusals = Refusals()
-    found: list[Track | file_objects.TrackAtSpeed] = []
+    found: list[Track | TrackAtSpeed] = []
     for trajectory in getattr(given, "trajectories", [given]):
         key = _as_key(trajectory.id)
         who = f"trajectory {key!r}"
@@ -124,13 +125,16 @@ def _of_fixes(given: Any, scene: Scene, haven: Mapping[str, Any], zone: Zone) ->
             setting = file_objects.Setting(scene, (), _to_degrees(who, frame), RENAME_COLUMN)
             first = next(_rows(who, frame))[2]
             own = {name: value for name, value in first.items() if str(name).lower() not in _OF_FIXES}
-            members = {"times": _instants(who, "times", _when(who, trajectory, frame), zone), **_plain(who, own, zone)}
+            times = _instants(who, "times", _instants_of_fixes(who, trajectory, frame), zone)
+            members = {"times": times, **_plain(who, own, zone)}
             line = shapely.LineString(shapely.get_coordinates(np.asarray(frame.geometry.array, dtype=np.object_)))
             found.append(line_track(who, key, _with_haven(members, haven), line, setting))
-    return _timed(found, scene, refusals)
+    _, tracks = timed(found, scene, MAX_SPEED_KN, refusals)
+    refusals.raise_found()
+    return tracks
 
 
-def _when(who: str, trajectory: Any, frame: Any) -> Any:
+def _instants_of_fixes(who: str, trajectory: Any, frame: Any) -> Any:
     """Return the instants of a trajectory's fixes, in their original zone; raises InvalidInput."""
     zone = getattr(trajectory, "df_orig_tz", None)
     if zone is None:
@@ -142,10 +146,10 @@ def _when(who: str, trajectory: Any, frame: Any) -> Any:
     return when
 
 
-def _of_lines(frame: Any, scene: Scene, haven: Mapping[str, Any], zone: Zone) -> list[Track]:
+def _tracks_of_lines(frame: Any, scene: Scene, haven: Mapping[str, Any], zone: Zone) -> list[Track]:
     setting = _setting("tracks", frame, scene)
     refusals = Refusals()
-    found: list[Track | file_objects.TrackAtSpeed] = []
+    found: list[Track | TrackAtSpeed] = []
     for where, label, values, shape in _rows("tracks", frame):
         with refusals:
             if shape is None or shapely.get_type_id(shape) not in LINES:
@@ -153,15 +157,7 @@ def _of_lines(frame: Any, scene: Scene, haven: Mapping[str, Any], zone: Zone) ->
                 raise InvalidInput(where, "geometry", f"must be a LineString; got {got}")
             members = _with_haven(_plain(where, values, zone), haven)
             found.append(line_track(where, label, members, shape, setting))
-    return _timed(found, scene, refusals)
-
-
-def _timed(found: list[Track | file_objects.TrackAtSpeed], scene: Scene, refusals: Refusals) -> list[Track]:
-    """Return tracks, computing the times of those with a speed; raises InvalidInput with all errors."""
-    at_speed = [one for one in found if isinstance(one, file_objects.TrackAtSpeed)]
-    timed = iter(file_objects.timed(at_speed, scene, MAX_SPEED_KN, refusals))
-    each = (next(timed) if isinstance(one, file_objects.TrackAtSpeed) else one for one in found)
-    tracks = within_speed([one for one in each if one is not None], scene.motion, MAX_SPEED_KN, refusals)
+    _, tracks = timed(found, scene, MAX_SPEED_KN, refusals)
     refusals.raise_found()
     return tracks
 

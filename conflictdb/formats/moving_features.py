@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import file_objects, reference
-from conflictdb.formats.fields import Fields, finite, instant
+from conflictdb.formats.fields import Fields, finite, instant, instants
 from conflictdb.formats.geometry import line
 from conflictdb.formats.names import misnamed
 from conflictdb.model.inputs import all_certain
@@ -40,9 +40,9 @@ def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any], s
     """Return the track of a feature with a temporalGeometry; raises InvalidInput with all errors."""
     fields = Fields(f"track {key!r}", properties)
     with fields.refusals:
-        said = fields.text("kind")
-        if said not in (None, "track"):
-            raise fields.refusal("kind", f"must be 'track' for a moving feature; got {said!r:.60}")
+        kind = fields.text("kind")
+        if kind not in (None, "track"):
+            raise fields.refusal("kind", f"must be 'track' for a moving feature; got {kind!r:.60}")
     for name in (*file_objects.TIMES, *file_objects.SPEED):
         with fields.refusals:
             if fields.has(name):
@@ -75,7 +75,7 @@ def _course(
     to_degrees = reference.of_member(fields.who, moving, setting.to_degrees, setting.systems)
     if to_degrees is not None:
         positions = to_degrees(positions)
-    return positions, _instants(fields, f"{where}.datetimes", moving.get("datetimes"))
+    return positions, instants(fields.who, f"{where}.datetimes", moving.get("datetimes"), _instant)
 
 
 def check_trs(who: str, holder: Mapping[str, Any]) -> None:
@@ -88,21 +88,13 @@ def check_trs(who: str, holder: Mapping[str, Any]) -> None:
 def _check_interpolation(fields: Fields, where: str, moving: Mapping[str, Any]) -> None:
     for name in ("interpolation", "interpolations"):
         value = moving.get(name)
-        given = value if isinstance(value, list) else [value]
-        if any(item not in (None, "Linear") for item in given):
-            raise fields.refusal(
-                f"{where}.{name}", f"must be Linear: tracks move steadily between waypoints; got {value!r:.60}"
-            )
-
-
-def _instants(fields: Fields, where: str, values: Any) -> NDArray[np.int64]:
-    """Parse datetimes: ISO 8601 strings, or milliseconds since 1970."""
-    if not isinstance(values, list):
-        raise fields.refusal(where, f"must be a list of dates and times, one per position; got {values!r:.60}")
-    return np.array([_instant(fields.who, f"{where}[{i}]", value) for i, value in enumerate(values)], dtype=np.int64)
+        if any(one not in (None, "Linear") for one in (value if isinstance(value, list) else [value])):
+            rule = f"must be Linear: tracks move steadily between waypoints; got {value!r:.60}"
+            raise fields.refusal(f"{where}.{name}", rule)
 
 
 def _instant(who: str, where: str, value: Any) -> int:
+    """Return an instant: an ISO 8601 string, or milliseconds since 1970."""
     if isinstance(value, str):
         return instant(who, where, value)
     instant_us = finite(who, where, value) * _MICROSECONDS_PER_MILLISECOND

@@ -49,6 +49,7 @@ _LONGEST: Final = 200
 # Squashed names shorter than these must match exactly, or within one edit.
 _ONE_SLIP: Final = 5
 _TWO_SLIPS: Final = 9
+_TOO_MANY: Final = 3
 
 
 def misnamed(
@@ -93,31 +94,16 @@ def _look_alike(name: str, known: tuple[str, ...]) -> str | None:
     squashed, stem = _squash(name), stem_of(name)
     if not stem:
         return None
-    best: tuple[int, str] | None = None
     meant = SYNONYMS.get(stem)
-    letters, stem_letters = set(squashed), set(stem)
-    size, stem_size = len(squashed), len(stem)
-    for other, other_squashed, other_letters, other_stem, other_stem_letters in _forms(known):
-        if other_stem in (stem, meant):
-            slips = 0
-        else:
-            slips = 3
-            # An edit changes the length by at most one and the set of letters by at most two: most names differ by
-            # more.
-            if -2 <= size - len(other_squashed) <= 2 and len(letters ^ other_letters) <= 4:
-                slips = _slips(squashed, other_squashed)
-            if -2 <= stem_size - len(other_stem) <= 2 and len(stem_letters ^ other_stem_letters) <= 4:
-                slips = min(slips, _slips(stem, other_stem))
-        if slips <= 2 and (best is None or slips < best[0]):
-            best = slips, other
-    return None if best is None else best[1]
-
-
-@lru_cache(maxsize=64)
-def _forms(known: tuple[str, ...]) -> list[tuple[str, str, set[str], str, set[str]]]:
-    """Return known names, each squashed and as its stem, with the letter sets of both."""
-    forms = [(name, _squash(name), stem_of(name)) for name in known]
-    return [(name, squashed, set(squashed), stem, set(stem)) for name, squashed, stem in forms]
+    best, least = None, _TOO_MANY
+    for other in known:
+        other_stem = stem_of(other)
+        slips = 0
+        if other_stem not in (stem, meant):
+            slips = min(_slips(squashed, _squash(other)), _slips(stem, other_stem))
+        if slips < least:
+            best, least = other, slips
+    return best
 
 
 def can_be(value: Any, meant: str) -> bool:
@@ -151,15 +137,22 @@ def stem_of(name: str) -> str:
     return "".join(words[first:])
 
 
+@lru_cache(maxsize=4096)
 def _squash(name: str) -> str:
     return "".join(_WORD.findall(name)).lower()
 
 
+@lru_cache(maxsize=4096)
+def _letters(name: str) -> frozenset[str]:
+    return frozenset(name)
+
+
 def _slips(one: str, other: str) -> int:
-    """Return the edit distance (optimal string alignment), 3 above the limit for names of this length."""
+    """Return the edit distance (optimal string alignment), _TOO_MANY above the limit for names of this length."""
     most = 0 if len(other) < _ONE_SLIP else 1 if len(other) < _TWO_SLIPS else 2
-    if abs(len(one) - len(other)) > most:
-        return 3
+    # An edit changes the length by at most one and the set of letters by at most two: most names differ by more.
+    if abs(len(one) - len(other)) > most or len(_letters(one) ^ _letters(other)) > 2 * most:
+        return _TOO_MANY
     before: list[int] = []
     row = list(range(len(other) + 1))
     for i, letter in enumerate(one, 1):
@@ -170,4 +163,4 @@ def _slips(one: str, other: str) -> int:
             if i > 1 and j > 1 and letter == other[j - 2] and one[i - 2] == expected:
                 cost = min(cost, before_last[j - 2] + 1)
             row.append(cost)
-    return row[-1] if row[-1] <= most else 3
+    return row[-1] if row[-1] <= most else _TOO_MANY

@@ -41,30 +41,29 @@ from conflictdb.formats.contents import (
     name_of,
     rows_apart,
 )
-from conflictdb.formats.features import LINES, POINTS, line_track, polygon_area
-from conflictdb.formats.fields import Fields, number_as_key
+from conflictdb.formats.features import LINES, POINTS, TIMES_OR_SPEED, circle_area, line_track, polygon_area, unusable
 from conflictdb.formats.fields import key as checked_key
+from conflictdb.formats.fields import number_as_key
 from conflictdb.formats.geoparquet import COVERING, GEOMETRY, PLANAR, Layout
 from conflictdb.formats.geoparquet import METADATA_KEY as METADATA_GEO
+from conflictdb.formats.hints import renamed
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import check_storable, check_text
 from conflictdb.formats.names import RENAME_COLUMN
 from conflictdb.formats.parquet_process import decoded
 from conflictdb.formats.positions import COLUMNS, read_positions
 from conflictdb.formats.scene_file import scene_of
-from conflictdb.formats.speed_columns import within_speed
+from conflictdb.formats.time_columns import is_time_like, without_times
+from conflictdb.formats.track_times import MAX_DURATION_S, TrackAtSpeed, timed
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
+from conflictdb.model.speeds import MAX_SPEED_KN
 
 # Limit on a file in Arrow format; as objects it takes five times that memory, JSON thirty times.
 MAX_PARQUET_MB: Final = 400.0
 # Limit on a file that is read in parts and not kept in memory.
 MAX_PARTS_MB: Final = 4_000.0
-# Columns that make lines tracks.
-_WHEN: Final = frozenset({"times", "datetimes", "speed_kn", "speed_mps"})
 _INDEX: Final = "__index_level_0__"  # of pandas
-# Rows left out by geometry that are listed by number.
-_MOST_NAMED: Final = 10
 _UNSURE: Final = "does not say its reference system: taken for longitude and latitude on WGS84"
 
 
@@ -74,27 +73,33 @@ First = Callable[[str, int], int]
 
 @dataclass(slots=True)
 class _Found:
-    """The objects of a part; `others` collects rows of unusable geometry, by type, over all parts."""
+    """The objects of a part.
+
+    others : rows of unusable geometry, by type, over all parts
+    time_like : the columns of lines among them that look like times
+    """
 
     refusals: Refusals
     first: First
-    areas: list[Area] = field(default_factory=list)
-    tracks: list[Track] = field(default_factory=list)
-    at_speed: list[file_objects.TrackAtSpeed] = field(default_factory=list)
+    scene: Scene
+    fastest_kn: float
+    items: list[Area | Track | TrackAtSpeed] = field(default_factory=list)
     others: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    time_like: dict[str, None] = field(default_factory=dict)
 
-    def add(self, row: int, item: Area | Track | file_objects.TrackAtSpeed) -> None:
+    def add(self, row: int, item: Area | Track | TrackAtSpeed) -> None:
         """Add the object of a row; refuse an id that an earlier row has."""
         first = self.first(item.key, row)
         with self.refusals:
             if first != row:
                 raise given_twice(name_of(item), rows_apart(first, row))
-            if isinstance(item, Area):
-                self.areas.append(item)
-            elif isinstance(item, Track):
-                self.tracks.append(item)
-            else:
-                self.at_speed.append(item)
+            self.items.append(item)
+
+    def parts(self, reads: Iterator[None]) -> Iterator[tuple[list[Area], list[Track]]]:
+        """Yield the objects that each read has added."""
+        for _ in reads:
+            items, self.items = self.items, []
+            yield timed(items, self.scene, self.fastest_kn, self.refusals)
 
 
 def read_parquet(
@@ -102,7 +107,6 @@ def read_parquet(
     stem: str,
     max_file_mb: float | None,
     max_speed_kn: float | None,
-    fastest_kn: float,
     *,
     skip_invalid: bool,
 ) -> Contents:
@@ -110,14 +114,13 @@ def read_parquet(
 
     max_file_mb, max_speed_kn, skip_invalid : see `conflictdb.formats.read`
     stem : name of the scene if the file has settings without a name
-    fastest_kn : `max_speed_kn`, or its default for plans
     """
     first: dict[str, int] = {}
     most_mb = MAX_PARQUET_MB if max_file_mb is None else max_file_mb
     most = most_mb, most_mb
     areas: list[Area] = []
     tracks: list[Track] = []
-    with parquet_parts(path, stem, most, max_speed_kn, fastest_kn, first.setdefault) as parts:
+    with parquet_parts(path, stem, most, max_speed_kn, first.setdefault) as parts:
         for some_areas, some_tracks in parts.each:
             areas += some_areas
             tracks += some_tracks
@@ -130,7 +133,7 @@ def read_parquet(
 
 @contextmanager
 def parquet_parts(
-    path: Path, stem: str, most_mb: tuple[float, float], max_speed_kn: float | None, fastest_kn: float, first: First
+    path: Path, stem: str, most_mb: tuple[float, float], max_speed_kn: float | None, first: First
 ) -> Iterator[Parts]:
     """Yield the result of `read_parquet` in parts; a file of rows per waypoint is a single part.
 
@@ -138,43 +141,37 @@ def parquet_parts(
     first : returns the first row that has a key
     """
     source = str(path)
+    fastest_kn = MAX_SPEED_KN if max_speed_kn is None else max_speed_kn
     with decoded(path, most_mb[0]) as rows:
         schema = rows.schema
         check_columns("file", list(leaves("", schema)))
-        said = metadata_of("file", schema)
-        settings = scene_of(said["scene"], stem) if said.get("scene") is not None else None
+        metadata = metadata_of("file", schema)
+        settings = scene_of(metadata["scene"], stem) if metadata.get("scene") is not None else None
         parts = Parts(settings, iter(()))
-        found = _Found(parts.refusals, first)
+        found = _Found(parts.refusals, first, settings or Scene("file"), fastest_kn)
         layout = Layout.of(schema)
-        is_own = said.get("form") == OBJECTS.name
+        is_own = metadata.get("form") == OBJECTS.name
         if is_own or _fits(schema):
             if layout.geometry not in (None, GEOMETRY):
                 rule = f"primary_column must be {GEOMETRY}, as the other columns are; got {layout.geometry!r:.60}"
                 raise InvalidInput("file", "metadata geo", rule)
             parts.remarks += _remarks(source, layout, is_sure=is_own and METADATA_GEO not in (schema.metadata or {}))
-            parts.each = _taken(_of_form(found, rows.batches, said, layout), found, settings, fastest_kn)
-            yield parts
-            return
-        parts.remarks += _remarks(source, layout, is_sure=False)
-        before, rest = _peeked(rows.batches)
-        if _are_positions(before, layout):
-            rest = _bounded(rest, most_mb[1])
-            contents = read_positions(_as_csv(rest, layout), source, max_speed_kn=max_speed_kn)
-            parts.remarks[:0] = contents.remarks
-            parts.skipped += contents.skipped
-            parts.each = iter([(contents.areas, contents.tracks)])
-            yield parts
-            return
-        if layout.geometry is None:
-            known = ", ".join(schema.names[:20])
-            rule = (
-                f"there is none: no metadata of GeoParquet, no column geometry, no lon and lat with a time; got {known}"
-            )
-            raise InvalidInput("file", "geometry", rule)
-        parts.each = chain(
-            _taken(_of_rows(found, rest, layout, settings), found, settings, fastest_kn),
-            _others(found, source, parts.skipped),
-        )
+            parts.each = found.parts(_read_form(found, rows.batches, metadata, layout))
+        else:
+            parts.remarks += _remarks(source, layout, is_sure=False)
+            first_rows, batches = _from_first_rows(rows.batches)
+            if _are_positions(first_rows, layout):
+                text = _csv_text(_bounded(batches, most_mb[1]), layout)
+                contents = read_positions(text, source, max_speed_kn=max_speed_kn)
+                parts.remarks[:0] = contents.remarks
+                parts.skipped += contents.skipped
+                parts.each = iter([(contents.areas, contents.tracks)])
+            elif layout.geometry is None:
+                rule = "there is none: no metadata of GeoParquet, no column geometry, no lon and lat with a time; got "
+                raise InvalidInput("file", "geometry", rule + ", ".join(schema.names[:20]))
+            else:
+                objects = found.parts(_read_rows(found, batches, layout))
+                parts.each = chain(objects, _unusable_rows(found, source, parts.skipped))
         yield parts
 
 
@@ -206,24 +203,9 @@ def _bounded(batches: "Iterator[pa.RecordBatch]", most_mb: float) -> "Iterator[p
         yield batch
 
 
-def _taken(
-    read: Iterator[None], found: _Found, settings: Scene | None, fastest_kn: float
-) -> Iterator[tuple[list[Area], list[Track]]]:
-    """Yield the objects found in each part."""
-    scene = settings or Scene("file")
-    for _ in read:
-        areas, tracks, at_speed = found.areas, found.tracks, found.at_speed
-        found.areas, found.tracks, found.at_speed = [], [], []
-        timed = file_objects.timed(at_speed, scene, fastest_kn, found.refusals)
-        tracks += [track for track in timed if track is not None]
-        yield areas, within_speed(tracks, scene.motion, fastest_kn, found.refusals)
-
-
-def _of_rows(
-    found: _Found, batches: "Iterator[pa.RecordBatch]", layout: Layout, settings: Scene | None
-) -> Iterator[None]:
+def _read_rows(found: _Found, batches: "Iterator[pa.RecordBatch]", layout: Layout) -> Iterator[None]:
     """Read rows, one object each, in batches."""
-    setting = file_objects.Setting(settings or Scene("file"), (), layout.to_degrees, RENAME_COLUMN)
+    setting = file_objects.Setting(found.scene, (), layout.to_degrees, RENAME_COLUMN)
     row = 0
     for batch in batches:
         _add_rows(found, batch, row, layout, setting)
@@ -231,12 +213,9 @@ def _of_rows(
         yield
 
 
-def _others(found: _Found, source: str, skipped: list[Skipped]) -> Iterator[tuple[list[Area], list[Track]]]:
+def _unusable_rows(found: _Found, source: str, skipped: list[Skipped]) -> Iterator[tuple[list[Area], list[Track]]]:
     """List the rows left out by geometry; yields nothing."""
-    for kind, rows in found.others.items():
-        named = ", ".join(map(str, rows[:_MOST_NAMED])) + (", …" if len(rows) > _MOST_NAMED else "")
-        what = "without times: no tracks" if "Line" in kind else "no areas or tracks"
-        skipped.append(Skipped(source, "file", f"{len(rows)} rows are {kind}s, {what} ({named})", (), is_whole=False))
+    skipped.extend(unusable(source, "file", "rows", found.others, without_times(found.time_like)))
     yield from ()
 
 
@@ -251,12 +230,12 @@ def _fits(schema: "pa.Schema") -> bool:
     return True
 
 
-def _of_form(
-    found: _Found, batches: "Iterator[pa.RecordBatch]", said: dict[str, Any], layout: Layout
+def _read_form(
+    found: _Found, batches: "Iterator[pa.RecordBatch]", metadata: dict[str, Any], layout: Layout
 ) -> Iterator[None]:
     """Read the objects of a file of the form OBJECTS, in batches."""
     row = 0
-    known = {METADATA_KEY: json.dumps({k: v for k, v in said.items() if k != "scene"})}
+    known = {METADATA_KEY: json.dumps({k: v for k, v in metadata.items() if k != "scene"})}
     for batch in batches:
         batch = batch.replace_schema_metadata(known)
         columns = OBJECTS.columns(batch, row)  # an error here concerns all rows
@@ -290,7 +269,7 @@ def _add_checked(found: _Found, batch: "pa.RecordBatch", row: int) -> None:
         found.add(row + i, item)
 
 
-def _peeked(batches: "Iterator[pa.RecordBatch]") -> "tuple[pa.RecordBatch | None, Iterator[pa.RecordBatch]]":
+def _from_first_rows(batches: "Iterator[pa.RecordBatch]") -> "tuple[pa.RecordBatch | None, Iterator[pa.RecordBatch]]":
     """Return the first non-empty batch, and all batches from it on."""
     for batch in batches:
         if batch.num_rows:
@@ -302,7 +281,7 @@ def _add_rows(found: _Found, batch: "pa.RecordBatch", row: int, layout: Layout, 
     """Add the objects of a batch whose first row has number `row`."""
     shapes = layout.shapes(batch.column(layout.geometry), row)
     names, columns = _values(batch, {layout.geometry, *layout.aside})
-    has_times = not _WHEN.isdisjoint(name.lower() for name in names)
+    has_times = not TIMES_OR_SPEED.isdisjoint(name.lower() for name in names)
     measured = shapely.has_m(shapes)
     for i, shape in enumerate(shapes):
         where = f"row {row + i}"
@@ -313,13 +292,15 @@ def _add_rows(found: _Found, batch: "pa.RecordBatch", row: int, layout: Layout, 
         is_circle = kind == shapely.GeometryType.POINT and any(name.lower() == "radius_m" for name in names)
         if kind in POINTS | LINES and not is_track and not is_circle:
             found.others[shape.geom_type].append(row + i)
+            if kind in LINES:
+                found.time_like.update(dict.fromkeys(n for n, value in values.items() if is_time_like(n, value)))
             continue
         with found.refusals:
             _check_kind(where, values, is_track=is_track)
             if is_circle:
-                found.add(row + i, _circle(where, number, values, shape, setting))
+                found.add(row + i, circle_area(where, number, values, shape, setting))
             elif is_track:
-                if measured[i] and all(values.get(name) is None for name in names if name.lower() in _WHEN):
+                if measured[i] and all(values.get(name) is None for name in names if name.lower() in TIMES_OR_SPEED):
                     values = {**values, "times": _times_of(where, shape)}
                 found.add(row + i, line_track(where, number, values, shape, setting))
             else:
@@ -327,30 +308,18 @@ def _add_rows(found: _Found, batch: "pa.RecordBatch", row: int, layout: Layout, 
 
 
 def _check_kind(where: str, values: dict[str, Any], *, is_track: bool) -> None:
-    said = values.get("kind")
-    if said in ("area", "track") and (said == "track") != is_track:
-        rule = f"is {said!r}, but the geometry is that of {'a track' if is_track else 'an area'}"
+    kind = values.get("kind")
+    if kind in ("area", "track") and (kind == "track") != is_track:
+        rule = f"is {kind!r}, but the geometry is that of {'a track' if is_track else 'an area'}"
         raise InvalidInput(where, "kind", rule)
-
-
-def _circle(where: str, number: str, values: dict[str, Any], shape: Any, setting: file_objects.Setting) -> Area:
-    key = number_as_key(values.pop("id", None))
-    key = checked_key(where, "id", number if key is None or key == "" else key)
-    geometry = {"type": "Point", "coordinates": shapely.get_coordinates(shape)[0].tolist()}
-    fields = Fields(f"area {key!r}", {n.lower() if n.lower() in _CIRCLE else n: v for n, v in values.items()})
-    return file_objects.area(key, geometry, fields, setting)
-
-
-_CIRCLE: Final = file_objects.AREA_MEMBERS | {"radius_m"}
 
 
 def _times_of(where: str, line: Any) -> list[str]:
     """Return the M of a line, seconds since 1970, as instants."""
     seconds = shapely.get_coordinates(line, include_m=True)[:, 2]
-    if not (np.abs(seconds) < file_objects.MAX_DURATION_S).all():
-        raise InvalidInput(
-            where, "geometry", "has an M that is no number of seconds since 1970, in the years 1 to 9999"
-        )
+    if not (np.abs(seconds) < MAX_DURATION_S).all():
+        rule = "has an M that is no number of seconds since 1970, in the years 1 to 9999"
+        raise InvalidInput(where, "geometry", rule)
     try:
         return [format_instant(us) for us in np.rint(seconds * 1e6).astype(np.int64).tolist()]
     except OverflowError:
@@ -361,7 +330,7 @@ def _are_positions(first: "pa.RecordBatch | None", layout: Layout) -> bool:
     """Return whether rows are waypoints: with a time, and a point or lon and lat."""
     if first is None:
         return False
-    lower = {name.lower() for name in first.schema.names}
+    lower = {name.lower() for name in renamed(first.schema.names)}
     if not lower.intersection(COLUMNS["time"]):
         return False
     if layout.geometry is None:
@@ -370,7 +339,7 @@ def _are_positions(first: "pa.RecordBatch | None", layout: Layout) -> bool:
     return bool(np.isin(kinds, [shapely.GeometryType.POINT, shapely.GeometryType.MISSING]).all() and (kinds >= 0).any())
 
 
-def _as_csv(batches: "Iterator[pa.RecordBatch]", layout: Layout) -> str:
+def _csv_text(batches: "Iterator[pa.RecordBatch]", layout: Layout) -> str:
     """Return positions as CSV text for `read_positions`; coordinates and instants keep all digits."""
     text = StringIO()
     writer = csv.writer(text)
@@ -386,7 +355,7 @@ def _as_csv(batches: "Iterator[pa.RecordBatch]", layout: Layout) -> str:
         if not row:
             writer.writerow([*names, *(("lon", "lat") if places else ())])
         is_id = [name.lower() in COLUMNS["id"] for name in names]
-        texts = [[_cell(value, is_id=of) for value in column] for of, column in zip(is_id, columns, strict=True)]
+        texts = [[_csv_cell(value, is_id=of) for value in column] for of, column in zip(is_id, columns, strict=True)]
         writer.writerows(zip(*texts, *places, strict=True))
         row += batch.num_rows
     return text.getvalue()
@@ -407,7 +376,7 @@ def _places(layout: Layout, batch: "pa.RecordBatch", row: int) -> list[list[Any]
     return [[repr(x) if ok else "" for x, ok in zip(side.tolist(), known.tolist(), strict=True)] for side in xy.T]
 
 
-def _cell(value: Any, *, is_id: bool) -> str:
+def _csv_cell(value: Any, *, is_id: bool) -> str:
     if value is None:
         return ""
     if is_id:
@@ -416,9 +385,9 @@ def _cell(value: Any, *, is_id: bool) -> str:
 
 
 def _values(batch: "pa.RecordBatch", aside: Collection[str | None]) -> tuple[list[str], list[list[Any]]]:
-    """Return the names of columns and their JSON values, except columns in `aside`."""
+    """Return the names of columns, as the hints map them, and their JSON values, except columns in `aside`."""
     names = [name for name in batch.schema.names if name not in aside]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InvalidInput("file", f"column {twice}", "is there more than once")
-    return names, [plain(name, batch.column(batch.schema.get_field_index(name))) for name in names]
+    return renamed(names), [plain(name, batch.column(batch.schema.get_field_index(name))) for name in names]

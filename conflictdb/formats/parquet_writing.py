@@ -53,36 +53,36 @@ def write_conflicts(stream: IO[bytes], conflicts: Iterable[Conflict]) -> None:
     """Write conflicts, as they come, with the columns of the form FOUND."""
     with _written(stream, FOUND, FOUND.schema, {}) as writer:
         rows = iter(conflicts)
-        while some := list(islice(rows, _ROWS)):
-            writer.write_batch(of_rows(some))
+        while batch := list(islice(rows, _ROWS)):
+            writer.write_batch(of_rows(batch))
         region, *others = GEOMETRIES
-        told = metadata(np.full(4, np.nan), [], {name: ["Point"] for name in others}, region)
-        writer.add_key_value_metadata({"geo": told})
+        geo = metadata(np.full(4, np.nan), [], {name: ["Point"] for name in others}, region)
+        writer.add_key_value_metadata({"geo": geo})
 
 
 @contextmanager
 def _written(
     stream: IO[bytes], form: Form, schema: "pa.Schema", more: Mapping[str, Any]
 ) -> "Iterator[pq.ParquetWriter]":
-    told = {"form": form.name, "edition": form.edition, **more}
+    about = {"form": form.name, "edition": form.edition, **more}
     # With its own schema in the file Arrow reads no metadata but those, and `geo` is known when all is written.
     with pq.ParquetWriter(stream, schema.remove_metadata(), compression="zstd", store_schema=False) as writer:
         yield writer
-        writer.add_key_value_metadata({METADATA_KEY: json.dumps(told, ensure_ascii=False)})
+        writer.add_key_value_metadata({METADATA_KEY: json.dumps(about, ensure_ascii=False)})
 
 
 def _grouped(batches: "Iterable[pa.RecordBatch]") -> "Iterator[pa.Table]":
     """Yield small batches joined to tables of row group size."""
-    held: list[pa.RecordBatch] = []
+    small: list[pa.RecordBatch] = []
     rows = 0
     for batch in batches:
-        held.append(batch)
+        small.append(batch)
         rows += batch.num_rows
         if rows >= _ROWS:
-            yield pa.Table.from_batches(held)
-            held, rows = [], 0
-    if held:
-        yield pa.Table.from_batches(held)
+            yield pa.Table.from_batches(small)
+            small, rows = [], 0
+    if small:
+        yield pa.Table.from_batches(small)
 
 
 def _around(bounds: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:

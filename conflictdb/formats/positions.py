@@ -21,9 +21,9 @@ from typing import Final
 import numpy as np
 
 from conflictdb.errors import InvalidInput
-from conflictdb.formats.contents import NO_SIZES, Contents, FileRefusals, Remark, Skipped, check_columns
+from conflictdb.formats.contents import NO_SIZES, Contents, FileRefusals, Remark, check_columns
 from conflictdb.formats.fields import key as checked_key
-from conflictdb.formats.fixes import LENGTH_WIDTH, SIDES, Fixes, track_of
+from conflictdb.formats.fixes import LENGTH_WIDTH, SIDES, Fixes, tracks_of
 from conflictdb.formats.hints import renamed
 from conflictdb.formats.instants import parse_instant
 from conflictdb.formats.json_text import check_text
@@ -54,7 +54,6 @@ _ELSEWHERE: Final = dict.fromkeys(SETTINGS, SETTING_RULE) | dict.fromkeys(
     "is read from scene files only: positions have a size, as length or as sides",
 )
 _SIZES: Final = "length_m and width_m, or fore_m, aft_m, port_m and starboard_m"
-# Objects of a file; each takes a kilobyte, however short its rows.
 MAX_OBJECTS: Final = 1_000_000
 MISSING: Final = frozenset({"", "na", "nan", "null", "none", r"\n"})
 
@@ -68,7 +67,9 @@ AIS_NO_LATITUDE: Final = 91.0  # "not available", ITU-R M.1371
 AIS_NO_LONGITUDE: Final = 181.0
 
 
-def read_positions(text: str, source: str, *, max_speed_kn: float | None = None) -> Contents:
+def read_positions(
+    text: str, source: str, *, max_speed_kn: float | None = None, max_objects: int = MAX_OBJECTS
+) -> Contents:
     """Return the tracks of a file of positions, and the rows and objects left out.
 
     Parameters
@@ -79,6 +80,8 @@ def read_positions(text: str, source: str, *, max_speed_kn: float | None = None)
         The file, for `Skipped`.
     max_speed_kn : float, optional
         A fix that can only be reached faster than this is an error; 102.2 for AIS (a column `mmsi`), else 2,000.
+    max_objects : int
+        More are refused; each takes a kilobyte, however short its rows.
 
     Raises
     ------
@@ -89,27 +92,13 @@ def read_positions(text: str, source: str, *, max_speed_kn: float | None = None)
     reader.refusals.raise_found()
     if max_speed_kn is None:
         max_speed_kn = AIS_MAX_SPEED_KN if reader.is_ais("id") else MAX_SPEED_KN
-    fixes = reader.fixes()
+    fixes = reader.fixes(max_objects)
     reader.refusals.raise_found()
-    left_out = reader.left_out
-    tracks = []
-    for key, rows in fixes.items():
-        with reader.refusals:
-            track = track_of(key, rows, reader.size_columns, max_speed_kn, left_out)
-            if track is not None:
-                tracks.append(track)
-    reader.refusals.raise_found()
-    kept = {track.key for track in tracks}
-    skipped = [
-        Skipped(source, key, reason, tuple(sorted(lines)), is_whole=key not in kept)
-        for (key, reason), lines in left_out.items()
-    ]
+    tracks, skipped = tracks_of(source, fixes.items(), reader.size_columns, max_speed_kn, reader.left_out)
     contents = Contents(None, [], tracks, skipped)
-    if not reader.size_columns:
-        contents.remarks = [Remark(source, "file", f"{NO_SIZES} ({_SIZES}): all are points")]
-    if reader.is_day_first:
-        remark = Remark(source, "file", "has dates with slashes: they are read as day/month/year")
-        contents.remarks = [*contents.remarks, remark]
+    texts = [] if reader.size_columns else [f"{NO_SIZES} ({_SIZES}): all are points"]
+    texts += ["has dates with slashes: they are read as day/month/year"] if reader.is_day_first else []
+    contents.remarks = [Remark(source, "file", text) for text in texts]
     return contents
 
 
@@ -121,17 +110,14 @@ class _Reader:
         separator = max(",;\t", key=header_line.count)
         self.rows = csv.reader(StringIO(text, newline=""), delimiter=separator, strict=True)
         self.refusals = FileRefusals()
-        self.header = renamed([name.strip() for name in next(self._each(), [])])
+        self.header = renamed([name.strip() for name in next(self._csv_rows(), [])])
         self.refusals.raise_found()
         check_columns("file", self.header)
         self.left_out: dict[tuple[str, str], list[int]] = defaultdict(list)
         lower = [name.lower() for name in self.header]
         self.is_day_first = False
-        self.at: dict[str, int] = {}
-        for column, names in COLUMNS.items():
-            found = [name for name in names if name in lower]
-            if found:
-                self.at[column] = lower.index(found[0])
+        found = {column: [name for name in names if name in lower] for column, names in COLUMNS.items()}
+        self.at = {column: lower.index(names[0]) for column, names in found.items() if names}
         for column in REQUIRED:
             with self.refusals:
                 if column not in self.at:
@@ -151,32 +137,29 @@ class _Reader:
         """Refuse an incomplete set of four sides; single letters, as in AIS, may mean anything."""
         if self.size_columns == SIDES:
             return
-        for column in SIDES:
-            given = column in self.at and len(self.header[self.at[column]]) > 1
-            with self.refusals:
-                if given:
-                    rule = f"needs the other sides beside it: {', '.join(SIDES)}"
-                    raise InvalidInput("file", f"column {self.header[self.at[column]]}", rule)
+        names = [self.header[self.at[column]] for column in SIDES if column in self.at]
+        rule = f"needs the other sides beside it: {', '.join(SIDES)}"
+        self.refusals.extend(InvalidInput("file", f"column {name}", rule) for name in names if len(name) > 1)
 
     def is_ais(self, column: str) -> bool:
         """Return whether a column has another name than the package's own."""
         return column in self.at and self.header[self.at[column]].lower() != COLUMNS[column][0]
 
-    def fixes(self) -> dict[str, Fixes]:
+    def fixes(self, max_objects: int) -> dict[str, Fixes]:
         """Return the usable rows by object, in order of first appearance."""
         # AIS times are always UTC; the package's own column `time` needs an offset.
         naive_is_utc = self.is_ais("time")
         fixes: dict[str, Fixes] = {}
-        for row in self._each():
+        for row in self._csv_rows():
             with self.refusals:
                 if row:
-                    self._take(row, self.rows.line_num, fixes, naive_is_utc)
-            if len(fixes) > MAX_OBJECTS:
-                rule = f"names another object after {MAX_OBJECTS:,}, the most that a file may have: split the file"
+                    self._add_fix(row, self.rows.line_num, fixes, naive_is_utc)
+            if len(fixes) > max_objects:
+                rule = f"names another object after {max_objects:,}, the most that a file may have: split the file"
                 raise InvalidInput("file", f"line {self.rows.line_num}", rule)
         return fixes
 
-    def _each(self) -> Iterator[list[str]]:
+    def _csv_rows(self) -> Iterator[list[str]]:
         """Yield the remaining rows, until one is not CSV; that error is added to the refusals."""
         try:
             yield from self.rows
@@ -187,7 +170,7 @@ class _Reader:
             with self.refusals:
                 raise InvalidInput("file", f"line {self.rows.line_num}", rule) from None
 
-    def _take(self, row: list[str], line: int, fixes: dict[str, Fixes], naive_is_utc: bool) -> None:
+    def _add_fix(self, row: list[str], line: int, fixes: dict[str, Fixes], naive_is_utc: bool) -> None:
         if len(row) != len(self.header):
             rule = f"has {len(row)} cells, but there are {len(self.header)} columns"
             raise InvalidInput("file", f"line {line}", rule)
@@ -201,7 +184,7 @@ class _Reader:
         place = self._position(who, row, line)
         # An object exists from its first row on, even if the row is unusable.
         own = fixes.setdefault(key, Fixes())
-        self._note_cells(who, own, row, line)
+        self._add_cells(who, own, row, line)
         if when is None or place is None:
             self.left_out[key, "no time" if when is None else "no position"].append(line)
             return
@@ -209,7 +192,7 @@ class _Reader:
             own.times_us.append(_instant_us(when, naive_is_utc))
             self.is_day_first = self.is_day_first or "/" in when
         except ValueError as error:
-            raise InvalidInput(who, f"line {line}, {self.header[self.at['time']]}", str(error)) from None
+            raise self._refusal(who, line, "time", str(error)) from None
         own.positions_deg.append(place)
         own.lines.append(line)
 
@@ -217,22 +200,19 @@ class _Reader:
         lon, lat = (self._number(who, row, line, column) for column in ("lon", "lat"))
         if lon is None or lat is None or lat == AIS_NO_LATITUDE or lon == AIS_NO_LONGITUDE:
             return None
-        for column, value, limit in (("lon", lon, 360.0), ("lat", lat, 90.0)):
+        for column, name, value, limit in (("lon", "longitude", lon, 360.0), ("lat", "latitude", lat, 90.0)):
             if abs(value) > limit:
-                name = "longitude" if column == "lon" else "latitude"
-                rule = f"{name} must lie within +-{limit:g} degrees; got {value:g}"
-                raise InvalidInput(who, f"line {line}, {self.header[self.at[column]]}", rule)
+                raise self._refusal(who, line, column, f"{name} must lie within +-{limit:g} degrees; got {value:g}")
         return lon, lat
 
-    def _note_cells(self, who: str, own: Fixes, row: list[str], line: int) -> None:
+    def _add_cells(self, who: str, own: Fixes, row: list[str], line: int) -> None:
         """Keep the largest sizes (never smaller than the object), the height band over all rows, and constants."""
         for column in self.size_columns:
             size = self._number(who, row, line, column)
             if size is None or (size == 0.0 and self.is_ais(column)):  # AIS: 0 is "not available"
                 continue
             if size < 0.0:
-                where = f"line {line}, {self.header[self.at[column]]}"
-                raise InvalidInput(who, where, f"must not be negative; got {size:g}")
+                raise self._refusal(who, line, column, f"must not be negative; got {size:g}")
             own.largest[column] = max(size, own.largest.get(column, 0.0))
         for column, seen, widest in (("floor_m", own.lowest, min), ("ceiling_m", own.largest, max)):
             height = self._number(who, row, line, column)
@@ -242,11 +222,11 @@ class _Reader:
         for i, name in (*named, *self.others):
             value = _cell(row[i])
             if value is not None and i in self.suspects:
-                self._judge(i, value)
+                self._check_name(i, value)
             if value is not None and own.constant.setdefault(name, value) != value:
                 own.constant[name] = None  # it varies, so it is no property of the object
 
-    def _judge(self, i: int, value: str) -> None:
+    def _check_name(self, i: int, value: str) -> None:
         """Refuse a column whose name resembles a known one, once one of its cells has that one's type."""
         values = {**dict.fromkeys(self.at, "given"), self.suspects[i]: value}
         found = list(misnamed("file", values, _GUARDED, _ELSEWHERE, remedy=RENAME_COLUMN))
@@ -255,9 +235,7 @@ class _Reader:
             del self.suspects[i]
 
     def _number(self, who: str, row: list[str], line: int, column: str) -> float | None:
-        if column not in self.at:
-            return None
-        value = _cell(row[self.at[column]])
+        value = _cell(row[self.at[column]]) if column in self.at else None
         if value is None:
             return None
         try:
@@ -265,9 +243,12 @@ class _Reader:
         except ValueError:
             number = np.nan
         if not np.isfinite(number):
-            where = f"line {line}, {self.header[self.at[column]]}"
-            raise InvalidInput(who, where, f"must be a finite number, or empty; got {value!r:.60}")
+            raise self._refusal(who, line, column, f"must be a finite number, or empty; got {value!r:.60}")
         return number
+
+    def _refusal(self, who: str, line: int, column: str, rule: str) -> InvalidInput:
+        """Return the error that refuses a cell."""
+        return InvalidInput(who, f"line {line}, {self.header[self.at[column]]}", rule)
 
 
 def _instant_us(text: str, naive_is_utc: bool) -> int:

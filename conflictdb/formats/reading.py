@@ -117,9 +117,8 @@ def read_parts(
         from conflictdb.formats.parquet import MAX_PARQUET_MB, MAX_PARTS_MB, parquet_parts  # needs pyarrow
 
         most = (MAX_PARTS_MB, MAX_PARQUET_MB) if max_file_mb is None else (max_file_mb, max_file_mb)
-        fastest_kn = MAX_SPEED_KN if max_speed_kn is None else max_speed_kn
         summary = Summary()
-        with parquet_parts(path, stem(path), most, max_speed_kn, fastest_kn, summary.first) as parts:
+        with parquet_parts(path, stem(path), most, max_speed_kn, summary.first) as parts:
             parts.each = _summed_up(parts.each, parts, summary, str(path))
             yield parts
 
@@ -191,7 +190,7 @@ def _read(
             from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
             from conflictdb.formats.parquet import read_parquet  # needs pyarrow
 
-            return read_parquet(path, stem(path), max_file_mb, max_speed_kn, fastest_kn, skip_invalid=skip_invalid)
+            return read_parquet(path, stem(path), max_file_mb, max_speed_kn, skip_invalid=skip_invalid)
         if not path.exists():
             raise InvalidInput("file", "", "does not exist")
         from conflictdb.formats.ogr import read_objects

@@ -20,7 +20,7 @@ from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.geometry import TRACK_TYPE, geometry_type
 from conflictdb.formats.hints import renamed
 from conflictdb.formats.json_text import dumped, parse
-from conflictdb.formats.speed_columns import within_speed
+from conflictdb.formats.track_times import TrackAtSpeed, timed
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.settings import NAMES
 
@@ -117,7 +117,7 @@ def _read(text: str, stem: str, max_speed_kn: float, source: str, phase: Phase, 
     in_scene = scene or Scene(stem)
     setting = file_objects.Setting(in_scene, foreign, to_degrees, systems=systems)
     of_objects = FileRefusals()
-    items: dict[int, Area | Track | file_objects.TrackAtSpeed] = {}
+    items: dict[int, Area | Track | TrackAtSpeed] = {}
     for first in range(0, len(features), _AT_ONCE):
         some = features[first : first + _AT_ONCE]
         features[first : first + _AT_ONCE] = [None] * len(some)  # frees each when it is an object
@@ -129,13 +129,7 @@ def _read(text: str, stem: str, max_speed_kn: float, source: str, phase: Phase, 
                 items[i] = _object(i, feature, setting)
         phase("checking objects", first + len(some), len(features))
     _leave_unique(items, of_objects)
-    at_speed = {i: item for i, item in items.items() if isinstance(item, file_objects.TrackAtSpeed)}
-    timed = dict(
-        zip(at_speed, file_objects.timed(list(at_speed.values()), in_scene, max_speed_kn, of_objects), strict=True)
-    )
-    areas = [item for item in items.values() if isinstance(item, Area)]
-    each = ((timed[i] if isinstance(item, file_objects.TrackAtSpeed) else item) for i, item in items.items())
-    tracks = within_speed([item for item in each if isinstance(item, Track)], in_scene.motion, max_speed_kn, of_objects)
+    areas, tracks = timed(list(items.values()), in_scene, max_speed_kn, of_objects)
     if not skip_invalid:
         refusals.found += of_objects.found
     refusals.raise_found()
@@ -151,7 +145,7 @@ def _foreign(names_: Any) -> frozenset[str]:
     return frozenset(names_)
 
 
-def _leave_unique(items: dict[int, Area | Track | file_objects.TrackAtSpeed], refusals: Refusals) -> None:
+def _leave_unique(items: dict[int, Area | Track | TrackAtSpeed], refusals: Refusals) -> None:
     """Remove objects that have the id of an earlier one."""
     seen: dict[str, int] = {}
     for i, item in list(items.items()):
@@ -189,7 +183,7 @@ def _feature(item: Area | Track) -> dict[str, Any]:
     return {"type": "Feature", "id": item.key, "geometry": geometry, "properties": properties}
 
 
-def _object(i: int, feature: Any, setting: file_objects.Setting) -> Area | Track | file_objects.TrackAtSpeed:
+def _object(i: int, feature: Any, setting: file_objects.Setting) -> Area | Track | TrackAtSpeed:
     who = f"features[{i}]"
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
         raise InvalidInput(who, "type", "must be a GeoJSON Feature")
@@ -211,7 +205,7 @@ def _object(i: int, feature: Any, setting: file_objects.Setting) -> Area | Track
     refusals = FileRefusals()
     who = f"feature {key!r}"
     refusals.extend(names.misnamed(who, feature, _FEATURE_MEMBERS, _OF_SCENE | _OF_FEATURE, setting.foreign))
-    item: Area | Track | file_objects.TrackAtSpeed | None = None
+    item: Area | Track | TrackAtSpeed | None = None
     with refusals:
         to_degrees = reference.of_member(who, feature, setting.to_degrees, setting.systems)
         own = replace(setting, to_degrees=to_degrees)
@@ -226,17 +220,17 @@ def _object(i: int, feature: Any, setting: file_objects.Setting) -> Area | Track
 
 def _plain(
     key: str, geometry: Any, properties: dict[str, Any], setting: file_objects.Setting
-) -> Area | Track | file_objects.TrackAtSpeed:
+) -> Area | Track | TrackAtSpeed:
     """Return the object of a feature with a geometry of plain GeoJSON."""
     kind = geometry_type(f"feature {key!r}", geometry)
     is_track = kind == TRACK_TYPE
     fields = Fields(f"{'track' if is_track else 'area'} {key!r}", properties)
     with fields.refusals:
-        said = fields.text("kind")
-        if said not in (None, "area", "track"):
-            raise fields.refusal("kind", f"must be 'area' or 'track'; got {said!r:.60}")
-        if said is not None and (said == "track") != is_track:
-            rule = f"is {said!r}, but the geometry is a {kind}, which is {'a track' if is_track else 'an area'}"
+        given_kind = fields.text("kind")
+        if given_kind not in (None, "area", "track"):
+            raise fields.refusal("kind", f"must be 'area' or 'track'; got {given_kind!r:.60}")
+        if given_kind is not None and (given_kind == "track") != is_track:
+            rule = f"is {given_kind!r}, but the geometry is a {kind}, which is {'a track' if is_track else 'an area'}"
             raise fields.refusal("kind", rule)
     with fields.refusals:
         to_degrees = reference.of_member(fields.who, geometry, setting.to_degrees, setting.systems)

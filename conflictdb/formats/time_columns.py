@@ -1,7 +1,7 @@
 """Find unread properties of areas that look like times: such areas may be active for longer than intended."""
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any, Final
 
 from conflictdb.formats.contents import Remark
@@ -43,6 +43,13 @@ class TimeColumns:
                 f"{areas} without start or end: {named} look like times and are not read; rename what is meant as these"
             )
             yield Remark(source, "file", text)
+
+
+def without_times(names: Collection[str]) -> str:
+    """Return a text that lines have no times, naming their columns that look like times."""
+    if not names:
+        return "without times"
+    return f"without a column times or datetimes ({', '.join(names)} look like times, but not of each point)"
 
 
 def is_time_like(name: str, value: Any) -> bool:

@@ -1,17 +1,18 @@
 """Write files: completely or not at all, compressed if the name ends in .gz."""
 
 import gzip
-from collections.abc import Iterable, Iterator
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import chain, islice
 from pathlib import Path
-from typing import Final, cast
+from typing import IO, Final, cast
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.conflict_gpx import as_gpx
 from conflictdb.formats.conflict_ics import as_ics
-from conflictdb.formats.conflict_text import as_csv, as_geojson, as_json, columns_of
-from conflictdb.formats.whole_files import whole_file
-from conflictdb.model.results import Approach, Conflict, Listing, Stream
+from conflictdb.formats.conflict_text import MoreColumn, as_csv, as_geojson, as_json, columns_of
+from conflictdb.model.results import Approach, Conflict, Listing, SceneState, Stream
 
 _PARQUET: Final = ".parquet"
 _FORMATS: Final = (".geojson", ".json", ".csv", ".gpx", ".ics", _PARQUET)
@@ -55,35 +56,83 @@ def write(results: Iterable[Conflict | Approach], path: str | Path) -> None:
     rows = iter(results)
     first = list(islice(rows, 1))
     kind = listing.kind if listing is not None else Approach if first and isinstance(first[0], Approach) else Conflict
-    each = _each(chain(first, rows), kind, InvalidInput("write", "results", rule, str(path)))
+    each = _checked(chain(first, rows), kind, InvalidInput("write", "results", rule, str(path)))
     if kind is Approach and suffix in _OF_CONFLICTS:
         rule = f"are closest approaches: only conflicts are written as {_OF_CONFLICTS[suffix]}"
         raise InvalidInput("write", "results", rule, str(path))
     if suffix == _PARQUET:
-        from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
-        from conflictdb.formats.parquet_writing import write_conflicts  # needs pyarrow
-
         with whole_file(path) as stream:
-            write_conflicts(stream, cast("Iterator[Conflict]", each))
-        return
-    if suffix == ".csv":
-        lines = as_csv(each, columns_of(kind))
-    elif suffix == ".json":
-        lines = as_json(each)
-    elif suffix in (".gpx", ".ics"):
-        lines = (as_gpx if suffix == ".gpx" else as_ics)(cast("Iterator[Conflict]", each))
+            write_geoparquet(stream, cast("Iterator[Conflict]", each))
     else:
-        lines = as_geojson(each, [listing.state] if listing is not None else [])
-    write_lines(path, lines)
+        write_lines(path, lines_of(each, suffix[1:], kind, () if listing is None else [listing.state]))
 
 
-def _each(
+def lines_of(
+    pairs: Iterable[Conflict | Approach],
+    form: str,
+    kind: type[Conflict] | type[Approach],
+    states: Sequence[SceneState] = (),
+    more: Sequence[MoreColumn] = (),
+    leave_out: Callable[[Conflict], object] = lambda _: None,
+) -> Iterator[str]:
+    """Return the lines of a file of conflicts or closest approaches.
+
+    form : json, csv or geojson; of conflicts also gpx and ics
+    states : of scenes of a database, for GeoJSON
+    more : further columns, which gpx and ics do not have
+    leave_out : called with conflicts that gpx and ics cannot show
+    """
+    if form == "csv":
+        return as_csv(pairs, columns_of(kind), more)
+    if form == "json":
+        return as_json(pairs, more)
+    if form == "geojson":
+        return as_geojson(pairs, states, more)
+    return (as_gpx if form == "gpx" else as_ics)(cast("Iterable[Conflict]", pairs), leave_out)
+
+
+def write_geoparquet(stream: IO[bytes], conflicts: Iterable[Conflict]) -> None:
+    """Write conflicts as GeoParquet, as they come; raises ConflictDBError, naming the extra, without pyarrow."""
+    from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
+    from conflictdb.formats.parquet_writing import write_conflicts  # needs pyarrow
+
+    write_conflicts(stream, conflicts)
+
+
+def _checked(
     rows: Iterable[Conflict | Approach], kind: type[Conflict] | type[Approach], refusal: InvalidInput
 ) -> Iterator[Conflict | Approach]:
     for row in rows:
         if not isinstance(row, kind):
             raise refusal
         yield row
+
+
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[IO[bytes]]:
+    """Yield a file to write; it appears when it is complete, and if writing fails, an older file stays.
+
+    Raises OSError, with the caller's name of the file, if it cannot be written.
+    """
+    path = Path(path)
+    file = Path(os.path.realpath(path)) if path.is_symlink() else path  # keep a link
+    part = file.with_name(f".{file.name}.{os.getpid()}.part")
+    try:
+        if file.exists() and not file.is_file():  # a pipe or a device cannot be replaced
+            with file.open("wb") as raw:
+                yield raw
+        else:
+            with part.open("xb") as raw:
+                yield raw
+            part.replace(file)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        if error.errno is None:  # not from the system, but from the writer
+            raise
+        raise type(error)(error.errno, error.strerror, str(path)) from error
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
 
 
 def write_lines(path: str | Path, lines: Iterable[str]) -> None:
@@ -97,4 +146,4 @@ def write_lines(path: str | Path, lines: Iterable[str]) -> None:
 
 
 def _is_packed(path: Path) -> bool:
-    return path.suffix.lower() == ".gz"  # as `read` tells it
+    return path.suffix.lower() == ".gz"  # as `read` decides

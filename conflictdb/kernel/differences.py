@@ -42,6 +42,7 @@ class Shifts:
     a, b : (n,) indices of pieces
     a_zero_us, b_zero_us : (n,) the instants that the seconds of a and of b count from
     a_start_s, a_end_s, b_start_s, b_end_s : (n,) times within the slices; [0, 0] for pieces that stand still
+    least_s, most_s : (n,) differences asked about; infinite for all
     """
 
     a: _Ints
@@ -52,6 +53,8 @@ class Shifts:
     a_end_s: Floats
     b_start_s: Floats
     b_end_s: Floats
+    least_s: Floats
+    most_s: Floats
 
     def __len__(self) -> int:
         return len(self.a)
@@ -63,6 +66,8 @@ class Shifts:
 
 def differences(scene: KernelScene, shifts: Shifts, reach_m: float, work: Work, threads: int = 1) -> NDArray[Any]:
     """Return the differences (n,) of pairs, `DIFFERENCE`: seconds of b minus seconds of a at which they are in contact.
+
+    Of the differences asked about: all of contact are in the outer interval.
 
     Empty intervals are [inf, -inf].
 
@@ -93,6 +98,6 @@ class _HeldShifts(Held):
 
     types: ClassVar[dict[str, Any]] = {
         **dict.fromkeys(("a", "b", "a_zero_us", "b_zero_us"), np.int64),
-        **dict.fromkeys(("a_start_s", "a_end_s", "b_start_s", "b_end_s"), np.float64),
+        **dict.fromkeys(("a_start_s", "a_end_s", "b_start_s", "b_end_s", "least_s", "most_s"), np.float64),
     }
     _fields_ = fields_of(types, "count")

@@ -38,7 +38,7 @@
 /* ---- Status and limits ------------------------------------------------------------------------------------------ */
 
 /* Raise by one with every change of a structure's layout, of a constant's value, or of a function's arguments. */
-#define KERNEL_ABI 20
+#define KERNEL_ABI 21
 
 /* Contact tolerance, metres on the earth: polygons this close touch. Coordinates are rounded to 1e-8 m, and a touch must
  * not become a miss. Larger: contacts are reported too long. Smaller: rounding decides. */
@@ -297,6 +297,7 @@ typedef struct {
     const int64_t *a_zero_us, *b_zero_us;     /* (count,) the instants that the seconds of a and of b count from */
     const double *a_start_s, *a_end_s;        /* (count,) times within the slices of the pieces */
     const double *b_start_s, *b_end_s;
+    const double *least_s, *most_s;           /* (count,) differences asked about; infinite: all */
 } KernelShifts;
 
 /* What is proven about the differences of a pair. */
@@ -307,8 +308,8 @@ typedef enum {
     KERNEL_DIFFERENCE_UNKNOWN = 3 /* nothing: the outer interval has all differences of both times */
 } KernelDifferenceState;
 
-/* Differences: seconds of b minus seconds of a at which the pieces come within reach of each other. An empty interval is
- * [INFINITY, -INFINITY]. */
+/* Differences asked about: seconds of b minus seconds of a at which the pieces come within reach of each other. An empty
+ * interval is [INFINITY, -INFINITY]. */
 typedef struct {
     double outer_low_s, inner_low_s, inner_high_s, outer_high_s;
     int32_t state; /* KernelDifferenceState */

@@ -94,14 +94,14 @@ def _kept(column: record.Column, rows: Sequence[Any], place: Callable[[Any], Any
     if column.type is record.Type.POINT:
         return _objects([_point(value) for value in values])
     if column.type in (record.Type.TEXT, record.Type.NAME):
-        return _texts(values) if column.required else _objects(values)
+        return _texts(values)
     return _KEPT[column.type](values)
 
 
-def _texts(values: list[str]) -> Any:
+def _texts(values: "list[str | None] | list[str]") -> Any:
     import pandas as pd
 
-    return pd.Series([str(value) for value in values], dtype="str")
+    return pd.Series([None if value is None else str(value) for value in values], dtype="str")
 
 
 def _numbers(values: list[float | None]) -> Any:

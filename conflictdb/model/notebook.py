@@ -20,8 +20,7 @@ def conflicts_html(conflicts: "Sequence[Conflict]") -> str:
     header = ["A", "B", "verdict", "first contact (UTC)", "last contact (UTC)", "periods", "each end to", "closest, m"]
     rows = (
         [
-            one.a_key,
-            one.b_key,
+            *one.labels,
             one.verdict,
             instant_text(one.first_contact),
             instant_text(one.last_contact),
@@ -39,8 +38,7 @@ def approaches_html(approaches: "Sequence[Approach]") -> str:
     header = ["A", "B", "verdict", "closest (UTC)", "metres"]
     rows = (
         [
-            one.a_key,
-            one.b_key,
+            *one.labels,
             one.verdict,
             instant_text(one.closest_at),
             distance_text(one),

@@ -160,6 +160,8 @@ COLUMNS: Final = (
     ),
     Column("first_contact_lon_deg", Type.NUMBER, "First contact: longitude, degrees; null if not computed.", "deg"),
     Column("first_contact_lat_deg", Type.NUMBER, "First contact: latitude, degrees; null if not computed.", "deg"),
+    Column("a_name", Type.TEXT, "Name of the first object; null if it has none, or it is not known."),
+    Column("b_name", Type.TEXT, "Name of the second object; null if it has none, or it is not known."),
 )
 # The objects, and their states, that it was found of: columns of Arrow and GeoParquet only.
 STATES: Final = tuple(
@@ -185,5 +187,6 @@ APPROACH_COLUMNS: Final = tuple(
     for name in (
         *("scene", "a_key", "a_kind", "b_key", "b_kind", "closest_at", "closest_m", "closest_error_m", "a_point"),
         *("b_point", "verdict", "is_current", "run_id", "found_at", "scene_is_current", "method", "time_error_s"),
+        *("a_name", "b_name"),
     )
 )

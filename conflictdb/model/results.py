@@ -87,10 +87,22 @@ class PairRecord:
     scene_is_current: bool | None = None
     run_id: int | None = None
     found_at: datetime | None = None
+    a_name: str | None = None
+    b_name: str | None = None
     a_id: int | None = field(default=None, repr=False, compare=False)
     a_version: int | None = field(default=None, repr=False, compare=False)
     b_id: int | None = field(default=None, repr=False, compare=False)
     b_version: int | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def labels(self) -> tuple[str, str]:
+        """What people read of the two objects: see `labelled`."""
+        return labelled(self.a_key, self.a_name), labelled(self.b_key, self.b_name)
+
+
+def labelled(key: str, name: str | None) -> str:
+    """Return what people read of an object: its key, and in parentheses its name, if it has one that differs."""
+    return key if name is None or name in ("", key) else f"{key} ({name})"
 
 
 _SHARED: Final = tuple(one.name for one in fields(PairRecord))
@@ -127,6 +139,7 @@ class Conflict(Drawable):
     Objects with the verdict near only come near each other, and have no periods.
 
     a_key, b_key : the area first if there is one, else the smaller key in byte order
+    a_name, b_name : their names; None if they have none, in `conflicts_known_at`, and if Spark found it
     periods : when, (start, end) inclusive, rounded outward to the microsecond, in order; None where unbounded
     time_error_s : bound on the error of every end of every period, seconds
     first_contact_deg : where they first touch; None if the method does not compute it
@@ -208,6 +221,7 @@ class Approach(PairRecord):
     closest_a_deg, closest_b_deg : the nearest points then; also called `a_deg` and `b_deg`
     verdict : near (no conflict), or that of the conflict
     method, time_error_s : of the detection that found it, and as of the conflict
+    a_name, b_name : names of the two; None if they have none
     is_current, scene_is_current, run_id, found_at : as of a `Conflict`
     a_id, a_version, b_id, b_version : as of a `Conflict`; None unless only near pairs are requested
     """
@@ -366,6 +380,21 @@ class Delays:
     def as_json(self) -> dict[str, Any]:
         """Return this as an object of JSON."""
         return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Chances:
+    """How likely conflicts are if departures are uncertain: what `chances` returns. All are (at least, at most).
+
+    pairs : probability of each conflict, by the keys of a track and of what it meets; all other pairs together add less
+        than 1e-12 for each track whose departure is normal, times the objects
+    expected : the expected number of conflicts of tracks
+    tracks : the probability that each track is in any conflict
+    """
+
+    pairs: dict[tuple[str, str], tuple[float, float]]
+    expected: tuple[float, float]
+    tracks: dict[str, tuple[float, float]]
 
 
 class Origin(Protocol):

@@ -25,7 +25,7 @@ from conflictdb.errors import (
 from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.formats.hints import FileHints
 from conflictdb.session import loading
-from conflictdb.session.lending import BorrowedConnection, borrow
+from conflictdb.session.lending import Borrowed, borrow
 from conflictdb.session.loading import Loaded
 from conflictdb.session.stored_scene import StoredScene
 
@@ -124,15 +124,11 @@ def _opened(
     except BaseException:
         connection.close()
         raise
-    return Database(connection, [connection.close, release])
+    return Database(lambda: connection, [connection.close, release])
 
 
 def _borrowed(target: "psycopg.Connection[Any] | Engine | Connection | Session") -> "Database":
-    if isinstance(target, psycopg.Connection):
-        _check(target)
-        return Database(target)
-    borrowed, release = borrow(target)
-    database = Database(borrowed, release)
+    database = Database(*borrow(target))
     try:
         _check(database.connection)
     except BaseException:
@@ -156,16 +152,14 @@ class Database:
     Not thread-safe: open one per thread.
     """
 
-    def __init__(
-        self, connection: "psycopg.Connection[Any] | BorrowedConnection", release: Sequence[Callable[[], None]] = ()
-    ) -> None:
-        self._connection = connection
+    def __init__(self, connected: Borrowed, release: Sequence[Callable[[], None]] = ()) -> None:
+        self._connected = connected
         self._release = list(release)
 
     @property
     def connection(self) -> "psycopg.Connection[Any]":
         """The psycopg connection in use."""
-        return self._connection.connection() if isinstance(self._connection, BorrowedConnection) else self._connection
+        return self._connected()
 
     def close(self) -> None:
         """Close a connection that `connect` opened, and stop the embedded database after its last user.
@@ -185,7 +179,7 @@ class Database:
 
     def scene(self, name: str) -> StoredScene:
         """Return a scene by its name; a scene that does not exist is an error of the first call that needs it."""
-        return StoredScene(name, lambda: self.connection)
+        return StoredScene(name, self._connected)
 
     def load(
         self,
@@ -277,21 +271,18 @@ class Database:
 
     def attachments(self) -> list[store.Attachment]:
         """Return the tables attached to any scene, and their state."""
-        with store.transaction(self.connection):
-            return store.attachments(self.connection, None)
+        return store.attachments(self.connection, None)
 
     def protect_scenes(self, *, on: bool = True) -> None:
         """Show each scene only to its owner, the roles it is shared with and workers, or show all scenes to all again.
 
         Only for the owner of schema conflictdb; raises StoreError for others.
         """
-        with store.transaction(self.connection):
-            store.protect_scenes(self.connection, on=on)
+        store.protect_scenes(self.connection, on=on)
 
     def scenes(self) -> list[store.SceneStatus]:
         """Return all scenes with their objects, pending changes and last run."""
-        with store.transaction(self.connection):
-            return store.list_scenes(self.connection)
+        return store.list_scenes(self.connection)
 
     def status(self) -> Status:
         """Return the state of the database and of all scenes."""

@@ -1,27 +1,28 @@
-"""Use connections of SQLAlchemy that belong to the caller: fetched for each use, within the caller's transaction."""
+"""Use a connection of the caller, also of SQLAlchemy: fetched for each use, within the caller's transaction."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
+
+import psycopg
 
 from conflictdb.db import store
 from conflictdb.errors import InvalidInput
 
 if TYPE_CHECKING:
-    import psycopg
     from sqlalchemy import Connection, Engine
     from sqlalchemy.orm import Session
 
 
-@dataclass(frozen=True, slots=True)
-class BorrowedConnection:
-    """A caller's connection, fetched for each use: its owner may replace it, or begin a transaction, in between."""
-
-    connection: "Callable[[], psycopg.Connection[Any]]"
+# Returns a caller's connection, for each use anew: its owner may replace it, or begin a transaction, in between.
+Borrowed = Callable[[], psycopg.Connection[Any]]
 
 
-def borrow(target: "Engine | Connection | Session") -> tuple[BorrowedConnection, list[Callable[[], None]]]:
+def borrow(
+    target: "psycopg.Connection[Any] | Engine | Connection | Session",
+) -> tuple[Borrowed, list[Callable[[], None]]]:
     """Return a borrowed connection and the functions that release it; raises InvalidInput for other targets."""
+    if isinstance(target, psycopg.Connection):
+        return lambda: target, []
     from sqlalchemy import Connection, Engine
     from sqlalchemy.orm import Session
 
@@ -31,16 +32,12 @@ def borrow(target: "Engine | Connection | Session") -> tuple[BorrowedConnection,
         what = f"one with driver {driver!r}" if driver else f"a {type(target).__name__}"
         rule = "must be a DSN, a psycopg 3 connection, or an SQLAlchemy engine, connection or session"
         raise InvalidInput("connect", "target", f"{rule} of postgresql+psycopg; got {what}")
-    release: list[Callable[[], None]] = []
     if isinstance(target, Engine):
         pooled = target.raw_connection()
-        borrowed = BorrowedConnection(lambda: cast("psycopg.Connection[Any]", pooled.driver_connection))
-        release = [pooled.close]
-    elif isinstance(target, Session):
-        borrowed = BorrowedConnection(lambda: _of_session(target))
-    else:
-        borrowed = BorrowedConnection(lambda: _of_connection(target))
-    return borrowed, release
+        return lambda: cast("psycopg.Connection[Any]", pooled.driver_connection), [pooled.close]
+    if isinstance(target, Session):
+        return lambda: _of_session(target), []
+    return lambda: _of_connection(target), []
 
 
 def _of_connection(lender: "Connection") -> "psycopg.Connection[Any]":

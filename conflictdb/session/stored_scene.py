@@ -16,7 +16,7 @@ from conflictdb.db import follow_attached, store
 from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.formats import scene_text, write_lines
 from conflictdb.formats.reading import is_parquet
-from conflictdb.formats.whole_files import whole_file
+from conflictdb.formats.writing import whole_file
 from conflictdb.model import inputs
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import (
@@ -38,8 +38,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from conflictdb.advice.advise import Advice
-    from conflictdb.db.detect import Phase, Progress, Run
+    from conflictdb.db.detect import Phase, Run
     from conflictdb.db.import_computed import WrittenBack
+    from conflictdb.stages.funnel import Progress
 
 _log = logging.getLogger(__name__)
 
@@ -209,8 +210,7 @@ class StoredScene:
             The scene or the object does not exist, or a span or verdict is none.
         """
         which = _selection("conflicts", at, key, from_, to, since, verdict, acknowledged)
-        with store.transaction(self.connection):
-            found = store.conflicts(self.connection, self.name, which, with_region=with_region)
+        found = store.conflicts(self.connection, self.name, which, with_region=with_region)
         _warn_if_incomplete(found.state)
         for conflict in found:
             conflict.found_by(self)
@@ -221,8 +221,7 @@ class StoredScene:
 
         The list says whether it is complete, as that of `conflicts` does.
         """
-        with store.transaction(self.connection):
-            found = store.approaches(self.connection, self.name)
+        found = store.approaches(self.connection, self.name)
         _warn_if_incomplete(found.state)
         return found
 
@@ -255,8 +254,7 @@ class StoredScene:
 
     def state(self) -> SceneState:
         """Return whether the answers are complete."""
-        with store.transaction(self.connection):
-            return store.scene_state(self.connection, self.name)
+        return store.scene_state(self.connection, self.name)
 
     def _state(self) -> SceneState:
         """Return the state; warns the caller's caller if answers are incomplete."""
@@ -271,8 +269,7 @@ class StoredScene:
         the scene, or before its history begins.
         """
         instant = inputs.moment("conflicts_known_at", "at", at)
-        with store.transaction(self.connection):
-            return store.conflicts_known_at(self.connection, self.name, instant)
+        return store.conflicts_known_at(self.connection, self.name, instant)
 
     def conflict_events(
         self,
@@ -291,8 +288,7 @@ class StoredScene:
         most : int, optional
             Maximal number of events.
         """
-        with store.transaction(self.connection):
-            return store.conflict_events(self.connection, self.name, key, other_key, after, most)
+        return store.conflict_events(self.connection, self.name, key, other_key, after, most)
 
     def acknowledge(
         self, a_key: str, b_key: str, reason: str, until: inputs.Instant | None = None, *, by: str | None = None
@@ -305,16 +301,14 @@ class StoredScene:
         Raises InvalidInput if no such conflict is known, the reason is missing, or `until` is past.
         """
         instant = None if until is None else inputs.moment("acknowledge", "until", until)
-        with store.transaction(self.connection):
-            return store.acknowledge(self.connection, self.name, a_key, b_key, reason, instant, by)
+        return store.acknowledge(self.connection, self.name, a_key, b_key, reason, instant, by)
 
     def unacknowledge(self, a_key: str, b_key: str) -> bool:
         """Withdraw the acknowledgement of the conflict of two objects; return whether it was acknowledged.
 
         Raises InvalidInput if no such conflict is known.
         """
-        with store.transaction(self.connection):
-            return store.unacknowledge(self.connection, self.name, a_key, b_key)
+        return store.unacknowledge(self.connection, self.name, a_key, b_key)
 
     def explain(self, a_key: str, b_key: str) -> Explanation:
         """Return why two objects are in conflict or not, as of the last detection.
@@ -409,8 +403,7 @@ class StoredScene:
             The connection is in a transaction that cannot see others' changes, or has changed the scene itself.
         """
         timeout = timedelta(seconds=inputs.seconds("wait_until_current", "timeout_s", timeout_s))
-        with store.transaction(self.connection):
-            store.wait_until_current(self.connection, self.name, timeout)
+        store.wait_until_current(self.connection, self.name, timeout)
 
     def attach(
         self,
@@ -448,7 +441,7 @@ class StoredScene:
         UserWarning
             The map gives areas no times, but the table has columns that look like times.
         """
-        with store.transaction(self.connection), _notices_as_warnings(self.connection):
+        with _notices_as_warnings(self.connection):
             return store.attach(self.connection, self.name, str(kind), table, mapped, _interval("attach", every_s))
 
     def preview_attachment(
@@ -461,7 +454,7 @@ class StoredScene:
     ) -> store.AttachmentPreview:
         """Return what `attach` would do, and the first objects; changes nothing, and raises the errors of `attach`."""
         every = _interval("preview_attachment", every_s)
-        with store.transaction(self.connection), _notices_as_warnings(self.connection):
+        with _notices_as_warnings(self.connection):
             return store.preview_attachment(self.connection, self.name, str(kind), table, mapped, every)
 
     def detach(self, table: str, *, keep: bool = False) -> int:
@@ -469,18 +462,15 @@ class StoredScene:
 
         keep : leave the objects in the scene, as if they had been added one by one
         """
-        with store.transaction(self.connection):
-            return store.detach(self.connection, self.name, table, keep=keep)
+        return store.detach(self.connection, self.name, table, keep=keep)
 
     def attachments(self) -> list[store.Attachment]:
         """Return the attached tables, and their state."""
-        with store.transaction(self.connection):
-            return store.attachments(self.connection, self.name)
+        return store.attachments(self.connection, self.name)
 
     def unmapped(self) -> list[store.Unmapped]:
         """Return the rows of attached tables without an up-to-date object, and why."""
-        with store.transaction(self.connection):
-            return store.unmapped(self.connection, self.name)
+        return store.unmapped(self.connection, self.name)
 
     def follow(self) -> None:
         """Update the scene from the tables that this connection's role attached, as its detections do first."""
@@ -552,18 +542,15 @@ class StoredScene:
         StoreError
             The connection's role does not own the scene.
         """
-        with store.transaction(self.connection):
-            store.share_scene(self.connection, self.name, role, access)
+        store.share_scene(self.connection, self.name, role, access)
 
     def unshare(self, role: str) -> bool:
         """Revoke what `share` granted a role, and return whether it had anything."""
-        with store.transaction(self.connection):
-            return store.unshare_scene(self.connection, self.name, role)
+        return store.unshare_scene(self.connection, self.name, role)
 
     def shares(self) -> list[store.Share]:
         """Return the owner and the roles the scene is shared with, as far as the connection's role sees them."""
-        with store.transaction(self.connection):
-            return store.shares(self.connection, self.name)
+        return store.shares(self.connection, self.name)
 
     def advise(self, *, sample: int | None = None, seed: int = 0) -> "Advice":
         """Return the cost and the error of each setting, estimated from a sample; changes nothing.
@@ -674,8 +661,7 @@ class StoredScene:
         return "".join(scene_text(*self._read()))
 
     def _read(self, keys: Sequence[str] | None = None) -> tuple[Scene, list[Area], list[Track]]:
-        with store.transaction(self.connection):
-            return store.read_scene(self.connection, self.name, keys)
+        return store.read_scene(self.connection, self.name, keys)
 
 
 def _selection(

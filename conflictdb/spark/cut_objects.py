@@ -20,7 +20,7 @@ from conflictdb.arrays.packed import WORD, packed
 from conflictdb.arrays.pieces import Bundles
 from conflictdb.earth.registry import plane_of
 from conflictdb.errors import InvalidInput, Refusals
-from conflictdb.formats.speed_columns import within_speed
+from conflictdb.formats.track_times import within_speed
 from conflictdb.kernel.bundles import boxes_of
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind

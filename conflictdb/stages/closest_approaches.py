@@ -12,10 +12,10 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import ragged_rows
-from conflictdb.model.plans import MINUS_INFINITY_US, Scene
+from conflictdb.model.plans import Scene
 from conflictdb.model.results import Verdict
 from conflictdb.stages.conflict_regions import Meetings
-from conflictdb.stages.object_pairs import numbered, object_keys, ordered_members
+from conflictdb.stages.object_pairs import members, numbered, object_keys, ordered_members
 from conflictdb.stages.pieces.covers import is_covered
 from conflictdb.stages.stage4.closest_approach import approaches
 from conflictdb.stages.stage4.constants import TOUCH_M
@@ -146,22 +146,6 @@ def _without_contact(
     begins = np.flatnonzero(np.diff(asked.group, prepend=-1))
     period_us = np.stack([np.minimum.reduceat(start, begins), np.maximum.reduceat(end, begins)], axis=1)
     a, b, _ = ordered_members(pieces, PieceRows(asked.a[first]), PieceRows(asked.b[first]))
-    nothing, nowhere = np.full(len(groups), np.nan), np.full((len(groups), 2), np.nan)
-    return Conflicts(
-        a_kind=pieces.kind[a],
-        a_id=pieces.object_id[a],
-        a_version=pieces.version[a],
-        b_kind=pieces.kind[b],
-        b_id=pieces.object_id[b],
-        b_version=pieces.version[b],
-        period_us=period_us[groups][is_lost],
-        period_offset=np.concatenate([np.zeros(1, np.int64), np.cumsum(is_lost)]),
-        verdict=np.where(is_lost, Verdict.UNRESOLVED.code, Verdict.NEAR.code).astype(np.int8),
-        first_contact_deg=nowhere,
-        time_error_s=np.zeros(len(groups)),
-        closest_us=np.full(len(groups), MINUS_INFINITY_US),
-        closest_m=nothing,
-        closest_error_m=nothing,
-        closest_a_deg=nowhere,
-        closest_b_deg=nowhere,
-    )
+    verdict = np.where(is_lost, Verdict.UNRESOLVED.code, Verdict.NEAR.code).astype(np.int8)
+    periods = period_us[groups][is_lost], np.concatenate([np.zeros(1, np.int64), np.cumsum(is_lost)])
+    return Conflicts.of_members(members(pieces, a), members(pieces, b), periods, verdict)

@@ -174,8 +174,8 @@ def regions_of(
 
     def of_pairs(wanted: NDArray[np.int64]) -> NDArray[np.object_]:
         first, last = np.searchsorted(owner, (wanted[0], wanted[-1] + 1))
-        of = owner[first:last] - wanted[0]
-        return _in_degrees(plane, xy, at[first : last + 1], of, ~moves[others[wanted]], agree_m)
+        parts = _polygons(xy[at[first] : at[last]], np.diff(at[first : last + 1]))
+        return _to_degrees(plane, _unions(parts, owner[first:last] - wanted[0], ~moves[others[wanted]]), agree_m)
 
     made = _each_alone(len(others), of_pairs)
     parts = (np.flatnonzero(is_plain), plain), (others, Polygons.of(made)), (crowded, Polygons.of(areas))
@@ -266,27 +266,6 @@ def _of_rings(lonlat: Floats, offset: NDArray[np.int64]) -> Polygons:
     vertices = lonlat.astype("<f8").view(np.uint8).reshape(-1)
     data = interleaved([head, count.astype("<u4").view(np.uint8).reshape(-1, 4), (vertices, 16 * offset)])
     return Polygons(data, offsets(len(_HEAD) + 4 + 16 * count))
-
-
-def _in_degrees(
-    plane: Plane,
-    ring: Floats,
-    offset: NDArray[np.int64],
-    owner: NDArray[np.int64],
-    stand: NDArray[np.bool_],
-    agree_m: float,
-) -> NDArray[np.object_]:
-    """Return the regions (n,) of pairs in longitude and latitude.
-
-    owner : the pair of each ring, not decreasing
-    stand : (n,) whether both objects of a pair are areas
-    """
-    found = np.full(len(stand), None, dtype=object)
-    count = np.diff(offset)
-    filled = np.flatnonzero(count)
-    parts = _polygons(ring[offset[0] : offset[-1]], count[filled])
-    _put(found, parts, owner[filled], stand)
-    return _to_degrees(plane, found, agree_m)
 
 
 def _to_degrees(plane: Plane, found: NDArray[np.object_], agree_m: float) -> NDArray[np.object_]:
@@ -396,13 +375,17 @@ def _polygons(ring: Floats, count: NDArray[np.int64]) -> NDArray[np.object_]:
     return np.asarray(shapely.polygons(rings))
 
 
-def _put(
-    found: NDArray[np.object_], parts: NDArray[np.object_], owner: NDArray[np.int64], stand: NDArray[np.bool_]
-) -> None:
-    """Write the unions of parts into the rows of their owners (p,), which do not decrease."""
+def _unions(parts: NDArray[np.object_], owner: NDArray[np.int64], stand: NDArray[np.bool_]) -> NDArray[np.object_]:
+    """Return the union of the parts of each pair (n,).
+
+    owner : the pair of each part, not decreasing
+    stand : (n,) whether both objects of a pair are areas
+    """
+    found = np.full(len(stand), None, dtype=object)
     start = np.flatnonzero(np.diff(owner, prepend=-1))
     size = np.diff(start, append=len(owner))
     for k in np.unique(size).tolist():
         rows = start[size == k]
         of_row = parts[rows[:, None] + np.arange(k)]
         found[owner[rows]] = of_row[:, 0] if k == 1 else united(of_row, stand[owner[rows]])
+    return found

@@ -32,6 +32,8 @@ _AT_ONCE: Final = 20_000
 _FOREVER_US: Final = 2**61
 # More than times of pieces are rounded by, microseconds.
 _ROUNDING_US: Final = 0.1
+# Differences are asked for up to this much beyond the horizon, microseconds: more than they are rounded by.
+_BEYOND_US: Final = 10
 # If more than this remains open between outer and inner interval, seconds, the times are halved; and how often at most.
 _LOOSE_S: Final = 1.0
 _MOST_SPLITS: Final = 6
@@ -99,20 +101,22 @@ class Differences:
 
     def forbidden(self, horizon_us: int) -> tuple[Spans, Spans]:
         """Return the outer and the inner intervals of all rows, within the horizon."""
-        outer = Spans.union(self.low, self.high)
-        inner = Spans.union(self.inner_low, self.inner_high)
-        shrunk = inner.low + _LAST_INSTANT_US, inner.high - _LAST_INSTANT_US
-        return _within(outer.low, outer.high, horizon_us), _within(*shrunk, horizon_us)
+        outer = _within(self.low, self.high, horizon_us)
+        inner = _within(self.inner_low, self.inner_high, horizon_us + _LAST_INSTANT_US)
+        low, high = inner.low + _LAST_INSTANT_US, inner.high - _LAST_INSTANT_US
+        return outer, Spans(low[low <= high], high[low <= high])
 
     def blocking(self, horizon_us: int) -> _Ints:
         """Return the numbers of the objects that forbid every delay within the horizon."""
-        found = []
-        for other in np.unique(self.other).tolist():
+        first, last = self.low <= -horizon_us, self.high >= horizon_us
+        found = np.unique(self.other[first & last])
+        # Several rows together may.
+        others = np.setdiff1d(np.intersect1d(self.other[first], self.other[last]), found)
+        for other in others.tolist():
             rows = self.other == other
-            own = _within(self.low[rows], self.high[rows], horizon_us)
-            if len(own) == 1 and own.low[0] == -horizon_us and own.high[0] == horizon_us:
-                found.append(other)
-        return np.array(found, np.int64)
+            if len(_within(self.low[rows], self.high[rows], horizon_us)) == 1:
+                found = np.append(found, other)
+        return np.sort(found)
 
 
 def _within(low: _Ints, high: _Ints, horizon_us: int) -> Spans:
@@ -120,25 +124,29 @@ def _within(low: _Ints, high: _Ints, horizon_us: int) -> Spans:
 
 
 def differences_of(
-    scene: Scene, plane: Plane, pieces: Pieces, tracks: _Ints, horizon_us: int, threads: int = 1
+    scene: Scene, plane: Plane, pieces: Pieces, tracks: _Ints, horizon_us: int, threads: int = 1, *, waits: bool = True
 ) -> Differences:
     """Return the delays within the horizon that bring some tracks into contact with other objects.
 
     plane : of the scene, which the pieces were made in
     tracks : (m,) numbers of tracks (`object_numbers`)
     threads : of the kernel; the answer does not depend on it
+    waits : whether a track whose first leg stands still waits there before it departs
     """
     number = object_numbers(pieces)
     mine = np.flatnonzero(np.isin(number, tracks))
+    first = mine[_waits(pieces, number, mine)] if waits else mine[:0]
     moving = _candidates(pieces, number, mine, horizon_us, is_once=True)
-    waiting = _candidates(pieces, number, mine[_waits(pieces, number, mine)], horizon_us, is_once=False)
+    waiting = _candidates(pieces, number, first, horizon_us, is_once=False)
     a, b = (np.concatenate(both) for both in zip(moving, waiting, strict=True))
     prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
-    every = _of_pairs(scene, prepared, number, *moving, threads=threads)
+    every = _of_pairs(scene, prepared, number, *moving, horizon_us, threads=threads)
     # Two tracks that are both asked about are solved once.
     mirrored = every.take(np.flatnonzero(np.isin(every.other, tracks)))
     swapped = mirrored.other, mirrored.track, -mirrored.high, -mirrored.low, -mirrored.inner_high, -mirrored.inner_low
-    while_waiting = _while_waiting(_of_pairs(scene, prepared, number, *waiting, lasts=False, threads=threads))
+    while_waiting = _while_waiting(
+        _of_pairs(scene, prepared, number, *waiting, horizon_us, lasts=False, threads=threads)
+    )
     every = Differences.concatenate([every, Differences(*swapped), while_waiting])
     return every.take(np.flatnonzero((every.low <= horizon_us) & (every.high >= -horizon_us)))
 
@@ -245,23 +253,31 @@ def _of_pairs(
     number: _Ints,
     a: PieceRows,
     b: PieceRows,
+    horizon_us: int,
     *,
     lasts: bool = True,
     threads: int,
 ) -> Differences:
-    """Return the delays that bring pairs of pieces into contact, of those that some delay does.
+    """Return the delays within the horizon that bring pairs of pieces into contact, of those that some delay does.
 
     lasts : whether a has its whole time, or stays what it is at its start
     """
     parts = [
-        _of_some_pairs(scene, prepared, number, PieceRows(a[rows]), PieceRows(b[rows]), lasts, threads)
+        _of_some_pairs(scene, prepared, number, PieceRows(a[rows]), PieceRows(b[rows]), horizon_us, lasts, threads)
         for rows in (slice(k, k + DEFAULT_MEMORY.pairs) for k in range(0, max(len(a), 1), DEFAULT_MEMORY.pairs))
     ]
     return Differences.concatenate(parts)
 
 
 def _of_some_pairs(
-    scene: Scene, prepared: kernel.KernelScene, number: _Ints, a: PieceRows, b: PieceRows, lasts: bool, threads: int
+    scene: Scene,
+    prepared: kernel.KernelScene,
+    number: _Ints,
+    a: PieceRows,
+    b: PieceRows,
+    horizon_us: int,
+    lasts: bool,
+    threads: int,
 ) -> Differences:
     pieces = prepared.pieces
     still = pieces.kind[b] == Kind.AREA.code
@@ -270,7 +286,12 @@ def _of_some_pairs(
     lasts_s = (pieces.end_us[a] - zero) / 1e6 * lasts
     b_lasts_s = np.where(still, 0, pieces.end_us[b] - np.where(still, pieces.end_us[b], first)) / 1e6
     nothing = np.zeros(len(a))
-    shifts = Shifts(a, b, zero, np.where(still, zero, first), nothing, lasts_s, nothing, b_lasts_s)
+    # Delays are differences plus from first - zero to last - zero.
+    least_s, most_s = (
+        (sign * (horizon_us + _BEYOND_US) - _later(instant, zero, nothing)) / 1e6
+        for sign, instant in ((-1, last), (1, first))
+    )
+    shifts = Shifts(a, b, zero, np.where(still, zero, first), nothing, lasts_s, nothing, b_lasts_s, least_s, most_s)
     covered = is_covered(pieces, a, b)
     solved = np.flatnonzero(~covered)
     rows, found = _solved(prepared, shifts.take(solved), scene.separation_m + scene.tolerance_m, threads)

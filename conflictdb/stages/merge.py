@@ -11,14 +11,14 @@ from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.plane import Plane
+from conflictdb.kernel.meeting import meetings
 from conflictdb.kernel.whole import Depth
 from conflictdb.model.methods import METHODS
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.results import Kind, Verdict
 from conflictdb.stages.conflict_regions import Meetings
-from conflictdb.stages.object_pairs import numbered, object_keys, ordered_members
+from conflictdb.stages.object_pairs import members, numbered, object_keys, ordered_members
 from conflictdb.stages.pieces.covers import is_covered
-from conflictdb.stages.stage4.meeting_points import meeting_points
 from conflictdb.stages.whole_areas import Footprints, deep_in_whole_areas
 
 
@@ -81,17 +81,11 @@ def merged_by_object(
     is_known = (has_conflict | is_certain) & (scene.separation_m == 0.0) & (METHODS[scene.method].solver is not None)
     nothing = np.where(is_known, 0.0, np.nan)
     place = np.where(is_known[:, None], first_contact_deg, np.nan)
-    member_a, member_b = a[earliest], b[earliest]
-    conflicts = Conflicts(
-        a_kind=pieces.kind[member_a],
-        a_id=pieces.object_id[member_a],
-        a_version=pieces.version[member_a],
-        b_kind=pieces.kind[member_b],
-        b_id=pieces.object_id[member_b],
-        b_version=pieces.version[member_b],
-        period_us=period_us,
-        period_offset=period_offset,
-        verdict=verdict.astype(np.int8),
+    conflicts = Conflicts.of_members(
+        members(pieces, PieceRows(a[earliest])),
+        members(pieces, PieceRows(b[earliest])),
+        (period_us, period_offset),
+        verdict.astype(np.int8),
         first_contact_deg=first_contact_deg,
         time_error_s=time_error_s,
         closest_us=np.where(is_known, period_us[period_offset[:-1], 0], MINUS_INFINITY_US),
@@ -135,9 +129,10 @@ def _first_contacts(
     if METHODS[scene.method].solver is not None:
         pair = contacts.pair[earliest]
         a, b, at = PieceRows(pairs.a[pair]), PieceRows(pairs.b[pair]), contacts.start_s[earliest]
-        seen = np.flatnonzero(~is_covered(prepared.pieces, a, b))
+        start_us, _ = prepared.pieces.shared_span(a, b)
         at = np.where(np.isfinite(at), at, 0.0)
-        points[seen] = meeting_points(prepared, PieceRows(a[seen]), PieceRows(b[seen]), at[seen], threads)
+        seen = np.flatnonzero(~is_covered(prepared.pieces, a, b))
+        points[seen] = meetings(prepared, a[seen], b[seen], start_us[seen], at[seen], threads)
     return points
 
 

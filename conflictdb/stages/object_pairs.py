@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays.answers import Members
 from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
@@ -24,6 +25,11 @@ def ordered_members(pieces: Pieces, a: PieceRows, b: PieceRows) -> tuple[PieceRo
 def object_keys(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
     """Return (4, n) kind and number of the objects of pieces a and b; columns of the same two objects are equal."""
     return np.stack([pieces.kind[a], pieces.object_id[a], pieces.kind[b], pieces.object_id[b]])
+
+
+def members(pieces: Pieces, rows: PieceRows) -> Members:
+    """Return kinds, numbers and versions of the objects of some pieces."""
+    return pieces.kind[rows], pieces.object_id[rows], pieces.version[rows]
 
 
 def numbered(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:

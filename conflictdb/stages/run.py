@@ -32,8 +32,6 @@ from conflictdb.stages.whole_areas import Footprints
 
 _SHORTEST_S: Final = 1e-9  # divisor if the clock shows no time
 
-__all__ = ["Footprints", "Funnel", "PairSource", "Progress", "run_scene", "run_stages"]
-
 
 def run_scene(
     scene: Scene,

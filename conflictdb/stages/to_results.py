@@ -14,20 +14,22 @@ from conflictdb.model.record import MEASURED, Type
 from conflictdb.model.results import Conflict, Kind, Position, Verdict
 
 
-def to_results(scene: Scene, keys: Mapping[tuple[int, int], str], conflicts: Conflicts) -> list[Conflict]:
+def to_results(
+    scene: Scene, named: Mapping[tuple[int, int], tuple[str, str | None]], conflicts: Conflicts
+) -> list[Conflict]:
     """Return conflicts and near pairs in the order of their keys, areas first.
 
-    keys : of objects, by the code of their kind and their number
+    named : keys and names of objects, by the code of their kind and their number
     """
     members = [
-        [(kind, keys[kind, number]) for kind, number in zip(kinds.tolist(), numbers.tolist(), strict=True)]
+        [(kind, *named[kind, number]) for kind, number in zip(kinds.tolist(), numbers.tolist(), strict=True)]
         for kinds, numbers in ((conflicts.a_kind, conflicts.a_id), (conflicts.b_kind, conflicts.b_id))
     ]
-    is_swapped = [_rank(*b) < _rank(*a) for a, b in zip(*members, strict=True)]
+    is_swapped = [_rank(*b[:2]) < _rank(*a[:2]) for a, b in zip(*members, strict=True)]
     conflicts = conflicts.turned(np.array(is_swapped, np.bool_))
     answer = []
     for k, pair in enumerate(zip(*members, strict=True)):
-        (a_kind, a_key), (b_kind, b_key) = reversed(pair) if is_swapped[k] else pair
+        (a_kind, a_key, a_name), (b_kind, b_key, b_name) = reversed(pair) if is_swapped[k] else pair
         periods = conflicts.period_us[conflicts.period_offset[k] : conflicts.period_offset[k + 1]].tolist()
         measured: dict[str, Any] = {one.field: _VALUE[one.type](getattr(conflicts, one.array)[k]) for one in MEASURED}
         answer.append(
@@ -40,6 +42,8 @@ def to_results(scene: Scene, keys: Mapping[tuple[int, int], str], conflicts: Con
                 verdict=Verdict.of_code(int(conflicts.verdict[k])),
                 periods=tuple((_instant(start), _instant(end)) for start, end in periods),
                 method=scene.method,
+                a_name=a_name,
+                b_name=b_name,
                 **measured,
             )
         )

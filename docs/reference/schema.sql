@@ -228,10 +228,12 @@ TABLE probe_request (
     grow_mps double precision NOT NULL DEFAULT 0,
     floor_m double precision,
     ceiling_m double precision,
+    horizon interval,
     answered_at timestamp with time zone,
     is_current boolean,
     error text,
-    failures smallint NOT NULL DEFAULT 0
+    failures smallint NOT NULL DEFAULT 0,
+    delays jsonb
 );
 
 TABLE run (
@@ -350,7 +352,9 @@ VIEW approaches (
     found_at timestamp with time zone,
     scene_is_current boolean,
     method text,
-    time_error_s double precision
+    time_error_s double precision,
+    a_name text,
+    b_name text
 );
 
 VIEW attachments (
@@ -423,7 +427,9 @@ VIEW conflicts (
     acknowledged_for text,
     acknowledged_until timestamp with time zone,
     first_contact_lon_deg double precision,
-    first_contact_lat_deg double precision
+    first_contact_lat_deg double precision,
+    a_name text,
+    b_name text
 );
 
 VIEW map_areas (
@@ -581,8 +587,9 @@ CONSTRAINT probe_reply_request_fkey ON probe_reply: FOREIGN KEY (probe_id) REFER
 CONSTRAINT probe_request_kind_known ON probe_request: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT probe_request_pkey ON probe_request: PRIMARY KEY (probe_id);
 CONSTRAINT probe_request_plan_given ON probe_request: CHECK (
-CASE object_kind
-    WHEN 0 THEN (num_nonnulls(footprint, active_span) = 2)
+CASE
+    WHEN (horizon IS NOT NULL) THEN ((object_kind = 1) AND (key IS NOT NULL) AND (path IS NULL))
+    WHEN (object_kind = 0) THEN (num_nonnulls(footprint, active_span) = 2)
     ELSE (num_nonnulls(path, outline) = 2)
 END);
 CONSTRAINT probe_request_scene_fkey ON probe_request: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -669,34 +676,34 @@ FUNCTION _add_staged(p_scene_id bigint, p_first_page bigint, OUT added bigint, O
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET jit=off;
 
 FUNCTION _after_attachment_removal()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp SET client_min_messages=warning;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
 
 FUNCTION _after_object_change()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _after_replicated_object()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _after_replicated_removal()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _after_scene_change()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _after_scene_removal()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _after_scene_resettled()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb, p_delays jsonb)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _approaches(p_scene text, p_only_near boolean, p_keys text[])
-    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean, method text, time_error_s double precision, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean, method text, time_error_s double precision, a_name text, b_name text, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _area_before()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _area_feature(p_area area)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
@@ -705,16 +712,16 @@ FUNCTION _area_row(p_scene_id bigint, p_area_id bigint)
     RETURNS TABLE(area_id bigint, version bigint, span_start timestamp with time zone, span_end timestamp with time zone, floor_m double precision, ceiling_m double precision, footprint bytea) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _attached_footprint(p_who text, p_shape geometry)
-    RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _attached_path(p_who text, p_shape geometry, p_times timestamp with time zone[], p_has_times boolean)
-    RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _attached_rows(p_attachment_id bigint, p_change_ids bigint[], p_is_full boolean, p_how text)
-    RETURNS SETOF attached_row LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS SETOF attached_row LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _attached_span(p_who text, p_span tstzrange, p_start timestamp with time zone, p_end timestamp with time zone)
-    RETURNS tstzrange LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS tstzrange LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _attached_tables(p_relation oid)
     RETURNS TABLE(relation oid, is_root boolean) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -729,52 +736,55 @@ FUNCTION _attachment_failed(p_attachment_id bigint, p_error text)
     RETURNS void LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
 
 FUNCTION _attachment_remark(p_attachment attachment)
-    RETURNS text LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS text LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _attachments(p_scene text)
-    RETURNS SETOF attachments LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS SETOF attachments LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _attachments_to_follow(p_scene text, p_try_again boolean)
-    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _await_answer(p_probe_id bigint, p_timeout interval, p_is_delays boolean)
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _before_attachment()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _before_probe_request()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _before_scene_removal()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _begin_attached()
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET client_min_messages=warning;
 
 FUNCTION _begin_detection(p_scene text, p_wait_s double precision, p_few integer, p_try_again boolean, OUT scene_id bigint, OUT taken bigint, OUT is_behind boolean, OUT settings jsonb, OUT srid integer, OUT area_ids bigint[], OUT track_ids bigint[], OUT known_objects bigint)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _begin_load()
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET client_min_messages=warning;
 
 FUNCTION _begin_new_rows(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_count integer, p_numbers bigint[], OUT run_id bigint, OUT at_us bigint, OUT scene text, OUT conflict_ids bytea, OUT event_ids bytea, OUT keys text[], OUT first_versions bigint[])
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _begin_pieces(p_scene_id bigint, p_is_first boolean, p_is_full boolean, OUT srid integer, OUT is_compared boolean)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET client_min_messages=warning;
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET client_min_messages=warning;
 
 FUNCTION _begin_run(p_scene_id bigint, p_run jsonb)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _boxes_meet(p_a geometry, p_b geometry)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _candidates(p_scene_id bigint, p_at_once bigint, OUT a bytea, OUT b bytea, OUT a_pieces bytea, OUT b_pieces bytea, OUT ranks bytea)
-    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_hashagg=off SET enable_nestloop=off SET jit=off;
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashagg=off SET enable_nestloop=off SET jit=off;
 
 FUNCTION _candidates_of_all(p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_pieces integer, OUT b_pieces integer, OUT a_object bigint, OUT b_object bigint)
-    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_nestloop=on SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_nestloop=on SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
 
 FUNCTION _candidates_of_dirty(p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_pieces integer, OUT b_pieces integer, OUT a_object bigint, OUT b_object bigint)
-    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_nestloop=on SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_nestloop=on SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
 
 FUNCTION _cast_to(p_type oid, p_wanted oid)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -786,103 +796,106 @@ FUNCTION _changed_tracks(p_scene_id bigint, p_after bigint, p_most bigint, OUT t
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _check_area_probe(p_footprint geometry, p_active_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_attachable(p_who text, p_table regclass, p_has_triggers boolean)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_attached_owner(p_who text, p_table regclass, p_has_triggers boolean)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_scene_id bigint)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _check_delays_request(p_scene_id bigint, p_key text, p_horizon interval)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_growth(p_who text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_haven(p_who text, p_path geometry, p_outline geometry, p_earth text, p_grow_mps double precision, p_outlines geometry)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_haven_near_centre(p_who text, p_path geometry, p_outline geometry, p_centre_lon double precision, p_centre_lat double precision, p_grow_mps double precision, p_outlines geometry)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_heights(p_who text, p_floor_m double precision, p_ceiling_m double precision)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_instants(p_from timestamp with time zone, p_to timestamp with time zone, p_step interval)
-    RETURNS timestamp with time zone[] LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS timestamp with time zone[] LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_key(p_scene text, p_key text)
-    RETURNS boolean LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS boolean LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_leg_heights(p_who text, p_path geometry, p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[], p_ceilings_m double precision[])
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_map(p_who text, p_kind smallint, p_map jsonb)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_may_change(p_scene_id bigint, p_scene text)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _check_may_prune(p_who text, p_owner name)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _check_near_centre(p_who text, p_field text, p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_outline(p_who text, p_outline geometry, p_field text DEFAULT 'outline'::text)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_owner(p_who text, p_owner name, p_new_owner name, p_is_new boolean)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _check_place(p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
-    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_role(p_who text, p_role text)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _check_size(p_who text, p_field text, p_points bigint, p_limit text)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _check_speed(p_who text, p_path geometry)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_times(p_who text, p_path geometry)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_track_probe(p_scene_id bigint, p_path geometry, p_outline geometry, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _circle_legs(p_path geometry, OUT leg integer, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone, OUT start double precision[], OUT heading double precision[], OUT angle double precision)
-    RETURNS SETOF record LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS SETOF record LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _circle_vertices(p_start double precision[], p_heading double precision[], p_angle double precision, p_outline geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _close_attached_schema()
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _combined_hash(p_sum numeric)
     RETURNS bigint LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _compare_pieces(p_scene_id bigint)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _conflict_events(p_scene text, p_key text, p_other_key text, p_after bigint, p_most bigint)
-    RETURNS TABLE(event bigint, kind text, at timestamp with time zone, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, closed_at timestamp with time zone) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(event bigint, kind text, at timestamp with time zone, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, closed_at timestamp with time zone) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint, p_b_version bigint, p_periods tstzmultirange, p_plane text)
-    RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan;
+    RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan;
 
 FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean, p_keys text[], p_key text, p_from timestamp with time zone, p_to timestamp with time zone, p_since timestamp with time zone, p_verdict text, p_acknowledged boolean)
-    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean, conflict_id bigint, changed_at timestamp with time zone, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean, conflict_id bigint, changed_at timestamp with time zone, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone, a_name text, b_name text, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _conflicts_known_at(p_scene text, p_instant timestamp with time zone)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, method text, time_error_s double precision, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, conflict_id bigint, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone) LANGUAGE sql STABLE PARALLEL UNSAFE;
@@ -891,52 +904,52 @@ FUNCTION _corners(p_outline geometry, OUT n bigint, OUT x double precision, OUT 
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _count_conflicts(p_scene_id bigint, OUT conflicts bigint, OUT unresolved bigint)
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_indexscan=off SET jit=off;
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_indexscan=off SET jit=off;
 
 FUNCTION _counted_conflicts()
     RETURNS TABLE(scene text, verdict text, is_acknowledged boolean, conflicts bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _cover(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_nestloop=off SET jit=off;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_nestloop=off SET jit=off;
 
 FUNCTION _cover_all(p_scene_id bigint)
     RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _covering(p_region geometry, p_place geometry)
-    RETURNS geometry LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _create_attached_rows(p_who text, p_attachment_id bigint, p_kind smallint, p_table regclass, p_map jsonb, OUT identity_columns text[])
-    RETURNS text[] LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS text[] LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _create_attached_triggers(p_attachment_id bigint, p_table regclass)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _create_note(p_attachment_id bigint)
-    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _depends_on_settings_alone(p_name name, p_types oidvector)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _drawn(p_geometry geometry, p_plane text)
-    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _drawn_path(p_path geometry, p_plane text)
-    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _drifted_objects(p_attachment_id bigint)
     RETURNS SETOF text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _end_acknowledgement(p_conflict_id bigint)
-    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _end_new_rows(p_run_id bigint, p_opened bigint, p_unresolved bigint, p_notifications text[])
     RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _end_pieces(p_scene_id bigint, p_changed bigint)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _ensure_centre(p_scene_id bigint, p_first geometry, OUT centre_lon double precision, OUT centre_lat double precision)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _exact_numeric(p_number double precision)
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -945,19 +958,19 @@ FUNCTION _explained_as_json(p_key text, p_kind smallint, p_waits boolean, p_piec
     RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _explained_object(p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT waits boolean, OUT pieces bigint, OUT is_covered boolean, OUT span tstzrange, OUT low_m double precision, OUT high_m double precision, OUT box geometry, OUT floor_m double precision, OUT ceiling_m double precision)
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _explained_text(j jsonb)
     RETURNS text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _find_attached(p_scene text, p_table text)
-    RETURNS SETOF attachment LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS SETOF attachment LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _first_version(p_kind smallint, p_id bigint)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _follow_attachment(p_attachment_id bigint, OUT is_done boolean, OUT mapped bigint, OUT removed bigint, OUT unmapped bigint, OUT error text)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _footprints(p_area_ids bigint[])
     RETURNS TABLE(area_id bigint, footprint bytea) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -966,7 +979,7 @@ FUNCTION _from_centre_deg(p_geometry geometry, p_lon double precision, p_lat dou
     RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _from_gnomonic(p_geometry geometry, p_plane text)
-    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _from_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -981,16 +994,16 @@ FUNCTION _half_open(p_span tstzrange)
     RETURNS tstzrange LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _has_grown(p_periods tstzmultirange, p_verdict text, p_time_error_s double precision, p_closest_m double precision, p_closest_error_m double precision, p_known_periods tstzmultirange, p_known_verdict text, p_known_time_error_s double precision, p_known_closest_m double precision, p_known_closest_error_m double precision, p_tolerance_m double precision)
-    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _has_just_failed(p_attachment attachment)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _history_kept(p_scene_id bigint)
-    RETURNS interval LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS interval LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _hold_attached(p_who text, p_table text, p_has_triggers boolean)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _hulls_meet(p_a geometry, p_b geometry)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1002,7 +1015,7 @@ FUNCTION _instant_of(p_us bigint)
     RETURNS timestamp with time zone LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _is_alike(p_some tstzmultirange, p_others tstzmultirange, p_within_s double precision)
-    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _is_all_dirty(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1011,7 +1024,7 @@ FUNCTION _is_compared(p_attachment attachment)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _is_current(p_scene_id bigint)
-    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
 FUNCTION _is_mine(p_attachment_id bigint)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -1032,28 +1045,28 @@ FUNCTION _is_watched(p_attachment_id bigint, p_table_schema text, p_table_name t
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _keep_restored_key()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
-    RETURNS TABLE(kind smallint, id bigint, key text) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(kind smallint, id bigint, key text, name text) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _known_conflict(p_scene text, p_a_key text, p_b_key text)
-    RETURNS conflict LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS conflict LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _known_conflicts(p_scene_id bigint, p_numbers bigint[], OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea)
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _known_conflicts_among(p_scene_id bigint, p_is_all boolean, OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea)
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_indexscan=off SET jit=off;
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_indexscan=off SET jit=off;
 
 FUNCTION _known_conflicts_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[], OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea)
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_sort=off SET jit=off;
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_sort=off SET jit=off;
 
 FUNCTION _latitude(p_rectifying double precision, p_earth text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _leg_havens(p_motion text, p_earth text, p_plane text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_leg integer, p_instants timestamp with time zone[])
-    RETURNS TABLE(at timestamp with time zone, haven geometry) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(at timestamp with time zone, haven geometry) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _leg_heights(p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[], p_ceilings_m double precision[], p_first integer, p_last integer, OUT floor_m double precision, OUT ceiling_m double precision)
     RETURNS record LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1065,13 +1078,13 @@ FUNCTION _legs(p_path geometry, p_earth text, OUT leg integer, OUT starts_at tim
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _lift_limits(p_lock_timeout_s double precision)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _load(p_name text, p_settings jsonb, p_merge boolean, OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint, OUT scene_id bigint, OUT stored bigint, OUT next_page bigint)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_nestloop=off SET jit=off;
+FUNCTION _load(p_name text, p_settings jsonb, p_merge boolean, OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_nestloop=off SET jit=off;
 
 FUNCTION _lon_lat(p_who text, p_field text, p_geometry geometry)
-    RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _map_areas(p_scene text)
     RETURNS TABLE(area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision, start_s double precision, end_s double precision, west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision, inside_lon_deg double precision, inside_lat_deg double precision) LANGUAGE sql STABLE PARALLEL UNSAFE;
@@ -1080,7 +1093,7 @@ FUNCTION _map_conflicts(p_scene text)
     RETURNS TABLE(head text, numbers bytea) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _map_expression(p_who text, p_field text, p_relation regclass, p_text text, p_wanted oid, OUT expression text, OUT columns smallint[])
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _map_fields(p_kind smallint)
     RETURNS TABLE(field text, attribute text) LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1101,10 +1114,10 @@ FUNCTION _mark_all(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _marked_objects(p_scene_id bigint, p_kind smallint)
-    RETURNS SETOF bigint LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
+    RETURNS SETOF bigint LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
 FUNCTION _max_speed_kn()
-    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _may_change(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -1125,28 +1138,28 @@ FUNCTION _most_havens()
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _my_roles()
-    RETURNS SETOF name LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+    RETURNS SETOF name LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _near_centre(p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
-    RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint)
     RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _next_probe()
-    RETURNS TABLE(probe_id bigint, scene_id bigint) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(probe_id bigint, scene_id bigint) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _not_tiny(p_m double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _notify(p_channel text, p_payload text)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _notify_acknowledgement(p_scene text, p_conflict_id bigint, p_holds boolean)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_first bigint)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _object_number(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1155,10 +1168,10 @@ FUNCTION _off_the_pole(p_part geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _open_attached_schema()
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp SET client_min_messages=warning;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
 
 FUNCTION _order_reason(p_identity text)
-    RETURNS text LANGUAGE plpgsql STABLE STRICT PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS text LANGUAGE plpgsql STABLE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _outline_at(p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_waypoint integer)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1167,16 +1180,16 @@ FUNCTION _outline_between(p_from geometry, p_to geometry, p_share double precisi
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _own_scene_id(p_scene text)
-    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _own_scenes()
-    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _part_from_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
 FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1185,7 +1198,7 @@ FUNCTION _pieces_before(p_scene_id bigint, p_kind smallint, p_id bigint, p_until
     RETURNS TABLE(turn smallint, part integer, hull geometry, span tstzrange, shape geometry) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _pieces_meeting(p_scene_id bigint, p_most_compared bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[])
-    RETURNS TABLE(n bigint, piece_id bigint, pieces integer, object_number bigint, part integer) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
+    RETURNS TABLE(n bigint, piece_id bigint, pieces integer, object_number bigint, part integer) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
 
 FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1194,7 +1207,7 @@ FUNCTION _pieces_of(p_part integer, p_hull geometry, p_span tstzrange, p_shape g
     RETURNS TABLE(part integer, hull geometry, span tstzrange, shape geometry) LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _plane(p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision)
-    RETURNS text LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS text LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _plane_srid(p_plane text)
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1202,35 +1215,38 @@ FUNCTION _plane_srid(p_plane text)
 FUNCTION _probe_failed(p_probe_id bigint, p_error text)
     RETURNS void LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
 
-FUNCTION _probe_request(p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea, OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision, OUT floor_m double precision, OUT ceiling_m double precision)
+FUNCTION _probe_request(p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea, OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision, OUT floor_m double precision, OUT ceiling_m double precision, OUT horizon_s double precision, OUT scene text)
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
 FUNCTION _protected_tables()
     RETURNS SETOF regclass LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _prune(p_scene_id bigint, p_kept interval)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _prune_probes()
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _prune_sometimes(p_scene_id bigint)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
-    RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+    RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _put_scene(p_name text, p_settings jsonb)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _radius_m(p_plane text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _raise(p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''::text)
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1239,7 +1255,7 @@ FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _readable_scenes()
-    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _record_failure(p_scene_id bigint, p_run jsonb, p_error text)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
@@ -1250,29 +1266,26 @@ FUNCTION _rectifying(p_latitude double precision, p_earth text)
 FUNCTION _rectifying_m(p_earth text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _refuse(p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''::text)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
-
 FUNCTION _refuse_taken(p_name text)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _refuse_truncate()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _register_attachment(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval)
-    RETURNS attachment LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS attachment LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _request_probe(p_scene text, p_key text, p_kind integer, p_footprint bytea, p_start_us bigint, p_end_us bigint, p_path bytea, p_outline bytea, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _require_snapshot()
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _rhumb_vertices(p_lon_deg double precision, p_mu double precision, p_bearing_deg double precision, p_outline geometry, p_earth text)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _row_boxes(p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea, OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea, OUT span_starts bytea, OUT span_ends bytea)
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET jit=off;
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
 
 FUNCTION _runs(p_scene text, p_limit integer)
     RETURNS SETOF run LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1284,25 +1297,25 @@ FUNCTION _scene(p_scene_id bigint)
     RETURNS TABLE(settings jsonb) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _scene_before()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _scene_holders(p_scene_id bigint)
-    RETURNS TABLE(pid integer, application text, role text, since timestamp with time zone) LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, pg_temp;
+    RETURNS TABLE(pid integer, application text, role text, since timestamp with time zone) LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _scene_holds_objects()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _scene_id(p_scene text)
-    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _scene_named(p_scene text)
     RETURNS TABLE(settings jsonb) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _scene_state(p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamp with time zone, OUT last_error text, OUT is_current boolean, OUT remark text, OUT detected_at timestamp with time zone)
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _scene_to_change(p_scene text)
-    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _scenes()
     RETURNS TABLE(scene_id bigint, settings jsonb, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text, is_current boolean) LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1311,25 +1324,25 @@ FUNCTION _seconds_to_comparison()
     RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _series(p_angle double precision, p_coefficients double precision[])
-    RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
     RETURNS record LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION _set_scene(p_name text, p_settings jsonb)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _settings_of(p_scene anyelement)
-    RETURNS jsonb LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET extra_float_digits=1;
+    RETURNS jsonb LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
 
 FUNCTION _shares(p_scene text)
-    RETURNS SETOF shares LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;
+    RETURNS SETOF shares LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _short_identity(p_identity text)
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _shown(p_geometry geometry, p_plane text)
-    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _shown(p_instant timestamp with time zone)
     RETURNS text LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1341,25 +1354,25 @@ FUNCTION _shown_heights(p_floor_m double precision, p_ceiling_m double precision
     RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
-    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea)
-    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+    RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _sphere_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _staged_tracks(p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint)
-    RETURNS TABLE(object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry, grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[], ceilings_m double precision[], properties jsonb) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry, grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[], ceilings_m double precision[], properties jsonb) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _stretch(p_from double precision, p_to double precision, p_earth text)
-    RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _take_over_attached(p_attachment attachment, p_change_ids bigint[], OUT mapped bigint, OUT removed bigint, OUT unmapped bigint)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET enable_nestloop=on SET jit=off;
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_nestloop=on SET jit=off;
 
 FUNCTION _take_scene(p_scene_id bigint, p_wait_s double precision)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _tile_bounds(p_z integer, p_x integer, p_y integer)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1368,34 +1381,34 @@ FUNCTION _tile_degrees(p_z integer, p_x integer, p_y integer)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _tile_height(p_params json, p_name text)
-    RETURNS double precision LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS double precision LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _tile_measures(p_z integer, p_x integer, p_y integer, p_plane text, OUT bounds geometry, OUT shown geometry, OUT unit_m double precision, OUT unit_deg double precision, OUT plain_deg double precision, OUT large_deg double precision, OUT edge_deg double precision)
-    RETURNS record LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS record LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _tile_objects(p_scene_id bigint, p_kind smallint, p_plane text, p_z integer, p_x integer, p_y integer, p_span tstzrange)
     RETURNS SETOF bigint LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _tile_params(p_z integer, p_x integer, p_y integer, p_params json, OUT scene_id bigint, OUT scene text, OUT motion text, OUT earth text, OUT plane text, OUT span tstzrange, OUT instant timestamp with time zone, OUT verdicts text[], OUT floor_m double precision, OUT ceiling_m double precision)
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _tile_plain(p_geometry geometry, p_box box3d, p_bounds geometry, p_unit_m double precision, p_unit_deg double precision)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _tile_shape(p_geometry geometry, p_z integer, p_x integer, p_y integer)
-    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _tile_time(p_params json, p_name text)
-    RETURNS timestamp with time zone LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS timestamp with time zone LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _tile_windows(p_z integer, p_x integer, p_y integer, p_plane text)
-    RETURNS SETOF geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS SETOF geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _to_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _track_before()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _track_feature(p_track track)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
@@ -1404,28 +1417,28 @@ FUNCTION _track_row(p_scene_id bigint, p_track_id bigint)
     RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _unmapped(p_scene text)
-    RETURNS SETOF unmapped LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS SETOF unmapped LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _wait_for_probe(p_probe_id bigint, p_timeout interval)
-    RETURNS TABLE(key text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision, lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision) LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+    RETURNS TABLE(key text, name text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision, lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision) LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _waiting_scenes()
     RETURNS TABLE(scene text, waited_s double precision) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _wake_workers()
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _warn_if_incomplete(p_scene text)
-    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path=conflictdb, public, pg_temp;
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _warn_if_no_object(p_scene text, p_key text)
-    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path=conflictdb, public, pg_temp;
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _wgs84_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _whole_height(p_who text, p_field text, p_given_m double precision, p_whole_m double precision, p_known_m double precision, p_is_changed boolean)
-    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _widened(p_periods tstzmultirange, p_by_s double precision)
     RETURNS tstzmultirange LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1437,31 +1450,31 @@ FUNCTION _wrapped(p_geometry geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _writable_scenes()
-    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+    RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean, p_a_kind smallint[], p_a_id bigint[], p_a_version bigint[], p_b_kind smallint[], p_b_id bigint[], p_b_version bigint[], p_place tid[], p_digest bigint[], p_verdict text[], p_periods tstzmultirange[], p_region bytea[], p_first_contact_point bytea[], p_time_error_s double precision[], p_closest_at timestamp with time zone[], p_closest_m double precision[], p_closest_error_m double precision[], p_closest_a_point bytea[], p_closest_b_point bytea[], OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint, OUT conflicts bigint, OUT unresolved bigint)
-    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_nestloop=off SET jit=off;
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_nestloop=off SET jit=off;
 
 FUNCTION acknowledge(p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamp with time zone DEFAULT NULL::timestamp with time zone, p_by text DEFAULT NULL::text)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION approaches_of(p_scene text, p_key text)
     RETURNS SETOF approaches LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION attach(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL::interval)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET lock_timeout=10s;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET lock_timeout=10s;
 
 FUNCTION candidates(p_scene text)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION conflict_history(p_scene text, p_key text, p_other_key text DEFAULT NULL::text)
-    RETURNS SETOF conflict_events LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS SETOF conflict_events LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION conflicts_at(p_scene text, p_instant timestamp with time zone)
     RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION conflicts_known_at(p_scene text, p_instant timestamp with time zone)
-    RETURNS TABLE(conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods tstzmultirange, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, run_id bigint, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods tstzmultirange, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, run_id bigint, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION conflicts_of(p_scene text, p_key text)
     RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL RESTRICTED;
@@ -1470,109 +1483,115 @@ FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
     RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION copy_scene(p_scene text, p_name text)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET extra_float_digits=1;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
 
 FUNCTION detach(p_scene text, p_table text, p_keep boolean DEFAULT false)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp SET lock_timeout=10s;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET lock_timeout=10s;
 
 FUNCTION explain_conflict(p_scene text, p_a text, p_b text)
-    RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION explain_conflict_text(p_scene text, p_a text, p_b text)
     RETURNS text LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION follow_attached(p_scene text)
-    RETURNS TABLE("table" text, mapped bigint, removed bigint, unmapped bigint, error text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE("table" text, mapped bigint, removed bigint, unmapped bigint, error text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION give_scene(p_scene text, p_role text)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION haven_at(p_scene text, p_key text, p_instant timestamp with time zone)
-    RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION havens(p_scene text, p_from timestamp with time zone, p_to timestamp with time zone, p_step interval)
-    RETURNS TABLE(key text, at timestamp with time zone, haven geometry, floor_m double precision, ceiling_m double precision) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(key text, at timestamp with time zone, haven geometry, floor_m double precision, ceiling_m double precision) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION heights_at(p_scene text, p_key text, p_instant timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision)
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION instant(p_text text)
-    RETURNS timestamp with time zone LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, pg_temp;
+    RETURNS timestamp with time zone LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION list_objects(p_scene text)
     RETURNS TABLE(key text, kind text, name text, start_at timestamp with time zone, end_at timestamp with time zone, floor_m double precision, ceiling_m double precision) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION preview_attachment(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL::interval, p_objects integer DEFAULT 5)
-    RETURNS TABLE(part text, what text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(part text, what text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION probe(p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL::timestamp with time zone, NULL::timestamp with time zone), p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision)
     RETURNS TABLE(key text, kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION protect_scenes(p_on boolean DEFAULT true)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp SET lock_timeout=10s;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET lock_timeout=10s;
 
 FUNCTION prune_history(p_scene text, p_kept interval DEFAULT NULL::interval)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION put_area(p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL::geometry, p_floors_m double precision[] DEFAULT NULL::double precision[], p_ceilings_m double precision[] DEFAULT NULL::double precision[])
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION rectangle_outline(p_fore_m double precision, p_aft_m double precision, p_port_m double precision, p_starboard_m double precision)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION remove_object(p_scene text, p_key text)
-    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION remove_scene(p_scene text)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION rename_object(p_scene text, p_key text, p_new_key text)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION rename_scene(p_scene text, p_name text)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION request_delays(p_scene text, p_key text, p_horizon interval DEFAULT '02:00:00'::interval)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION request_probe(p_scene text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_key text DEFAULT NULL::text)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION request_track_probe(p_scene text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_grow_mps double precision DEFAULT 0, p_key text DEFAULT NULL::text)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION share_scene(p_scene text, p_role text, p_access text DEFAULT 'read'::text)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION tile_areas(z integer, x integer, y integer, query_params json DEFAULT '{}'::json)
-    RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION tile_conflicts(z integer, x integer, y integer, query_params json DEFAULT '{}'::json)
-    RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION tile_havens(z integer, x integer, y integer, query_params json DEFAULT '{}'::json)
-    RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION tile_tracks(z integer, x integer, y integer, query_params json DEFAULT '{}'::json)
-    RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION track_path(p_waypoints geometry, p_times timestamp with time zone[])
-    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text)
-    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION unshare_scene(p_scene text, p_role text)
-    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, pg_temp;
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION wait_for_delays(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval, OUT key text, OUT least_later_s double precision, OUT least_earlier_s double precision, OUT blocked_by text[], OUT forbidden jsonb)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval)
-    RETURNS TABLE(key text, kind text, verdict text, periods tstzmultirange, first_contact timestamp with time zone, last_contact timestamp with time zone, time_error_s double precision, first_contact_point geometry, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS TABLE(key text, kind text, verdict text, periods tstzmultirange, first_contact timestamp with time zone, last_contact timestamp with time zone, time_error_s double precision, first_contact_point geometry, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION wait_until_current(p_scene text, p_timeout interval DEFAULT '00:01:00'::interval)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;

@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "8a22da48e88a7e4d127d21e7a713ca6f6da0a8b9c8021ce95484073b83b1ab3d"
+routines_sha256 = "7f8631a2021f932d097271351d488716c4a0f3f090756f20a98f04184ba529d3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True
@@ -23,6 +23,7 @@ REPLACED_ROUTINES = (
     "_begin_detection(text, double precision, integer, boolean)",
     "_conflicts(text, timestamptz, boolean, text[])",
     "_explained_object(bigint, text)",
+    "_keys_of(bigint, smallint[], bigint[])",
     f"_load({SETTINGS}, boolean)",
     (
         "_pieces_meeting(bigint, text, bytea[], bigint[], bigint[], boolean[], double precision[], double precision[], "
@@ -34,11 +35,13 @@ REPLACED_ROUTINES = (
         "double precision[], double precision[], double precision[], double precision[], double precision[], "
         "integer[], bytea[], bytea[], integer[], timestamptz[], timestamptz[], double precision[])"
     ),
+    "_refuse(text, text, text, text, text, text)",
     "_scene(bigint)",
     "_scene_named(text)",
     "_scene_state(text)",
     "_scenes()",
     f"_set_scene({SETTINGS})",
+    "_wait_for_probe(bigint, interval)",
     "acknowledge(text, text, text, text, timestamptz)",
     f"create_scene({SETTINGS})",
 )
@@ -98,4 +101,6 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    raise NotImplementedError("conflictdb does not downgrade; DROP SCHEMA conflictdb CASCADE removes it")
+    raise NotImplementedError(
+        "conflictdb does not downgrade; DROP SCHEMA conflictdb, conflictdb_internal CASCADE removes it"
+    )

@@ -10,7 +10,7 @@ any.
 import argparse
 import sys
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
 
@@ -19,20 +19,14 @@ if __name__ == "__main__":
 
 import numpy as np
 from sampling import Sampled, sampled
+from staged import Staged
 from workloads import WORKLOADS, Workload, throw
 
-from conflictdb import kernel
 from conflictdb.arrays.answers import Contacts
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.registry import plane_of
 from conflictdb.model.plans import EarthModel, Scene
 from conflictdb.model.results import Kind, Verdict
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
-from conflictdb.stages.stage4.contact_search import contacts as contacts_of
 
 TOLERANCES_M = (1.0, 0.0, 1.0, 100.0)
 # Of pairs that the broad phase dismissed, so many are sampled for each that it found.
@@ -84,13 +78,9 @@ def solved(workload: Workload, seed: int, objects: int) -> tuple[Scene, Pieces, 
     """A scene, its pieces, the pairs of them that might meet and of which one moves, and when they do."""
     earth, tolerance_m = list(EarthModel)[seed % 2], TOLERANCES_M[seed // 2 % len(TOLERANCES_M)]
     scene, areas, tracks = throw(workload, seed, objects, objects, earth, tolerance_m)
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
-    near = _moving(pieces, intersections(pieces, *candidates(pieces), regions=False))
-    start, end = pieces.shared_span(near.a, near.b)
-    prepared = kernel.KernelScene(plane.kernel_plane, pieces, near.a, near.b)
-    found, _ = contacts_of(scene, plane, prepared, near, np.zeros(len(near)), (end - start) / 1e6)
-    return scene, pieces, near, found
+    staged = Staged.of(scene, areas, tracks)
+    staged = replace(staged, pairs=_moving(staged.pieces, staged.pairs))
+    return scene, staged.pieces, staged.pairs, staged.contacts()[0]
 
 
 def _moving(pieces: Pieces, pairs: Pairs) -> Pairs:

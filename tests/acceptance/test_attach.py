@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -11,6 +10,7 @@ import psycopg
 import pytest
 from commands import runner
 from databases import client_programs
+from patience import until
 
 from conflictdb import connect
 from conflictdb.db import schema
@@ -80,14 +80,6 @@ def working(dsn: str) -> Iterator[None]:
     finally:
         worker.terminate()
         worker.wait(WAIT_S)
-
-
-def until(condition: Callable[[], bool], within_s: float = WAIT_S) -> float:
-    start = time.monotonic()
-    while not condition():
-        assert time.monotonic() < start + within_s, "waited too long"
-        time.sleep(0.005)
-    return time.monotonic() - start
 
 
 def test_a_strangers_tables_are_attached_kept_current_and_left_as_they_were(

@@ -31,7 +31,7 @@ WAIT_S = 60.0
 # Detects, and says on standard output how far it is; then waits to be killed where it was told to.
 VICTIM = """
 import os, sys, time
-import conflictdb.db.detect, conflictdb.db.store as store
+from conflictdb.db import store
 from conflictdb.db.detect import detect
 
 def stop(where):
@@ -54,9 +54,8 @@ for name in (
     "begin_detection", "changed_areas", "replace_pieces", "begin_write", "bundles", "put_pieces", "stage", "end_write"
 ):
     stopping(name, after=True)
-conflictdb.db.detect._FEW_OBJECTS = int(sys.argv[4])
 with store.connect(sys.argv[1]) as conn:
-    detect(conn, sys.argv[2], jobs=1, progress=lambda *_: stop("progress"))
+    detect(conn, sys.argv[2], jobs=1, progress=lambda *_: stop("progress"), few_objects=int(sys.argv[4]))
 """
 # What counts as few changed objects: none, so that there are two transactions, or as many as the scene has.
 TWO_TRANSACTIONS, ONE_TRANSACTION = -1, 100

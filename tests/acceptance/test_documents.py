@@ -47,7 +47,7 @@ def page_served(command: list[str], folder: Path) -> str:
     with subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
-            with urllib.request.urlopen(process.stdout.readline().strip(), timeout=60) as answer:
+            with urllib.request.urlopen(process.stdout.readline().strip(), timeout=60) as answer:  # noqa: S310 our own
                 return answer.read().decode()  # type: ignore[no-any-return]
         finally:
             process.terminate()
@@ -75,12 +75,17 @@ def folder() -> Iterator[Path]:
 def test_readme_runs_as_printed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The README's commands, SQL and Python run one after the other on a fresh embedded database."""
     monkeypatch.setenv("CONFLICTDB_HOME", str(folder / "home"))
-    first, second, own = blocks("README.md", "sh")
+    mine, first, second, own = blocks("README.md", "sh")
+    assert commands(mine) == ["./run detect my.geojson", "./run map"]
     assert commands(first) == ["./run demo", "./run test"]
+    (folder / "my.geojson").write_bytes((ROOT / "conflictdb/scenes/strait.geojson").read_bytes())
     shell("./run server start", folder)
     try:
+        assert "FERRY" in shell("./run detect my.geojson", folder)
+        assert "<title>conflictdb" in page_served(["./run", "map"], folder)
         told = shell("./run demo", folder)
-        assert "FERRY" in told
+        assert told.startswith("Your own plans: ./run detect my.geojson ")
+        assert 0 < told.index("FERRY") < told.index("4 solver")
         next_commands = told.partition("Try next:\n")[2].splitlines()
         assert all(command.startswith("  ./run ") for command in next_commands)
         for command in next_commands:
@@ -114,7 +119,7 @@ def test_own_database_runs_as_printed(folder: Path, empty_dsn: str) -> None:
     program = str(Path(sys.executable).parent)
     path = {"PATH": f"{program}:{os.environ['PATH']}", "DSN": empty_dsn}
     (folder / "my.geojson").write_bytes((ROOT / "conflictdb/scenes/strait.geojson").read_bytes())
-    _, init, detect, worker = commands(blocks("README.md", "sh")[2])
+    _, init, detect, worker = commands(blocks("README.md", "sh")[3])
     shell(init, folder, **path)
     assert "FERRY" in shell(detect, folder, **path)
     shell(f"{worker} --once", folder, **path)

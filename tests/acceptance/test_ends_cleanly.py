@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
+from patience import until
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
@@ -87,15 +88,6 @@ def sessions(conn: psycopg.Connection[Any]) -> list[tuple[str | None, str]]:
     ).fetchall()
     conn.commit()
     return rows
-
-
-def until(reached: Callable[[], object], timeout_s: float, what: str) -> float:
-    """Wait until something is so; return how long it took."""
-    start = time.monotonic()
-    while not reached():
-        assert time.monotonic() < start + timeout_s, what
-        time.sleep(0.01)
-    return time.monotonic() - start
 
 
 def end(process: "subprocess.Popen[str]", number: signal.Signals, conn: psycopg.Connection[Any]) -> list[float]:

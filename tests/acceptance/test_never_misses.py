@@ -9,21 +9,16 @@ import numpy as np
 import oracle
 import psycopg
 import pytest
+from staged import Staged
 from verdicts import Pair, Period, Reported, by_pair, compared, microseconds, solved
 from workloads import WORKLOADS, throw
 
-from conflictdb import kernel
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.earth.registry import plane_of
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Scene, Track
 from conflictdb.model.results import Kind, Verdict
-from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.published.stage3_projection import windows
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
 
 OBJECTS = 8  # areas, and as many tracks, per scene
 WORST_S = 10.0  # bound on an end of any pair: some random pairs hardly touch
@@ -95,10 +90,9 @@ def test_stage_three_never_misses(workload: str, seed: int, earth: EarthModel) -
 
 def projected(scene: Scene, areas: list[Area], tracks: list[Track]) -> dict[Pair, list[Period]]:
     """Return the windows of stage 3, by pair of objects; those that follow each other are one."""
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
-    pairs = intersections(pieces, *candidates(pieces), regions=True)
-    first_s, last_s = windows(scene, plane, kernel.KernelScene(plane.kernel_plane, pieces, pairs.a, pairs.b), pairs)
+    staged = Staged.of(scene, areas, tracks, regions=True)
+    pieces, pairs = staged.pieces, staged.pairs
+    first_s, last_s = windows(scene, staged.plane, staged.prepared, pairs)
     start_us, end_us = pieces.shared_span(pairs.a, pairs.b)
     spans: dict[Pair, list[tuple[float, float]]] = {}
     for k in np.flatnonzero(first_s <= last_s).tolist():

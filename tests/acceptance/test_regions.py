@@ -9,20 +9,16 @@ import oracle_circle
 import pytest
 import shapely
 from numpy.typing import NDArray
+from staged import Staged
 from workloads import ARCTIC, GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
 from conflictdb import Method
 from conflictdb.arrays.answers import Conflicts
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.regions import joined
 from conflictdb.model.plans import MINUS_INFINITY_US, Area, EarthModel, Motion, Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.stages import conflict_regions
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.run import run_stages
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
 
 # Metres: coordinates are rounded by less, also those of the oracle.
 ROUNDED_M = 1e-2
@@ -30,11 +26,7 @@ ROUNDED_M = 1e-2
 
 def found(scene: Scene, areas: list[Area], tracks: list[Track], jobs: int = 1) -> Conflicts:
     """Return the conflicts of a scene with their regions; objects have their places in the lists as numbers."""
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
-    pairs = intersections(pieces, *candidates(pieces), regions=scene.method == Method.NLP)
-    footprints = np.array([area.footprint for area in areas], dtype=object)
-    return run_stages(scene, plane, pieces, pairs, lambda ids: footprints[ids], jobs=jobs)[0]
+    return Staged.of(scene, areas, tracks, regions=scene.method == Method.NLP).run(jobs=jobs)[0]
 
 
 def regions_of(answer: Conflicts) -> NDArray[np.object_]:
@@ -254,8 +246,7 @@ def test_a_region_around_the_earth_has_a_bounded_number_of_corners() -> None:
     """A metre wide, and crossed in degrees: with a corner every 100 m, some of them are too much to be printed."""
     corners = [(0.0, 0.0), (1.5e7, 5e6), (3e7, 1e7), (3e7, 1e7 + 1.0), (0.0, 1.0), (0.0, 0.0)]
     ring = np.array(corners) - (1.5e7, 0.0)
-    rings = ring, np.array([0, len(ring)]), np.array([0])
-    (region,) = conflict_regions._in_degrees(plane_of(Scene("s")), *rings, stand=np.array([False]), agree_m=1.0)
+    (region,) = conflict_regions._to_degrees(plane_of(Scene("s")), np.array([shapely.Polygon(ring)]), agree_m=1.0)
     assert shapely.is_valid(region)
     assert 1_000 < shapely.get_num_coordinates(region) < 30_000
 

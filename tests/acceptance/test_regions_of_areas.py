@@ -7,16 +7,12 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 from shapely.affinity import translate
+from staged import Staged
 
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.registry import plane_of
 from conflictdb.model.plans import Area, Motion, Scene
 from conflictdb.stages import conflict_regions, shared_areas
-from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.cutting import planar
-from conflictdb.stages.run import run_stages
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
 
 # Plane metres, at the largest scale of these tests: coordinates and sides are rounded by less.
 ROUNDED_M = 0.2
@@ -59,12 +55,7 @@ def as_area(key: str, footprint: shapely.Geometry) -> Area:
 
 def region_of(scene: Scene, one: shapely.Geometry, other: shapely.Geometry) -> shapely.Geometry:
     """Return the region of two areas in conflict."""
-    areas = [as_area("A", one), as_area("B", other)]
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of([]))
-    pairs = intersections(pieces, *candidates(pieces), regions=False)
-    footprints = np.array([area.footprint for area in areas], dtype=object)
-    answer, _ = run_stages(scene, plane, pieces, pairs, lambda ids: footprints[ids])
+    answer, _ = Staged.of(scene, [as_area("A", one), as_area("B", other)], []).run()
     (region,) = answer.where(np.arange(len(answer))).geometries()
     return region
 
@@ -216,6 +207,5 @@ def test_areas_that_could_not_be_cut_are_united_as_what_they_are_taken_for() -> 
     parts = shapely.box(np.array([0.0, 5.0, 1.0]), 0.0, np.array([10.0, 15.0, 2.0]), np.array([10.0, 10.0, 2.0]))
     areas = [Area(str(i), shapely.MultiPolygon([part])) for i, part in enumerate(parts)]
     scene = Scene("s")
-    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of([]))
-    whole = shared_areas._whole(plane_of(scene), pieces, np.arange(3))
+    whole = shared_areas._whole(plane_of(scene), Staged.of(scene, areas, []).pieces, np.arange(3))
     assert whole.symmetric_difference(shapely.union_all(planar(plane_of(scene), parts))).area < 1.0

@@ -58,6 +58,7 @@ def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
     # It begins at the first contact of all.
     expect(page.locator("#clock")).to_have_text("07:41:56")
     expect(page.locator("li.on .keys")).to_have_text(["CABLE and SUB-1"])
+    expect(page.locator("li.on .facts")).to_contain_text("Cable works on the sea bed and Submarine haven")
 
     slider = page.get_by_role("slider")
     places = "conflictdbPage.havens.shown.map(({track, x, y}) => [track.key, Math.round(x), Math.round(y)]).sort()"
@@ -253,7 +254,7 @@ def test_times_are_written_with_24_hours_wherever_one_is(strait: str, open_page:
 
 def test_names_are_written_within_areas(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
     corner = shapely.Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)])
-    load(conn, Scene("s"), [Area("CORNER", corner)], [])
+    load(conn, Scene("s"), [Area("CORNER", corner, name="Corner of all the world's ends")], [])
     page = open_page(serve(dsn, "s"))
     # Where the page writes them, as it draws.
     ((name, lon, lat),) = page.evaluate("""(() => {
@@ -266,7 +267,7 @@ def test_names_are_written_within_areas(conn: Conn, dsn: str, serve: Serve, open
         delete context.fillText;
         return written;
     })()""")
-    assert name == "CORNER"
+    assert name == "Corner of all the world…"
     assert shapely.contains_xy(corner, lon, lat)
 
 

@@ -129,8 +129,9 @@ def test_a_plan_that_is_not_stored_meets_the_same_pairs_both_ways(conn: Conn) ->
 
 def test_gaps_within_rounding_are_no_gaps_in_the_database(conn: Conn) -> None:
     """Nothing is lost that the client would keep: its rounding error is far below a micrometre."""
-    ask = """SELECT conflictdb._hulls_meet(ST_MakeEnvelope(0, 0, 1, 1), ST_MakeEnvelope(1 + %(gap)s, 0, 2, 1)),
-                    conflictdb._boxes_meet(ST_MakeEnvelope(0, 0, 1, 1), ST_MakeEnvelope(1 + %(gap)s, 0, 2, 1))"""
+    ask = """SELECT conflictdb_internal._hulls_meet(ST_MakeEnvelope(0, 0, 1, 1), ST_MakeEnvelope(1 + %(gap)s, 0, 2, 1)),
+                    conflictdb_internal._boxes_meet(
+                        ST_MakeEnvelope(0, 0, 1, 1), ST_MakeEnvelope(1 + %(gap)s, 0, 2, 1))"""
     for gap, answer in ((0.0, (True, True)), (1e-9, (True, False)), (5e-7, (True, False)), (1e-5, (False, False))):
         assert conn.execute(ask, {"gap": gap}).fetchone() == answer
 

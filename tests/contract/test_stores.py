@@ -139,10 +139,10 @@ def told(rows: Sequence[Conflict]) -> dict[tuple[str, str], Conflict]:
 
 @pytest.fixture(params=STORES.values(), ids=list(STORES))
 def store(request: pytest.FixtureRequest, dsn: str) -> Iterator[Store]:
-    """Return a store with all objects and all rows."""
+    """Return a store with all objects and all rows, given with the other member first: order of rows is the store's."""
     with request.param(dsn, SCENE) as opened:
         opened.put(AREAS, TRACKS)
-        assert opened.write(answer(ROWS)) == (6, 0, 0)
+        assert opened.write(answer(ROWS, swapped=True)) == (6, 0, 0)
         yield opened
 
 
@@ -180,10 +180,15 @@ def test_rows_of_pairs_that_are_not_marked_stay(store: Store) -> None:
     assert {pair: one for pair, one in after.items() if "B" not in pair} == others
     assert told([one for pair, one in after.items() if "B" in pair]) == by_pair(changed)
     assert all(one.is_current and one.scene_is_current for one in after.values())
+    # A conflict that changes stays the one that was found; one that was only near is found now.
+    run_id = max(one.run_id or 0 for one in before.values())
+    assert all((after[pair].run_id or 0) > run_id for pair in after.keys() - others.keys())
+    assert after["B", "Ä"].found_at == before["B", "Ä"].found_at < after["B", "U"].found_at
 
 
 def test_what_is_not_found_again_is_gone(store: Store) -> None:
     store.mark_all()
+    assert not any(one.is_current for one in store.read())
     assert store.write(answer([])) == (0, 0, 6)
     assert store.read() == []
 

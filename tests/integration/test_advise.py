@@ -8,7 +8,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from commands import STRAIT, Run, runner
+from commands import STRAIT, Run
 from made_scenes import sea
 from workloads import LONG_LEGS, LOW_LATITUDE, throw
 
@@ -35,11 +35,6 @@ from conflictdb.stages.pieces.covers import pieces_of
 TABLES = ("scene", "area", "track", "change", "piece", "conflict", "run")
 HOUR_US = 3_600_000_000
 START_US = 1_772_323_200_000_000  # 1 March 2026
-
-
-@pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
 
 
 def contents(dsn: str) -> list[Any]:

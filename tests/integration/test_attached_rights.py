@@ -314,7 +314,7 @@ def test_triggers_of_attached_tables_read_no_temporary_view(conn: Conn, roles: d
             f"""CREATE TEMPORARY VIEW new_rows AS SELECT 1 AS id WHERE mission.evil();
                 CREATE TEMPORARY VIEW old_rows AS SELECT 1 AS id WHERE mission.evil();
                 CREATE TRIGGER bait AFTER INSERT OR UPDATE OR DELETE ON mission.bait FOR EACH STATEMENT
-                    EXECUTE FUNCTION conflictdb._note_{number}()""".encode()
+                    EXECUTE FUNCTION conflictdb_internal._note_{number}()""".encode()
         )
         conn.execute("INSERT INTO mission.bait VALUES (1); UPDATE mission.bait SET id = 2; DELETE FROM mission.bait")
     assert conn.execute("SELECT * FROM mission.caught").fetchall() == []
@@ -432,7 +432,7 @@ def test_an_old_snapshot_gives_no_hold_on_a_new_attachment(conn: Conn, roles: di
         with acting(conn, roles["planner"]), connect(conn) as db:
             number = db.scene("s").attach("area", "mission.ops", MAP)
         with pytest.raises(psycopg.DatabaseError) as refused:
-            old.execute(f"SELECT conflictdb.{statement.format(n=number)}".encode())
+            old.execute(f"SELECT conflictdb_internal.{statement.format(n=number)}".encode())
         assert refused.value.sqlstate in ("ZC011", "42883")
     with acting(conn, roles["writer"]):
         conn.execute(f"INSERT INTO mission.ops VALUES (2, {AREA})")
@@ -475,7 +475,7 @@ def test_only_who_attaches_makes_notes(conn: Conn, roles: dict[str, str]) -> Non
         with pytest.raises(psycopg.errors.InsufficientPrivilege):
             conn.execute(
                 f"""CREATE TRIGGER bait AFTER INSERT ON bait REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT
-                    EXECUTE FUNCTION conflictdb._note_{number}()""".encode()
+                    EXECUTE FUNCTION conflictdb_internal._note_{number}()""".encode()
             )
         conn.rollback()
 

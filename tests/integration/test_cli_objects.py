@@ -10,30 +10,25 @@ from typing import Any
 
 import psycopg
 import pytest
-from commands import STRAIT, Run, runner
+from commands import STRAIT, Run
 
 import conflictdb
 
 
-@pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
+def document() -> Any:
+    return json.loads(STRAIT.read_text())
 
 
-def document() -> dict[str, Any]:
-    loaded: dict[str, Any] = json.loads(STRAIT.read_text())
-    return loaded
-
-
-def scene_file(path: Path, content: dict[str, Any]) -> Path:
+def scene_file(path: Path, content: Any) -> Path:
     path.write_text(json.dumps(content))
     return path
 
 
 def keys(dsn: str) -> set[str]:
     with psycopg.connect(dsn) as conn:
-        rows = conn.execute("SELECT key FROM conflictdb.area UNION ALL SELECT key FROM conflictdb.track").fetchall()
-    return {row[0] for row in rows}
+        return {
+            key for (key,) in conn.execute("SELECT key FROM conflictdb.area UNION SELECT key FROM conflictdb.track")
+        }
 
 
 def test_load_says_what_it_did(run: Run, tmp_path: Path) -> None:
@@ -63,7 +58,7 @@ def test_a_file_without_settings_leaves_those_of_the_scene(run: Run, tmp_path: P
     run("load", scene_file(tmp_path / "one.geojson", content))
     del content["scene"]
     run("load", scene_file(tmp_path / "two.geojson", content), "--scene", "strait")
-    assert json.loads(run("export", "--scene", "strait", "-").out)["scene"]["tolerance_m"] == 25.0
+    assert run("export", "--scene", "strait", "-").json["scene"]["tolerance_m"] == 25.0
 
 
 def test_nothing_is_half_loaded(run: Run, dsn: str, tmp_path: Path) -> None:
@@ -116,7 +111,7 @@ def test_export_loads_as_exactly_the_same_objects(run: Run, tmp_path: Path, name
     assert run("export", "--scene", "strait", "-").out == text
     assert run("load", path).out == "strait: 0 added, 0 updated, 0 removed, 11 unchanged\n"
     assert run("load", path, "--scene", "copy").out == "copy: 11 added, 0 updated, 0 removed, 0 unchanged\n"
-    copied = json.loads(run("export", "--scene", "copy", "-").out)
+    copied = run("export", "--scene", "copy", "-").json
     assert copied["features"] == json.loads(text)["features"]
     assert [entry.name for entry in tmp_path.iterdir()] == [name]
 
@@ -129,40 +124,28 @@ def test_export_keeps_what_is_awkward(run: Run, tmp_path: Path) -> None:
         [[180, 0], [180, 0.3], [180.1, 0.1], [180, 0]],
     ]
     sides = dict.fromkeys(("fore_m", "aft_m", "port_m", "starboard_m"), 0)
-    features = [
-        (
-            "π ' \" \\ \n",
-            {"type": "Polygon", "coordinates": hole},
-            {"name": "", "note": {"a": [1, 2.5, None, True, "x"]}},
-        ),
-        (
-            "point",
-            {"type": "LineString", "coordinates": [[179.9, 0.1], [-179.9, 0.30000000000000004]]},
-            {**sides, "times": times},
-        ),
-        (
-            "line",
-            {"type": "LineString", "coordinates": [[1, 2], [1, 2]]},
-            {"outline_m": [[1, 1.1], [0, -1e-9]], "times": times},
-        ),
-        (
-            "any",
-            {"type": "LineString", "coordinates": [[1, 2], [3, 4]]},
-            {"outline_m": [[5, 6], [7, 6], [6, 9.1]], "times": times},
-        ),
+    features: list[tuple[str, Any, Any]] = [
+        ("π ' \" \\ \n", hole, {"name": "", "note": {"a": [1, 2.5, None, True, "x"]}}),
+        ("point", [[179.9, 0.1], [-179.9, 0.30000000000000004]], {**sides, "times": times}),
+        ("line", [[1, 2], [1, 2]], {"outline_m": [[1, 1.1], [0, -1e-9]], "times": times}),
+        ("any", [[1, 2], [3, 4]], {"outline_m": [[5, 6], [7, 6], [6, 9.1]], "times": times}),
     ]
+    kinds = ["Polygon", *["LineString"] * 3]
+    geometries = [{"type": kind, "coordinates": places} for kind, (_, places, _) in zip(kinds, features, strict=True)]
     content = {
         "type": "FeatureCollection",
         "scene": {"name": "odd ☂", "tolerance_m": 0.1, "earth": "sphere"},
-        "features": [{"type": "Feature", "id": i, "geometry": g, "properties": p} for i, g, p in features],
+        "features": [
+            {"type": "Feature", "id": key, "geometry": geometry, "properties": properties}
+            for geometry, (key, _, properties) in zip(geometries, features, strict=True)
+        ],
     }
     assert run("load", scene_file(tmp_path / "odd.geojson", content)).code == 0
     out = tmp_path / "out.geojson"
     run("export", "--scene", "odd ☂", out)
     back = json.loads(out.read_text())
-    for feature, (key, geometry, properties) in zip(back["features"], features, strict=True):
-        assert feature["id"] == key
-        assert feature["geometry"] == geometry
+    for feature, geometry, (key, _, properties) in zip(back["features"], geometries, features, strict=True):
+        assert (feature["id"], feature["geometry"]) == (key, geometry)
         assert {name: feature["properties"][name] for name in properties} == properties
     assert run("load", out).out == "odd ☂: 0 added, 0 updated, 0 removed, 4 unchanged\n"
 
@@ -308,7 +291,7 @@ def test_settings_without_objects_empty_a_scene_only_if_it_is_replaced(run: Run,
     objects = {name: part for name, part in document().items() if name != "scene"}
     both = run("load", path, scene_file(tmp_path / "objects.geojson", objects), "--scene", "strait")
     assert both.out == "strait: 0 added, 0 updated, 0 removed, 11 unchanged\n"
-    assert json.loads(run("export", "--scene", "strait", "-").out)["scene"]["tolerance_m"] == 7
+    assert run("export", "--scene", "strait", "-").json["scene"]["tolerance_m"] == 7
     assert run("load", path, "--replace").out == "strait: 0 added, 0 updated, 11 removed, 0 unchanged\n"
     assert keys(dsn) == set()
 
@@ -325,18 +308,15 @@ def test_detect_says_what_it_loaded(run: Run, tmp_path: Path) -> None:
 def test_skip_invalid_loads_the_rest_and_names_what_it_leaves_out(run: Run, dsn: str, tmp_path: Path) -> None:
     content = document()
     content["features"][0]["geometry"]["coordinates"] = [[[9, 57], [10, 58], [10, 57], [9, 58], [9, 57]]]
-    content["features"][1]["geometry"]["coordinates"] = [[[0, 88], [1, 88], [1, 90], [0, 88]]]  # beyond the plane
-    content["features"][2]["geometry"]["coordinates"] = [[[0, 88], [1, 88], [1, 90], [0, 88]]]
+    for feature in content["features"][1:3]:
+        feature["geometry"]["coordinates"] = [[[0, 88], [1, 88], [1, 90], [0, 88]]]  # beyond the plane
     path = scene_file(tmp_path / "strait.geojson", content)
     assert run("load", path).code == 4
     done = run("load", path, "--skip-invalid")
     assert (done.code, done.out) == (6, "strait: 8 added, 0 updated, 0 removed, 0 unchanged, 3 LEFT OUT\n")
-    assert [line.split(": ")[2] for line in done.err.splitlines()] == [
-        "left out area 'FIRING'",
-        "left out area 'DIVING'",
-        "left out area 'CABLE'",
-    ]
-    assert keys(dsn).isdisjoint({"FIRING", "DIVING", "CABLE"})
+    areas = ("FIRING", "DIVING", "CABLE")
+    assert [line.split(": ")[2] for line in done.err.splitlines()] == [f"left out area {key!r}" for key in areas]
+    assert keys(dsn).isdisjoint(areas)
     assert run("detect", path, "--skip-invalid", "--no-region").code == 6
     assert run("detect", path, "--skip-invalid", "--fail-on-conflict").code == 10
     assert run("detect", "--scene", "strait", "--skip-invalid").code == 2
@@ -353,9 +333,9 @@ def test_files_of_others_are_loaded_with_hints(run: Run, tmp_path: Path) -> None
     done = run("load", tmp_path / "tug.csv", "--scene", "s", *hints)
     assert done.out == "s: 1 added, 0 updated, 0 removed, 0 unchanged\n"
     assert "all are points" not in done.err
-    (row,) = json.loads(run("objects", "--scene", "s", "--format", "json").out)
+    (row,) = run("objects", "--scene", "s", "--format", "json").json
     assert (row["key"], row["start_at"]) == ("TUG", "2026-06-01T09:00:00.000000Z")
-    feature = json.loads(run("export", "--scene", "s", "-").out)["features"][0]
+    feature = run("export", "--scene", "s", "-").json["features"][0]
     assert feature["properties"]["fore_m"] == 500.0
     for wrong in (("--map", "id"), ("--time-zone", "Mars"), ("--haven", "1,2")):
         assert run("load", tmp_path / "tug.csv", *wrong).code == 2

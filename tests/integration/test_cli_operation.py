@@ -1,6 +1,5 @@
 """`status`, `init`, `upgrade`, `server`, exit codes and how errors look."""
 
-import json
 import logging
 import os
 import subprocess
@@ -18,9 +17,11 @@ from conflictdb.db import schema
 from conflictdb.errors import SchemaTooNew
 
 
-@pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
+def program(*words: str, **environ: str) -> "subprocess.CompletedProcess[str]":
+    """Run a command as a program of its own."""
+    command = [sys.executable, "-m", "conflictdb", *words]
+    environment = {**os.environ, **environ}
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
 
 
 def test_status_of_an_empty_database(run: Run, dsn: str) -> None:
@@ -28,16 +29,16 @@ def test_status_of_an_empty_database(run: Run, dsn: str) -> None:
     assert done.code == 0
     assert "PostGIS" in done.out
     assert "no scenes" in done.out
-    assert json.loads(run("status", "--format", "json").out)["scenes"] == []
+    assert run("status", "--format", "json").json["scenes"] == []
 
 
 def test_status_shows_objects_pending_changes_and_last_run(run: Run) -> None:
     run("load", STRAIT)
-    (scene,) = json.loads(run("status", "--format", "json").out)["scenes"]
+    (scene,) = run("status", "--format", "json").json["scenes"]
     assert (scene["areas"], scene["tracks"], scene["pending"], scene["run_id"]) == (4, 7, 11, None)
     assert "never detected" in run("status").out
     run("detect", "--scene", "strait")
-    (scene,) = json.loads(run("status", "--format", "json").out)["scenes"]
+    (scene,) = run("status", "--format", "json").json["scenes"]
     assert (scene["pending"], scene["conflicts"], scene["error"]) == (0, 7, None)
     assert scene["finished_at"].endswith("Z")
     assert run("status").out.splitlines()[-1].split()[-1] == "done"
@@ -116,9 +117,13 @@ def test_psql_opens_the_database_and_gets_all_arguments(dsn: str, tmp_path: Path
     fake = tmp_path / "psql"
     fake.write_text('#!/bin/sh\nfor a in "$@"; do echo "<$a>"; done; echo "$PGPASSWORD"; exit 6\n')
     fake.chmod(0o755)
-    done = psql("--dsn", "postgresql://me:secret@there/plans", "psql", "-c", "SELECT 1", "--", path=tmp_path)
+    words = ("--dsn", "postgresql://me:secret@there/plans", "psql", "-c", "SELECT 1", "--")
+    done = program(*words, PATH=f"{tmp_path}:{os.environ['PATH']}")
     assert done.returncode == 6
-    assert done.stdout == "<--dbname>\n<user=me dbname=plans host=there>\n<-c>\n<SELECT 1>\n<-->\nsecret\n"
+    assert (
+        done.stdout
+        == "<--set=SHOW_CONTEXT=never>\n<--dbname>\n<user=me dbname=plans host=there>\n<-c>\n<SELECT 1>\n<-->\nsecret\n"
+    )
 
 
 def test_without_psql_says_what_helps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
@@ -144,17 +149,11 @@ def test_psql_opens_a_database_whose_schema_this_program_does_not_know(
     monkeypatch.setattr("conflictdb.cli.embedded.connect", refused)
     monkeypatch.setattr("conflictdb.server.embedded", lambda **_: running)
     monkeypatch.setattr("conflictdb.server.find_psql", lambda _: found)
-    monkeypatch.setattr("conflictdb.cli.embedded._become", lambda *arguments: opened.append(arguments))
+    monkeypatch.setattr("conflictdb.cli.embedded._exec_psql", lambda *arguments: opened.append(arguments))
     monkeypatch.delenv("CONFLICTDB_DSN", raising=False)
     main(["psql", "-l"])
     assert opened == [(found, dsn, ["-l"])]
     assert "run DROP SCHEMA" in capsys.readouterr().err
-
-
-def psql(*words: str, path: Path) -> "subprocess.CompletedProcess[str]":
-    environ = {**os.environ, "PATH": f"{path}:{os.environ['PATH']}"}
-    program = [sys.executable, "-m", "conflictdb", *words]
-    return subprocess.run(program, env=environ, capture_output=True, text=True, timeout=60, check=False)
 
 
 def test_a_mistake_of_the_program_is_one_message_too(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,26 +176,16 @@ def test_output_into_a_closed_pipe_is_no_traceback(dsn: str) -> None:
 
 
 def test_the_module_runs_as_a_program(dsn: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "conflictdb", "--dsn", dsn, "conflicts", "--scene", "s"],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    done = program("--dsn", dsn, "conflicts", "--scene", "s")
     assert (done.returncode, done.stdout) == (4, "")
 
 
-def test_server_starts_stays_and_stops(
-    server_dsn: str, tmp_path_factory: pytest.TempPathFactory, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_server_starts_stays_and_stops(server_dsn: str) -> None:
     """On a home of its own, which a server for tests must be able to enter."""
     home = Path(f"/tmp/conflictdb-test-{os.getpid()}-server")  # noqa: S108
-    program = [sys.executable, "-m", "conflictdb", "server"]
-    environ = {**os.environ, "CONFLICTDB_HOME": str(home)}
 
     def server(action: str) -> str:
-        done = subprocess.run([*program, action], env=environ, capture_output=True, text=True, timeout=120, check=False)
+        done = program("server", action, CONFLICTDB_HOME=str(home))
         assert done.returncode == 0, done.stderr
         return done.stdout
 
@@ -211,7 +200,7 @@ def test_server_starts_stays_and_stops(
         with pytest.raises(psycopg.OperationalError):
             psycopg.connect(dsn)
     finally:
-        subprocess.run([*program, "stop"], env=environ, capture_output=True, timeout=120, check=False)
+        program("server", "stop", CONFLICTDB_HOME=str(home))
         subprocess.run(["rm", "-rf", str(home)], check=True)
 
 

@@ -1,5 +1,6 @@
 """`plot` and `report`, on a real database."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -65,6 +66,29 @@ def test_what_is_not_complete_says_so_in_the_picture_too(run: Run, dsn: str, tmp
     assert "NOT COMPLETE" in (tmp_path / "x.html").read_text()
 
 
+def test_a_report_names_objects_and_says_who_acknowledged(run: Run, dsn: str, tmp_path: Path) -> None:
+    """When, until when and why; without an acknowledgement there is no such section."""
+    path = tmp_path / "x.html"
+    run("report", "--scene", "strait", str(path))
+    assert "<td>FIRING (Firing practice)</td><td>FERRY (Ferry)</td>" in path.read_text()
+    assert "Acknowledged" not in path.read_text()
+    reason = ("--reason", "seen <by> me", "--by", "Ada", "--until", "2100-01-01T00:00Z")
+    assert run("acknowledge", "--scene", "strait", "FIRING", "FERRY", *reason).code == 0
+    assert run("report", "--scene", "strait", str(path)).code == 0
+    with conflictdb.connect(dsn) as db:
+        (one,) = db.scene("strait").conflicts(acknowledged=True)
+    assert one.acknowledged_at is not None
+    told = path.read_text()
+    assert "1 of 7 conflicts." in told
+    assert "<td>conflict (acknowledged)</td>" in told
+    (row,) = re.findall("<td>FIRING .*", told.partition("<h2>Acknowledged</h2>")[2].partition("</table>")[0])
+    at = one.acknowledged_at.strftime("%Y-%m-%d %H:%M:%S.%f").rstrip("0")
+    assert one.acknowledged_by is not None
+    assert row.startswith(f"<td>FIRING (Firing practice)</td><td>FERRY (Ferry)</td><td>{one.acknowledged_by}</td>")
+    assert "Ada" in one.acknowledged_by
+    assert f"<td>{at}</td><td>2100-01-01 00:00:00</td><td>seen &lt;by&gt; me</td>" in row
+
+
 def test_a_report_tells_of_the_last_run(run: Run, tmp_path: Path) -> None:
     assert run("report", "--scene", "strait", str(tmp_path / "x.html")).code == 0
     page = (tmp_path / "x.html").read_text()
@@ -88,7 +112,7 @@ def test_conflicts_of_a_database_draw_themselves(run: Run, dsn: str) -> None:
 def test_a_figure_of_a_pair_reads_the_pair_alone(run: Run, dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """However many objects and conflicts the scene has."""
     read: list[Any] = []
-    read_scene, call_each = store.read_scene, listing.call_each
+    read_scene, call_each = store.read_scene, listing.call_each_by_name
 
     def objects(*asked: Any) -> Any:
         found = read_scene(*asked)
@@ -101,7 +125,7 @@ def test_a_figure_of_a_pair_reads_the_pair_alone(run: Run, dsn: str, monkeypatch
             yield row
 
     monkeypatch.setattr(store, "read_scene", objects)
-    monkeypatch.setattr(listing, "call_each", rows)
+    monkeypatch.setattr(listing, "call_each_by_name", rows)
     with conflictdb.connect(dsn) as db:
         db.scene("strait").detect(nearest_m=100_000.0)
         (conflict,) = [one for one in db.scene("strait").conflicts() if (one.a_key, one.b_key) == ("FERRY", "TOW")]

@@ -12,7 +12,7 @@ from typing import Any
 
 import psycopg
 import pytest
-from commands import STRAIT, Run, runner
+from commands import STRAIT, Run
 
 import conflictdb
 from conflictdb.db import store
@@ -22,11 +22,6 @@ FORMATS = ("table", "json", "csv", "geojson")
 # Over the ferry's way, so that it has conflicts which nobody has computed yet.
 PUT = "SELECT conflictdb.put_area('strait', 'NEW', ST_Envelope(path)) FROM conflictdb.track WHERE key = 'FERRY'"
 DOES_IT = "(`conflictdb detect --scene strait` does it)"
-
-
-@pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
 
 
 @pytest.fixture
@@ -231,7 +226,7 @@ def test_python_does_not_wait_where_it_cannot_see_anything(dsn: str) -> None:
 def test_a_list_is_never_called_complete_that_a_detection_overtook(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The state is read first: what is detected between the two makes the list better than is said of it."""
     order: list[str] = []
-    for name in ("call", "call_each"):
+    for name in ("call_by_name", "call_each_by_name"):
         routine = getattr(store.listing, name)
         monkeypatch.setattr(
             store.listing, name, lambda conn, what, *more, r=routine: (order.append(what), r(conn, what, *more))[1]

@@ -9,7 +9,7 @@ import geopandas
 import pyarrow.parquet as pq
 import pytest
 import shapely
-from commands import STRAIT, Run, runner
+from commands import STRAIT, Run
 
 from conflictdb import connect
 
@@ -45,11 +45,6 @@ CHANGED = {
 }
 
 
-@pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
-
-
 def test_a_scene_goes_out_and_comes_in_as_it_was(run: Run, tmp_path: Path) -> None:
     """Settings, objects to the last bit, and so its conflicts; whatever the file is called."""
     (tmp_path / "changed.json").write_text(json.dumps(CHANGED))
@@ -62,10 +57,10 @@ def test_a_scene_goes_out_and_comes_in_as_it_was(run: Run, tmp_path: Path) -> No
         assert pq.read_table(other).equals(pq.read_table(path))
         assert "0 added, 0 updated, 0 removed" in run("load", path).out
         assert run("load", path, "--scene", "copy", "--replace").code == 0
-        one, copy = (json.loads(run("export", "--scene", name, "-").out) for name in (scene, "copy"))
+        one, copy = (run("export", "--scene", name, "-").json for name in (scene, "copy"))
         assert {**one["scene"], "name": "copy"} == copy["scene"]
         assert one["features"] == copy["features"]
-        found = [json.loads(run("detect", "--scene", name, "--format", "json").out) for name in (scene, "copy")]
+        found = [run("detect", "--scene", name, "--format", "json").json for name in (scene, "copy")]
         kept = ("a_key", "b_key", "verdict", "periods", "region", "closest_m", "closest_a_point")
         assert [[row[name] for name in kept] for row in found[0]] == [[row[name] for name in kept] for row in found[1]]
         assert found[0]
@@ -88,7 +83,7 @@ def test_numbers_and_versions_are_those_of_the_database(run: Run, dsn: str, tmp_
 
 def test_conflicts_go_out_with_where_they_are(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run("detect", STRAIT)
-    found = json.loads(run("conflicts", "--scene", "strait", "--format", "json").out)
+    found = run("conflicts", "--scene", "strait", "--format", "json").json
     written = io.BytesIO()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, write_through=True))
     assert run("conflicts", "--scene", "strait", "--format", "geoparquet").code == 0
@@ -128,7 +123,7 @@ def test_conflicts_go_out_as_exactly_as_the_database_has_them(run: Run, dsn: str
     exact = [(row["a_key"], row["b_key"]) for row in rows if row["verdict"] != "near"]
     assert {row["region"] for row in rows if row["verdict"] == "near"} == {None}
     assert {(row["a_key"], row["b_key"]): row["region"] for row in rows if row["region"]} == regions
-    listed = json.loads(run("conflicts", "--scene", "strait", "--format", "json").out)
+    listed = run("conflicts", "--scene", "strait", "--format", "json").json
     assert len(listed) == len(exact)
     for row in listed:
         shape = shapely.geometry.shape(row["region"])

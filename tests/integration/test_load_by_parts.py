@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import shapely
-from commands import Outcome, Run, runner
+from commands import Outcome, Run
 
 from conflictdb import connect, formats
 from conflictdb.arrays.arrow.object_rows import of_objects
@@ -27,11 +27,6 @@ from conflictdb.model.plans import Area, Motion, Scene, Track
 # Rows that are decoded at once: objects come in several parts.
 AT_ONCE = parquet_child.ROWS_AT_ONCE
 SCENE = Scene("sea", separation_m=10.0)
-
-
-@pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
 
 
 def area(key: str, lon: float, lat: float = 54.0) -> Area:

@@ -138,7 +138,7 @@ def test_who_can_only_connect_cannot_keep_a_scene_from_being_detected(
                 "SELECT FROM conflictdb.scene_lock FOR KEY SHARE",
                 "LOCK conflictdb.scene_lock IN ACCESS SHARE MODE",
                 "LOCK conflictdb.piece IN ACCESS SHARE MODE",
-                "SELECT conflictdb._take_scene(1, 0)",
+                "SELECT conflictdb_internal._take_scene(1, 0)",
             ):
                 with pytest.raises(psycopg.errors.InsufficientPrivilege), attacker.transaction():
                     attacker.execute(statement.encode())
@@ -154,7 +154,7 @@ def test_only_workers_lock_scenes(conn: Conn, other: Conn, scene_id: int, role: 
     for statement in (
         "SELECT FROM conflictdb.scene_lock FOR KEY SHARE",
         "LOCK conflictdb.scene_lock IN ROW EXCLUSIVE MODE",
-        "SELECT conflictdb._take_scene(1, 0)",
+        "SELECT conflictdb_internal._take_scene(1, 0)",
     ):
         with pytest.raises(psycopg.errors.InsufficientPrivilege), other.transaction():
             other.execute(statement.encode())
@@ -198,7 +198,8 @@ class Stepped:
     def _work(self, dsn: str) -> None:
         try:
             with store.connect(dsn) as conn:
-                detect.detect(conn, SCENE.name, jobs=1)
+                # Two transactions, however few objects changed.
+                detect.detect(conn, SCENE.name, jobs=1, few_objects=-1)
         except BaseException as error:
             self.error = error
         finally:
@@ -230,7 +231,6 @@ def stepped(dsn: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Stepped]:
 
     for begin_one in (store.begin_detection, store.begin_locked):
         monkeypatch.setattr(store, begin_one.__name__, gated(begin_one))
-    monkeypatch.setattr(detect, "_FEW_OBJECTS", -1)  # two transactions, however few objects changed
     return both
 
 
@@ -396,12 +396,12 @@ def test_a_scene_may_be_removed_while_it_is_detected(
         return result
 
     monkeypatch.setattr(store, place, meanwhile)
-    monkeypatch.setattr(detect, "_FEW_OBJECTS", 100 if is_one_transaction else -1)
+    few_objects = 100 if is_one_transaction else -1
     if waits:
-        assert detect.detect(conn, SCENE.name, jobs=1).conflicts == 1
+        assert detect.detect(conn, SCENE.name, jobs=1, few_objects=few_objects).conflicts == 1
     else:
         with pytest.raises(StoreError, match="scene 's' was removed while it was detected"):
-            detect.detect(conn, SCENE.name, jobs=1)
+            detect.detect(conn, SCENE.name, jobs=1, few_objects=few_objects)
     removals[0].join(WAIT_S)
     for table in ("scene", "piece", "conflict", "change", "run"):
         rows = conn.execute(f"SELECT scene_id FROM conflictdb.{table} WHERE scene_id <> %s".encode(), [another])

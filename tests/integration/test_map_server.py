@@ -497,7 +497,8 @@ def test_names_of_areas_have_a_place_within_them(dsn: str, conn: psycopg.Connect
     great = Scene("bent", motion=Motion.GREAT_CIRCLE, earth=EarthModel.SPHERE, centre=(0.0, 50.0))
     load(conn, great, [Area(key, shape) for key, shape in bent.items()], [])
     conn.commit()
-    drawn = "SELECT ST_AsText(conflictdb._drawn(footprint, conflictdb._plane(motion, earth, centre_lon, centre_lat)))"
+    plane = "conflictdb_internal._plane(motion, earth, centre_lon, centre_lat)"
+    drawn = f"SELECT ST_AsText(conflictdb_internal._drawn(footprint, {plane}))"
     drawn += " FROM conflictdb.area JOIN conflictdb.scene USING (scene_id) WHERE key = %s"
     for scene, known in [("plain", shapes), ("bent", bent)]:
         with served_page(dsn, scene) as address:

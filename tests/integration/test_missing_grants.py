@@ -33,11 +33,6 @@ class User:
 
 
 @pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
-
-
-@pytest.fixture
 def administrator(dsn: str) -> Iterator[psycopg.Connection[Any]]:
     with psycopg.connect(dsn, autocommit=True) as conn:
         yield conn
@@ -159,3 +154,21 @@ def test_a_database_that_takes_no_schema_is_named(empty_dsn: str, capsys: pytest
             assert grant not in run("admin", "init").err
         finally:
             conn.execute(sql.SQL("DROP OWNED BY {0}; DROP ROLE {0}").format(sql.Identifier(name)))
+
+
+def test_what_a_refusal_of_rights_advises_is_a_command(
+    run: Run, user: Callable[..., User], administrator: psycopg.Connection[Any]
+) -> None:
+    """One line, without the CONTEXT of the server and without SQL."""
+    run("load", STRAIT)
+    run("admin", "protect")
+    shared = run("admin", "share", "public", "--scene", "strait")
+    assert shared.err == ""
+    told = user("conflictdb_editor").run("rename", "OTHER", "--scene", "strait")
+    assert told.err.count("\n") == 1
+    assert "CONTEXT" not in told.err
+    assert "(Its owner may run `conflictdb admin share ROLE --scene NAME --access write`.)" in told.err
+    administrator.execute("SELECT conflictdb.protect_scenes(false)")
+    told = run("admin", "share", "public", "--scene", "strait")
+    assert told.err.endswith("(The owner of schema conflictdb may run `conflictdb admin protect`.)\n")
+    assert told.err.count("\n") == 1

@@ -8,7 +8,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import psycopg
 import pytest
 import sqlalchemy
 from commands import STRAIT, runner
+from patience import until
 from psycopg import conninfo
 
 from conflictdb import connect
@@ -87,13 +88,6 @@ def answers(dsn: str) -> bool:
     with suppress(psycopg.OperationalError), psycopg.connect(dsn, connect_timeout=2):
         return True
     return False
-
-
-def until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + WAIT_S
-    while not condition():
-        assert time.monotonic() < end, "waited too long"
-        time.sleep(0.05)
 
 
 @pytest.fixture
@@ -185,16 +179,13 @@ def test_a_worker_that_hears_nothing_says_so_once_and_looks_for_changes(
     dsn: str, pooled: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys.modules["conflictdb.db.store.service"], "_HEARD_WITHIN_S", 0.5)
-    monkeypatch.setattr("conflictdb.db.worker._UNTOLD_PAUSE_S", 0.1)
-    monkeypatch.setattr("conflictdb.db.worker._PAUSE_S", 0.01)
     said, done = worked(pooled, dsn)
     assert done == ["first", "second"]
     assert said == [said[0]], "once, although it had to connect again"
     assert said[0].startswith("notifications do not arrive on this connection")
 
 
-def test_a_pooler_in_session_mode_is_as_good_as_none(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("conflictdb.db.worker._PAUSE_S", 0.01)
+def test_a_pooler_in_session_mode_is_as_good_as_none(dsn: str) -> None:
     with bouncer(dsn, "session", 5) as through:
         assert worked(through, dsn) == ([], ["first", "second"])
 
@@ -220,7 +211,7 @@ def worked(through: str, dsn: str) -> tuple[list[str], list[str]]:
 
     def work() -> None:
         with suppress(KeyboardInterrupt):
-            Worker(opened, report, 600.0, jobs=1, say=said.append).run()
+            Worker(opened, report, 600.0, jobs=1, say=said.append, retry_s=0.01, unnotified_s=0.1).run()
 
     thread = threading.Thread(target=work, daemon=True)
     thread.start()

@@ -10,30 +10,20 @@ from typing import Any
 import numpy as np
 import psycopg
 import pytest
-import shapely
 from piecework import load
 from psycopg import conninfo, sql
+from scenes import T0_US, box, sail
 from workloads import ARCTIC, GROWING, LOW_LATITUDE, SEAM, throw
 
 from conflictdb import connect
 from conflictdb.db import detect, probes, store
 from conflictdb.errors import IncompleteWarning, InvalidInput, NotCurrent, StoreError
-from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import Scene
 from conflictdb.model.results import Conflict
 
 Conn = psycopg.Connection[Any]
-T0_US = 1_772_323_200_000_000
 HOUR_US = 3_600_000_000
 T0 = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=T0_US)
-
-
-def box(key: str, west: float, south: float, east: float, north: float, **more: Any) -> Area:
-    return Area(key, shapely.MultiPolygon([shapely.box(west, south, east, north)]), **more)
-
-
-def track(key: str, *positions: tuple[float, float], **more: Any) -> Track:
-    times = T0_US + HOUR_US * np.arange(len(positions))
-    return Track(key, np.array(positions), times, rectangle_outline_m(500, 500, 200, 200), **more)
 
 
 def said(found: list[Conflict]) -> list[Conflict]:
@@ -80,21 +70,21 @@ def test_a_probe_writes_nothing_and_says_what_is_not_current(conn: Conn) -> None
     load(conn, Scene("s"), [box("A", 0.4, -0.1, 0.6, 0.1)], [])
     detect.detect(conn, "s", jobs=1)
     with connect(conn) as db:
-        (one,) = db.scene("s").probe(track("new", (0.0, 0.0), (1.0, 0.0)))
+        (one,) = db.scene("s").probe(sail("new", (0.0, 0.0), (1.0, 0.0)))
         assert (one.a_key, one.b_key, one.verdict) == ("A", "new", "conflict")
-        assert db.scene("s").probe(track("new", (0.0, 5.0), (1.0, 5.0))) == []
+        assert db.scene("s").probe(sail("new", (0.0, 5.0), (1.0, 5.0))) == []
         assert db.scene("s").probe(box("A", 0.4, -0.1, 0.6, 0.1)) == []  # it would replace itself
         store.replace_scene(conn, Scene("s"), [box("B", 2.0, 2.0, 3.0, 3.0)], [], merge=True)
         conn.execute("SET default_transaction_read_only = on")
         conn.commit()
         with pytest.warns(IncompleteWarning, match="1 object waits"):
-            assert len(db.scene("s").probe(track("new", (0.0, 0.0), (1.0, 0.0)))) == 1
+            assert len(db.scene("s").probe(sail("new", (0.0, 0.0), (1.0, 0.0)))) == 1
         conn.execute("SELECT 1")
         with pytest.raises(StoreError, match="open transaction"):
             db.scene("s").probe(box("new", 0.0, 0.0, 1.0, 1.0))
         conn.rollback()
         with pytest.raises(InvalidInput, match="89"):
-            db.scene("s").probe(track("new", (0.0, 89.5), (1.0, 89.5)))
+            db.scene("s").probe(sail("new", (0.0, 89.5), (1.0, 89.5)))
         with pytest.raises(InvalidInput, match="must be an Area or a Track"):
             db.scene("s").probe("A")  # type: ignore[arg-type]
         with pytest.raises(InvalidInput, match="nowhere"):
@@ -104,9 +94,9 @@ def test_a_probe_writes_nothing_and_says_what_is_not_current(conn: Conn) -> None
 def test_several_plans_replace_their_namesakes_together(conn: Conn, dsn: str) -> None:
     """From here and from a worker: the old places meet nobody, and the new ones each other."""
     old = [box("A", 0.4, -0.1, 0.6, 0.1), box("B", 2.4, -0.1, 2.6, 0.1)]
-    load(conn, Scene("s"), old, [track("T", (0.0, 0.0), (3.0, 0.0))])
+    load(conn, Scene("s"), old, [sail("T", (0.0, 0.0), (3.0, 0.0))])
     detect.detect(conn, "s", jobs=1)
-    plans = [box("A", 2.5, 0.0, 2.6, 0.3), box("B", 2.4, 0.2, 2.6, 0.4), track("P", (0.5, -1.0), (0.5, 1.0))]
+    plans = [box("A", 2.5, 0.0, 2.6, 0.3), box("B", 2.4, 0.2, 2.6, 0.4), sail("P", (0.5, -1.0), (0.5, 1.0))]
     with connect(conn) as db:
         here = db.scene("s").probe(plans)
         assert [(one.a_key, one.b_key) for one in here] == [("A", "B"), ("A", "T")]
@@ -162,7 +152,7 @@ def refused(conn: Conn, statement: str, *arguments: object) -> str | None:
 
 
 def test_who_asks_in_sql_is_answered_by_a_worker(conn: Conn, dsn: str) -> None:
-    load(conn, Scene("s", nearest_m=2000.0), [box("N", 0.4, 0.11, 0.6, 0.2)], [track("T", (0.0, 0.0), (1.0, 0.0))])
+    load(conn, Scene("s", nearest_m=2000.0), [box("N", 0.4, 0.11, 0.6, 0.2)], [sail("T", (0.0, 0.0), (1.0, 0.0))])
     detect.detect(conn, "s", jobs=1)
     with answering(dsn):
         rows = conn.execute(ANSWER, [ask(conn, ASK, "s")]).fetchall()
@@ -192,9 +182,9 @@ def test_who_asks_in_sql_is_answered_by_a_worker(conn: Conn, dsn: str) -> None:
 def test_workers_are_asked_from_python_and_say_the_same(conn: Conn, dsn: str) -> None:
     """All but the nearest points, which they do not tell; also of points and lines as havens."""
     areas = [box("A", 0.4, -0.1, 0.6, 0.1, start_us=T0_US), box("N", 0.4, 0.11, 0.6, 0.2)]
-    load(conn, Scene("s", nearest_m=2000.0), areas, [track("T", (0.0, 0.0), (1.0, 0.0))])
+    load(conn, Scene("s", nearest_m=2000.0), areas, [sail("T", (0.0, 0.0), (1.0, 0.0))])
     detect.detect(conn, "s", jobs=1)
-    crossing = track("P", (0.5, -1.0), (0.5, 1.0), floor_m=-10.0, ceiling_m=20.0)
+    crossing = sail("P", (0.5, -1.0), (0.5, 1.0), floor_m=-10.0, ceiling_m=20.0)
     plans = [
         box("P", 0.3, -0.2, 0.45, 0.105, start_us=T0_US - 1, floor_m=-5.0),
         box("T", 0.3, -0.2, 0.45, 0.105),
@@ -266,7 +256,7 @@ def test_scenes_are_answered_in_turn_and_what_is_old_is_removed(conn: Conn, dsn:
 
 def test_answers_are_for_who_asked(conn: Conn, dsn: str) -> None:
     """Readers may ask; another reader sees neither the question nor the answer, workers see both."""
-    load(conn, Scene("s"), [], [track("T", (0.0, 0.0), (1.0, 0.0))])
+    load(conn, Scene("s"), [], [sail("T", (0.0, 0.0), (1.0, 0.0))])
     detect.detect(conn, "s", jobs=1)
     users = {name: f"{name}_{conn.info.dbname}" for name in ("asker", "other", "stranger", "worker")}
     roles = {"asker": "reader", "other": "reader", "worker": "worker"}
@@ -337,7 +327,7 @@ def test_a_row_that_a_reader_writes_stops_no_worker(
     conn: Conn, dsn: str, row: dict[str, str], state: str | None
 ) -> None:
     """It is refused, or answered: and the next question is, too."""
-    load(conn, Scene("s"), [], [track("T", (0.0, 0.0), (1.0, 0.0))])
+    load(conn, Scene("s"), [], [sail("T", (0.0, 0.0), (1.0, 0.0))])
     detect.detect(conn, "s", jobs=1)
     given = {
         "kind": "0", "footprint": "NULL", "span": "NULL", "path": "NULL", "outline": "NULL", "column": "key",
@@ -366,7 +356,7 @@ def test_a_request_that_always_fails_is_refused_after_three_attempts(
     conn: Conn, dsn: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And holds up no other meanwhile, of its scene or another."""
-    load(conn, Scene("s"), [], [track("T", (0.0, 0.0), (1.0, 0.0))])
+    load(conn, Scene("s"), [], [sail("T", (0.0, 0.0), (1.0, 0.0))])
     detect.detect(conn, "s", jobs=1)
     ids = []
     with store.connect(dsn) as reader:

@@ -1,6 +1,5 @@
 """List, rename, copy and delete scenes and objects: on the command line, in Python and in SQL."""
 
-import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,11 +10,6 @@ from psycopg import conninfo, sql
 
 import conflictdb
 from conflictdb import InvalidInput
-
-
-@pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
 
 
 def names(run: Run) -> list[str]:
@@ -31,7 +25,7 @@ def test_scenes_and_objects_are_listed(run: Run) -> None:
     keys = [line.split()[0] for line in table[1:]]
     assert keys == sorted(keys)
     assert len(keys) == 11
-    rows = {row["key"]: row for row in json.loads(run("objects", "--scene", "strait", "--format", "json").out)}
+    rows = {row["key"]: row for row in run("objects", "--scene", "strait", "--format", "json").json}
     assert rows["FERRY"]["kind"] == "track"
     assert rows["FERRY"]["start_at"] == "2026-06-01T07:15:00.000000Z"
     assert "2026-06-01 09:15:00+02:00" in run("objects", "--scene", "strait", "--tz", "Europe/Copenhagen").out
@@ -40,12 +34,12 @@ def test_scenes_and_objects_are_listed(run: Run) -> None:
 
 def test_a_scene_is_renamed_with_its_conflicts(run: Run) -> None:
     run("detect", STRAIT)
-    before = json.loads(run("conflicts", "--scene", "strait", "--format", "json").out)
+    before = run("conflicts", "--scene", "strait", "--format", "json").json
     assert run("rename", "sound", "--scene", "strait").out == "strait is now sound\n"
-    after = json.loads(run("conflicts", "--format", "json").out)  # the renamed one is the last one used
+    after = run("conflicts", "--format", "json").json  # the renamed one is the last one used
     assert [row | {"scene": "strait"} for row in after] == before
     assert {row["scene"] for row in after} == {"sound"}
-    assert len(json.loads(run("history", "--scene", "sound", "--format", "json").out)) == len(before)
+    assert len(run("history", "--scene", "sound", "--format", "json").json) == len(before)
     run("load", STRAIT)
     taken = run("rename", "sound", "--scene", "strait")
     assert (taken.code, "is taken by another scene" in taken.err) == (4, True)
@@ -72,15 +66,15 @@ def test_an_object_is_renamed_and_waits_for_detection(run: Run) -> None:
 def test_a_copy_finds_the_same_and_is_its_own(run: Run) -> None:
     run("detect", STRAIT, "--separation-m", "400")
     assert run("copy", "trial", "--scene", "strait").out == "trial: 11 objects of strait, to be detected\n"
-    copied = json.loads(run("detect", "--scene", "trial", "--format", "json").out)
-    original = json.loads(run("conflicts", "--scene", "strait", "--format", "json").out)
+    copied = run("detect", "--scene", "trial", "--format", "json").json
+    original = run("conflicts", "--scene", "strait", "--format", "json").json
     assert [(row["a_key"], row["b_key"], row["periods"]) for row in copied] == [
         (row["a_key"], row["b_key"], row["periods"]) for row in original
     ]
     run("delete", "FERRY", "--scene", "trial")
     assert "FERRY" in run("objects", "--scene", "strait").out
     assert run("copy", "trial", "--scene", "strait").code == 4
-    exported = [json.loads(run("export", "--scene", scene, "-").out)["scene"] for scene in ("strait", "trial")]
+    exported = [run("export", "--scene", scene, "-").json["scene"] for scene in ("strait", "trial")]
     assert exported[0] | {"name": "trial"} == exported[1]
 
 

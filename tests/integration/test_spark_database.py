@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 import scenes
-from commands import STRAIT, Run, runner
+from commands import STRAIT, Run, known, runner
 from own_server import own_server
 from psycopg import conninfo
 from spark_answers import answers
@@ -28,20 +28,15 @@ from conflictdb.formats.parquet_writing import write_objects
 from conflictdb.model.results import Kind
 
 PASSWORD = "never-to-be-seen"  # noqa: S105
-# What a detection, and who computed elsewhere, say alike.
-KEPT = (
-    "a_key", "a_kind", "b_key", "b_kind", "verdict", "periods", "region", "first_contact_point", "method",
-    "time_error_s", "closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point",
-)  # fmt: skip
 # Objects without what `put_area` and `put_track` do for scenes of great circles.
 ROWS = """
 INSERT INTO conflictdb.scene (name, motion, earth) VALUES ('late', 'great_circle', 'sphere');
 INSERT INTO conflictdb.track (scene_id, key, path, outline, outlines, grow_mps, floor_m, ceiling_m)
-SELECT conflictdb._scene_id('late'), key, path, outline, outlines, grow_mps, floor_m, ceiling_m
-FROM conflictdb.track WHERE scene_id = conflictdb._scene_id('circles') ORDER BY key DESC;
+SELECT conflictdb_internal._scene_id('late'), key, path, outline, outlines, grow_mps, floor_m, ceiling_m
+FROM conflictdb.track WHERE scene_id = conflictdb_internal._scene_id('circles') ORDER BY key DESC;
 INSERT INTO conflictdb.area (scene_id, key, footprint, active_span)
-SELECT conflictdb._scene_id('late'), key, footprint, active_span
-FROM conflictdb.area WHERE scene_id = conflictdb._scene_id('circles')
+SELECT conflictdb_internal._scene_id('late'), key, footprint, active_span
+FROM conflictdb.area WHERE scene_id = conflictdb_internal._scene_id('circles')
 """
 
 
@@ -71,11 +66,6 @@ def networked() -> Iterator[Networked]:
 @pytest.fixture
 def run(networked: Networked, capsys: pytest.CaptureFixture[str]) -> Run:
     return runner(networked.owner, capsys)
-
-
-def known(run: Run, scene: str) -> list[dict[str, Any]]:
-    rows = json.loads(run("conflicts", "--scene", scene, "--format", "json").out)
-    return [{name: row[name] for name in KEPT} for row in rows]
 
 
 def over_the_pole(path: Path) -> None:

@@ -5,6 +5,7 @@ import struct
 import subprocess
 import sys
 import sysconfig
+import tarfile
 import zipfile
 from pathlib import Path
 
@@ -16,6 +17,8 @@ ROOT = Path(__file__).parents[2]
 LIBRARY = "conflictdb/kernel/libkernel.so"
 # Of the page of `conflictdb map`.
 PAGE = ("conflictdb/map/page/index.html", "conflictdb/map/vendor/maplibre-gl.mjs", "conflictdb/map/vendor/vendor.json")
+# Of what others wrote, as pyproject.toml declares them.
+LICENCES = tuple(f"conflictdb/map/vendor/{name}.LICENSE.txt" for name in ("maplibre-gl", "world-atlas"))
 # As ELF and Mach-O number them.
 MACHINES = {"x86_64": (62, 0x01000007), "aarch64": (183, 0x0100000C), "arm64": (183, 0x0100000C)}
 SCENE = """
@@ -31,12 +34,12 @@ print(len(found), found[0].verdict.name)
 """
 
 
-def built(tmp_path: Path) -> Path:
-    """The wheel of this platform."""
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path / "dist")]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=300)
-    (wheel,) = (tmp_path / "dist").glob("*.whl")
-    return wheel
+def built(tmp_path: Path, kind: str = "wheel", root: Path = ROOT) -> Path:
+    """The wheel of this platform, or the sdist."""
+    command = [sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", str(tmp_path / "dist")]
+    subprocess.run(command, cwd=root, check=True, capture_output=True, timeout=300)
+    (found,) = (tmp_path / "dist").glob("*.whl" if kind == "wheel" else "*.tar.gz")
+    return found
 
 
 def check(wheel: Path, platform: str) -> bytes:
@@ -55,6 +58,8 @@ def check(wheel: Path, platform: str) -> bytes:
         about = archive.read(next(name for name in names if name.endswith(".dist-info/WHEEL"))).decode()
         assert f"Tag: {tag}\n" in about
         assert "Root-Is-Purelib: false" in about
+        licences = {name.partition(".dist-info/licenses/")[2] for name in names if ".dist-info/licenses/" in name}
+        assert licences == {"LICENSE", *LICENCES}
         return archive.read(LIBRARY)
 
 
@@ -75,6 +80,9 @@ def solves_a_scene(wheel: Path, tmp_path: Path) -> None:
         check=False,
     )
     assert (done.stdout, done.stderr) == ("1 CONFLICT\n", "")
+    version = [str(venv / "bin/conflictdb"), "--version"]
+    told = subprocess.run(version, env=environ, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=True)
+    assert told.stdout.split() == ["conflictdb", wheel.name.split("-")[1]]
 
 
 def test_the_wheel_of_this_platform_solves_a_scene(tmp_path: Path) -> None:
@@ -82,6 +90,20 @@ def test_the_wheel_of_this_platform_solves_a_scene(tmp_path: Path) -> None:
     wheel = built(tmp_path)
     platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
     assert check(wheel, platform) == (ROOT / LIBRARY).read_bytes()
+    solves_a_scene(wheel, tmp_path)
+
+
+def test_the_sdist_has_what_a_build_needs(tmp_path: Path) -> None:
+    """The wheel that is built from it, without the source tree, solves a scene; `./run` finds its files too."""
+    with tarfile.open(built(tmp_path, "sdist")) as archive:
+        archive.extractall(tmp_path, filter="data")
+    (root,) = tmp_path.glob("conflictdb-*")
+    for name in ("LICENSE", *LICENCES, "run", "requirements.txt", "requirements-dev.txt", "tests/acceptance", "sql"):
+        assert (root / name).exists(), name
+    assert [path for path in root.rglob("*") if path.suffix in (".so", ".pyc", ".dylib")] == []
+    wheel = built(tmp_path, root=root)
+    platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+    assert check(wheel, platform)
     solves_a_scene(wheel, tmp_path)
 
 

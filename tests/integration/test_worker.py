@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Any
 import psycopg
 import pytest
 from commands import STRAIT, runner
-from patience import killed_after
+from patience import killed_after, until
 from psycopg.conninfo import conninfo_to_dict
 
 from conflictdb import connect
@@ -26,13 +26,6 @@ from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.model.plans import Scene
 
 WAIT_S = 30.0
-
-
-def until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + WAIT_S
-    while not condition():
-        assert time.monotonic() < end, "waited too long"
-        time.sleep(0.05)
 
 
 def load(dsn: str, scene: str) -> None:
@@ -124,7 +117,6 @@ def test_a_log_for_programs_is_a_json_object_a_line(
 
 def test_a_scene_that_failed_is_tried_again_soon(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """After a pause that grows, and then it is as if nothing had been; others do not wait for it."""
-    monkeypatch.setattr("conflictdb.db.worker._PAUSE_S", 0.02)
     load(dsn, "bad")
     load(dsn, "good")
     whole = detect.detect_pending
@@ -145,13 +137,13 @@ def test_a_scene_that_failed_is_tried_again_soon(dsn: str, monkeypatch: pytest.M
 
     monkeypatch.setattr("conflictdb.db.detect.detect_pending", sometimes)
     with pytest.raises(KeyboardInterrupt):
-        Worker(lambda: store.connect(dsn), report, every_s=600.0, jobs=1).run()
+        Worker(lambda: store.connect(dsn), report, every_s=600.0, jobs=1, retry_s=0.02).run()
     assert [scene for scene, _ in reports] == ["bad", "good", "bad", "bad", "bad"]
     assert pending(dsn) == {"bad": 0, "good": 0}
 
 
 def test_pauses_grow_to_a_limit_and_are_random() -> None:
-    pauses = list(islice(_pauses(60.0), 12))
+    pauses = list(islice(_pauses(1.0, 60.0), 12))
     assert all(0.5 * most <= pause <= most for pause, most in zip(pauses, [1, 2, 4, 8, 16, 32, *[60] * 6], strict=True))
     assert len(set(pauses)) == 12
 
@@ -229,8 +221,7 @@ def is_waiting(dsn: str) -> bool:
     return bool(waiting)
 
 
-def test_a_lost_connection_is_made_again(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("conflictdb.db.worker._PAUSE_S", 0.01)
+def test_a_lost_connection_is_made_again(dsn: str) -> None:
     attempts: list[int] = []
     detected: list[str] = []
 
@@ -248,7 +239,7 @@ def test_a_lost_connection_is_made_again(dsn: str, monkeypatch: pytest.MonkeyPat
 
     def work() -> None:
         with suppress(KeyboardInterrupt):
-            Worker(connection, report, every_s=600.0, jobs=1).run()
+            Worker(connection, report, every_s=600.0, jobs=1, retry_s=0.01).run()
 
     load(dsn, "first")
     thread = threading.Thread(target=work)
@@ -322,14 +313,13 @@ def worker(dsn: str, reports: list[tuple[str, object]], **more: Any) -> Worker:
 def test_a_worker_passes_over_what_another_detects(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """It does the next scene, waits for the first, says who has it, and does what the other one left."""
     monkeypatch.setattr(store, "SAY_AFTER_S", 0.1)
-    monkeypatch.setattr("conflictdb.db.worker._BUSY_PAUSE_S", 0.05)
     load(dsn, "first")
     load(dsn, "second")
     reports: list[tuple[str, object]] = []
     said: list[str] = []
     with store.connect(dsn) as other:
         store.begin_locked(other, store.scene_id(other, "first"), "first", 0.0, print)
-        one = worker(dsn, reports, say=said.append)
+        one = worker(dsn, reports, say=said.append, busy_s=0.05)
         thread = threading.Thread(target=one.once)
         thread.start()
         until(lambda: bool(said))
@@ -346,7 +336,6 @@ def test_a_scene_that_another_detects_is_not_asked_for_at_each_change(
     dsn: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever tried again at each notification would take the processor from the one at work."""
-    monkeypatch.setattr("conflictdb.db.worker._BUSY_PAUSE_S", 600.0)
     load(dsn, "first")
     whole, asked = detect.detect_pending, []
 
@@ -358,7 +347,7 @@ def test_a_scene_that_another_detects_is_not_asked_for_at_each_change(
     reports: list[tuple[str, object]] = []
     with store.connect(dsn) as other, store.connect(dsn) as conn:
         store.begin_locked(other, store.scene_id(other, "first"), "first", 0.0, print)
-        one = worker(dsn, reports)
+        one = worker(dsn, reports, busy_s=600.0)
         assert all(one._round(conn, WAIT_S) for _ in range(3))
         assert (asked, reports) == (["first"], [])
         load(dsn, "second")
@@ -375,13 +364,12 @@ def test_changes_that_came_during_a_detection_wake_a_worker_once(dsn: str) -> No
         assert not store.wait_for_change(conn, 0.0)
 
 
-def test_a_scene_that_another_keeps_for_too_long_has_failed(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("conflictdb.db.worker._BUSY_PAUSE_S", 0.05)
+def test_a_scene_that_another_keeps_for_too_long_has_failed(dsn: str) -> None:
     load(dsn, "kept")
     reports: list[tuple[str, object]] = []
     with store.connect(dsn) as other:
         store.begin_locked(other, store.scene_id(other, "kept"), "kept", 0.0, print)
-        assert not worker(dsn, reports, lock_timeout_s=0.2).once()
+        assert not worker(dsn, reports, lock_timeout_s=0.2, busy_s=0.05).once()
         ((scene, error),) = reports
         assert (scene, type(error)) == ("kept", LockTimeout)
         assert store.runs(other, "kept", 9) == []
@@ -404,8 +392,8 @@ def test_what_another_has_done_meanwhile_is_no_run(dsn: str, monkeypatch: pytest
             store.set_scene(db.connection, Scene("strait", tolerance_m=float(place)))
         with monkeypatch.context() as patch, store.connect(dsn) as conn:
             patch.setattr(store, begin.__name__, meanwhile)
-            patch.setattr(detect, "_FEW_OBJECTS", -1)  # two transactions, however few objects changed
-            assert detect.detect_pending(conn, "strait", jobs=1) is None
+            # Two transactions, however few objects changed.
+            assert detect.detect_pending(conn, "strait", jobs=1, few_objects=-1) is None
             assert len(store.runs(conn, "strait", 9)) == place, "the other one's"
     assert pending(dsn) == {"strait": 0}
 

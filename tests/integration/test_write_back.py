@@ -1,6 +1,5 @@
 """Conflicts that were computed elsewhere are written as `detect` writes them, or refused if they would be untrue."""
 
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +12,13 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 import shapely
-from commands import STRAIT, Run, runner
+from commands import KEPT, STRAIT, Run, known
 from workloads import GROWING, throw
 
 from conflictdb import connect
 from conflictdb.arrays.arrow.found import COMPUTED, of_found
-from conflictdb.arrays.arrow.object_rows import to_batches
+from conflictdb.arrays.arrow.object_rows import to_objects
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.db import store
 from conflictdb.earth.registry import plane_of
@@ -30,17 +30,6 @@ from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_scene
 from conflictdb.stages.source import Chunk
 from conflictdb.stages.stage1_broad_phase import candidates
-
-# What a detection, and who computed elsewhere, say alike.
-KEPT = (
-    "a_key", "a_kind", "b_key", "b_kind", "verdict", "periods", "region", "first_contact_point", "method",
-    "time_error_s", "closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point",
-)  # fmt: skip
-
-
-@pytest.fixture
-def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    return runner(dsn, capsys)
 
 
 class Elsewhere:
@@ -64,13 +53,15 @@ class Elsewhere:
 def computed(objects: Path, directory: Path, scene: Scene) -> Path:
     """Compute the conflicts of an exported scene, and write them as `conflictdb spark detect` does."""
     table = pq.read_table(objects).sort_by([("kind", "ascending"), ("id", "ascending")])
-    areas, tracks = to_batches(table)
+    areas, tracks = to_objects(table)
+    (area_ids, track_ids), versions = (np.split(table[of].to_numpy(), [len(areas)]) for of in ("object_id", "version"))
     told = table.select(["kind", "object_id", "id"]).to_pylist()
     keys = {(row["kind"] == "track", row["object_id"]): row["id"] for row in told}
     plane = plane_of(scene)
-    source = Elsewhere(
-        pieces_of(scene, plane, areas, tracks), dict(zip(areas.area_id.tolist(), areas.footprint, strict=True))
-    )
+    of_areas = replace(AreaBatch.of(areas), area_id=area_ids, version=versions[0])
+    of_tracks = replace(TrackBatch.of(tracks), track_id=track_ids, version=versions[1])
+    footprints = dict(zip(area_ids.tolist(), of_areas.footprint, strict=True))
+    source = Elsewhere(pieces_of(scene, plane, of_areas, of_tracks), footprints)
     directory.mkdir()
     pairs = 0
     for k, (found, _) in enumerate(run_scene(scene, plane, source)):
@@ -101,13 +92,6 @@ def strait(run: Run, tmp_path: Path) -> Path:
     scene = read(tmp_path / "strait.parquet").scene
     assert scene is not None
     return computed(tmp_path / "strait.parquet", tmp_path / "conflicts.parquet", scene)
-
-
-def known(run: Run, scene: str) -> list[dict[str, Any]]:
-    return [
-        {name: row[name] for name in KEPT}
-        for row in json.loads(run("conflicts", "--scene", scene, "--format", "json").out)
-    ]
 
 
 def told(conn: psycopg.Connection[Any], query: str) -> list[Any]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import psycopg
 import pytest
-from catalog import describe, details
+from catalog import TOGETHER, describe, details
 from commands import STRAIT, runner
 from installations import own_installation
 from psycopg import conninfo, sql
@@ -31,9 +31,11 @@ TABLE = 'CREATE TABLE public.op (id text PRIMARY KEY, shape "My GIS".geometry)'
 ROW = "INSERT INTO public.op VALUES ('OP', 'SRID=4326;POLYGON((0 0,0 1,1 1,1 0,0 0))')"
 ATTACH = """SELECT conflictdb.attach(%s, 'area', 'public.op', '{"key": "id", "footprint": "shape"}')"""
 STRAY = """
-SELECT c.relname FROM pg_class c WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'v', 'S')
+SELECT c.relname FROM pg_class c
+WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind IN ('r', 'v', 'S')
     AND NOT EXISTS (SELECT FROM pg_depend d WHERE d.objid = c.oid AND d.deptype = 'e')
-UNION ALL SELECT p.proname FROM pg_proc p WHERE p.pronamespace = 'conflictdb'::regnamespace
+UNION ALL SELECT p.proname FROM pg_proc p
+WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
     AND NOT EXISTS (SELECT FROM pg_depend d WHERE d.objid = p.oid AND d.deptype = 'e')
 """
 
@@ -115,14 +117,24 @@ def test_everything_belongs_to_the_extension(installed: str) -> None:
     assert rows(database, STRAY) == []
     # Routines that change between releases, and triggers that somebody reset, are mended as elsewhere.
     with psycopg.connect(database) as conn:
-        conn.execute("ALTER EXTENSION conflictdb DROP FUNCTION conflictdb._footprints")
-        conn.execute("DROP FUNCTION conflictdb._footprints")
+        conn.execute("ALTER EXTENSION conflictdb DROP FUNCTION conflictdb_internal._footprints")
+        conn.execute("DROP FUNCTION conflictdb_internal._footprints")
         conn.execute("ALTER TABLE conflictdb.area ENABLE TRIGGER ALL")
         conn.execute("COMMENT ON TABLE conflictdb.alembic_version IS 'Routines: SHA-256 0'")
     schema.upgrade(database)
     assert rows(database, STRAY) == []
     with psycopg.connect(database) as conn:
         schema.check(conn)
+        # So is an extension of a program that had private routines beside the public ones.
+        conn.execute(TOGETHER.encode())
+        conn.execute("ALTER EXTENSION conflictdb DROP SCHEMA conflictdb_internal")
+        conn.execute("DROP SCHEMA conflictdb_internal")
+    schema.upgrade(database)
+    assert rows(database, STRAY) == []
+    assert catalog(database) == catalog(new(installed, template="by_init"))
+    with psycopg.connect(database) as conn:
+        conn.execute("DROP EXTENSION conflictdb")
+        assert conn.execute("SELECT to_regnamespace('conflictdb_internal')").fetchone() == (None,)
 
 
 def test_dump_and_restore_keep_everything(server: tuple[Path, str], installed: str) -> None:
@@ -196,6 +208,20 @@ def test_updates_take_the_data_along(
     assert rows(database, STRAY) == [("_note_1",)]
     assert rows(database, "SELECT conflictdb.detach('strait', 'op')") == [(1,)]
     assert catalog(database) == catalog(new(installed, CREATE))
+
+
+def test_dropped_with_a_table_attached_it_leaves_the_table(installed: str) -> None:
+    database = new(installed, TABLE.replace('"My GIS".', ""), ROW, template="by_extension")
+    with connect(database) as db:
+        db.load(STRAIT)
+        db.connection.execute(ATTACH.encode(), ["strait"])
+        db.connection.commit()
+    with psycopg.connect(database) as conn, pytest.raises(psycopg.errors.DependentObjectsStillExist):
+        conn.execute("DROP EXTENSION conflictdb")
+    with psycopg.connect(database) as conn:
+        conn.execute("DROP EXTENSION conflictdb CASCADE")
+        conn.execute("UPDATE public.op SET id = 'OTHER'")
+        assert conn.execute("SELECT tgname FROM pg_trigger WHERE NOT tgisinternal").fetchall() == []
 
 
 def test_beside_the_schema_that_init_made_it_is_refused(installed: str) -> None:

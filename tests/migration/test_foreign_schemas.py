@@ -28,6 +28,11 @@ CASES = {
     "conflictdb_editor": r"has an object of role conflictdb_editor: function .*format\(text,text\)",
     "CREATE SCHEMA conflictdb; CREATE TABLE conflictdb.mine ()": "has objects that are none of ours: table .*mine",
 }
+# The schema of private routines is on the same search path.
+PRIVATE = {
+    made.replace("SCHEMA conflictdb", "SCHEMA conflictdb_internal").replace("conflictdb.", "conflictdb_internal."): said
+    for made, said in CASES.items()
+}
 
 
 def execute(dsn: str, statements: str) -> None:
@@ -55,47 +60,50 @@ def alembic_upgrade(dsn: str) -> None:
 
 
 @pytest.mark.usefixtures("template")
-@pytest.mark.parametrize("made", list(CASES))
+@pytest.mark.parametrize("made", [*CASES, *PRIVATE])
 @pytest.mark.parametrize("how", ["init", "alembic"])
 def test_a_schema_that_is_not_ours_is_refused_and_left_alone(empty_dsn: str, made: str, how: str) -> None:
     execute(empty_dsn, made)
     before = one(empty_dsn, "SELECT count(*) FROM pg_proc")
     upgrade = schema.upgrade if how == "init" else alembic_upgrade
-    with pytest.raises(ServerError, match=f"schema conflictdb {CASES[made]}.*must be created by "):
+    name, said = ("conflictdb", CASES[made]) if made in CASES else ("conflictdb_internal", PRIVATE[made])
+    with pytest.raises(ServerError, match=f"schema {name} {said}.*must be created by "):
         upgrade(empty_dsn)
     assert one(empty_dsn, "SELECT count(*) FROM pg_proc") == before
     assert one(empty_dsn, "SELECT rolsuper FROM pg_roles WHERE rolname = 'conflictdb_editor'") is False
 
 
 @pytest.mark.usefixtures("template")
-@pytest.mark.parametrize("made", list(CASES))
+@pytest.mark.parametrize("made", [*CASES, *PRIVATE])
 def test_the_script_of_the_extension_refuses_it_too(empty_dsn: str, made: str) -> None:
     execute(empty_dsn, made)
     (script,) = (text for name, text in extension.files() if name == f"conflictdb--{schema.head()}.sql")
     refusal = script[: script.index("CREATE TABLE")]
     assert schema.REFUSE_FOREIGN_SCHEMA in refusal
-    with pytest.raises(psycopg.errors.DuplicateSchema, match=CASES[made]):
+    with pytest.raises(psycopg.errors.DuplicateSchema, match=(CASES | PRIVATE)[made]):
         execute(empty_dsn, schema.REFUSE_FOREIGN_SCHEMA)
 
 
 def test_a_schema_that_looks_complete_is_refused_too(dsn: str) -> None:
     """It has the revision and the hash of this program; its owner could replace every function of it."""
     schema.upgrade(dsn)
-    execute(dsn, "ALTER SCHEMA conflictdb OWNER TO conflictdb_editor")
-    with pytest.raises(ServerError, match="schema conflictdb belongs to role conflictdb_editor"):
-        schema.upgrade(dsn)
-    execute(dsn, "ALTER SCHEMA conflictdb OWNER TO CURRENT_USER")
-    execute(dsn, "ALTER FUNCTION conflictdb._is_plain(jsonb) OWNER TO conflictdb_editor")
+    for name in ("conflictdb", "conflictdb_internal"):
+        execute(dsn, f"ALTER SCHEMA {name} OWNER TO conflictdb_editor")
+        with pytest.raises(ServerError, match=f"schema {name} belongs to role conflictdb_editor"):
+            schema.upgrade(dsn)
+        execute(dsn, f"ALTER SCHEMA {name} OWNER TO CURRENT_USER")
+    execute(dsn, "ALTER FUNCTION conflictdb_internal._is_plain(jsonb) OWNER TO conflictdb_editor")
     with pytest.raises(ServerError, match=r"has an object of role conflictdb_editor: function .*_is_plain\(jsonb\)"):
         schema.upgrade(dsn)
 
 
 @pytest.mark.usefixtures("template")
-def test_a_role_that_was_given_a_schema_installs_into_it(empty_dsn: str) -> None:
+def test_a_role_that_was_given_the_schemas_installs_into_them(empty_dsn: str) -> None:
     """As administrators do for roles that may not create schemas."""
     for extension_name in ("postgis", "btree_gist"):
         execute(empty_dsn, f"CREATE EXTENSION {extension_name}")
     execute(empty_dsn, OWNED)
+    execute(empty_dsn, "CREATE SCHEMA conflictdb_internal AUTHORIZATION conflictdb_editor")
     assert schema.upgrade(conninfo.make_conninfo(empty_dsn, options="-c role=conflictdb_editor")) == schema.head()
     assert schema.upgrade(conninfo.make_conninfo(empty_dsn, options="-c role=conflictdb_editor")) == schema.head()
 
@@ -117,7 +125,8 @@ def test_a_name_in_the_schema_of_postgis_is_bound_by_nothing_of_ours(empty_dsn: 
     execute(empty_dsn, f"SET ROLE conflictdb_editor; {planted}")
     bound = """SELECT count(*) FROM pg_depend d
                JOIN pg_proc p ON d.refobjid = p.oid AND d.refclassid = 'pg_proc'::regclass
-               JOIN pg_proc f ON f.oid = d.objid AND f.pronamespace = to_regnamespace('conflictdb')
+               JOIN pg_proc f ON f.oid = d.objid
+                    AND f.pronamespace IN (to_regnamespace('conflictdb'), to_regnamespace('conflictdb_internal'))
                WHERE p.proowner = 'conflictdb_editor'::regrole"""
     try:
         schema.upgrade(empty_dsn)

@@ -14,7 +14,7 @@ import alembic.config
 import psycopg
 import pytest
 import sqlalchemy
-from catalog import describe, details, privileges
+from catalog import TOGETHER, describe, details, privileges
 from commands import runner
 from databases import TestServer
 from made_scenes import sea
@@ -83,13 +83,15 @@ def test_privileges_are_the_documented_ones(conn: psycopg.Connection[Any]) -> No
     assert found == PRIVILEGES.read_text()
     public = """SELECT o.name FROM (
                     SELECT n.nspname, coalesce(n.nspacl, acldefault('n', n.nspowner)) FROM pg_namespace n
-                    WHERE n.nspname = 'conflictdb'
+                    WHERE n.nspname IN ('conflictdb', 'conflictdb_internal')
                     UNION ALL
                     SELECT c.relname, coalesce(c.relacl, acldefault('r', c.relowner)) FROM pg_class c
-                    WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'v', 'S')
+                    WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
+                          AND c.relkind IN ('r', 'v', 'S')
                     UNION ALL
                     SELECT p.proname, coalesce(p.proacl, acldefault('f', p.proowner)) FROM pg_proc p
-                    WHERE p.pronamespace = 'conflictdb'::regnamespace) o (name, acl), LATERAL aclexplode(o.acl) x
+                    WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])) o (name, acl),
+                    LATERAL aclexplode(o.acl) x
                 WHERE x.grantee = 0"""
     assert conn.execute(public.encode()).fetchall() == []
 
@@ -220,14 +222,31 @@ def test_older_schema_is_outdated_and_upgraded(dsn: str, next_release: Path) -> 
 
 def test_other_routines_at_the_same_revision_are_outdated_and_upgraded(dsn: str) -> None:
     with psycopg.connect(dsn) as conn:
-        conn.execute("DROP FUNCTION conflictdb._footprints")
+        conn.execute("DROP FUNCTION conflictdb_internal._footprints")
         conn.execute("COMMENT ON TABLE conflictdb.alembic_version IS 'Routines: SHA-256 0'")
         with pytest.raises(SchemaOutdated, match="routines"):
             schema.check(conn)
     schema.upgrade(dsn)
     with psycopg.connect(dsn) as conn:
         schema.check(conn)
-        conn.execute("SELECT conflictdb._footprints('{}')")
+        conn.execute("SELECT conflictdb_internal._footprints('{}')")
+
+
+def test_private_routines_leave_the_schema_of_the_public_ones(dsn: str, other_dsn: str) -> None:
+    """Earlier programs had all in one schema; what depends on a routine, as a view of a user does, stays."""
+    with psycopg.connect(dsn) as conn:
+        conn.execute("CREATE VIEW public.mine AS SELECT conflictdb_internal._globe(), a_key FROM conflictdb.conflicts")
+        conn.execute("SELECT conflictdb.protect_scenes()")
+        conn.execute(TOGETHER.encode())
+        conn.execute("DROP SCHEMA conflictdb_internal")
+    schema.upgrade(dsn)
+    with psycopg.connect(dsn) as conn:
+        schema.check(conn)
+        assert conn.execute("SELECT * FROM public.mine").fetchall() == []
+        conn.execute("DROP VIEW public.mine")
+        conn.execute("SELECT conflictdb.protect_scenes(false)")
+    schema.upgrade(other_dsn)
+    assert catalog(dsn) == catalog(other_dsn)
 
 
 def test_views_of_users_survive_when_routines_are_retired(dsn: str, other_dsn: str, next_release: Path) -> None:
@@ -236,10 +255,15 @@ def test_views_of_users_survive_when_routines_are_retired(dsn: str, other_dsn: s
         conn.execute("CREATE VIEW public.mine AS SELECT a_key, region FROM conflictdb.conflicts")
         conn.execute(
             """UPDATE pg_proc SET proargnames = array_replace(proargnames, 'p_plane', 'p_earth')
-               WHERE pronamespace = 'conflictdb'::regnamespace AND proname = '_from_plane'"""
+               WHERE pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
+                     AND proname = '_from_plane'"""
         )
-        conn.execute("CREATE FUNCTION conflictdb._gone(p_a text) RETURNS SETOF text LANGUAGE sql AS 'SELECT p_a'")
-        conn.execute("CREATE FUNCTION conflictdb._gone(p_b integer) RETURNS integer LANGUAGE sql AS 'SELECT p_b'")
+        conn.execute(
+            "CREATE FUNCTION conflictdb_internal._gone(p_a text) RETURNS SETOF text LANGUAGE sql AS 'SELECT p_a'"
+        )
+        conn.execute(
+            "CREATE FUNCTION conflictdb_internal._gone(p_b integer) RETURNS integer LANGUAGE sql AS 'SELECT p_b'"
+        )
     retired = next_release / "sql" / "06_retired.sql"
     assert "'{}'" in retired.read_text()
     names = "ARRAY['_from_plane(p_geometry, p_earth)', '_gone(p_a)']"
@@ -248,7 +272,7 @@ def test_views_of_users_survive_when_routines_are_retired(dsn: str, other_dsn: s
     with psycopg.connect(dsn) as conn:
         assert conn.execute("SELECT * FROM public.mine").fetchall() == []
         # Only the routine that is listed goes.
-        conn.execute("DROP FUNCTION conflictdb._gone(integer)")
+        conn.execute("DROP FUNCTION conflictdb_internal._gone(integer)")
         conn.execute("DROP VIEW public.mine")
     schema.upgrade(other_dsn)
     assert catalog(dsn) == catalog(other_dsn)
@@ -311,7 +335,7 @@ def test_broken_routine_rolls_everything_back(empty_dsn: str, next_release: Path
         schema.upgrade(empty_dsn)
     with psycopg.connect(empty_dsn) as conn:
         assert schema.revision(conn) is None
-        assert conn.execute("SELECT count(*) FROM pg_namespace WHERE nspname = 'conflictdb'").fetchone() == (0,)
+        assert conn.execute("SELECT count(*) FROM pg_namespace WHERE nspname LIKE 'conflictdb%'").fetchone() == (0,)
 
 
 def test_changed_routines_are_applied_without_a_revision(dsn: str, next_release: Path) -> None:
@@ -351,13 +375,13 @@ def test_stamp_applies_no_routines(empty_dsn: str) -> None:
 def test_nothing_is_made_outside_the_schema(empty_dsn: str) -> None:
     """But for the two extensions."""
     outside = """SELECT n.nspname, c.relname FROM pg_class c JOIN pg_namespace n ON n.oid = c.relnamespace
-                 WHERE n.nspname NOT IN ('conflictdb', 'pg_toast') AND c.oid >= 16384
+                 WHERE n.nspname NOT IN ('conflictdb', 'conflictdb_internal', 'pg_toast') AND c.oid >= 16384
                    AND NOT EXISTS (SELECT FROM pg_depend d WHERE d.objid = c.oid AND d.deptype IN ('e', 'i'))
                    AND c.relkind <> 'i'"""
     schema.upgrade(empty_dsn)
     with psycopg.connect(empty_dsn) as conn:
         assert conn.execute(outside.encode()).fetchall() == []
-        conn.execute("DROP SCHEMA conflictdb CASCADE")
+        conn.execute("DROP SCHEMA conflictdb, conflictdb_internal CASCADE")
     with psycopg.connect(empty_dsn) as conn:
         assert schema.revision(conn) is None
 
@@ -367,12 +391,14 @@ def test_everything_is_commented(dsn: str) -> None:
         bare = conn.execute(
             """SELECT c.relname || coalesce('.' || a.attname, '')
                FROM pg_class c LEFT JOIN pg_attribute a ON a.attrelid = c.oid AND a.attnum > 0 AND NOT a.attisdropped
-               WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'v')
+               WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
+                     AND c.relkind IN ('r', 'v')
                  AND c.relname <> 'alembic_version'
                  AND (col_description(c.oid, a.attnum) IS NULL OR obj_description(c.oid, 'pg_class') IS NULL)
                UNION ALL
                SELECT p.oid::regprocedure::text FROM pg_proc p
-               WHERE p.pronamespace = 'conflictdb'::regnamespace AND obj_description(p.oid, 'pg_proc') IS NULL"""
+               WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
+                     AND obj_description(p.oid, 'pg_proc') IS NULL"""
         ).fetchall()
     assert bare == []
 
@@ -381,10 +407,12 @@ def test_plpgsql_pins_its_search_path_and_sql_is_atomic(dsn: str) -> None:
     with psycopg.connect(dsn) as conn:
         loose = conn.execute(
             """SELECT p.oid::regprocedure::text FROM pg_proc p JOIN pg_language l ON l.oid = p.prolang
-               WHERE p.pronamespace = 'conflictdb'::regnamespace
+               WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
                  AND CASE WHEN l.lanname = 'sql' THEN p.prosqlbody IS NULL OR p.proconfig IS NOT NULL
-                     WHEN p.prosecdef THEN coalesce(p.proconfig[1], '') <> 'search_path=conflictdb, pg_temp'
-                     ELSE NOT coalesce(p.proconfig[1], '') LIKE 'search_path=conflictdb, %pg_temp' END"""
+                     WHEN p.prosecdef
+                         THEN coalesce(p.proconfig[1], '') <> 'search_path=conflictdb, conflictdb_internal, pg_temp'
+                     ELSE NOT coalesce(p.proconfig[1], '') LIKE 'search_path=conflictdb, conflictdb_internal, %pg_temp'
+                     END"""
         ).fetchall()
     assert loose == []
 
@@ -394,9 +422,9 @@ def test_what_only_raises_is_not_immutable(dsn: str) -> None:
     with psycopg.connect(dsn) as conn:
         folded = conn.execute(
             """SELECT p.proname FROM pg_proc p
-               WHERE p.pronamespace = 'conflictdb'::regnamespace AND p.provolatile = 'i'
-                 AND (p.prorettype = 'void'::regtype OR p.prosrc ~ '_refuse|_check_|RAISE EXCEPTION'
-                      OR pg_get_function_sqlbody(p.oid) ~ '_refuse|_check_|_near_centre')"""
+               WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND p.provolatile = 'i'
+                 AND (p.prorettype = 'void'::regtype OR p.prosrc ~ '_raise|_check_|RAISE EXCEPTION'
+                      OR pg_get_function_sqlbody(p.oid) ~ '_raise|_check_|_near_centre')"""
         ).fetchall()
     assert set(folded) == {("track_path",), ("instant",)}  # they have values, for which they may refuse their input
 

@@ -35,6 +35,7 @@ def shared_dsn(_server: TestServer, template: str, worker_id: str) -> Iterator[s
 @pytest.fixture
 def rolled_back(shared_dsn: str) -> Iterator[psycopg.Connection[Any]]:
     """Return a connection whose transaction is rolled back; names mean those of the schema, then PostGIS's."""
-    with psycopg.connect(shared_dsn, options="-c timezone=UTC -c search_path=conflictdb,public") as connection:
+    options = "-c timezone=UTC -c search_path=conflictdb,conflictdb_internal,public"
+    with psycopg.connect(shared_dsn, options=options) as connection:
         yield connection
         connection.rollback()

@@ -29,7 +29,7 @@ def planned(conn: Conn) -> Conn:
     """A scene of which one track passes below an area and one goes through it."""
     store.replace_scene(conn, SCENE, [BOX, FAR], [UNDER, THROUGH], merge=False)
     detect(conn, "s", jobs=1)
-    conn.execute("SET search_path = conflictdb, public")
+    conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
     return conn
 
 
@@ -42,7 +42,7 @@ def test_view_shows_conflicts_and_near_pairs_with_their_closest_approach(planned
     assert columns == [
         *("scene", "a_key", "a_kind", "b_key", "b_kind", "closest_at", "closest_m", "closest_error_m"),
         *("a_point", "b_point", "verdict", "is_current", "run_id", "found_at", "scene_is_current"),
-        *("method", "time_error_s"),
+        *("method", "time_error_s", "a_name", "b_name"),
     ]
     found = rows(
         planned,

@@ -102,7 +102,7 @@ def test_restores_and_replicas_bring_numbers_beyond_the_sequence(rolled_back: Co
 
 def test_marks_that_an_editor_makes_lose_no_conflict(conn: Conn) -> None:
     """Nothing depends on their version, and marks of what is not there are cleared."""
-    conn.execute("SET search_path = conflictdb, public")
+    conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
     conn.commit()
     scene, areas, tracks = throw(LOW_LATITUDE, 31, 8, 8)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
@@ -126,7 +126,7 @@ def test_marks_that_an_editor_makes_lose_no_conflict(conn: Conn) -> None:
 def test_editors_load_and_edit_as_before(conn: Conn) -> None:
     """By functions, by statements with names of columns, and by COPY."""
     conn.execute("SET ROLE conflictdb_editor")
-    conn.execute("SET search_path = conflictdb, public")
+    conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
     scene, areas, tracks = throw(LOW_LATITUDE, 31, 8, 8)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     with conn.cursor() as cursor, cursor.copy("COPY area (scene_id, key, footprint) FROM STDIN") as copy:

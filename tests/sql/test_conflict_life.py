@@ -350,8 +350,8 @@ def test_listeners_are_told_the_keys_in_parts_that_fit(conn: Conn, dsn: str, nam
 
 def test_periods_that_are_rounded_to_the_next_microsecond_are_the_same(conn: Conn) -> None:
     """Ends are rounded outward: where the last bits were computed otherwise, conflicts changed that had not."""
-    alike = """SELECT conflictdb._is_alike(a, b, 1e-7),
-                      conflictdb._has_grown(b, 'conflict', 5e-8, NULL, NULL, a, 'conflict', 5e-8, NULL, NULL, 1)
+    alike = """SELECT conflictdb_internal._is_alike(a, b, 1e-7), conflictdb_internal._has_grown(
+                          b, 'conflict', 5e-8, NULL, NULL, a, 'conflict', 5e-8, NULL, NULL, 1)
                FROM (SELECT tstzmultirange(tstzrange('2026-01-01', '2026-01-02')) AS a,
                             tstzmultirange(tstzrange('2026-01-01', '2026-01-02'::timestamptz + %s::interval)) AS b) p"""
     assert conn.execute(alike, ["1 microsecond"]).fetchone() == (True, False)

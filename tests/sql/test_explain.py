@@ -2,32 +2,21 @@
 
 from typing import Any
 
-import numpy as np
 import psycopg
 import pytest
-import shapely
 from piecework import load
+from scenes import T0_US, box, sail
 from workloads import LOW_LATITUDE, throw
 
 from conflictdb import connect
 from conflictdb.db import detect
 from conflictdb.model.methods import Method
-from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Verdict
 
 Conn = psycopg.Connection[Any]
-T0_US = 1_772_323_200_000_000
 HOUR_US = 3_600_000_000
 HOSTILE = "a'b\"c\n\x1b[31m \\ é"
-
-
-def box(key: str, west: float, south: float, east: float, north: float, **more: Any) -> Area:
-    return Area(key, shapely.MultiPolygon([shapely.box(west, south, east, north)]), **more)
-
-
-def track(key: str, *positions: tuple[float, float], start_us: int = T0_US, **more: Any) -> Track:
-    times = start_us + HOUR_US * np.arange(len(positions))
-    return Track(key, np.array(positions), times, rectangle_outline_m(500, 500, 200, 200), **more)
 
 
 def explained(conn: Conn, a: str, b: str) -> dict[str, Any]:
@@ -46,7 +35,7 @@ PAIRS = {
         box("X", 0.9, -0.1, 0.95, 0.1, start_us=T0_US, end_us=T0_US + HOUR_US // 20),
         "apart", 1, "space, time and height together",
     ),
-    "behind": (track("X", (-0.02, 0.0), (0.98, 0.0)), "apart", 4, "their motion"),
+    "behind": (sail("X", (-0.02, 0.0), (0.98, 0.0)), "apart", 4, "their motion"),
     "near": (box("X", 0.4, 0.0025, 0.6, 0.1), "near", 4, "their motion"),
 }  # fmt: skip
 # Pairs of pieces that are decided in closed form, and of how many.
@@ -57,7 +46,7 @@ CLOSED = {"meets": (2, 2), "behind": (2, 3), "near": (2, 2)}
 def test_pairs_are_decided_by_what_keeps_them_apart(conn: Conn, case: str) -> None:
     other, verdict, stage, by = PAIRS[case]
     areas = [other] if isinstance(other, Area) else []
-    tracks = [track("T", (0.0, 0.0), (1.0, 0.0), ceiling_m=40.0), *([other] if isinstance(other, Track) else [])]
+    tracks = [sail("T", (0.0, 0.0), (1.0, 0.0), ceiling_m=40.0), *([other] if isinstance(other, Track) else [])]
     load(conn, Scene("s", tolerance_m=0.001, nearest_m=100.0 if verdict == "near" else 0.0), areas, tracks)
     before = explained(conn, "T", "X")
     conn.commit()
@@ -133,7 +122,7 @@ def test_every_pair_is_explained_as_it_is_reported(conn: Conn, method: Method) -
 
 
 def test_hostile_keys_and_sessions_change_nothing(conn: Conn) -> None:
-    load(conn, Scene("s"), [box(HOSTILE, 0.4, -0.1, 0.6, 0.1)], [track("T", (0.0, 0.0), (1.0, 0.0))])
+    load(conn, Scene("s"), [box(HOSTILE, 0.4, -0.1, 0.6, 0.1)], [sail("T", (0.0, 0.0), (1.0, 0.0))])
     detect.detect(conn, "s", jobs=1)
     say = "SELECT conflictdb.explain_conflict_text('s', 'T', %s)"
     plain = conn.execute(say, [HOSTILE]).fetchone()
@@ -147,7 +136,7 @@ def test_hostile_keys_and_sessions_change_nothing(conn: Conn) -> None:
 
 
 def test_a_row_of_an_attached_table_that_waits_makes_it_unknown(conn: Conn) -> None:
-    load(conn, Scene("s"), [], [track("T", (0.0, 0.0), (1.0, 0.0)), track("U", (0.0, 5.0), (1.0, 5.0))])
+    load(conn, Scene("s"), [], [sail("T", (0.0, 0.0), (1.0, 0.0)), sail("U", (0.0, 5.0), (1.0, 5.0))])
     detect.detect(conn, "s", jobs=1)
     conn.execute("CREATE TABLE ops (id text PRIMARY KEY, shape geometry)")
     mapped = '{"key": "id", "footprint": "shape"}'

@@ -30,7 +30,7 @@ def test_page_has_all_that_is_public_and_nothing_else(conn: psycopg.Connection) 
              AND c.relname <> 'alembic_version' AND left(c.relname, 1) <> '_'
            UNION ALL
            SELECT p.proname, obj_description(p.oid, 'pg_proc') FROM pg_proc p
-           WHERE p.pronamespace = 'conflictdb'::regnamespace AND left(p.proname, 1) <> '_'"""
+           WHERE p.pronamespace = 'conflictdb'::regnamespace"""
     ).fetchall()
     page = (DOCS / "reference" / "sql.md").read_text()
     assert {name for name, _ in named} == set(re.findall(r"^### (\w+)$", page, re.MULTILINE))
@@ -42,6 +42,20 @@ def test_page_has_all_that_is_public_and_nothing_else(conn: psycopg.Connection) 
              AND coalesce(col_description(a.attrelid, a.attnum), '') = ''"""
     ).fetchall()
     assert bare == []
+
+
+def test_psql_lists_public_routines_only(conn: psycopg.Connection) -> None:
+    """`\\df conflictdb.*` and `\\dv conflictdb.*` show what the page documents; the rest is in conflictdb_internal."""
+    of = """SELECT p.proname FROM pg_proc p WHERE p.pronamespace = to_regnamespace(%(schema)s)
+            UNION ALL SELECT c.relname FROM pg_class c
+            WHERE c.relnamespace = to_regnamespace(%(schema)s) AND c.relkind IN ('r', 'v', 'm', 'S')"""
+    public, private = (
+        {name for (name,) in conn.execute(of.encode(), {"schema": name})}
+        for name in ("conflictdb", "conflictdb_internal")
+    )
+    assert {name for name in public if name.startswith("_")} == set()
+    assert {name for name in private if not name.startswith("_")} == set()
+    assert len(private) > 200
 
 
 def test_columns_that_may_be_null_say_what_null_means(conn: psycopg.Connection) -> None:

@@ -9,6 +9,7 @@ import psycopg
 import pytest
 import shapely
 from piecework import load
+from scenes import T0_US, box
 from workloads import ARCTIC, GROWING_CIRCLES, OCEAN, throw
 
 from conflictdb.db import store
@@ -21,13 +22,8 @@ from conflictdb.stages.pieces.cutting import check_plane
 
 Conn = psycopg.Connection[Any]
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-T0_US = 1_772_323_200_000_000
 HOUR_US = 3_600_000_000
 CIRCLES = Scene("s", Motion.GREAT_CIRCLE)
-
-
-def box(key: str, west: float, south: float, east: float, north: float) -> Area:
-    return Area(key, shapely.MultiPolygon([shapely.box(west, south, east, north)]))
 
 
 def sail(key: str, *positions: tuple[float, float], size_m: float = 5e3, hours: float = 1.0) -> Track:
@@ -51,7 +47,7 @@ def centre(conn: Conn) -> tuple[float | None, float | None]:
 
 
 def pending(conn: Conn) -> int:
-    row = conn.execute("SELECT pending FROM conflictdb._scenes() WHERE settings ->> 'name' = 's'").fetchone()
+    row = conn.execute("SELECT pending FROM conflictdb_internal._scenes() WHERE settings ->> 'name' = 's'").fetchone()
     assert row is not None
     return row[0]
 

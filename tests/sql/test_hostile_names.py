@@ -168,7 +168,7 @@ def test_a_hostile_search_path_changes_nothing(conn: Conn, path: str) -> None:
         conn.execute(sql.SQL("SELECT set_config('search_path', {}, false)").format(sql.Literal(path)))
         conn.execute("SELECT conflictdb.create_scene(%s)", [name])
         for key in ("A", "B"):
-            conn.execute("SELECT conflictdb.put_area(%s, %s, conflictdb._wrapped(%s))", [name, key, BOX])
+            conn.execute("SELECT conflictdb.put_area(%s, %s, conflictdb_internal._wrapped(%s))", [name, key, BOX])
         with pytest.raises(psycopg.Error, match="valid"), conn.transaction():
             conn.execute("SELECT conflictdb.put_area(%s, 'C', %s)", [name, BOX.replace("1 1, 0 1", "0 1, 1 1")])
         conn.execute("SELECT conflictdb.request_detection(%s, true)", [name])

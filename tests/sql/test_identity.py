@@ -52,7 +52,7 @@ def _way_to_write(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatc
 @pytest.fixture
 def numbers(conn: Conn) -> dict[str, int]:
     """Scenes one and two, each with areas A and B that overlap; returns the numbers of the areas."""
-    conn.execute("SET search_path = conflictdb, public")
+    conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
     numbers = {}
     for scene in ("one", "two"):
         conn.execute("SELECT create_scene(%s)", [scene])
@@ -203,7 +203,7 @@ def test_replicas_inherit_nothing_either(conn: Conn, numbers: dict[str, int]) ->
 
 
 def test_tracks_inherit_nothing(conn: Conn) -> None:
-    conn.execute("SET search_path = conflictdb, public")
+    conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
     scene, areas, tracks = throw(LOW_LATITUDE, 31, 8, 8)
     load(conn, scene, areas, tracks)
     conn.commit()

@@ -94,7 +94,7 @@ def test_another_height_of_the_whole_alone_is_refused(scene: Conn) -> None:
 
 
 def test_conflicts_follow_the_heights_of_legs(dsn: str, tmp_path: Any) -> None:
-    with psycopg.connect(dsn, autocommit=True, options="-c search_path=conflictdb,public") as conn:
+    with psycopg.connect(dsn, autocommit=True, options="-c search_path=conflictdb,conflictdb_internal,public") as conn:
         conn.execute("SELECT create_scene('s')")
         put(conn, "p_floors_m => '{0, 200}', p_ceilings_m => '{100, 300}'")
         conn.execute(f"SELECT put_area('s', 'low', {WHOLE}, NULL, 50, 150)".encode())

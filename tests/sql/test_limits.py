@@ -78,12 +78,12 @@ def test_a_limit_that_is_no_number_is_named(scene: Conn) -> None:
 
 
 def test_no_setting_lifts_the_limit_of_python(conn: Conn) -> None:
-    source = "SELECT prosrc FROM pg_proc WHERE oid = 'conflictdb._check_size'::regproc"
+    source = "SELECT prosrc FROM pg_proc WHERE oid = 'conflictdb_internal._check_size'::regproc"
     row = conn.execute(source.encode()).fetchone()
     assert row is not None
     assert f"c_most CONSTANT integer := {MAX_POINTS};" in row[0]
     conn.execute("SET LOCAL conflictdb.max_vertices = '999999999'")
-    check = "SELECT conflictdb._check_size('area A', 'footprint', %s, 'max_vertices')"
+    check = "SELECT conflictdb_internal._check_size('area A', 'footprint', %s, 'max_vertices')"
     conn.execute(check.encode(), [MAX_POINTS])
     with pytest.raises(psycopg.Error, match=f"at most {MAX_POINTS} vertices"):
         conn.execute(check.encode(), [MAX_POINTS + 1])

@@ -13,7 +13,7 @@ TRACK = "SELECT put_track('s', %s, 'SRID=4326;LINESTRING M(3 57 1000,4 57 2000)'
 
 @pytest.fixture
 def scene(conn: Conn) -> Conn:
-    conn.execute("SET search_path = conflictdb, public")
+    conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
     conn.execute("SELECT create_scene('s')")
     conn.execute(AREA, ["A", None, None])
     conn.execute(TRACK, ["T", None])

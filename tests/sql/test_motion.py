@@ -172,7 +172,7 @@ def test_a_haven_grows_from_the_first_waypoint_on(conn: Conn) -> None:
     ],
 )
 def test_grown_outlines_are_those_of_the_motion_model(conn: Conn, outline: str) -> None:
-    conn.execute("SELECT set_config('search_path', 'conflictdb, public', false)")
+    conn.execute("SELECT set_config('search_path', 'conflictdb, conflictdb_internal, public', false)")
     row = conn.execute("SELECT _grown_outline(%s, 2.5)::text", [outline]).fetchone()
     assert row is not None
     found = shapely.get_coordinates(shapely.from_wkb(row[0]))[:-1]

@@ -8,6 +8,7 @@ import psycopg
 import pytest
 import shapely
 from psycopg.rows import dict_row
+from scene_strategies import assert_same
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
@@ -72,21 +73,6 @@ TRACKS = [
     ),
     track("T old", [-62_135_596_800_000_000, 253_402_300_799_000_000]),
 ]
-
-
-def assert_same(found: Track, wanted: Track) -> None:
-    for name in ("key", "name", "floor_m", "ceiling_m", "properties"):
-        assert getattr(found, name) == getattr(wanted, name)
-    assert found.times_us.tolist() == wanted.times_us.tolist()
-    assert found.positions_deg.tobytes() == wanted.positions_deg.tobytes()
-    assert found.outline_m.tobytes() == wanted.outline_m.tobytes()
-    assert found.grow_mps == wanted.grow_mps
-    for name in ("floors_m", "ceilings_m"):
-        assert np.array_equal(getattr(found, name), getattr(wanted, name))
-    assert (found.outlines_m is None) == (wanted.outlines_m is None)
-    if found.outlines_m is not None and wanted.outlines_m is not None:
-        assert found.outlines_m.shape == wanted.outlines_m.shape
-        assert found.outlines_m.tobytes() == wanted.outlines_m.tobytes()
 
 
 def versions(conn: Conn) -> list[tuple[str, int]]:

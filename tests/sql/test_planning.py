@@ -17,7 +17,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.db.sources import SceneSource
-from conflictdb.model.plans import MINUS_INFINITY_US, Area, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
 
@@ -41,25 +41,9 @@ def neighbours(conn: Conn) -> Conflicts:
         "SELECT area_id, version FROM conflictdb.area ORDER BY area_id DESC LIMIT %s", [COUNT]
     ).fetchall()
     ids, versions = np.array(rows, dtype=np.int64).T
-    n = COUNT - 1
-    return Conflicts(
-        a_kind=np.zeros(n, np.int8),
-        a_id=ids[:-1],
-        a_version=versions[:-1],
-        b_kind=np.zeros(n, np.int8),
-        b_id=ids[1:],
-        b_version=versions[1:],
-        period_us=np.tile(np.array([T0_US, T0_US + 1]), (n, 1)),
-        period_offset=np.arange(n + 1),
-        verdict=np.zeros(n, np.int8),
-        first_contact_deg=np.full((n, 2), np.nan),
-        time_error_s=np.zeros(n),
-        closest_us=np.full(n, MINUS_INFINITY_US),
-        closest_m=np.full(n, np.nan),
-        closest_error_m=np.full(n, np.nan),
-        closest_a_deg=np.full((n, 2), np.nan),
-        closest_b_deg=np.full((n, 2), np.nan),
-    )
+    zeros = np.zeros(COUNT - 1, np.int8)  # areas, in conflict
+    a, b = (zeros, ids[:-1], versions[:-1]), (zeros, ids[1:], versions[1:])
+    return Conflicts.of_members(a, b, (np.tile([T0_US, T0_US + 1], (len(zeros), 1)), np.arange(COUNT)), zeros)
 
 
 def worst_waste(plan: dict[str, Any]) -> float:
@@ -310,7 +294,7 @@ def with_many(conn: Conn) -> Conn:
 def test_questions_about_one_object_or_place_read_few_of_many_conflicts(
     with_many: Conn, query: str, found: int
 ) -> None:
-    with_many.execute("SET search_path = conflictdb, public")
+    with_many.execute("SET search_path = conflictdb, conflictdb_internal, public")
     with_many.execute("SET client_min_messages = warning")
     row = with_many.execute(f"EXPLAIN (ANALYZE, TIMING off, FORMAT json) SELECT * FROM {query}".encode()).fetchone()
     assert row is not None
@@ -321,7 +305,8 @@ def test_questions_about_one_object_or_place_read_few_of_many_conflicts(
 
 def test_what_was_planned_while_there_were_no_conflicts_reads_few_of_many(conn: Conn) -> None:
     """A worker's session keeps its plans while conflicts come, and nobody has analyzed them yet."""
-    ask = "SELECT octet_length(a_ids) FROM conflictdb._known_conflicts_of(1, array_fill(1::smallint, '{20}'), %s)"
+    ask = """SELECT octet_length(a_ids)
+             FROM conflictdb_internal._known_conflicts_of(1, array_fill(1::smallint, '{20}'), %s)"""
     read = """SELECT sum(pg_stat_get_xact_blocks_fetched(indexrelid)) FROM pg_index
               WHERE indrelid = 'conflictdb.conflict'::regclass"""
     objects = list(range(1, 21))
@@ -341,6 +326,7 @@ def test_what_was_planned_while_there_were_no_conflicts_reads_few_of_many(conn: 
 def test_routines_that_rule_out_plans_compile_none(conn: Conn) -> None:
     """What is ruled out and taken all the same counts as 1e10, as worth a second of compiling (JIT) for two rows."""
     query = r"""SELECT p.oid::regprocedure::text FROM pg_proc p
-                WHERE p.pronamespace = 'conflictdb'::regnamespace AND 'jit=off' <> ALL (coalesce(p.proconfig, '{}'))
+                WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
+                      AND 'jit=off' <> ALL (coalesce(p.proconfig, '{}'))
                   AND (array_to_string(p.proconfig, ' ') ~ '\menable_\w+=' OR p.prosrc ~ '\menable_\w+')"""
     assert conn.execute(query).fetchall() == []

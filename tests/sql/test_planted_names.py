@@ -77,7 +77,7 @@ STATEMENTS = [
     "SELECT conflictdb.unshare_scene('s', 'conflictdb_worker')",
     "SELECT * FROM conflictdb.scenes",
     "SELECT * FROM conflictdb.queue",
-    "SELECT * FROM conflictdb._scene_holders(1)",
+    "SELECT * FROM conflictdb_internal._scene_holders(1)",
     "CREATE SCHEMA AUTHORIZATION conflictdb_editor",
     OPS,
     ATTACH,
@@ -97,7 +97,8 @@ def called_names(conn: Conn) -> list[str]:
         re.sub("--.*", "", source)
         for (source,) in conn.execute(
             """SELECT p.prosrc FROM pg_proc p JOIN pg_language l ON l.oid = p.prolang
-               WHERE p.pronamespace = 'conflictdb'::regnamespace AND l.lanname = 'plpgsql'"""
+               WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
+                     AND l.lanname = 'plpgsql'"""
         )
     )
     words = set(re.findall(r"(?<![\w.])(\w+)\(", code)) | set(re.findall(r"[-+*/<>=~!@#%^&|?]+", code))
@@ -191,7 +192,7 @@ def test_a_view_does_not_pass_for_a_transition_table(conn: Conn, event: str, dec
     tables = f"REFERENCING {declared} TABLE AS {declared}_rows" if declared else ""
     conn.execute(
         f"CREATE TRIGGER mine AFTER {event} ON conflictdb_editor.mine {tables} FOR EACH STATEMENT "
-        f"EXECUTE FUNCTION conflictdb._note_{number}()".encode()
+        f"EXECUTE FUNCTION conflictdb_internal._note_{number}()".encode()
     )
     changes = {"INSERT": "INSERT INTO {} VALUES (2)", "UPDATE": "UPDATE {} SET id = 3", "DELETE": "DELETE FROM {}"}
     conn.execute(changes[event].format("conflictdb_editor.mine").encode())
@@ -208,5 +209,5 @@ def test_a_schema_of_attached_tables_that_another_role_made_is_refused(conn: Con
     rule = "must be role .*, the owner of schema conflictdb; got role conflictdb_reader"
     with pytest.raises(psycopg.Error, match=rule), conn.transaction():
         conn.execute(ATTACH.encode())
-    conn.execute("SELECT conflictdb._close_attached_schema()")
+    conn.execute("SELECT conflictdb_internal._close_attached_schema()")
     assert conn.execute("SELECT to_regnamespace('conflictdb_attached')::text").fetchone() == ("conflictdb_attached",)

@@ -39,7 +39,8 @@ SELECT conflictdb.remove_object('hers', 'N');
 UPDATE alices.ops SET id = 3 WHERE id = 1;
 """
 EVERYTHING = """
-SELECT c.relname FROM pg_class c WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'v')
+SELECT c.relname FROM pg_class c
+WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind IN ('r', 'v')
     AND c.relname NOT IN ('alembic_version', '_my_role') ORDER BY 1
 """
 # Each function that takes the name of a scene, as somebody else might call it.
@@ -190,8 +191,12 @@ def one(conn: Conn, query: str) -> tuple[Any, ...]:
     return row
 
 
+def qualified(relation: str) -> str:
+    return f"conflictdb_internal.{relation}" if relation.startswith("_") else f"conflictdb.{relation}"
+
+
 def count(conn: Conn, relation: str) -> int:
-    return int(one(conn, f"SELECT count(*) FROM conflictdb.{relation}")[0])
+    return int(one(conn, f"SELECT count(*) FROM {qualified(relation)}")[0])
 
 
 def refused(conn: Conn, statement: str, *states: str) -> str:
@@ -343,7 +348,8 @@ def test_every_table_of_scenes_is_protected(protected: Conn) -> None:
     bare = """SELECT c.relname FROM pg_class c WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind = 'r'
                 AND NOT c.relrowsecurity ORDER BY 1"""
     assert [name for (name,) in protected.execute(bare.encode())] == ["alembic_version"]
-    views = """SELECT c.relname FROM pg_class c WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind = 'v'
+    views = """SELECT c.relname FROM pg_class c
+               WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind = 'v'
                  AND NOT coalesce('security_invoker=true' = ANY (c.reloptions), false) ORDER BY 1"""
     assert [name for (name,) in protected.execute(views.encode())] == ["_accessible", "_my_role"]
 
@@ -363,7 +369,7 @@ def test_a_function_that_leaks_is_not_asked_about_hidden_rows(protected: Conn, s
             ("area", "key"),
             ("_accessible", "scene_id::text"),
         ):
-            protected.execute(f"SELECT count(*) FROM conflictdb.{relation} WHERE bobs.leak({column})".encode())
+            protected.execute(f"SELECT count(*) FROM {qualified(relation)} WHERE bobs.leak({column})".encode())
     (his,) = one(protected, "SELECT scene_id::text FROM conflictdb.scene WHERE name = 'his'")
     assert {what for (what,) in protected.execute("SELECT what FROM bobs.caught")} <= {his}
 

@@ -12,11 +12,12 @@ import pytest
 import shapely
 from databases import TestServer
 from piecework import load
+from scenes import box, sail
 
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.model.methods import Method
-from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import EarthModel, Scene
 from conflictdb.stages import conflict_regions
 
 Conn = psycopg.Connection[Any]
@@ -24,15 +25,6 @@ Conn = psycopg.Connection[Any]
 T0 = datetime(2026, 3, 1, tzinfo=UTC)
 T0_US = int(T0.timestamp()) * 1_000_000
 HOUR_US = 3_600_000_000
-
-
-def box(key: str, west: float, south: float, east: float, north: float, **more: Any) -> Area:
-    return Area(key, shapely.MultiPolygon([shapely.box(west, south, east, north)]), **more)
-
-
-def sail(key: str, *positions: tuple[float, float]) -> Track:
-    times = T0_US + HOUR_US * np.arange(len(positions))
-    return Track(key, np.array(positions), times, rectangle_outline_m(500, 500, 200, 200))
 
 
 # EAST and WEST overlap in [4.5, 5]; the ferry crosses both along 57.5 in one hour and comes back in the next.
@@ -63,7 +55,8 @@ def detected_dsn(_server: TestServer, template: str, worker_id: str, request: py
 
 @pytest.fixture
 def conn_with_conflicts(detected_dsn: str) -> Iterator[Conn]:
-    with psycopg.connect(detected_dsn, options="-c timezone=UTC -c search_path=conflictdb,public") as connection:
+    options = "-c timezone=UTC -c search_path=conflictdb,conflictdb_internal,public"
+    with psycopg.connect(detected_dsn, options=options) as connection:
         yield connection
 
 
@@ -93,7 +86,7 @@ def test_view_holds_every_pair(conn_with_conflicts: Conn) -> None:
         *("closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point"),
         *("scene_is_current", "conflict_id", "opened_at", "changed_at"),
         *("acknowledged_by", "acknowledged_at", "acknowledged_for", "acknowledged_until"),
-        *("first_contact_lon_deg", "first_contact_lat_deg"),
+        *("first_contact_lon_deg", "first_contact_lat_deg", "a_name", "b_name"),
     ]
 
 
@@ -164,8 +157,8 @@ def test_part_of_a_region_whose_edges_cross_when_rounded_is_mended(conn: Conn) -
     )
     row = conn.execute(
         "SELECT ST_IsValidReason(d.before), ST_IsValid(d.now), ST_Area(d.now) / ST_Area(d.before) "
-        "FROM (SELECT conflictdb._part_from_plane(%(part)s, 'wgs84') AS now, "
-        "             conflictdb._from_plane(%(part)s, 'wgs84') AS before) d",
+        "FROM (SELECT conflictdb_internal._part_from_plane(%(part)s, 'wgs84') AS now, "
+        "             conflictdb_internal._from_plane(%(part)s, 'wgs84') AS before) d",
         {"part": part},
     ).fetchone()
     assert row is not None
@@ -186,14 +179,14 @@ def test_a_region_on_which_geometry_fails_is_found_out_by_the_database(
     conn: Conn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The other pairs keep theirs, and the detection its end."""
-    put = conflict_regions._put
+    unions = conflict_regions._unions
 
-    def failing(found: Any, parts: Any, owner: Any) -> None:
+    def failing(parts: Any, owner: Any, stand: Any) -> Any:
         if any(part.area > 1e10 for part in parts):  # WEST and EAST, plane metres
             raise shapely.errors.GEOSException("planted")
-        put(found, parts, owner)
+        return unions(parts, owner, stand)
 
-    monkeypatch.setattr(conflict_regions, "_put", failing)
+    monkeypatch.setattr(conflict_regions, "_unions", failing)
     load(conn, Scene("s"), AREAS, TRACKS)
     assert detect(conn, "s", jobs=1).conflicts == 8
     assert conn.execute("SELECT count(*) FROM conflictdb.conflict WHERE region IS NULL").fetchone() == (0,)

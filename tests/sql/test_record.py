@@ -4,8 +4,9 @@ from typing import Any
 
 import psycopg
 import pytest
+from commands import STRAIT
 
-from conflictdb import connect
+from conflictdb import connect, read, solve
 from conflictdb.model import record
 from conflictdb.model.record import Column, Type
 
@@ -65,3 +66,28 @@ def test_the_first_contact_is_a_point_and_two_numbers(dsn: str) -> None:
             told = [one.first_contact_deg or (None, None) for one in found]
             assert [given[one.a_key, one.b_key] for one in found] == told
             assert any(lon is not None for lon, _ in told) == (method == "exact")
+
+
+def test_names_are_those_of_the_objects_now(dsn: str) -> None:
+    """In both views, in Python and in memory; an object without a name has null."""
+    with connect(dsn) as db:
+        db.load_demo()
+        scene = db.scene("strait")
+        scene.detect(nearest_m=5000)
+        (one,) = [one for one in scene.conflicts() if (one.a_key, one.b_key) == ("FIRING", "FERRY")]
+        assert one.labels == ("FIRING (Firing practice)", "FERRY (Ferry)")
+        assert {near.labels for near in scene.approaches()} >= {one.labels}
+        assert one.approach is not None
+        assert one.approach.labels == one.labels
+        own_file = read(STRAIT)
+        found = solve(own_file.tracks, own_file.areas)
+        (solved,) = [own for own in found if (own.a_key, own.b_key) == ("FIRING", "FERRY")]
+        assert solved.labels == one.labels
+        db.connection.execute("UPDATE conflictdb.area SET name = 'Range' WHERE key = 'FIRING'")
+        db.connection.execute("UPDATE conflictdb.track SET name = NULL WHERE key = 'FERRY'")
+        for view in ("conflicts", "approaches"):
+            query = f"SELECT a_name, b_name FROM conflictdb.{view} WHERE a_key = 'FIRING' AND b_key = 'FERRY'"
+            assert db.connection.execute(query.encode()).fetchall() == [("Range", None)]
+        db.connection.commit()
+        (one,) = [one for one in scene.conflicts() if (one.a_key, one.b_key) == ("FIRING", "FERRY")]
+        assert one.labels == ("FIRING (Range)", "FERRY")

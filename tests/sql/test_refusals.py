@@ -404,12 +404,12 @@ def test_track_may_run_along_the_limit(scene: Conn) -> None:
 
 def test_duplicate_keys_of_two_writers_at_once_cannot_both_be_put(conn: Conn, dsn: str) -> None:
     """One puts an area, the other a track with the same key: whoever commits second is refused."""
-    conn.execute("SET search_path = conflictdb, public")
+    conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
     conn.execute("SELECT create_scene('s')")
     conn.commit()
     conn.execute(f"SELECT put_area('s', 'K', {SQUARE})")
     with psycopg.connect(dsn) as other:
-        other.execute("SET search_path = conflictdb, public")
+        other.execute("SET search_path = conflictdb, conflictdb_internal, public")
         other.execute("SET lock_timeout = '200ms'")
         other.commit()
         with pytest.raises(psycopg.errors.LockNotAvailable):
@@ -419,3 +419,21 @@ def test_duplicate_keys_of_two_writers_at_once_cannot_both_be_put(conn: Conn, ds
         with pytest.raises(psycopg.Error) as refused:
             other.execute(f"SELECT put_track('s', 'K', {PATH}, {OUTLINE})")
         assert refused.value.sqlstate == "ZC007"
+
+
+@pytest.mark.parametrize(
+    ("statement", "most"),
+    [
+        ("SELECT put_area('nowhere', 'A', {square})", 4),
+        ("SELECT * FROM conflicts_of('nowhere', 'A')", 3),
+        ("SELECT acknowledge('s', 'A', 'B', 'seen')", 3),
+        ("SELECT attach('s', 'area', 'pg_class', '{{}}')", 5),
+    ],
+)
+def test_the_context_of_a_refusal_is_short_and_without_its_source(scene: Conn, statement: str, most: int) -> None:
+    """psql shows it: PL/pgSQL adds a line for each routine; the statement that raises adds none."""
+    with pytest.raises(psycopg.Error) as refused:
+        scene.execute(statement.format(square=SQUARE).encode())
+    lines = (refused.value.diag.context or "").splitlines()
+    assert 0 < len(lines) <= most
+    assert "_raise('" not in "".join(lines)

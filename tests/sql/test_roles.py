@@ -185,14 +185,14 @@ def test_nothing_is_granted_to_public(conn: Conn) -> None:
     public = conn.execute(
         """SELECT 'routine', p.oid::regprocedure::text
            FROM pg_proc p, LATERAL aclexplode(coalesce(p.proacl, acldefault('f', p.proowner))) x
-           WHERE p.pronamespace = 'conflictdb'::regnamespace AND x.grantee = 0
+           WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND x.grantee = 0
            UNION ALL
            SELECT 'relation', c.oid::regclass::text
            FROM pg_class c, LATERAL aclexplode(c.relacl) x
-           WHERE c.relnamespace = 'conflictdb'::regnamespace AND x.grantee = 0
+           WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND x.grantee = 0
            UNION ALL
            SELECT 'schema', n.nspname FROM pg_namespace n, LATERAL aclexplode(n.nspacl) x
-           WHERE n.nspname = 'conflictdb' AND x.grantee = 0"""
+           WHERE n.nspname IN ('conflictdb', 'conflictdb_internal') AND x.grantee = 0"""
     ).fetchall()
     assert public == []
 
@@ -201,7 +201,8 @@ def test_what_runs_as_its_owner_pins_its_search_path(conn: Conn) -> None:
     """A SECURITY DEFINER routine must not look names up where its caller can put something."""
     routines = conn.execute(
         """SELECT proname, proconfig FROM pg_proc
-           WHERE pronamespace = 'conflictdb'::regnamespace AND prosecdef ORDER BY proname"""
+           WHERE pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
+                 AND prosecdef ORDER BY proname"""
     ).fetchall()
     assert [name for name, _ in routines] == [
         "_after_attachment_removal", "_after_object_change", "_after_replicated_object", "_after_replicated_removal",
@@ -210,4 +211,4 @@ def test_what_runs_as_its_owner_pins_its_search_path(conn: Conn) -> None:
         "_scene_holders",
     ]  # fmt: skip
     for _, settings in routines:
-        assert any(s.startswith("search_path=conflictdb, ") and s.endswith("pg_temp") for s in settings)
+        assert "search_path=conflictdb, conflictdb_internal, pg_temp" in settings

@@ -82,7 +82,7 @@ def test_a_detection_that_failed_is_told_and_its_changes_still_wait(conn: Conn) 
     record = store.RunRecord("exact", {}, conn.execute("SELECT now()").fetchall()[0][0])
     store.record_failure(conn, number, record, "ValueError: no")
     assert state(conn) == (3, 1, "ValueError: no", False)
-    remark = "SELECT remark FROM conflictdb._scene_state('s')"
+    remark = "SELECT remark FROM conflictdb_internal._scene_state('s')"
     assert conn.execute(remark).fetchall() == [
         ("1 object waits for detection; the last detection failed: ValueError: no",)
     ]

@@ -111,7 +111,7 @@ def test_who_may_not_grant_the_use_of_postgis_is_told_what_to_ask_for(
 def test_an_installation_without_the_right_to_grant_succeeds_and_says_so(elsewhere: str) -> None:
     user = sql.Identifier(f"installer_{os.getpid()}")
     with psycopg.connect(elsewhere) as conn:
-        conn.execute("DROP SCHEMA conflictdb CASCADE")
+        conn.execute("DROP SCHEMA conflictdb, conflictdb_internal CASCADE")
         conn.execute('REVOKE USAGE ON SCHEMA "My GIS" FROM conflictdb_reader')
         conn.execute(sql.SQL("CREATE ROLE {}").format(user))
         conn.execute(sql.SQL('GRANT USAGE ON SCHEMA "My GIS" TO {}').format(user))

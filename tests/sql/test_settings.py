@@ -43,7 +43,7 @@ def test_columns_have_the_types_and_sentences_of_the_table(conn: Conn, relation:
 def test_a_scene_has_the_settings_of_the_table_and_nothing_else(conn: Conn) -> None:
     """What is not a setting is listed once, in _settings_of."""
     conn.execute("SELECT conflictdb.create_scene('s')")
-    row = conn.execute("SELECT conflictdb._settings_of(s) FROM conflictdb.scene s").fetchone()
+    row = conn.execute("SELECT conflictdb_internal._settings_of(s) FROM conflictdb.scene s").fetchone()
     assert row is not None
     assert set(row[0]) == {"name", *COLUMNS}
     assert set(catalog(conn, "scene")) == {"name", *COLUMNS, "scene_id", "history_kept", "owner"}

@@ -60,10 +60,10 @@ def test_kinds_have_one_code(conn: Conn) -> None:
 def test_the_earth_has_one_size(conn: Conn) -> None:
     """And stands once in SQL; what follows from the flattening is what Python makes of it."""
     found = conn.execute(
-        """SELECT conflictdb._radius_m('sphere'), conflictdb._radius_m('wgs84'),
-                  conflictdb._rectifying_m('sphere'), conflictdb._rectifying_m('wgs84'),
-                  conflictdb._latitude(conflictdb._rectifying(0.7, 'wgs84'), 'wgs84'),
-                  conflictdb._rectifying(0.7, 'wgs84'), conflictdb._globe()"""
+        """SELECT conflictdb_internal._radius_m('sphere'), conflictdb_internal._radius_m('wgs84'),
+                  conflictdb_internal._rectifying_m('sphere'), conflictdb_internal._rectifying_m('wgs84'),
+                  conflictdb_internal._latitude(conflictdb_internal._rectifying(0.7, 'wgs84'), 'wgs84'),
+                  conflictdb_internal._rectifying(0.7, 'wgs84'), conflictdb_internal._globe()"""
     ).fetchone()
     assert found is not None
     wgs84 = earth_of(EarthModel.WGS84)

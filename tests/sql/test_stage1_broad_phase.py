@@ -10,7 +10,6 @@ from workloads import HARBOUR, LOW_LATITUDE, SEAM, throw
 
 from conflictdb.db import store
 from conflictdb.db.sources import joined
-from conflictdb.db.store import stored_pairs as pairs
 from conflictdb.errors import StoreError
 from conflictdb.model.plans import Area, EarthModel
 
@@ -39,15 +38,6 @@ def assert_exactly(found: list[tuple[int, int]], pieces: list[Stored], changed: 
     assert must
 
 
-@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM], ids=lambda w: w.name)
-@pytest.mark.parametrize("earth", list(EarthModel))
-def test_every_pair_of_meeting_boxes_is_found_once(conn: Conn, workload: Any, earth: EarthModel) -> None:
-    scene_id = load(conn, *throw(workload, 3, 25, 25, earth))
-    refresh(conn, scene_id)
-    found = candidates(conn, scene_id)
-    assert_exactly(found, stored_pieces(conn, scene_id))
-
-
 def joined_pairs(conn: Conn, scene_id: int, at_once: int = 1_000_000) -> list[list[tuple[int, int]]]:
     """Stage 1 joined by the client, in a transaction that stays open; its pairs of pieces, chunk by chunk."""
     store.begin_snapshot(conn)
@@ -60,8 +50,11 @@ def joined_pairs(conn: Conn, scene_id: int, at_once: int = 1_000_000) -> list[li
 def test_a_whole_scene_joined_in_memory_has_the_pairs_of_the_database(
     conn: Conn, workload: Any, is_layered: bool
 ) -> None:
-    """But for boxes that meet only because the index rounds them outward; all of two objects in one chunk."""
-    scene, areas, tracks = throw(workload, 3, 25, 25)
+    """Every pair whose boxes meet, once, and none with another scene or at other heights.
+
+    But for boxes that meet only because the index rounds them outward; all of two objects in one chunk.
+    """
+    scene, areas, tracks = throw(workload, 3, 25, 25, EarthModel.SPHERE if is_layered else EarthModel.WGS84)
     if is_layered:
         areas = [replace(a, floor_m=100.0 * (i % 3), ceiling_m=100.0 * (i % 3 + 1)) for i, a in enumerate(areas)]
     other = load(conn, *throw(replace(LOW_LATITUDE, name="other"), 16, 10, 10))
@@ -70,10 +63,11 @@ def test_a_whole_scene_joined_in_memory_has_the_pairs_of_the_database(
     refresh(conn, scene_id)
     pieces = stored_pieces(conn, scene_id)
     conn.rollback()
-    known = set(candidates(conn, scene_id))
+    known = candidates(conn, scene_id)
+    assert_exactly(known, pieces)
     conn.rollback()
     (whole,) = joined_pairs(conn, scene_id)
-    assert set(whole) <= known
+    assert set(whole) <= set(known)
     assert_exactly(whole, pieces)
     conn.rollback()
     key = {p.piece_id: p.key for p in pieces}
@@ -84,7 +78,7 @@ def test_a_whole_scene_joined_in_memory_has_the_pairs_of_the_database(
     assert sum(map(len, of_objects)) == len(set[frozenset[str]]().union(*of_objects))
 
 
-def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn) -> None:
     scene_id = load(conn, *throw(LOW_LATITUDE, 15, 5, 5))
     refresh(conn, scene_id)
     count = len(stored_pieces(conn, scene_id))
@@ -93,27 +87,14 @@ def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn, monke
     assert len(store.boxes(conn, scene_id, count)[0]) == count
     assert len(store.boxes(conn, scene_id, count - 1)[0]) == 0
     # Whatever memory there is: more than a gigabyte is no answer of a server.
-    monkeypatch.setattr(pairs, "_MOST_ROWS", count - 1)
-    assert len(store.boxes(conn, scene_id, count)[0]) == 0
-    monkeypatch.setattr(pairs, "_MOST_ROWS", count)
+    assert len(store.boxes(conn, scene_id, count, fit=count - 1)[0]) == 0
     assert len(list(store.candidates(conn, scene_id, 10**9))) == 1
-    monkeypatch.setattr(pairs, "_MOST_PAIRS", 2)
-    assert len(list(store.candidates(conn, scene_id, 10**9))) > 1
+    assert len(list(store.candidates(conn, scene_id, 10**9, fit=2))) > 1
     conn.execute("DELETE FROM conflictdb.change WHERE object_kind = 0")
     assert len(store.boxes(conn, scene_id, count)[0]) == 0
     conn.rollback()
     with pytest.raises(StoreError, match="REPEATABLE READ"):
         store.boxes(conn, scene_id, count)
-
-
-def test_heights_and_other_scenes_keep_pairs_apart(conn: Conn) -> None:
-    scene, areas, tracks = throw(LOW_LATITUDE, 4, 20, 20)
-    layered = [replace(a, floor_m=100.0 * (i % 3), ceiling_m=100.0 * (i % 3 + 1)) for i, a in enumerate(areas)]
-    scene_id = load(conn, scene, layered, tracks)
-    other = load(conn, replace(scene, name="other", earth=EarthModel.SPHERE), areas, tracks)
-    refresh(conn, other)
-    refresh(conn, scene_id)
-    assert_exactly(candidates(conn, scene_id), stored_pieces(conn, scene_id))
 
 
 def test_only_pairs_with_a_changed_member_are_looked_at_again(conn: Conn) -> None:

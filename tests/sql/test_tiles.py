@@ -287,7 +287,7 @@ def test_what_is_drawn_in_one_pass_is_drawn_as_the_rest(conn: Conn, scene: Scene
         for n, ((x, y), d) in enumerate(zip(places, sizes, strict=True))
     ]
     load(conn, scene, areas, tracks)
-    query = "SELECT conflictdb._plane(motion, earth, centre_lon, centre_lat) FROM conflictdb.scene"
+    query = "SELECT conflictdb_internal._plane(motion, earth, centre_lon, centre_lat) FROM conflictdb.scene"
     row = conn.execute(query.encode()).fetchone()
     assert row is not None
     for kind, table, drawn in (("areas", "area", "_drawn(footprint"), ("tracks", "track", "_drawn_path(path")):
@@ -295,7 +295,7 @@ def test_what_is_drawn_in_one_pass_is_drawn_as_the_rest(conn: Conn, scene: Scene
             found = {str(fields["key"]): shape for fields, shape in tile(conn, kind, *place)[kind]}
             query = (
                 f"SELECT key, ST_AsBinary(ST_Affine(s, 1, 0, 0, -1, 0, 4096)) FROM conflictdb.{table}, "
-                f"conflictdb._tile_shape(conflictdb.{drawn}, %s), %s, %s, %s) s WHERE s IS NOT NULL"
+                f"conflictdb_internal._tile_shape(conflictdb_internal.{drawn}, %s), %s, %s, %s) s WHERE s IS NOT NULL"
             )
             known = {key: shapely.from_wkb(shape) for key, shape in conn.execute(query.encode(), [row[0], *place])}
             # As it is read, a tile ends at its edge; what is next to that is in it or not by how it is rounded.
@@ -380,13 +380,14 @@ def test_views_draw_edges_as_they_run_in_the_plane(
     # The reference: each step by itself, in the plane of the scene.
     conn.execute(
         """CREATE TEMP TABLE reference AS
-           SELECT 'map_areas' AS layer, a.key, conflictdb._wrapped(conflictdb._drawn(a.footprint, p)) AS shape
+           SELECT 'map_areas' AS layer, a.key,
+                  conflictdb_internal._wrapped(conflictdb_internal._drawn(a.footprint, p)) AS shape
            FROM conflictdb.area a JOIN conflictdb.scene s USING (scene_id),
-                conflictdb._plane(s.motion, s.earth, s.centre_lon, s.centre_lat) p
+                conflictdb_internal._plane(s.motion, s.earth, s.centre_lon, s.centre_lat) p
            UNION ALL
-           SELECT 'map_tracks', t.key, conflictdb._wrapped(conflictdb._drawn_path(t.path, p))
+           SELECT 'map_tracks', t.key, conflictdb_internal._wrapped(conflictdb_internal._drawn_path(t.path, p))
            FROM conflictdb.track t JOIN conflictdb.scene s USING (scene_id),
-                conflictdb._plane(s.motion, s.earth, s.centre_lon, s.centre_lat) p"""
+                conflictdb_internal._plane(s.motion, s.earth, s.centre_lon, s.centre_lat) p"""
     )
     for layer, column in (("map_areas", "footprint"), ("map_tracks", "path")):
         shown = f"conflictdb.{layer} v JOIN reference r ON r.layer = '{layer}' AND r.key = v.key"

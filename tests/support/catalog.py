@@ -13,6 +13,23 @@ PRIVILEGES_HEADER = """\
 What each role may do with each relation and function: conflictdb_reader, _editor, _worker; PUBLIC may nothing.
 Generated: CONFLICTDB_UPDATE_SNAPSHOT=1 ./run test tests/migration writes it anew; a change of it is reviewed.
 """
+# Makes a database what earlier programs made: private routines and views in the schema of the public ones.
+TOGETHER = """
+DO $$
+DECLARE
+    v_one record;
+BEGIN
+    FOR v_one IN SELECT 'ROUTINE' AS kind, oid::regprocedure::text AS name FROM pg_proc
+                 WHERE pronamespace = 'conflictdb_internal'::regnamespace
+                 UNION ALL
+                 SELECT 'VIEW', oid::regclass::text FROM pg_class
+                 WHERE relnamespace = 'conflictdb_internal'::regnamespace AND relkind = 'v' LOOP
+        EXECUTE format('ALTER %s %s SET SCHEMA conflictdb', v_one.kind, v_one.name);
+    END LOOP;
+END
+$$;
+COMMENT ON TABLE conflictdb.alembic_version IS 'Routines: SHA-256 0';
+"""
 RELATIONS = """
 SELECT CASE c.relkind WHEN 'r' THEN 'TABLE' WHEN 'v' THEN 'VIEW' ELSE 'SEQUENCE' END || ' ' || c.relname
        || coalesce((
@@ -27,7 +44,7 @@ SELECT CASE c.relkind WHEN 'r' THEN 'TABLE' WHEN 'v' THEN 'VIEW' ELSE 'SEQUENCE'
             LEFT JOIN pg_attrdef d ON d.adrelid = a.attrelid AND d.adnum = a.attnum
             WHERE a.attrelid = c.oid AND a.attnum > 0 AND NOT a.attisdropped AND c.relkind <> 'S'), '')
 FROM pg_class c
-WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'v', 'S')
+WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind IN ('r', 'v', 'S')
 ORDER BY c.relkind, c.relname
 """
 CONSTRAINTS = """
@@ -54,7 +71,7 @@ SELECT format(E'FUNCTION %s(%s)\n    RETURNS %s LANGUAGE %s %s%s PARALLEL %s%s%s
               CASE WHEN p.prosecdef THEN ' SECURITY DEFINER' ELSE '' END,
               coalesce(' SET ' || array_to_string(p.proconfig, ' SET '), ''))
 FROM pg_proc p JOIN pg_language l ON l.oid = p.prolang
-WHERE p.pronamespace = 'conflictdb'::regnamespace
+WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
 ORDER BY p.proname, pg_get_function_arguments(p.oid)
 """
 GRANTS = """
@@ -62,12 +79,13 @@ SELECT format('GRANT %s ON %s TO %s', string_agg(x.privilege_type, ', ' ORDER BY
               x.grantee::regrole)
 FROM (
     SELECT 'SCHEMA ' || n.nspname AS what, n.nspacl AS acl, n.nspowner AS owner FROM pg_namespace n
-    WHERE n.nspname = 'conflictdb'
+    WHERE n.nspname IN ('conflictdb', 'conflictdb_internal')
     UNION ALL
-    SELECT c.relname, c.relacl, c.relowner FROM pg_class c WHERE c.relnamespace = 'conflictdb'::regnamespace
+    SELECT c.relname, c.relacl, c.relowner FROM pg_class c
+    WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
     UNION ALL
     SELECT p.oid::regprocedure::text, p.proacl, p.proowner FROM pg_proc p
-    WHERE p.pronamespace = 'conflictdb'::regnamespace
+    WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
 ) o, LATERAL aclexplode(o.acl) x
 WHERE x.grantee <> o.owner
 GROUP BY o.what, x.grantee ORDER BY o.what, x.grantee::regrole::text
@@ -84,12 +102,12 @@ thing AS (
                WHERE CASE c.relkind WHEN 'S' THEN has_sequence_privilege('conflictdb_' || r.name, c.oid, x.privilege)
                      ELSE has_table_privilege('conflictdb_' || r.name, c.oid, x.privilege) END) AS may
     FROM pg_class c CROSS JOIN role r
-    WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'v', 'S')
+    WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind IN ('r', 'v', 'S')
     UNION ALL
     SELECT 'FUNCTION ' || p.oid::regprocedure::text || CASE WHEN p.prosecdef THEN ' as its owner' ELSE '' END,
            r.place, r.name,
            CASE WHEN has_function_privilege('conflictdb_' || r.name, p.oid, 'EXECUTE') THEN 'EXECUTE' END
-    FROM pg_proc p CROSS JOIN role r WHERE p.pronamespace = 'conflictdb'::regnamespace
+    FROM pg_proc p CROSS JOIN role r WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
 )
 SELECT format('%s: %s', t.what, coalesce(string_agg(format('%s %s', t.name, t.may), '; ' ORDER BY t.place)
                                          FILTER (WHERE t.may IS NOT NULL), 'none'))
@@ -97,21 +115,22 @@ FROM thing t GROUP BY t.what ORDER BY t.what COLLATE "C"
 """
 BODIES = """
 SELECT p.oid::regprocedure::text || md5(pg_get_functiondef(p.oid)) FROM pg_proc p
-WHERE p.pronamespace = 'conflictdb'::regnamespace
+WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
 UNION ALL SELECT c.relname || md5(pg_get_viewdef(c.oid)) FROM pg_class c
-WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind = 'v'
+WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind = 'v'
 UNION ALL SELECT coalesce(c.relname, p.proname, '') || d.objsubid || d.description
 FROM pg_description d
 LEFT JOIN pg_class c ON d.classoid = 'pg_class'::regclass AND c.oid = d.objoid
 LEFT JOIN pg_proc p ON d.classoid = 'pg_proc'::regclass AND p.oid = d.objoid
-WHERE c.relnamespace = 'conflictdb'::regnamespace OR p.pronamespace = 'conflictdb'::regnamespace
+WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
+   OR p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
 ORDER BY 1
 """
 
 
 def describe(conn: psycopg.Connection[Any]) -> str:
     """Return the description that docs/reference/schema.sql holds: everything but the bodies of routines."""
-    conn.execute("SET LOCAL search_path = conflictdb, public")
+    conn.execute("SET LOCAL search_path = conflictdb, conflictdb_internal, public")
     parts = []
     for query, gap in ((RELATIONS, "\n\n"), (CONSTRAINTS, "\n"), (INDEXES, "\n"), (TRIGGERS, "\n"), (ROUTINES, "\n\n")):
         parts.append(gap.join(f"{row[0]};" for row in conn.execute(query.encode())))
@@ -120,12 +139,12 @@ def describe(conn: psycopg.Connection[Any]) -> str:
 
 def privileges(conn: psycopg.Connection[Any]) -> str:
     """Return what docs/reference/privileges.txt holds: what each role may do with each relation and function."""
-    conn.execute("SET LOCAL search_path = conflictdb, public")
+    conn.execute("SET LOCAL search_path = conflictdb, conflictdb_internal, public")
     rows = [row[0] for row in conn.execute(PRIVILEGES.encode())]
     return PRIVILEGES_HEADER + "\n".join([*rows, ""])
 
 
 def details(conn: psycopg.Connection[Any]) -> list[str]:
     """Return what the description leaves out: grants, bodies of routines and views, comments."""
-    conn.execute("SET LOCAL search_path = conflictdb, public")
+    conn.execute("SET LOCAL search_path = conflictdb, conflictdb_internal, public")
     return [row[0] for query in (GRANTS, BODIES) for row in conn.execute(query.encode())]

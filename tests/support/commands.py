@@ -1,14 +1,21 @@
 """Runs commands in this process, as a user would type them."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import conflictdb
 from conflictdb.cli import main
 
+# What a detection, and who computed elsewhere, say alike.
+KEPT = (
+    "a_key", "a_kind", "b_key", "b_kind", "verdict", "periods", "region", "first_contact_point", "method",
+    "time_error_s", "closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point",
+)  # fmt: skip
 STRAIT = Path(conflictdb.__file__).parent / "scenes" / "strait.geojson"
 
 
@@ -17,6 +24,10 @@ class Outcome:
     code: int
     out: str
     err: str
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
 
 
 Run = Callable[..., Outcome]
@@ -34,3 +45,9 @@ def runner(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
         return Outcome(code, *capsys.readouterr())
 
     return run
+
+
+def known(run: Run, scene: str) -> list[dict[str, Any]]:
+    """Return the conflicts of a scene, without who found them when."""
+    rows = json.loads(run("conflicts", "--scene", scene, "--format", "json").out)
+    return [{name: row[name] for name in KEPT} for row in rows]

@@ -10,7 +10,7 @@ Units: metres, radians inside, degrees and microseconds at the border; times in 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import cached_property
 from itertools import combinations
 from typing import Final
@@ -20,6 +20,7 @@ import shapely
 from numpy.typing import NDArray
 from oracle_distance import edges_of, edges_of_hulls, least_m
 from oracle_motion import Globe, Leg, legs
+from recorded import recorded
 
 from conflictdb.model.plans import Area, Motion, Scene, Track
 
@@ -248,6 +249,14 @@ def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000
     The least separation is resolved where it is below `care_m`: metres in the plane (up to 57 times as large at 89
     degrees) if no separation is wanted, else metres more than that on the earth.
     """
+    settings = scene.motion, scene.earth, scene.separation_m, scene.vertical_separation_m
+    epoch_us, intervals, least_m, at_s = recorded(
+        (*settings, a, b, care_m), lambda: astuple(_meeting(scene, a, b, care_m))
+    )
+    return Meeting(epoch_us, tuple((start_s, end_s) for start_s, end_s in intervals), least_m, at_s)
+
+
+def _meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float) -> Meeting:
     if scene.motion is Motion.GREAT_CIRCLE:
         import oracle_circle  # which builds on this module
 

@@ -1,10 +1,20 @@
-"""Programs that tests wait for, though not for ever."""
+"""What tests wait for, though not for ever."""
 
 import subprocess
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
+
+
+def until(reached: Callable[[], object], within_s: float = 60.0, what: str = "waited too long") -> float:
+    """Wait until something is so; return how long it took, seconds."""
+    start = time.monotonic()
+    while not reached():
+        assert time.monotonic() < start + within_s, what
+        time.sleep(0.01)
+    return time.monotonic() - start
 
 
 @contextmanager

@@ -41,7 +41,7 @@ def load(conn: Conn, scene: Scene, areas: list[Area], tracks: list[Track]) -> in
 
 def mark_all(conn: Conn, scene_id: int) -> int:
     """Mark every object of a scene as changed, and return how many it has."""
-    row = conn.execute("SELECT conflictdb._mark_all(%s)", [scene_id]).fetchone()
+    row = conn.execute("SELECT conflictdb_internal._mark_all(%s)", [scene_id]).fetchone()
     assert row is not None
     return int(row[0])
 

@@ -9,7 +9,7 @@ writer of scene files in `scene_file.py`.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import shapely
@@ -97,6 +97,17 @@ def track(
         *heights,
         max_speed_kn=np.inf,
     )
+
+
+def box(key: str, west: float, south: float, east: float, north: float, **more: Any) -> Area:
+    """An area between meridians and parallels."""
+    return Area(key, shapely.MultiPolygon([shapely.box(west, south, east, north)]), **more)
+
+
+def sail(key: str, *positions: tuple[float, float], start_us: int = T0_US, **more: Any) -> Track:
+    """A track through (longitude, latitude) points an hour apart, with a haven of 1,000 by 400 metres."""
+    times = start_us + round(1e6 * HOUR_S) * np.arange(len(positions))
+    return Track(key, np.array(positions), times, rectangle_outline_m(500, 500, 200, 200), **more)
 
 
 def _passing(

@@ -13,21 +13,15 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene_strategies import assert_same, scenes
+from staged import Staged
 from workloads import GROWING, LOW_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import InvalidInput, solve
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.arrow.found import FOUND, of_found, of_rows, to_conflicts
-from conflictdb.arrays.arrow.object_rows import OBJECTS, of_objects, to_batches, to_objects
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.arrow.object_rows import OBJECTS, of_objects, to_objects
 from conflictdb.arrays.polygons import Polygons
-from conflictdb.earth.registry import plane_of
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.run import run_stages
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
 
 Objects = tuple[Scene, list[Area], list[Track]]
 
@@ -47,12 +41,6 @@ def same_arrays(one: object, other: object) -> None:
             assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes()), column.name
 
 
-def pieces_thrown(workload: Workload) -> tuple[Scene, AreaBatch, Pieces]:
-    scene, areas, tracks = throw(workload, 7, 8, 12)
-    batch = AreaBatch.of(areas)
-    return scene, batch, pieces_of(scene, plane_of(scene), batch, TrackBatch.of(tracks))
-
-
 @given(scenes())
 @settings(max_examples=25, deadline=None)
 def test_objects_come_back_as_they_were(objects: Objects) -> None:
@@ -65,16 +53,6 @@ def test_objects_come_back_as_they_were(objects: Objects) -> None:
     back = pa.ipc.open_stream(sink.getvalue()).read_all()
     for one, other in zip([*areas, *tracks], [one for kind in to_objects(back) for one in kind], strict=True):
         assert_same(one, other)
-
-
-@given(scenes())
-@settings(max_examples=25, deadline=None)
-def test_objects_become_the_same_arrays(objects: Objects) -> None:
-    """Without areas and tracks in between, the arrays are those that these give."""
-    _, areas, tracks = objects
-    as_areas, as_tracks = to_batches(numbered(areas, tracks))
-    same_arrays(AreaBatch.of(areas), as_areas)
-    same_arrays(TrackBatch.of(tracks), as_tracks)
 
 
 @given(scenes(), st.data())
@@ -93,9 +71,8 @@ def test_some_rows_of_a_table_are_those_objects(objects: Objects, data: st.DataO
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, GROWING, SEAM], ids=lambda one: one.name)
 def test_conflicts_come_back_as_they_were(workload: Workload) -> None:
     """All rows, and rows of a slice."""
-    scene, areas, pieces = pieces_thrown(workload)
-    pairs = intersections(pieces, *candidates(pieces), regions=True)
-    found, _ = run_stages(scene, plane_of(scene), pieces, pairs, lambda ids: areas.footprint[ids])
+    scene, areas, tracks = throw(workload, 7, 8, 12)
+    found, _ = Staged.of(scene, areas, tracks, regions=True).run()
     region = found.where(np.arange(len(found)))
     assert len(found)
     keys = [f"K{k}" for k in range(len(found))]
@@ -115,11 +92,7 @@ def test_rows_are_told_alike_from_arrays_and_by_solve(workload: Workload) -> Non
     scene = replace(scene, nearest_m=5_000.0)
     solved = of_rows(solve(tracks, areas, scene))
     areas, tracks = (sorted(some, key=lambda one: one.key.encode()) for some in (areas, tracks))
-    batch = AreaBatch.of(areas)
-    pieces = pieces_of(scene, plane_of(scene), batch, TrackBatch.of(tracks))
-    a, b = candidates(pieces)
-    pairs = intersections(pieces, a, b, regions=False)
-    found, _ = run_stages(scene, plane_of(scene), pieces, pairs, lambda ids: batch.footprint[ids])
+    found, _ = Staged.of(scene, areas, tracks).run()
     keys = [
         [(areas, tracks)[kind][number].key for kind, number in zip(kinds.tolist(), numbers.tolist(), strict=True)]
         for kinds, numbers in ((found.a_kind, found.a_id), (found.b_kind, found.b_id))
@@ -137,13 +110,11 @@ def test_nothing_comes_back_as_nothing() -> None:
     assert isinstance(found, Conflicts)
     assert (len(found), len(region)) == (0, 0)
     assert to_objects(OBJECTS.schema.empty_table()) == ([], [])
-    assert [len(one) for one in to_batches(OBJECTS.schema.empty_table())] == [0, 0]
 
 
 def test_a_region_that_is_not_known_stays_so() -> None:
-    scene, areas, pieces = pieces_thrown(LOW_LATITUDE)
-    pairs = intersections(pieces, *candidates(pieces), regions=False)
-    found, _ = run_stages(scene, plane_of(scene), pieces, pairs, lambda ids: areas.footprint[ids])
+    scene, areas, tracks = throw(LOW_LATITUDE, 7, 8, 12)
+    found, _ = Staged.of(scene, areas, tracks).run()
     keys = [f"K{k}" for k in range(len(found))]
     batch = of_found(scene, found, Polygons.none(len(found)), keys, keys)
     assert batch["region"].null_count == len(found)
@@ -180,17 +151,14 @@ def changed(batch: pa.RecordBatch | pa.Table, name: str, column: pa.Array) -> pa
     ],
 )
 def test_a_table_that_does_not_fit_is_refused(name: str, column: pa.Array, rule: str) -> None:
-    """One error that names the column, whether objects or arrays are wanted."""
-    for read in (to_objects, to_batches):
-        with pytest.raises(InvalidInput, match=rule):
-            read(changed(one_track(), name, column))
+    """One error that names the column."""
+    with pytest.raises(InvalidInput, match=rule):
+        to_objects(changed(one_track(), name, column))
 
 
 def test_a_missing_column_is_named() -> None:
     with pytest.raises(InvalidInput, match="'objects': geometry: is missing: it must be binary"):
         to_objects(pa.Table.from_batches([one_track()]).drop_columns("geometry"))
-    with pytest.raises(InvalidInput, match="object_id: must be known of all objects"):
-        to_batches(pa.Table.from_batches([one_track()]).drop_columns("object_id"))
 
 
 def test_another_form_or_a_later_edition_is_refused() -> None:
@@ -222,7 +190,7 @@ def test_types_that_hold_the_same_are_taken() -> None:
     for name, of in loose.items():
         table = changed(table, name, table[name].combine_chunks().cast(of))
     assert_same(to_objects(table)[1][0], to_objects(batch)[1][0])
-    same_arrays(to_batches(table)[1], to_batches(batch)[1])
+    assert OBJECTS.columns(table) == OBJECTS.columns(batch)
 
 
 def test_the_page_shows_what_runs_and_lists_every_column() -> None:

@@ -7,21 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from staged import Staged
 from verdicts import periods_us
 from workloads import GROWING, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, OCEAN, Workload, throw
 
-from conflictdb import Area, Scene, Track, Verdict, kernel, rectangle_outline_m, solve
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
+from conflictdb.arrays.objects import TrackBatch
 from conflictdb.earth.registry import plane_of
 from conflictdb.model.plans import EarthModel
 from conflictdb.stages import whole_areas
 from conflictdb.stages.object_pairs import company_of
-from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.cutting import MAX_SLICES, MAX_SLICES_FOR_DEVIATION, track_pieces
-from conflictdb.stages.run import run_stages
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
-from conflictdb.stages.stage4.contact_search import GRAZING, contacts
+from conflictdb.stages.stage4.contact_search import GRAZING
 
 T0_US = 1_700_000_000_000_000
 MINUTE_US = 60_000_000
@@ -80,12 +77,9 @@ def test_a_track_of_which_nothing_can_be_proven_takes_bounded_work() -> None:
     """A point that hardly moves on the edge of an area: each of its pieces would be split thousands of times."""
     still = track("T", [(10.0 + 1e-12 * k, -89.0) for k in range(20)], 0.0)
     scene, area = Scene("s", tolerance_m=0.0), shapely.MultiPolygon([shapely.box(-180.0, -89.0, 180.0, 89.0)])
-    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([Area("A", area)]), TrackBatch.of([still]))
-    pairs = intersections(pieces, *candidates(pieces), regions=False)
-    pairs = replace(pairs, company=company_of(pieces, pairs))
-    start, end = pieces.shared_span(pairs.a, pairs.b)
-    prepared = kernel.KernelScene(plane_of(scene).kernel_plane, pieces)
-    found, effort = contacts(scene, plane_of(scene), prepared, pairs, np.zeros(len(pairs)), (end - start) / 1e6)
+    staged = Staged.of(scene, [Area("A", area)], [still])
+    shared = replace(staged.pairs, company=company_of(staged.pieces, staged.pairs))
+    found, effort = replace(staged, pairs=shared).contacts()
     assert set(found.verdict.tolist()) == {GRAZING}
     assert MAX_INTERVALS < effort.exact.windows < 4 * MAX_INTERVALS
 
@@ -101,10 +95,7 @@ def test_a_larger_tolerance_takes_no_more_work_for_a_pair(workload: Workload) ->
         work, pairs, close, searched = 0, 0, 0, 0
         for seed in range(12):
             scene, areas, tracks = throw(workload, seed, 10, 10, tolerance_m=tolerance_m)
-            pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
-            found = intersections(pieces, *candidates(pieces), regions=False)
-            footprints = AreaBatch.of(areas).footprint
-            conflicts, funnel = run_stages(scene, plane_of(scene), pieces, found, footprints.__getitem__)
+            conflicts, funnel = Staged.of(scene, areas, tracks).run()
             work += funnel.effort.exact.windows + funnel.effort.exact.evaluations
             pairs += funnel.solved_pairs
             searched += funnel.effort.exact.searched_pairs
@@ -128,21 +119,17 @@ def test_what_glides_past_just_beyond_the_tolerance_is_soon_clear(tolerance_m: f
     outline = rectangle_outline_m(half_m, half_m, half_m, half_m)
     passes = Track("T", np.array([(9.0, middle), (13.0, middle)]), times, outline, max_speed_kn=np.inf)
     scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=tolerance_m)
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of([Area("A", box)]), TrackBatch.of([passes]))
-    pairs = intersections(pieces, *candidates(pieces), regions=False)
-    assert len(pairs)
-    conflicts, funnel = run_stages(scene, plane, pieces, pairs, lambda numbers: np.array([box])[numbers])
+    staged = Staged.of(scene, [Area("A", box)], [passes])
+    assert len(staged.pairs)
+    conflicts, funnel = staged.run()
     assert not len(conflicts)
     assert funnel.effort.exact.windows < 600
 
 
 def test_pairs_of_pieces_share_with_those_of_the_same_objects() -> None:
-    scene = Scene("s")
     tracks = [track("A", [(4.0, 57.0), (5.0, 57.0), (6.0, 57.0)], 10.0), track("B", [(4.0, 57.0), (4.1, 57.0)], 10.0)]
-    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of(tracks))
-    pairs = intersections(pieces, *candidates(pieces), regions=False)
-    assert company_of(pieces, pairs).tolist() == [len(pairs)] * len(pairs)
+    staged = Staged.of(Scene("s"), [], tracks)
+    assert company_of(staged.pieces, staged.pairs).tolist() == [len(staged.pairs)] * len(staged.pairs)
 
 
 # Evaluations of two polygons at an instant, for each pair of pieces after stage 2, when the limits were last set: for
@@ -161,12 +148,10 @@ EVALUATIONS = {
 def test_evaluations_per_pair_do_not_grow(workload: Workload) -> None:
     """By more than a twentieth; lower the limits after they shrink."""
     scene, areas, tracks = throw(workload, 1, 20, 20)
-    plane, batch = plane_of(scene), AreaBatch.of(areas)
     for (separation_m, nearest_m), limit in zip(
         ((0.0, 0.0), (500.0, 0.0), (0.0, 5000.0)), EVALUATIONS[workload], strict=True
     ):
         scene = replace(scene, separation_m=separation_m, nearest_m=nearest_m)
-        pieces = pieces_of(scene, plane, batch, TrackBatch.of(tracks))
-        pairs = intersections(pieces, *candidates(pieces), regions=False)
-        _, funnel = run_stages(scene, plane, pieces, pairs, lambda ids: batch.footprint[ids])
-        assert funnel.effort.exact.evaluations < 1.05 * limit * len(pairs), (separation_m, nearest_m)
+        staged = Staged.of(scene, areas, tracks)
+        _, funnel = staged.run()
+        assert funnel.effort.exact.evaluations < 1.05 * limit * len(staged.pairs), (separation_m, nearest_m)

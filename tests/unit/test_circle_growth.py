@@ -7,6 +7,7 @@ import oracle_circle
 import pytest
 import scenes
 import shapely
+from motion_bounds import LASTS_S, tightness
 from scenes import HOUR_S
 from verdicts import periods_us
 from workloads import GROWING_CIRCLES, throw
@@ -22,8 +23,6 @@ from conflictdb.model.plans import Motion, Scene
 from conflictdb.stages.pieces.cutting import check_plane, track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 1.1e7 m
-SAMPLES = 65
-LASTS_S = 36000.0
 Sizes = tuple[float, float, float, float]
 SCENE = Scene("s", Motion.GREAT_CIRCLE, centre=(20.0, 40.0))
 
@@ -82,20 +81,9 @@ def test_bounds_are_near_what_they_bound(
     track = replace(scenes.track("T", [start, end], [0, LASTS_S], *sizes), grow_mps=mps)
     pieces = track_pieces(SCENE, plane_of(SCENE), TrackBatch.of([track]))
     one = shapes_at(pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
-    seconds = np.linspace(0.0, LASTS_S, SAMPLES)
-    ends = np.zeros(1), np.full(1, LASTS_S)
-    shapes = one.take(np.zeros(SAMPLES, np.int64))
-    at, velocity, reference = shapes.positions(seconds), shapes.velocities(seconds), shapes.reference(seconds)
-    second = np.hypot(*np.gradient(velocity, seconds[1], axis=2))[:, 2:-2].max()
-    offset, moved = at - reference[:, None, :], np.hypot(*(reference - reference[:, :1]))
-    gone = moved / moved[-1] if moved[-1] > 1.0 else seconds / LASTS_S
-    left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
-    bounds = one.bounds(*ends)
-    spread = np.hypot(*(velocity - bounds.velocity[:, None, :])).max()
-    for bound, true, limit in zip(
-        (bounds.acceleration, bounds.deviation, bounds.spread), (second, left, spread), limits, strict=True
-    ):
-        assert 1.0 - 1e-6 <= float(bound[0]) / true <= limit
+    ratios, at, bounds = tightness(one)
+    for ratio, limit in zip(ratios, limits, strict=True):
+        assert 1.0 - 1e-6 <= ratio <= limit
     scale = 1.0 + (at[0] ** 2 + at[1] ** 2).max() / RADIUS_M**2
     assert bounds.scale[0] == pytest.approx(scale, rel=1e-13 if mps == 0.0 else 4e-4)
 

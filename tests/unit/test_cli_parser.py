@@ -30,32 +30,23 @@ ALL = dict(commands(build()))
 
 
 @pytest.mark.parametrize("path", list(ALL))
-def test_every_command_and_option_has_help(path: str) -> None:
+def test_every_command_and_option_has_help_and_plain_choices(path: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Choices are words: members of an enum would read <Method.SCREEN: 'screen'> in the message about a wrong one."""
     assert ALL[path].description
     for action in ALL[path]._actions:
         if not isinstance(action, argparse._SubParsersAction):
             assert action.help, action
-
-
-@pytest.mark.parametrize("path", [path for path in ALL if "run" in ALL[path]._defaults])
-def test_every_command_runs_a_function(path: str) -> None:
-    target = inspect.getclosurevars(ALL[path]._defaults["run"]).nonlocals
-    assert callable(getattr(import_module(f"conflictdb.cli.{target['module']}"), target["function"]))
-
-
-@pytest.mark.parametrize("path", list(ALL))
-def test_help_can_be_shown(path: str, capsys: pytest.CaptureFixture[str]) -> None:
+        assert all(type(choice) is str for choice in action.choices or ())
     with pytest.raises(SystemExit) as ended:
         build().parse_args([*path.split(), "--help"])
     assert ended.value.code == 0
     assert capsys.readouterr().out.startswith(f"usage: conflictdb {path}".strip())
 
 
-@pytest.mark.parametrize("path", list(ALL))
-def test_choices_are_shown_as_words(path: str) -> None:
-    """As the members of an enum they would read <Method.SCREEN: 'screen'> in the message about a wrong one."""
-    choices = [one for action in ALL[path]._actions for one in action.choices or ()]
-    assert [one for one in choices if type(one) is not str] == []
+@pytest.mark.parametrize("path", [path for path in ALL if "run" in ALL[path]._defaults])
+def test_every_command_runs_a_function(path: str) -> None:
+    target = inspect.getclosurevars(ALL[path]._defaults["run"]).nonlocals
+    assert callable(getattr(import_module(f"conflictdb.cli.{target['module']}"), target["function"]))
 
 
 def test_a_wrong_choice_is_told_with_the_right_ones(capsys: pytest.CaptureFixture[str]) -> None:

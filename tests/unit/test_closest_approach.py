@@ -18,6 +18,7 @@ from oracle_motion import Globe
 from pyproj import Geod
 from sampling import placed
 from scenes import FLATTENING, RADIUS_M
+from staged import Staged
 from workloads import (
     GROWING,
     GROWING_CIRCLES,
@@ -34,17 +35,12 @@ from workloads import (
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows
-from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.approach import Closest, closest
 from conflictdb.kernel.kernel_scene import HeldPairs
 from conflictdb.kernel.meeting import distances
 from conflictdb.model.plans import EarthModel, Motion, Scene
 from conflictdb.stages.object_pairs import object_keys
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
 from conflictdb.stages.stage4.closest_approach import approaches
 
 SUPPORT = Path(__file__).parents[1] / "support"
@@ -55,11 +51,10 @@ class Given:
     """Pairs of pieces of a random scene that share a time, one of which moves, or standing ones."""
 
     def __init__(self, scene: Scene, areas: list[Any], tracks: list[Any], near: bool = False) -> None:
-        self.scene, self.plane = scene, plane_of(scene)
-        self.pieces = pieces_of(scene, self.plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+        staged = Staged.of(scene, areas, tracks)
+        self.scene, self.plane, self.pieces, self.held = scene, staged.plane, staged.pieces, staged.prepared
         if near:
-            found = intersections(self.pieces, *candidates(self.pieces), regions=False)
-            a, b = found.a, found.b
+            a, b = staged.pairs.a, staged.pairs.b
         else:
             every = np.arange(len(self.pieces))
             a, b = (PieceRows(one.ravel()) for one in np.meshgrid(every, every))
@@ -70,7 +65,6 @@ class Given:
         moving = np.flatnonzero((start < end) & (self.pieces.kind[b] == 1))
         self.a, self.b, self.start_us = a[moving], b[moving], start[moving]
         self.span_s = (end - start)[moving] / 1e6
-        self.held = kernel.KernelScene(self.plane.kernel_plane, self.pieces)
 
     @classmethod
     def of(cls, workload: Workload, seed: int, count: int, earth: EarthModel, nearest_m: float = 0.0) -> "Given":
@@ -214,15 +208,12 @@ def test_answers_of_the_search_in_numpy(case: tuple[str, ...]) -> None:
     (workload,) = (one for one in WORKLOADS if one.name == name)
     scene, standing, moving = throw(workload, 5, int(areas), int(tracks), EarthModel(earth))
     scene = replace(scene, nearest_m=float(nearest_m), tolerance_m=0.0)
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of(standing), TrackBatch.of(moving))
-    pairs = intersections(pieces, *candidates(pieces), regions=False)
-    objects, group = np.unique(object_keys(pieces, pairs.a, pairs.b), axis=1, return_inverse=True)
+    staged = Staged.of(scene, standing, moving)
+    pairs = staged.pairs
+    objects, group = np.unique(object_keys(staged.pieces, pairs.a, pairs.b), axis=1, return_inverse=True)
     always = np.zeros(len(group)), np.full(len(group), np.inf)
     wanted, aim = np.full(objects.shape[1], scene.nearest_m), np.zeros(objects.shape[1])
-    found = approaches(
-        kernel.KernelScene(plane.kernel_plane, pieces), pairs.a, pairs.b, *always, group, wanted, aim, kernel.Work()
-    )
+    found = approaches(staged.prepared, pairs.a, pairs.b, *always, group, wanted, aim, kernel.Work())
     number = {tuple(column): k for k, column in enumerate(objects.T.tolist())}
     for row in golden()[case]:
         k = number[tuple(int(row[key]) for key in ("a_kind", "a_id", "b_kind", "b_id"))]
@@ -403,13 +394,14 @@ def test_what_stands_still_at_sea_is_as_far_as_it_is(earth: EarthModel, lon: flo
             expected.append(away_m)
     here = scenes.track("here", [(lon, lat), (lon, lat)], [0, 3600], 0.0, 0.0, 0.0, 0.0)
     scene = Scene("s", earth=earth, nearest_m=2e7)
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of([]), TrackBatch.of([here, *tracks]))
+    staged = Staged.of(scene, [], [here, *tracks])
+    pieces = staged.pieces
     own = np.array([np.flatnonzero((pieces.object_id == k) & (pieces.turn == 0))[0] for k in range(len(tracks) + 1)])
     a, b = PieceRows(np.full(len(tracks), own[0])), PieceRows(own[1:])
     zero = np.zeros(len(a))
-    held = kernel.KernelScene(plane.kernel_plane, pieces)
-    found = approaches(held, a, b, zero, zero + np.inf, np.arange(len(a)), zero + np.inf, zero, kernel.Work())
+    found = approaches(
+        staged.prepared, a, b, zero, zero + np.inf, np.arange(len(a)), zero + np.inf, zero, kernel.Work()
+    )
     assert (np.abs(found.distance_m - expected) <= found.error_m + 1e-6).all()
     assert (found.at_s == 0.0).all()
     between = geod.inv(*found.a_deg.T, *found.b_deg.T)[2]

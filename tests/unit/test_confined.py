@@ -3,12 +3,12 @@
 import json
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from conflictdb.errors import InvalidInput
-from conflictdb.formats import confined
 from conflictdb.formats.confined import Program
 
 
@@ -65,9 +65,8 @@ def test_why_nothing_was_read_is_told_in_one_line(tmp_path: Path, body: str, rul
 
 
 @pytest.mark.parametrize("body", ["while True: pass", "time.sleep(60)"])
-def test_a_program_ends_in_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str) -> None:
-    monkeypatch.setattr(confined, "_LEAST_SECONDS", 1.0)
-    program = written(tmp_path, body)
+def test_a_program_ends_in_the_end(tmp_path: Path, body: str) -> None:
+    program = replace(written(tmp_path, body), least_seconds=1.0)
     with program.running([], 3.0) as running, pytest.raises(InvalidInput, match="takes too much to read"):
         running.answer()
     assert running.child.returncode is not None
@@ -76,7 +75,7 @@ def test_a_program_ends_in_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize(
     "body", ["while True: stream.write(bytes(1 << 20))", "while True: os.write(2, bytes(1 << 20))"]
 )
-def test_an_answer_without_end_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str) -> None:
-    monkeypatch.setattr(confined, "_LEAST_SECONDS", 1.0)
-    with written(tmp_path, body).running([], 3.0) as running, pytest.raises(InvalidInput, match="holds more than 3 MB"):
+def test_an_answer_without_end_is_not_kept(tmp_path: Path, body: str) -> None:
+    program = replace(written(tmp_path, body), least_seconds=1.0)
+    with program.running([], 3.0) as running, pytest.raises(InvalidInput, match="holds more than 3 MB"):
         running.answer()

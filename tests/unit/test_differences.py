@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from workloads import GROWING, GROWING_CIRCLES, HARBOUR, HIGH_LATITUDE, OCEAN, Workload, throw
+from workloads import GROWING, GROWING_CIRCLES, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, Workload, throw
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
@@ -35,7 +35,8 @@ def shifts_of(pieces: Pieces, a: np.ndarray, b: np.ndarray) -> Shifts:
         zero.append(np.where(moves, pieces.start_us[members], 0))
         end_s.append(np.where(moves, pieces.end_us[members], 0) / 1e6 - zero[-1] / 1e6)
     nothing = np.zeros(len(a))
-    return Shifts(a, b, zero[0], zero[1], nothing, end_s[0], nothing, end_s[1])
+    every = np.full(len(a), np.inf)
+    return Shifts(a, b, zero[0], zero[1], nothing, end_s[0], nothing, end_s[1], -every, every)
 
 
 @pytest.mark.parametrize("workload", WORKLOADS, ids=lambda workload: workload.name)
@@ -135,3 +136,51 @@ def test_polygons_of_many_sides_take_bounded_work(count: int, reach_m: float) ->
     assert found["state"] == DifferenceState.INNER
     assert max(found["inner_low_s"] - found["outer_low_s"], found["outer_high_s"] - found["inner_high_s"]) < 0.1
     assert work.evaluations < 8_000
+
+
+@pytest.mark.parametrize("projection", ["mercator", "gnomonic"])
+@pytest.mark.parametrize("reach_m", [1.0, 9260.0])
+def test_ends_are_sharp_where_a_corner_passes_a_long_side_or_a_corner(reach_m: float, projection: str) -> None:
+    """The half of a distance is smaller within a long side than at its ends; and contact sets are round at corners."""
+    workload = LOW_LATITUDE if projection == "mercator" else replace(OCEAN, around_haven=(20.0, 40.0))
+    scene, areas, tracks = throw(workload, 0, 20, 30)
+    plane = plane_of(scene)
+    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+    a, b = candidates(pieces)
+    moving = (pieces.kind[a] == 1) | (pieces.kind[b] == 1)
+    a, b = a[moving], b[moving]
+    work = Work()
+    found = differences(KernelScene(plane.kernel_plane, pieces), shifts_of(pieces, a, b), reach_m, work)
+    inside = found[found["state"] == DifferenceState.INNER]
+    errors_s = np.concatenate(
+        [inside["inner_low_s"] - inside["outer_low_s"], inside["outer_high_s"] - inside["inner_high_s"]]
+    )
+    assert len(inside) > 50
+    assert np.percentile(errors_s, 99) < (2e-5 if reach_m == 1.0 else 2e-2)
+    assert work.windows < 12 * len(a)
+
+
+@pytest.mark.parametrize("workload", WORKLOADS, ids=lambda workload: workload.name)
+@pytest.mark.parametrize("reach_m", [0.0, 500.0])
+def test_differences_asked_about_are_those_of_all(workload: Workload, reach_m: float) -> None:
+    """Whole intervals are cut off at the least and the most; a pair without any among them has none."""
+    plane, pieces, pairs = batch(workload)
+    shifts, scene = shifts_of(pieces, *pairs), KernelScene(plane, pieces)
+    every = differences(scene, shifts, reach_m, Work())
+    met = np.flatnonzero(every["state"] == DifferenceState.INNER)
+    shifts, every = shifts.take(met), every[met]
+    middle = 0.5 * (every["inner_low_s"] + every["inner_high_s"])
+    found = differences(scene, replace(shifts, least_s=middle), reach_m, Work())
+    assert (found["state"] != DifferenceState.NONE).all()
+    assert (found["outer_low_s"] >= middle - 1e-6).all()
+    assert (found["outer_low_s"] <= middle + 1e-6).all()
+    assert (found["outer_high_s"] >= every["inner_high_s"] - 1e-9).all()
+    known = found["state"] == DifferenceState.INNER
+    assert known.mean() > 0.9
+    assert (found["inner_high_s"] <= every["outer_high_s"])[known].all()
+    for gone in (
+        replace(shifts, least_s=every["outer_high_s"] + 1e-3),
+        replace(shifts, most_s=every["outer_low_s"] - 1e-3),
+    ):
+        beyond = differences(scene, gone, reach_m, Work())
+        assert (beyond["state"] != DifferenceState.INNER).all()

@@ -31,6 +31,7 @@ def utc(instant_us: int | None) -> Any:
 def frame_of_areas(areas: list[Area]) -> geopandas.GeoDataFrame:
     return geopandas.GeoDataFrame(
         {
+            "name": [area.name for area in areas],
             "start": [utc(area.start_us) for area in areas],
             "end": [utc(area.end_us) for area in areas],
             "floor_m": [area.floor_m for area in areas],
@@ -46,6 +47,7 @@ def frame_of_tracks(tracks: list[Track]) -> geopandas.GeoDataFrame:
     return geopandas.GeoDataFrame(
         {
             "id": [track.key for track in tracks],
+            "name": [track.name for track in tracks],
             "times": [[utc(int(t)) for t in track.times_us] for track in tracks],
             "outline_m": [track.outline_m for track in tracks],
             "grow_mps": [track.grow_mps for track in tracks],

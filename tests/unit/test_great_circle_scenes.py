@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from scenes import T0_US, box
 from verdicts import periods_us
 from workloads import OCEAN, throw
 
@@ -20,13 +21,8 @@ from conflictdb.formats.scene_file import read_scene, scene_text
 from conflictdb.kernel.movement import Movement
 from conflictdb.stages.pieces.cutting import area_pieces, check_plane, planar, track_pieces
 
-T0_US = 1_772_323_200_000_000
 HOUR_US = 3_600_000_000
 HAVEN = {"fore_m": 1000, "aft_m": 1000, "port_m": 500, "starboard_m": 500}
-
-
-def box(key: str, west: float, south: float, east: float, north: float) -> Area:
-    return Area(key, shapely.MultiPolygon([shapely.box(west, south, east, north)]))
 
 
 def sail(key: str, *positions: tuple[float, float], size_m: float = 1e3) -> Track:

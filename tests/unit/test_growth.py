@@ -7,6 +7,7 @@ import oracle
 import pytest
 import scenes
 import shapely
+from motion_bounds import LASTS_S, tightness
 from scenes import HOUR_S
 from verdicts import periods_us
 from workloads import GROWING, LOW_LATITUDE, throw
@@ -21,8 +22,6 @@ from conflictdb.model.plans import EarthModel, Scene, Track
 from conflictdb.stages.pieces.cutting import area_pieces, check_plane, track_pieces
 
 ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
-SAMPLES = 65
-LASTS_S = 36000.0
 
 
 def shapes_at(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray) -> Movement:
@@ -94,20 +93,9 @@ def test_bounds_are_near_what_they_bound(
     _, one = leg_shapes(
         Scene("s", earth=earth), replace(scenes.track("T", [start, end], [0, LASTS_S], *sizes), grow_mps=mps)
     )
-    seconds = np.linspace(0.0, LASTS_S, SAMPLES)
-    ends = np.zeros(1), np.full(1, LASTS_S)
-    shapes = one.take(np.zeros(SAMPLES, np.int64))
-    at, velocity, reference = shapes.positions(seconds), shapes.velocities(seconds), shapes.reference(seconds)
-    second = np.hypot(*np.gradient(velocity, seconds[1], axis=2))[:, 2:-2].max()
-    offset, moved = at - reference[:, None, :], np.hypot(*(reference - reference[:, :1]))
-    gone = moved / moved[-1]
-    left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
-    bounds = one.bounds(*ends)
-    spread = np.hypot(*(velocity - bounds.velocity[:, None, :])).max()
-    for bound, true, limit in zip(
-        (bounds.acceleration, bounds.deviation, bounds.spread), (second, left, spread), limits, strict=True
-    ):
-        assert 1.0 - 1e-6 <= float(bound[0]) / true <= limit
+    ratios, at, bounds = tightness(one)
+    for ratio, limit in zip(ratios, limits, strict=True):
+        assert 1.0 - 1e-6 <= ratio <= limit
     highest = earth_of(earth).plane_scale(np.abs(at[1]).max() / earth_of(earth).radius_m)
     assert bounds.scale[0] == pytest.approx(highest, rel=1e-12)
 
@@ -118,13 +106,8 @@ def test_a_place_that_goes_over_to_the_other_side_stays_near_its_chord(earth: Ea
     track = scenes.track("T", [(0, 45.0), (0, 44.7)], [0, LASTS_S], *SMALL)
     starboard, port = np.array([[1e5, 5e4]]), np.array([[-1e5, -1e4]])
     _, one = leg_shapes(Scene("s", earth=earth), replace(track, outline_m=starboard, outlines_m=[starboard, port]))
-    seconds = np.linspace(0.0, LASTS_S, SAMPLES)
-    shapes = one.take(np.zeros(SAMPLES, np.int64))
-    reference = shapes.reference(seconds)
-    offset, moved = shapes.positions(seconds) - reference[:, None, :], np.hypot(*(reference - reference[:, :1]))
-    gone = moved / moved[-1]
-    left = np.hypot(*(offset - (1 - gone) * offset[..., :1] - gone * offset[..., -1:])).max()
-    assert 1.0 <= one.bounds(np.zeros(1), np.full(1, LASTS_S)).deviation[0] / left <= 1.3
+    (_, deviation, _), _, _ = tightness(one)
+    assert 1.0 <= deviation <= 1.3
 
 
 def test_no_growth_is_no_change_in_any_company() -> None:

@@ -1,6 +1,5 @@
 """A circle becomes a polygon that contains it, with edges as the scene has them, and exceeds it by a thousandth."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +8,8 @@ import pyproj
 import pytest
 import shapely
 from numpy.typing import NDArray
+from plan_files import area, read
 
-from conflictdb import formats
-from conflictdb.errors import InvalidInput
 from conflictdb.formats.discs import EXCESS, disc
 from conflictdb.model.plans import EarthModel, Motion, Scene
 
@@ -111,21 +109,10 @@ def test_a_circle_around_a_pole_is_closed_along_it(lat: float, radius_m: float) 
     assert away_m.max() <= (1.0 + EXCESS) * radius_m + ROUNDING_M
 
 
-def test_a_circle_beyond_the_plane_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="radius_m: reaches beyond 89 degrees"):
-        disc("area 'A'", 0.0, 88.0, 200_000.0, Scene("s"))
-
-
 def test_a_point_with_a_radius_is_an_area(tmp_path: Path) -> None:
-    path = tmp_path / "circle.geojson"
-    feature = {
-        "type": "Feature",
-        "id": "C",
-        "geometry": {"type": "Point", "coordinates": [180.0, 57.0, 12.0]},
-        "properties": {"radius_m": 10_000, "end": "2026-03-01T00:00:00Z", "colour": "red"},
-    }
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
-    (area,) = formats.read(path).areas
-    assert area.properties == {"colour": "red"}
-    assert area.footprint.equals(disc("", 180.0, 57.0, 10_000.0, Scene("circle")))
-    assert area.footprint.bounds[2] > 180.1
+    circle = area("C", radius_m=10_000, end="2026-03-01T00:00:00Z", colour="red")
+    circle["geometry"] = {"type": "Point", "coordinates": [180.0, 57.0, 12.0]}
+    (found,) = read(tmp_path, circle).areas
+    assert found.properties == {"colour": "red"}
+    assert found.footprint.equals(disc("", 180.0, 57.0, 10_000.0, Scene("plan")))
+    assert found.footprint.bounds[2] > 180.1

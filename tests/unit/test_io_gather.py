@@ -1,10 +1,10 @@
 """Files of one scene are taken as if they were one."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
+from plan_files import area, write
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.gather import gather
@@ -12,15 +12,7 @@ from conflictdb.model.plans import Scene
 
 
 def scene_file(folder: Path, file: str, ids: list[str], **scene: Any) -> Path:
-    square = [[0, 0], [1, 0], [1, 1], [0, 0]]
-    features = [
-        {"type": "Feature", "id": i, "geometry": {"type": "Polygon", "coordinates": [square]}, "properties": None}
-        for i in ids
-    ]
-    members = {"scene": scene} if scene else {}
-    path = folder / file
-    path.write_text(json.dumps({"type": "FeatureCollection", **members, "features": features}))
-    return path
+    return write(folder, *map(area, ids), file=file, **({"scene": scene} if scene else {}))
 
 
 def test_files_of_one_scene_come_together(tmp_path: Path) -> None:

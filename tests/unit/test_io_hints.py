@@ -1,11 +1,11 @@
 """Files of other programs: names of columns, time zone, havens of points, dates with slashes."""
 
-import json
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
+from plan_files import area, write
 
 from conflictdb import FileHints, InvalidInput, read
 from conflictdb.model.inputs import EPOCH, MICROSECOND
@@ -22,10 +22,8 @@ def times(path: Path, hints: FileHints | None = None) -> list[datetime]:
     return [EPOCH + int(one) * MICROSECOND for one in track.times_us]
 
 
-def closed(**properties: object) -> str:
-    square = {"type": "Polygon", "coordinates": [[[9, 57], [10, 57], [10, 58], [9, 58], [9, 57]]]}
-    feature = {"type": "Feature", "id": "A", "geometry": square, "properties": properties}
-    return json.dumps({"type": "FeatureCollection", "features": [feature]})
+def closed(path: Path, **properties: object) -> Path:
+    return write(path.parent, area(**properties), file=path.name)
 
 
 DANISH = """# Timestamp,MMSI,Latitude,Longitude
@@ -54,14 +52,14 @@ def test_times_without_offset_are_in_the_zone(tmp_path: Path) -> None:
     twice = file(tmp_path / "u.csv", path.read_text().replace("2026-06-01T09:00,", "2025-10-26T02:30,"))
     with pytest.raises(InvalidInput, match="occurs twice or never in Europe/Copenhagen"):
         read(twice, hints=zone)
-    area = file(tmp_path / "a.geojson", closed(start="2026-06-01T09:00", end="2026-06-01T10:00"))
+    area = closed(tmp_path / "a.geojson", start="2026-06-01T09:00", end="2026-06-01T10:00")
     (found,) = read(area, hints=zone).areas
     assert found.start_us == int(datetime(2026, 6, 1, 7, tzinfo=UTC).timestamp() * 1e6)
     assert times(file(tmp_path / "d.csv", DANISH), zone)[0] == datetime(2026, 5, 31, 21, 59, 59, tzinfo=UTC)
 
 
 def test_names_are_mapped_and_a_wrong_one_is_refused(tmp_path: Path) -> None:
-    path = file(tmp_path / "a.geojson", closed(valid_from="2026-06-01T09:00Z", valid_to="2026-06-01T10:00Z"))
+    path = closed(tmp_path / "a.geojson", valid_from="2026-06-01T09:00Z", valid_to="2026-06-01T10:00Z")
     (free,) = read(path).areas
     assert free.start_us is None
     (found,) = read(path, hints=FileHints({"start": "valid_from", "end": "valid_to"})).areas
@@ -69,7 +67,7 @@ def test_names_are_mapped_and_a_wrong_one_is_refused(tmp_path: Path) -> None:
     assert "valid_from" not in found.properties
     with pytest.raises(InvalidInput, match="column valid_form: is mapped to start, but the file has no such column"):
         read(path, hints=FileHints({"start": "valid_form"}))
-    both = file(tmp_path / "b.geojson", closed(valid_from="2026-06-01T09:00Z", start="2026-06-01T10:00Z"))
+    both = closed(tmp_path / "b.geojson", valid_from="2026-06-01T09:00Z", start="2026-06-01T10:00Z")
     with pytest.raises(InvalidInput, match="column start: is there already, and valid_from too"):
         read(both, hints=FileHints({"start": "valid_from"}))
     rows = file(tmp_path / "t.csv", "ship,when,x,y\nT,2026-06-01T09:00Z,9,57\nT,2026-06-01T10:00Z,9.1,57\n")

@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from plan_files import HAVEN
 
 from conflictdb import formats
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.instants import parse_instant
 
-HAVEN = {"fore_m": 10, "aft_m": 5, "port_m": 2, "starboard_m": 2}
 POINT = {
     "type": "MovingPoint",
     "datetimes": ["2026-03-01T00:00:00Z", "2026-03-01T01:00:00+00"],
@@ -23,7 +23,7 @@ def feature(**changes: Any) -> dict[str, Any]:
     return {
         "type": "Feature",
         "id": "M1",
-        "properties": {**HAVEN, "name": "Mover"},
+        "properties": {**HAVEN, "fore_m": 10, "name": "Mover"},
         "temporalGeometry": {**POINT, **changes},
     }
 
@@ -88,11 +88,14 @@ def test_what_a_track_cannot_be_is_refused(tmp_path: Path, changes: dict[str, An
     assert caught.value.field == field
 
 
-def test_missing_haven_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="needs its haven"):
-        read(tmp_path, {**feature(), "properties": None})
-
-
-def test_times_given_twice_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="together with temporalGeometry"):
-        read(tmp_path, {**feature(), "properties": {**HAVEN, "start": "2026-03-01T00:00:00Z"}})
+@pytest.mark.parametrize(
+    ("properties", "rule"),
+    [
+        (None, "needs its haven"),
+        ({**HAVEN, "start": "2026-03-01T00:00:00Z"}, "together with temporalGeometry"),
+        ({**HAVEN, "kind": "area"}, "must be 'track' for a moving feature"),
+    ],
+)
+def test_properties_are_those_of_a_track_without_times(tmp_path: Path, properties: Any, rule: str) -> None:
+    with pytest.raises(InvalidInput, match=rule):
+        read(tmp_path, {**feature(), "properties": properties})

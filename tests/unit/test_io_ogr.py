@@ -1,5 +1,6 @@
-"""Areas through OGR: columns, reference systems, and clear refusals."""
+"""Files that OGR opens: columns, layers, reference systems, tracks among areas, and clear refusals."""
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -7,57 +8,40 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from ogr_files import write_layer
 
 from conflictdb import formats
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.instants import parse_instant
 
-pyogrio = pytest.importorskip("pyogrio", reason="the extra 'ogr' is not installed")
-
 SQUARE = shapely.box(4.0, 57.0, 5.0, 58.0)
-
-
-def write(path: Path, shapes: list[Any], crs: str | None = "EPSG:4326", kind: str = "Polygon", **columns: Any) -> Path:
-    pyogrio.raw.write(
-        path,
-        geometry=np.array([None if shape is None else shapely.to_wkb(shape) for shape in shapes], dtype=object),
-        field_data=[np.array(values) for values in columns.values()],
-        fields=np.array(list(columns), dtype=object),
-        geometry_type=kind,
-        crs=crs,
-        append=path.exists(),
-        **({"layer": "second"} if path.exists() else {}),
-    )
-    return path
+BOW = shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)])
+LINE = shapely.LineString([(4, 57), (4.5, 57.1), (5, 57)])
+HOURS = ["2026-03-01T05:00:00Z", "2026-03-01T06:00:00Z", "2026-03-01T07:00:00Z"]
+HAVEN: dict[str, Any] = {"fore_m": [5.0], "aft_m": [5.0], "port_m": [2.0], "starboard_m": [2.0]}
+TIMES = {"times": [json.dumps(HOURS)]}
 
 
 @pytest.mark.parametrize("name", ["areas.gpkg", "areas.shp", "areas.fgb"])
 def test_polygons_become_areas_with_their_columns(tmp_path: Path, name: str) -> None:
-    path = write(
-        tmp_path / name,
-        [SQUARE],
-        ID=np.array(["A1"], dtype=object),
-        name=np.array(["Firing"], dtype=object),
-        start=np.array(["2026-03-01T06:00:00Z"], dtype=object),
-        floor_m=[-9.0],
-        colour=np.array(["red"], dtype=object),
-    )
-    (area,) = formats.read(path).areas
+    path = tmp_path / name
+    columns = {"ID": ["A1"], "name": ["Firing"], "start": HOURS[1:2], "floor_m": [-9.0], "colour": ["red"]}
+    (area,) = formats.read(write_layer(path, [SQUARE], kind="Polygon", **columns)).areas  # type: ignore[arg-type]
     assert (area.key, area.name, area.floor_m, area.ceiling_m) == ("A1", "Firing", -9.0, None)
-    assert (area.start_us, area.end_us) == (parse_instant("2026-03-01T06:00:00Z"), None)
+    assert (area.start_us, area.end_us) == (parse_instant(HOURS[1]), None)
     assert area.properties == {"colour": "red"}
     assert area.footprint.equals(SQUARE)
 
 
 def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
     """Of areas without start or end: they are active for longer than may be meant."""
-    path = write(
+    path = write_layer(
         tmp_path / "zones.gpkg",
         [SQUARE, shapely.box(5.0, 57.0, 6.0, 58.0)],
         valid_from=np.array(["2026-03-01T06:00", "2026-03-02T06:00"], "datetime64[ms]"),
         day=np.array(["2026-03-01", "2026-03-02"], "datetime64[D]"),
         activeUntil=[1_772_323_200, 1_772_323_300],
-        remark=np.array(["2026", "at 2026-03-01"], dtype=object),
+        remark=["2026", "at 2026-03-01"],
         draught=[7.5, 1e9],
     )
     contents = formats.read(path)
@@ -65,9 +49,8 @@ def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
     (remark,) = contents.remarks
     rule = "valid_from, day, activeUntil look like times and are not read; rename what is meant as these"
     assert remark.text == f"2 areas without start or end: {rule}"
-    known = {name: np.array(["2026-03-01T06:00:00Z"], dtype=object) for name in ("start", "revised")}
-    known["end"] = np.array(["2026-03-01T08:00:00Z"], dtype=object)
-    assert list(formats.read(write(tmp_path / "known.gpkg", [SQUARE], **known)).remarks) == []
+    known = {"start": HOURS[:1], "revised": HOURS[:1], "end": HOURS[1:2]}
+    assert list(formats.read(write_layer(tmp_path / "known.gpkg", [SQUARE], **known)).remarks) == []
 
 
 KML = """<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>
@@ -94,67 +77,76 @@ def test_a_track_of_kml_is_refused_with_the_reason(tmp_path: Path, track: str) -
     ]
 
 
+def test_keys_of_kml_are_unique_names(tmp_path: Path) -> None:
+    """Other features keep their numbers, also one whose name is the number of another one."""
+    path = tmp_path / "plan.kml"
+    ring = "<coordinates>9,57 9.4,57 9.4,57.4 9,57</coordinates>"
+    polygon = f"<Polygon><outerBoundaryIs><LinearRing>{ring}</LinearRing></outerBoundaryIs></Polygon>"
+    names = ("<name>Pier</name>", "<name>Twin</name>", "<name>Twin</name>", "", "<name>4</name>")
+    marks = "".join(f"<Placemark>{name}{polygon}</Placemark>" for name in names)
+    path.write_text(f'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>{marks}</Document></kml>')
+    areas = formats.read(path).areas
+    assert [area.key for area in areas] == ["Pier", "2", "3", "4", "5"]
+    assert [area.name for area in areas] == ["Pier", "Twin", "Twin", None, "4"]
+
+
 def test_lines_without_times_name_columns_that_look_like_them(tmp_path: Path) -> None:
-    line = shapely.LineString([(4.0, 57.0), (5.0, 58.0)])
     laid = np.array(["2026-03-01"], "datetime64[D]")
-    (skipped,) = formats.read(write(tmp_path / "cables.gpkg", [line], kind="LineString", laid=laid)).skipped
+    (skipped,) = formats.read(write_layer(tmp_path / "cables.gpkg", [LINE], laid=laid)).skipped
     assert "(laid look like times, but not of each point): no tracks" in skipped.reason
 
 
 def test_other_reference_systems_are_transformed(tmp_path: Path) -> None:
     edge = np.radians([4.0, 5.0]) * 6378137.0
-    path = write(tmp_path / "areas.gpkg", [shapely.box(edge[0], 0.0, edge[1], 1000.0)], crs="EPSG:3857")
+    path = write_layer(tmp_path / "areas.gpkg", [shapely.box(edge[0], 0.0, edge[1], 1000.0)], crs="EPSG:3857")
     west, south, east, _ = formats.read(path).areas[0].footprint.bounds
     assert (west, south, east) == pytest.approx((4.0, 0.0, 5.0), abs=1e-9)
 
 
 def test_features_without_id_are_numbered_and_layers_named(tmp_path: Path) -> None:
-    path = write(tmp_path / "areas.gpkg", [SQUARE, SQUARE])
+    path = write_layer(tmp_path / "areas.gpkg", [SQUARE, SQUARE])
     assert [area.key for area in formats.read(path).areas] == ["1", "2"]
-    write(path, [SQUARE])
+    write_layer(path, [SQUARE], "second")
     assert [area.key for area in formats.read(path).areas] == ["areas.1", "areas.2", "second.1"]
 
 
 def test_numeric_ids_become_strings(tmp_path: Path) -> None:
-    path = write(tmp_path / "areas.gpkg", [SQUARE], id=[1234567890])
+    path = write_layer(tmp_path / "areas.gpkg", [SQUARE], id=[1234567890])
     assert formats.read(path).areas[0].key == "1234567890"
+
+
+FIRST = "feature 1 of layer 'areas'"
 
 
 @pytest.mark.parametrize(
     ("shape", "columns", "key", "field", "rule"),
     [
-        (
-            shapely.GeometryCollection([SQUARE]),
-            {},
-            "feature 1 of layer 'areas'",
-            "geometry",
-            "got a GeometryCollection",
-        ),
-        (None, {}, "feature 1 of layer 'areas'", "geometry", "there is none"),
-        (shapely.Polygon(), {}, "feature 1 of layer 'areas'", "geometry", "there is none"),
-        (shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), {}, "area '1'", "geometry", "valid"),
-        (SQUARE, {"start": np.array(["2026-03-01T06:00:00"], dtype=object)}, "area '1'", "start", "offset"),
-        (SQUARE, {"floor_m": np.array(["low"], dtype=object)}, "area '1'", "floor_m", "number"),
+        (shapely.GeometryCollection([SQUARE]), {}, FIRST, "geometry", "got a GeometryCollection"),
+        (None, {}, FIRST, "geometry", "there is none"),
+        (shapely.Polygon(), {}, FIRST, "geometry", "there is none"),
+        (BOW, {}, "area '1'", "geometry", "valid"),
+        (SQUARE, {"start": ["2026-03-01T06:00:00"]}, "area '1'", "start", "offset"),
+        (SQUARE, {"floor_m": ["low"]}, "area '1'", "floor_m", "number"),
         (SQUARE, {"name": [7]}, "area '1'", "name", "string"),
     ],
 )
 def test_what_is_no_area_is_refused(
     tmp_path: Path, shape: Any, columns: dict[str, Any], key: str, field: str, rule: str
 ) -> None:
-    path = write(tmp_path / "areas.gpkg", [shape], kind="Unknown", **columns)
+    path = write_layer(tmp_path / "areas.gpkg", [shape], **columns)
     with pytest.raises(InvalidInput, match=rule) as caught:
         formats.read(path)
     assert (caught.value.source, caught.value.key, caught.value.field) == (str(path), key, field)
 
 
 def test_duplicate_ids_are_refused(tmp_path: Path) -> None:
-    path = write(tmp_path / "areas.gpkg", [SQUARE, SQUARE], id=np.array(["a", "a"], dtype=object))
+    path = write_layer(tmp_path / "areas.gpkg", [SQUARE, SQUARE], id=["a", "a"])
     with pytest.raises(InvalidInput, match="feature 1 of layer 'areas' and feature 2"):
         formats.read(path)
 
 
 def test_an_unknown_reference_system_is_refused(tmp_path: Path) -> None:
-    path = write(tmp_path / "areas.shp", [SQUARE])
+    path = write_layer(tmp_path / "areas.shp", [SQUARE], kind="Polygon")
     path.with_suffix(".prj").unlink()
     with pytest.raises(InvalidInput, match=r"reference system: is unknown"):
         formats.read(path)
@@ -168,7 +160,131 @@ def test_a_file_that_ogr_does_not_know_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("missing", ["pyogrio", "pyproj"])
 def test_without_the_extra_the_error_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
-    path = write(tmp_path / "areas.gpkg", [SQUARE], crs="EPSG:3857")
+    path = write_layer(tmp_path / "areas.gpkg", [SQUARE], crs="EPSG:3857")
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(InvalidInput, match=r"pip install 'conflictdb\[ogr\]'"):
+        formats.read(path)
+
+
+def test_a_track_may_have_heights_per_leg(tmp_path: Path) -> None:
+    path = write_layer(tmp_path / "a.gpkg", [LINE], id=["T"], **TIMES, FLOOR_M=["[0, null]"], colour=["red"], **HAVEN)
+    (track,) = formats.read(path).tracks
+    assert track.key == "T"
+    assert track.times_us.tolist() == [parse_instant(hour) for hour in HOURS]
+    assert track.positions_deg.tolist() == [list(place) for place in LINE.coords]
+    assert track.floors_m is not None
+    assert track.floors_m.tolist() == [0.0, -np.inf]
+    assert track.properties == {"colour": "red"}
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [TIMES, {"Start": [HOURS[0]], "SPEED_KN": [20.0]}, {"datetimes": TIMES["times"]}],
+)
+@pytest.mark.parametrize("shape", [LINE, shapely.MultiLineString([LINE])])
+def test_a_line_with_columns_of_times_is_a_track(tmp_path: Path, columns: dict[str, Any], shape: Any) -> None:
+    (track,) = formats.read(write_layer(tmp_path / "a.gpkg", [shape], **columns, **HAVEN)).tracks
+    assert track.key == "1"
+    assert track.times_us[0] == parse_instant(HOURS[0])
+    assert track.properties == {}
+
+
+def test_a_track_in_another_reference_system_is_transformed(tmp_path: Path) -> None:
+    scale = np.radians(1.0) * 6378137.0
+    line = shapely.LineString([(4 * scale, 0), (5 * scale, 0)])
+    path = write_layer(tmp_path / "a.gpkg", [line], crs="EPSG:3857", times=[json.dumps(HOURS[:2])], **HAVEN)
+    assert formats.read(path).tracks[0].positions_deg == pytest.approx(np.array([[4, 0], [5, 0]]), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("shape", "columns", "field", "rule"),
+    [
+        (shapely.MultiLineString([LINE, LINE]), TIMES, "geometry", "a track has no gaps; got 2"),
+        (LINE, {"times": [TIMES["times"][0].replace("06:00:00", "05:00:01")]}, "times[1]", "beyond 2000 kn"),
+        (LINE, {"times": ["now and then"]}, "times", "must be a list"),
+        (LINE, {**TIMES, "grow_mp": [1.0]}, "grow_mp", "did you mean grow_mps? Rename the column"),
+    ],
+)
+def test_what_is_no_track_is_refused(tmp_path: Path, shape: Any, columns: Any, field: str, rule: str) -> None:
+    with pytest.raises(InvalidInput) as caught:
+        formats.read(write_layer(tmp_path / "a.gpkg", [shape], **columns, **HAVEN))
+    assert (caught.value.key, caught.value.field) == ("track '1'", field)
+    assert rule in caught.value.rule
+
+
+def test_points_and_lines_among_areas_are_left_out_by_name(tmp_path: Path) -> None:
+    path = write_layer(tmp_path / "a.gpkg", [SQUARE, shapely.Point(4, 57), LINE, *[shapely.Point(4, 57)] * 12])
+    contents = formats.read(path)
+    assert [area.key for area in contents.areas] == ["1"]
+    numbers = "2, 4, 5, 6, 7, 8, 9, 10, 11, 12, …"
+    assert [str(one) for one in contents.skipped] == [
+        f"{path}: left out layer 'a': 13 features are Points, no areas or tracks ({numbers})",
+        f"{path}: left out layer 'a': 1 features are LineStrings, without times: no tracks (3)",
+    ]
+    assert not any(one.is_whole for one in contents.skipped)
+
+
+def test_layers_can_be_chosen(tmp_path: Path) -> None:
+    path = write_layer(tmp_path / "a.gpkg", [SQUARE], "zones")
+    write_layer(path, [BOW], "wrong")
+    write_layer(path, [SQUARE], "more")
+    assert [area.key for area in formats.read(path, layers=["zones", "more"]).areas] == ["zones.1", "more.1"]
+    with pytest.raises(InvalidInput, match=r"layer: there is no layer 'none'; the file has zones, wrong, more"):
+        formats.read(path, layers=["zones", "none"])
+    (tmp_path / "a.geojson").write_text('{"type": "FeatureCollection", "features": []}')
+    with pytest.raises(InvalidInput, match="has no layers"):
+        formats.read(tmp_path / "a.geojson", layers=["zones"])
+
+
+def test_the_rest_of_a_layer_is_read_on_request(tmp_path: Path) -> None:
+    path = write_layer(tmp_path / "a.gpkg", [SQUARE, BOW], begin_time=["", HOURS[0]])
+    with pytest.raises(InvalidInput) as caught:
+        formats.read(path)
+    assert [(one.key, one.field) for one in caught.value] == [("area '2'", "begin_time")]
+    contents = formats.read(path, skip_invalid=True)
+    assert [area.key for area in contents.areas] == ["1"]
+    assert [one.key for one in contents.skipped if one.is_whole] == ["area '2'"]
+
+
+GPX = """<?xml version="1.0"?>
+<gpx version="1.1" creator="x" xmlns="http://www.topografix.com/GPX/1/1">
+<wpt lat="57" lon="4"><name>W</name></wpt>
+<rte><name>R</name><rtept lat="57" lon="4"/><rtept lat="57.1" lon="4"/></rte>
+<trk><name>Boat</name>
+<trkseg>{}</trkseg><trkseg>{}</trkseg></trk>
+<trk><trkseg>{}</trkseg></trk>
+</gpx>
+"""
+
+
+def point(lon: float, time: str) -> str:
+    return f'<trkpt lat="57" lon="{lon}"><ele>3</ele>{time and f"<time>{time}</time>"}</trkpt>'
+
+
+def test_gpx_tracks_are_read_as_positions(tmp_path: Path) -> None:
+    path = tmp_path / "a.gpx"
+    first = point(4, HOURS[0]) + point(4.1, "2026-03-01T07:00:00.25+01:00") + point(4.2, "") + point(4.2, HOURS[2])
+    path.write_text(GPX.format(first, point(5, HOURS[0]) + point(5.1, HOURS[1]), point(6, HOURS[0])))
+    contents = formats.read(path)
+    assert [(track.key, track.name) for track in contents.tracks] == [("Boat.1", "Boat"), ("Boat.2", "Boat")]
+    times = [parse_instant(HOURS[0]), parse_instant(HOURS[1]) + 250_000, parse_instant(HOURS[2])]
+    assert contents.tracks[0].times_us.tolist() == times
+    assert contents.tracks[0].positions_deg.tolist() == [[4, 57], [4.1, 57], [4.2, 57]]
+    assert contents.tracks[0].outline_m.tolist() == [[0, 0]]
+    assert [(one.key, one.reason, one.lines) for one in contents.skipped] == [
+        ("layer 'waypoints'", "1 features are waypoints: no tracks", ()),
+        ("layer 'routes'", "1 features are routes, which have no times: no tracks", ()),
+        ("Boat.1", "no time", (3,)),
+        ("2", "a single fix: no movement to follow", (7,)),
+    ]
+    assert [remark.text for remark in contents.remarks] == ["says nothing of sizes: all tracks are points"]
+
+
+def test_text_that_is_not_utf_8_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.kml"
+    kml = '<?xml version="1.0" encoding="UTF-8"?><kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><name>Å</name>'
+    kml += "<Polygon><outerBoundaryIs><LinearRing><coordinates>4,57 5,57 5,58 4,57</coordinates></LinearRing>"
+    kml += "</outerBoundaryIs></Polygon></Placemark></kml>"
+    path.write_bytes(kml.encode("latin-1"))
+    with pytest.raises(InvalidInput, match="cannot be read by OGR"):
         formats.read(path)

@@ -13,45 +13,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from ogr_files import write_layer
+from plan_files import LONGEST_S, hostile_refusal
 
 from conflictdb import formats
 from conflictdb.errors import InvalidInput
-from conflictdb.formats import confined, ogr, ogr_process
+from conflictdb.formats import ogr
 
-pyogrio = pytest.importorskip("pyogrio", reason="the extra 'ogr' is not installed")
-
-LONGEST_S = 60.0
 SECRET = "stolen from another file"  # noqa: S105
 
 
-def refusal(path: Path) -> str:
-    began = time.monotonic()
-    with pytest.raises(InvalidInput) as caught:
-        formats.read(path)
-    assert time.monotonic() - began < LONGEST_S
-    message = str(caught.value)
-    assert message.startswith(str(path))
-    assert "\n" not in message
-    assert len(message) < 2_000
-    return message
-
-
-@pytest.fixture
-def little(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Give the process that reads two seconds and half a gigabyte, so that tests need not wait for more."""
-    ogr_process._others()
-    monkeypatch.setattr(confined, "_LEAST_SECONDS", 2.0)
-    monkeypatch.setattr(confined, "_LEAST_MEMORY", 1 << 29)
-    monkeypatch.setattr(ogr_process, "_OGR", replace(ogr_process._OGR, seconds_per_mb=0.01, memory_per_mb=1))
+# Two seconds and half a gigabyte, so that tests need not wait for more.
+LITTLE = replace(ogr.PROGRAM, seconds_per_mb=0.01, memory_per_mb=1, least_seconds=2.0, least_memory=1 << 29)
+SQUARE = shapely.box(4, 57, 5, 58)
 
 
 def geopackage(path: Path, name: str = "one") -> Path:
-    shape = np.array([shapely.to_wkb(shapely.box(4, 57, 5, 58))], dtype=object)
-    values = [np.array([name], dtype=object)]
-    pyogrio.raw.write(
-        path, geometry=shape, field_data=values, fields=np.array(["name"]), geometry_type="Polygon", crs="EPSG:4326"
-    )
-    return path
+    return write_layer(path, [SQUARE], kind="Polygon", name=[name])
 
 
 @pytest.fixture
@@ -172,15 +150,16 @@ def register(path: Path, statement: str, table: str) -> None:
     database.close()
 
 
-def test_a_geopackage_that_never_ends_is_ended(tmp_path: Path, little: None) -> None:
+def test_a_geopackage_that_never_ends_is_ended(tmp_path: Path) -> None:
     """A view that counts for ever."""
     path = geopackage(tmp_path / "areas.gpkg")
     count = "WITH RECURSIVE c(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM c) SELECT n AS fid, NULL AS geom FROM c"
     register(path, f"CREATE VIEW endless AS {count}", "endless")
-    assert "takes too much to read" in refusal(path)
+    with pytest.raises(InvalidInput, match="takes too much to read"):
+        ogr.read_layers(path, 64.0, LITTLE)
 
 
-def test_a_small_archive_of_gigabytes_is_refused(tmp_path: Path, little: None) -> None:
+def test_a_small_archive_of_gigabytes_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "areas.kmz"
     with (
         zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
@@ -190,7 +169,8 @@ def test_a_small_archive_of_gigabytes_is_refused(tmp_path: Path, little: None) -
         for _ in range(600):
             one.write(b"x" * 1_000_000)
     assert path.stat().st_size < 10_000_000
-    assert "takes too much to read" in refusal(path) or "cannot be read" in refusal(path)
+    with pytest.raises(InvalidInput, match=r"takes too much to read|cannot be read"):
+        ogr.read_layers(path, 64.0, LITTLE)
 
 
 def test_more_than_the_limit_is_refused(tmp_path: Path) -> None:
@@ -213,7 +193,7 @@ def test_more_than_the_limit_is_refused(tmp_path: Path) -> None:
 def test_nested_xml_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "areas.kml"
     path.write_text(text)
-    assert refusal(path)
+    assert hostile_refusal(path)
 
 
 def test_settings_of_the_caller_do_not_reach_ogr(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -237,36 +217,19 @@ def test_points_without_a_time_are_told_in_no_time(tmp_path: Path) -> None:
 
 def test_layers_that_are_called_as_those_of_gpx_are_read_as_others(tmp_path: Path) -> None:
     path = tmp_path / "areas.gpkg"
-    shape = np.array([shapely.to_wkb(shapely.box(4, 57, 5, 58))], dtype=object)
     for layer in ("waypoints", "routes", "tracks", "route_points", "track_points"):
-        pyogrio.raw.write(
-            path,
-            geometry=shape,
-            field_data=[np.array([7])],
-            fields=np.array(["time"]),
-            geometry_type="Polygon",
-            crs="EPSG:4326",
-            layer=layer,
-            append=path.exists(),
-        )
+        write_layer(path, [SQUARE], layer, time=[7])
     assert len(formats.read(path).areas) == 5
 
 
 def test_many_columns_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "areas.fgb"
-    shape = np.array([shapely.to_wkb(shapely.box(4, 57, 5, 58))], dtype=object)
-    names = np.array([f"c{i}" for i in range(2_001)])
-    values = [np.array([1]) for _ in names]
-    pyogrio.raw.write(path, geometry=shape, field_data=values, fields=names, geometry_type="Polygon", crs="EPSG:4326")
-    assert "columns: has 2,001 columns; at most 2,000 are read" in refusal(path)
+    path = write_layer(tmp_path / "areas.fgb", [SQUARE], kind="Polygon", **{f"c{i}": [1] for i in range(2_001)})
+    assert "columns: has 2,001 columns; at most 2,000 are read" in hostile_refusal(path)
 
 
 def test_missing_values_count_as_what_they_take(tmp_path: Path) -> None:
-    path = tmp_path / "areas.fgb"
-    shapes = np.array([shapely.to_wkb(shapely.box(4, 57, 5, 58))] * 1_000, dtype=object)
-    names = np.array([f"c{i}" for i in range(200)])
-    values = [np.array([None] * 1_000, dtype=object) for _ in names]
-    pyogrio.raw.write(path, geometry=shapes, field_data=values, fields=names, geometry_type="Polygon", crs="EPSG:4326")
+    columns = {f"c{i}": [None] * 1_000 for i in range(200)}
+    path = write_layer(tmp_path / "areas.fgb", [SQUARE] * 1_000, kind="Polygon", **columns)
     with pytest.raises(InvalidInput, match=r"holds more than 1 MB"):
         formats.read(path, max_file_mb=1.0)
     assert len(formats.read(path, max_file_mb=3.0).areas) == 1_000
@@ -275,6 +238,6 @@ def test_missing_values_count_as_what_they_take(tmp_path: Path) -> None:
 def test_geometries_in_geometries_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the process that reads says, it does not reach GEOS."""
     deep = b"\1\7\0\0\0\1\0\0\0" * 100_000
-    layer = ogr_process.Layer("a", "EPSG:4326", [], [1], np.array([deep], dtype=object), [])
+    layer = ogr.Layer("a", "EPSG:4326", [], [1], np.array([deep], dtype=object), [])
     monkeypatch.setattr(ogr, "read_layers", lambda path, most: [layer])
-    assert "row 0 nests geometries more than 32 deep" in refusal(geopackage(tmp_path / "areas.gpkg"))
+    assert "row 0 nests geometries more than 32 deep" in hostile_refusal(geopackage(tmp_path / "areas.gpkg"))

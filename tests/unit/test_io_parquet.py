@@ -3,12 +3,12 @@
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import geopandas
 import numpy as np
+import plan_files
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -19,7 +19,7 @@ from hypothesis import given, settings
 from scene_strategies import assert_same, scenes
 from workloads import GROWING, throw
 
-from conflictdb import InvalidInput, solve
+from conflictdb import FileHints, InvalidInput, solve
 from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.formats import parquet, read, write
 from conflictdb.formats.geoparquet import CRS84
@@ -59,14 +59,23 @@ def _in_this_process(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyP
         monkeypatch.setattr(parquet, "decoded", decoded)
 
 
-def written(path: Path, columns: dict[str, Any], geo: dict[str, Any] | None = None) -> Path:
-    """Write columns, geometries as WKB, with this metadata (default: of GeoParquet in longitude and latitude)."""
-    held = {name: wkb(column) if name == "geometry" else column for name, column in columns.items()}
-    table = pa.table(held)
-    if geo is None:
-        geo = {"version": "1.1.0", "primary_column": "geometry"}
-        geo["columns"] = {"geometry": {"encoding": "WKB", "geometry_types": []}}
-    pq.write_table(table.replace_schema_metadata({"geo": json.dumps(geo)} if geo else {}), path)
+def geo(**column: Any) -> dict[str, Any]:
+    """Metadata of GeoParquet in longitude and latitude, but for what is given."""
+    return {"primary_column": "geometry", "columns": {"geometry": {"encoding": "WKB", **column}}}
+
+
+def written(path: Path, columns: dict[str, Any], metadata: dict[str, Any] | None = None) -> Path:
+    """Write columns, geometries as WKB, with this metadata of GeoParquet."""
+    table = pa.table({name: wkb(column) if name == "geometry" else column for name, column in columns.items()})
+    metadata = geo() if metadata is None else metadata
+    pq.write_table(table.replace_schema_metadata({"geo": json.dumps(metadata)} if metadata else {}), path)
+    return path
+
+
+def saved(path: Path, areas: list[Area], tracks: list[Track], scene: Scene = Scene("s")) -> Path:  # noqa: B008
+    """Write a scene, areas and tracks apart."""
+    with path.open("wb") as stream:
+        write_objects(stream, scene, [of_objects(areas, []), of_objects([], tracks)])
     return path
 
 
@@ -77,19 +86,14 @@ def wkb(shapes: Any) -> pa.Array:
 
 
 def refusal(path: Path, **options: Any) -> str:
-    with pytest.raises(InvalidInput) as caught:
-        read(path, **options)
-    assert str(caught.value).startswith(str(path))
-    return str(caught.value).removeprefix(f"{path}: ")
+    return str(plan_files.refusal(path, **options)).removeprefix(f"{path}: ")
 
 
 @given(scenes())
 @settings(max_examples=10, deadline=None)
 def test_a_scene_comes_back_as_it_was(tmp_path_factory: pytest.TempPathFactory, objects: Any) -> None:
     scene, areas, tracks = objects
-    path = tmp_path_factory.mktemp("parquet") / "scene.parquet"
-    with path.open("wb") as stream:
-        write_objects(stream, scene, [of_objects(areas, []), of_objects([], tracks)])
+    path = saved(tmp_path_factory.mktemp("parquet") / "scene.parquet", areas, tracks, scene)
     contents = read(path, max_speed_kn=np.inf)
     assert contents.scene == scene
     for one, other in zip([*areas, *tracks], [*contents.areas, *contents.tracks], strict=True):
@@ -98,13 +102,11 @@ def test_a_scene_comes_back_as_it_was(tmp_path_factory: pytest.TempPathFactory, 
 
 def test_what_is_written_is_geoparquet(tmp_path: Path) -> None:
     """By the schema of 1.1: coded as WKB, with a box for each row that its metadata name, and one of all."""
-    path = tmp_path / "scene.parquet"
     scene, areas, tracks = throw(GROWING, 7, 8, 12)
-    with path.open("wb") as stream:
-        write_objects(stream, scene, [of_objects(areas, tracks)])
-    geo = json.loads(pq.read_schema(path).metadata[b"geo"])
-    column = geo["columns"][geo["primary_column"]]
-    assert (geo["version"], column["encoding"], column["crs"]) == ("1.1.0", "WKB", CRS84)
+    path = saved(tmp_path / "scene.parquet", areas, tracks, scene)
+    metadata = json.loads(pq.read_schema(path).metadata[b"geo"])
+    column = metadata["columns"][metadata["primary_column"]]
+    assert (metadata["version"], column["encoding"], column["crs"]) == ("1.1.0", "WKB", CRS84)
     assert column["geometry_types"] == ["LineString", "MultiPolygon"]
     frame = geopandas.read_parquet(path)
     assert frame.crs.to_authority() == ("OGC", "CRS84")
@@ -252,14 +254,13 @@ def test_points_are_circles_with_a_radius_and_left_out_without(tmp_path: Path) -
 
 def test_a_file_that_says_no_reference_system_is_remarked(tmp_path: Path) -> None:
     """As Sedona and DuckDB may write it; coordinates in metres are refused all the same."""
-    unknown = {"primary_column": "geometry", "columns": {"geometry": {"encoding": "WKB", "crs": None}}}
-    for geo in (unknown, {}):
-        path = written(tmp_path / "areas.parquet", {"id": ["A"], "geometry": [SQUARE]}, geo)
+    for metadata in (geo(crs=None), {}):
+        path = written(tmp_path / "areas.parquet", {"id": ["A"], "geometry": [SQUARE]}, metadata)
         assert [one.text for one in read(path).remarks] == [
             "does not say its reference system: taken for longitude and latitude on WGS84"
         ]
         metres = shapely.box(500_000.0, 6_000_000.0, 501_000.0, 6_001_000.0)
-        assert "latitude must lie within" in refusal(written(path, {"id": ["A"], "geometry": [metres]}, geo))
+        assert "latitude must lie within" in refusal(written(path, {"id": ["A"], "geometry": [metres]}, metadata))
 
 
 def test_parts_in_a_directory_are_one_file(tmp_path: Path) -> None:
@@ -284,9 +285,7 @@ def test_parts_in_a_directory_are_one_file(tmp_path: Path) -> None:
 def test_columns_may_be_of_types_that_stand_for_the_same(tmp_path: Path) -> None:
     """Texts of other kinds, coded ones, and instants in other units and zones, in a file of objects as they are."""
     area, track = Area("A", SQUARE, name="a"), Track("T", [(0, 0), (0.01, 0)], [0, 3_600_000_000], [(0, 0)])
-    path = tmp_path / "scene.parquet"
-    with path.open("wb") as stream:
-        write_objects(stream, Scene("s"), [of_objects([area], [track])])
+    path = saved(tmp_path / "scene.parquet", [area], [track])
     whole = pq.read_table(path)
     coded, oslo = pa.dictionary(pa.int8(), pa.string()), pa.timestamp("ns", "Europe/Oslo")
     for types in (
@@ -327,17 +326,15 @@ def test_parts_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
     """In another reference system, of a scene with other settings, and in directories of their own: none is misread."""
     directory = tmp_path / "areas.parquet"
     directory.mkdir()
-    column = {"encoding": "WKB", "geometry_types": ["Polygon"], "bbox": [9.0, 54.0, 9.5, 54.25]}
-    geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
     written(directory / "part-0.parquet", {"id": ["A"], "geometry": [SQUARE]})
-    written(directory / "part-1.geoparquet", {"id": ["B"], "geometry": [SQUARE]}, geo)
+    alike = geo(geometry_types=["Polygon"], bbox=[9.0, 54.0, 9.5, 54.25])
+    written(directory / "part-1.geoparquet", {"id": ["B"], "geometry": [SQUARE]}, alike)
     assert [area.key for area in read(directory).areas] == ["A", "B"]
-    column["crs"] = {"id": {"authority": "EPSG", "code": 25832}}
-    written(directory / "part-1.geoparquet", {"id": ["B"], "geometry": [SQUARE]}, geo)
+    other = geo(crs={"id": {"authority": "EPSG", "code": 25832}})
+    written(directory / "part-1.geoparquet", {"id": ["B"], "geometry": [SQUARE]}, other)
     assert "part-1.geoparquet: says other things of itself" in refusal(directory)
     for k, scene in enumerate((Scene("s"), Scene("s", separation_m=500.0))):
-        with (directory / f"part-{k}.parquet").open("wb") as stream:
-            write_objects(stream, scene, [of_objects([Area(f"A{k}", SQUARE)], [])])
+        saved(directory / f"part-{k}.parquet", [Area(f"A{k}", SQUARE)], [], scene)
     (directory / "part-1.geoparquet").unlink()
     assert "other settings of the scene" in refusal(directory)
     (directory / "kind=area").mkdir()
@@ -348,19 +345,16 @@ def test_parts_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
 def test_own_columns_are_in_the_reference_system_of_the_metadata(tmp_path: Path, form: bool) -> None:
     """Metres of EPSG 3857 are transformed, of areas and tracks, whether or not the file says its form."""
     track = Track("T", np.array([(9.0, 54.0), (9.5, 54.5)]), np.array([EIGHT, TEN]), np.array([[0.0, 0.0]]))
-    path = tmp_path / "own.parquet"
-    with path.open("wb") as stream:
-        write_objects(stream, Scene("s"), [of_objects([Area("A", SQUARE)], [track])])
+    path = saved(tmp_path / "own.parquet", [Area("A", SQUARE)], [track])
     table = pq.read_table(path)
     metres = pyproj.Transformer.from_crs(4326, 3857, always_xy=True)
     shapes = shapely.transform(
         shapely.from_wkb(table["geometry"].to_pylist()), lambda xy: np.column_stack(metres.transform(*xy.T))
     )
-    geo = json.loads(table.schema.metadata[b"geo"])
-    geo["columns"]["geometry"] |= {"crs": {"id": {"authority": "EPSG", "code": 3857}}, "edges": "spherical"}
+    metadata = geo(crs={"id": {"authority": "EPSG", "code": 3857}}, edges="spherical")
     table = table.set_column(table.schema.get_field_index("geometry"), "geometry", wkb(shapes))
     kept = table.schema.metadata if form else {}
-    pq.write_table(table.replace_schema_metadata({**kept, b"geo": json.dumps({**geo})}), path)
+    pq.write_table(table.replace_schema_metadata({**kept, b"geo": json.dumps(metadata)}), path)
     contents = read(path)
     assert np.allclose(contents.areas[0].footprint.bounds, SQUARE.bounds, rtol=0, atol=1e-9)
     assert np.allclose(contents.tracks[0].positions_deg, track.positions_deg, rtol=0, atol=1e-9)
@@ -379,10 +373,8 @@ def test_own_columns_are_in_the_reference_system_of_the_metadata(tmp_path: Path,
 def test_metadata_of_own_columns_are_remarked_on_as_of_others(
     tmp_path: Path, said: dict[str, Any], remark: str
 ) -> None:
-    column = {"encoding": "WKB", "geometry_types": [], **said}
-    geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
     for name, more in (("own.parquet", {"kind": ["area"]}), ("others.parquet", {"remark": ["x"]})):
-        contents = read(written(tmp_path / name, {"id": ["A"], "geometry": [SQUARE], **more}, geo))
+        contents = read(written(tmp_path / name, {"id": ["A"], "geometry": [SQUARE], **more}, geo(**said)))
         assert contents.areas[0].footprint.bounds == SQUARE.bounds
         assert [remark in one.text for one in contents.remarks] == [True]
 
@@ -398,9 +390,8 @@ def test_metadata_of_own_columns_are_remarked_on_as_of_others(
     ],
 )
 def test_metadata_of_own_columns_are_refused_as_of_others(tmp_path: Path, said: dict[str, Any], rule: str) -> None:
-    column = {"encoding": "WKB", "geometry_types": [], **said}
-    geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
-    assert rule in refusal(written(tmp_path / "a.parquet", {"id": ["A"], "kind": ["area"], "geometry": [SQUARE]}, geo))
+    columns = {"id": ["A"], "kind": ["area"], "geometry": [SQUARE]}
+    assert rule in refusal(written(tmp_path / "a.parquet", columns, geo(**said)))
 
 
 def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
@@ -413,11 +404,29 @@ def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
         assert parts.remarks == [remark]
 
 
+def test_names_of_columns_are_mapped(tmp_path: Path) -> None:
+    """Of areas and of positions, as in other files; and lines without times name columns that look like them."""
+    columns = {"id": ["A"], "geometry": [SQUARE], "valid_from": pa.array([EIGHT], US)}
+    path = written(tmp_path / "a.parquet", columns)
+    (area,) = read(path, hints=FileHints({"start": "valid_from"})).areas
+    assert area.start_us == EIGHT
+    with pytest.raises(InvalidInput, match="column valid_form: is mapped to start"):
+        read(path, hints=FileHints({"start": "valid_form"}))
+    rows = {"ship": ["T", "T"], "when": pa.array([EIGHT, TEN], US), "x": [9.0, 9.1], "y": [57.0, 57.0]}
+    positions = written(tmp_path / "t.parquet", rows, {})
+    with pytest.raises(InvalidInput):
+        read(positions)
+    (track,) = read(positions, hints=FileHints({"id": "ship", "time": "when", "lon": "x", "lat": "y"})).tracks
+    assert (track.key, len(track.times_us)) == ("T", 2)
+    line = shapely.LineString([(9, 57), (10, 58)])
+    (skipped,) = read(written(tmp_path / "l.parquet", {"geometry": [line], "laid": pa.array([EIGHT], US)})).skipped
+    assert "(laid look like times, but not of each point): no tracks" in skipped.reason
+
+
 @pytest.mark.parametrize("crs", ["EPSG:4326", pyproj.CRS(4326).to_wkt(), 4326])
 def test_a_reference_system_may_be_its_name_or_wkt(tmp_path: Path, crs: str | int) -> None:
     """As older writers give it."""
-    geo = {"primary_column": "geometry", "columns": {"geometry": {"encoding": "WKB", "crs": crs}}}
-    path = written(tmp_path / "areas.parquet", {"id": ["A"], "geometry": [SQUARE]}, geo)
+    path = written(tmp_path / "areas.parquet", {"id": ["A"], "geometry": [SQUARE]}, geo(crs=crs))
     assert read(path).areas[0].footprint.bounds == SQUARE.bounds
 
 
@@ -434,22 +443,15 @@ def of_form(name: str, column: pa.Array) -> Callable[[Path], Path]:
     """Return what writes a scene of one area of which a column is another."""
 
     def write_it(path: Path) -> Path:
-        stream = BytesIO()
-        write_objects(stream, Scene("s"), [of_objects([Area("A", SQUARE)], [])])
-        table = pq.read_table(pa.BufferReader(stream.getvalue()))
+        table = pq.read_table(saved(path, [Area("A", SQUARE)], []))
         pq.write_table(table.set_column(table.schema.get_field_index(name), name, column), path)
         return path
 
     return write_it
 
 
-def plain(**columns: Any) -> Callable[[Path], Path]:
-    return lambda path: written(path, {"id": ["A"], "geometry": [SQUARE], **columns})
-
-
-def with_geo(**column: Any) -> Callable[[Path], Path]:
-    geo = {"primary_column": "geometry", "columns": {"geometry": {"encoding": "WKB", **column}}}
-    return lambda path: written(path, {"id": ["A"], "geometry": [SQUARE]}, geo)
+def plain(metadata: dict[str, Any] | None = None, **columns: Any) -> Callable[[Path], Path]:
+    return lambda path: written(path, {"id": ["A"], "geometry": [SQUARE], **columns}, metadata)
 
 
 @pytest.mark.parametrize(
@@ -466,25 +468,16 @@ def with_geo(**column: Any) -> Callable[[Path], Path]:
         (plain(start=pa.array([5])), "start: must be a date and time as a string; got 5"),
         (plain(floor_m=["high"]), "floor_m: must be a number; got 'high'"),
         (plain(note=["x"], kind=["track"]), "row 0: kind: is 'track', but the geometry is that of"),
-        (
-            lambda path: written(path, {"id": ["A", "A"], "geometry": [SQUARE, SQUARE]}),
-            "is given twice, by rows 0 and 1",
-        ),
+        (plain(id=["A", "A"], geometry=[SQUARE, SQUARE]), "is given twice, by rows 0 and 1"),
         (lambda path: written(path, {"id": ["A"], "geom": [1]}, {}), "geometry: there is none"),
-        (lambda path: written(path, {**fixes(True), "time": ["now"] * 4}), "time: must be a date and time"),
-        (
-            lambda path: written(path, {**fixes(True), "time": pa.array([EIGHT] * 4, pa.timestamp("us"))}),
-            "time: needs an offset from UTC",
-        ),
-        (with_geo(encoding="WKT"), "encoding must be one of WKB, point"),
-        (with_geo(encoding="polygon"), "column geometry: holds what is no geometry in polygon"),
-        (with_geo(crs={"id": {"authority": "EPSG", "code": 999999}}), "is not known to PROJ: EPSG:999999"),
-        (with_geo(crs={"name": "mine"}), "is not known to PROJ"),
-        (
-            lambda path: written(path, {"id": ["A"]}, {"primary_column": "geometry", "columns": {"geometry": {}}}),
-            "not there",
-        ),
-        (lambda path: written(path, {"id": ["A"]}, {"columns": []}), "must be the JSON that GeoParquet says it is"),
+        (plain(**{**fixes(True), "time": ["now"] * 4}), "time: must be a date and time"),
+        (plain(**{**fixes(True), "time": pa.array([EIGHT] * 4, pa.timestamp("us"))}), "time: needs an offset from UTC"),
+        (plain(geo(encoding="WKT")), "encoding must be one of WKB, point"),
+        (plain(geo(encoding="polygon")), "column geometry: holds what is no geometry in polygon"),
+        (plain(geo(crs={"id": {"authority": "EPSG", "code": 999999}})), "is not known to PROJ: EPSG:999999"),
+        (plain(geo(crs={"name": "mine"})), "is not known to PROJ"),
+        (lambda path: written(path, {"id": ["A"]}, geo()), "not there"),
+        (plain({"columns": []}), "must be the JSON that GeoParquet says it is"),
         (of_form("geometry", pa.array([shapely.Point(1, 2).wkb])), "area 'A': geometry: must be a non-empty Polygon"),
         (of_form("start", pa.array([EIGHT], pa.timestamp("us"))), "instants need a time zone"),
         (of_form("properties", pa.array(["[1]"])), "properties: must be a JSON object"),
@@ -499,9 +492,7 @@ def test_what_is_wrong_is_told(tmp_path: Path, make: Callable[[Path], Path], rul
 
 def test_all_mistakes_of_a_scene_are_told_or_left_out(tmp_path: Path) -> None:
     areas = [Area(key, SQUARE) for key in "ABCD"]
-    path = tmp_path / "scene.parquet"
-    with path.open("wb") as stream:
-        write_objects(stream, Scene("s"), [of_objects(areas, [])])
+    path = saved(tmp_path / "scene.parquet", areas, [])
     table = pq.read_table(path)
     ceiling = pc.if_else(pc.is_in(table["id"], pa.array(["B", "D"])), 0.0, None)
     table = table.set_column(table.schema.get_field_index("ceiling_m"), "ceiling_m", ceiling.cast(pa.float64()))
@@ -516,9 +507,7 @@ def test_all_mistakes_of_a_scene_are_told_or_left_out(tmp_path: Path) -> None:
 
 
 def test_what_was_cut_off_or_is_something_else_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "scene.parquet"
-    with path.open("wb") as stream:
-        write_objects(stream, Scene("s"), [of_objects([Area("A", SQUARE)], [])])
+    path = saved(tmp_path / "scene.parquet", [Area("A", SQUARE)], [])
     whole = path.read_bytes()
     for damaged in (whole[:-9], whole[:100], whole[:50] + b"\xff" * 50 + whole[100:], b"{}", b""):
         path.write_bytes(damaged)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from staged import Staged
 from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, OCEAN, Workload, throw
 
 from conflictdb.arrays.answers import Contacts
@@ -30,8 +31,6 @@ from conflictdb.model import plans
 from conflictdb.model.plans import MAX_HAVEN_CORNERS, Area, EarthModel, Track, rectangle_outline_m
 from conflictdb.model.results import Kind, Verdict
 from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
 
 Columns = tuple[np.ndarray, ...]
 UNRESOLVED = Verdict.UNRESOLVED.code
@@ -40,12 +39,12 @@ UNRESOLVED = Verdict.UNRESOLVED.code
 def batch(workload: Workload, seeds: int = 1, count: int = 10) -> tuple[KernelPlane, Pieces, Columns]:
     """A plane, pieces, and the pairs of them that might meet: a, b, zero_us, low_s, high_s."""
     scene, areas, tracks = throw(workload, seeds, count, count, EarthModel.WGS84, 0.0)
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
-    pairs = intersections(pieces, *candidates(pieces), regions=False)
-    pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
-    start, end = pieces.shared_span(pairs.a, pairs.b)
-    return plane.kernel_plane, pieces, (pairs.a, pairs.b, start, np.zeros(len(pairs)), (end - start) / 1e6)
+    staged = Staged.of(scene, areas, tracks)
+    pieces, pairs = staged.pieces, staged.pairs
+    start, span_s = staged.spans()
+    moving = np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1))
+    columns = pairs.a, pairs.b, start, np.zeros(len(pairs)), span_s
+    return staged.plane.kernel_plane, pieces, tuple(column[moving] for column in columns)
 
 
 def found_of(
@@ -295,6 +294,7 @@ def test_another_platform_has_another_fingerprint() -> None:
     assert build.fingerprint("Darwin arm64") != build.fingerprint("Linux aarch64") != build.fingerprint()
 
 
+@pytest.mark.slow  # .ci/sanitize runs it: a build of the whole kernel under sanitizers takes a minute
 def test_hostile_arrays_under_sanitizers(tmp_path: Path) -> None:
     """Any access outside an array (each is a block of its own), undefined operation or broken precondition ends it."""
     sanitize = (

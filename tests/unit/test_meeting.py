@@ -2,41 +2,26 @@
 
 import numpy as np
 import pytest
-import scenes
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from staged import Staged, still
 from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import PieceRows
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.meeting import distances, meetings
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import EarthModel, Motion, Scene
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.stage4.meeting_points import meeting_points
 
 ALPS = Scene("s", Motion.GREAT_CIRCLE, centre=(10.0, 46.0))
 PLANES = [plane_of(Scene("s")), plane_of(Scene("s", earth=EarthModel.SPHERE)), plane_of(ALPS)]
 planes = pytest.mark.parametrize("plane", PLANES, ids=["wgs84", "sphere", "great circles"])
 # Away from the origin of the planes, where coordinates have digits to lose; the seam's neighbourhood is tested below.
 MIDDLE = np.array([9.0e5, 4.0e5])
-
-
-def still(*rings: Floats) -> Pieces:
-    """Areas with these corners, plane metres, counter-clockwise."""
-    scene = Scene("s")
-    areas = [scenes.area(f"A{k}", shapely.box(k, 0.0, k + 0.5, 0.5)) for k in range(len(rings))]
-    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of([]))
-    offset = np.concatenate([[0], np.cumsum([len(ring) for ring in rings])])
-    shape = np.concatenate(rings)
-    columns = {name: getattr(pieces, name) for name in pieces.__slots__}
-    return Pieces(**{**columns, "shape_xy": shape, "shape_to_xy": shape, "shape_offset": offset})
 
 
 def meeting_xy(plane: Plane, one: Floats, other: Floats) -> Floats:
@@ -118,19 +103,17 @@ def test_meeting_place_is_the_middle_of_what_shapely_finds_common(seed: int, whi
 def test_what_meets_in_motion_meets_in_both(workload: Workload) -> None:
     """Pairs at instants at which they touch: the place is in both of the polygons, however many pairs are asked."""
     scene, areas, tracks = throw(workload, 3, 24, 24)
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+    staged = Staged.of(scene, areas, tracks)
+    plane, pieces, held = staged.plane, staged.pieces, staged.prepared
     every = np.arange(len(pieces))
     a, b = (one.ravel() for one in np.meshgrid(every, every))
     start, end = pieces.shared_span(PieceRows(a), PieceRows(b))
     moving = (a < b) & (start < end) & (pieces.kind[b] == 1)
     a, b, start, end = a[moving], b[moving], start[moving], end[moving]
     at_s = (end - start) / 2e6
-    held = kernel.KernelScene(plane.kernel_plane, pieces)
     apart_m = distances(held, a, b, start, at_s)
     touch = np.flatnonzero(apart_m <= 0.0)
-    pairs = Pairs(PieceRows(a[touch]), PieceRows(b[touch]), np.empty((0, 2)), np.zeros(len(touch) + 1, np.int64))
-    places = meeting_points(held, pairs.a, pairs.b, at_s[touch])
+    places = meetings(held, a[touch], b[touch], start[touch], at_s[touch])
     assert len(places) >= 4
     for k, row in enumerate(touch.tolist()):
         x, y = plane.to_plane(*places[k])

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import oracle
 import pytest
+import recorded
 import scenes
 import shapely
 from mpmath import mp, mpf
@@ -206,3 +207,8 @@ def test_a_crossing_on_a_leg_of_months_is_seen() -> None:
     point = Track("point", np.array([start, [64.0, -36.9]]), np.array([month, 270]) * day_us, np.zeros((1, 2)))
     found = oracle.meeting(Scene("creep", earth=EarthModel.SPHERE), line, point, care_m=2.0)
     assert found.least_m < 1e-6
+
+
+def test_recorded_answers_are_of_this_oracle() -> None:
+    """Else the suite computes all of them: `./run python tests/support/recorded.py` records them again."""
+    assert recorded.is_current()

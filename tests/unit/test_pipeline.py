@@ -18,9 +18,10 @@ from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.library import SHARE
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import EarthModel, Scene
+from conflictdb.stages.funnel import Funnel
 from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.run import Funnel, PairSource, run_scene
-from conflictdb.stages.source import Chunk
+from conflictdb.stages.run import run_scene
+from conflictdb.stages.source import Chunk, PairSource
 from conflictdb.stages.stage1_broad_phase import candidates
 
 SCENE, AREAS, TRACKS = throw(LOW_LATITUDE, 3, 6, 6)

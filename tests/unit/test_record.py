@@ -45,6 +45,8 @@ ROWS = [
         acknowledged_at=START,
         acknowledged_for="seen",
         acknowledged_until=END,
+        a_name="=Pier",
+        b_name="T & <b>",
         a_id=3,
         a_version=4,
         b_id=5,

@@ -6,6 +6,7 @@ import scenes
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from staged import still
 from workloads import WORKLOADS, Workload, throw
 
 from conflictdb import kernel
@@ -77,18 +78,6 @@ def test_hulls_are_those_of_the_motion(workload: Workload, separation_m: float, 
         xy, pad, deviation = swept(plane, pieces, k, scene.reach_m)
         assert hulls.deviation_m[k] == pytest.approx(deviation, rel=1e-6, abs=1e-9)
         assert_is_grown(hulls.xy[hulls.offset[k] : hulls.offset[k + 1]], xy, pad)
-
-
-def still(*rings: list[tuple[float, float]]) -> Pieces:
-    """Areas with these vertices in the plane."""
-    offset = np.cumsum([0, *(len(ring) for ring in rings)])
-    n, xy = len(rings), np.array([point for ring in rings for point in ring], dtype=np.float64).reshape(-1, 2)
-    nought, none = np.zeros(n, np.int64), np.zeros((n, 2))
-    return Pieces(
-        nought, np.zeros(n, np.int8), nought, nought, np.zeros(n, np.int32), np.zeros(n, np.int16), nought, nought,
-        np.zeros(n, np.bool_), np.zeros(n), np.zeros(n), np.empty((0, 2)), np.zeros(n + 1, np.int64), xy, xy, offset,
-        nought, nought, none, none, np.zeros(n),
-    )  # fmt: skip
 
 
 KERNEL_PLANE = plane_of(Scene("s", earth=EarthModel.SPHERE)).kernel_plane

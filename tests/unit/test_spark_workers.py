@@ -136,12 +136,11 @@ def test_a_terminal_shows_how_far_spark_is(monkeypatch: pytest.MonkeyPatch, caps
             return SimpleNamespace(numCompletedTasks=number, numTasks=1_000) if number < 3 else None
 
     spark: Any = SimpleNamespace(sparkContext=SimpleNamespace(statusTracker=Tracker))
-    monkeypatch.setattr(on_spark, "_EVERY_S", 0.01)
     for is_terminal in (False, True):
         monkeypatch.setattr(sys.stderr, "isatty", lambda shown=is_terminal: shown)
         shown = ""
-        with on_spark._shown_progress(spark) as doing:
-            doing("solving")
+        with on_spark._shown_progress(spark, 0.01) as begin:
+            begin("solving")
             ends = time.monotonic() + (30.0 if is_terminal else 0.1)
             while "solving" not in shown and time.monotonic() < ends:
                 shown += capsys.readouterr().err

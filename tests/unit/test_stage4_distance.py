@@ -10,6 +10,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_planes import distance_m
+from staged import still
 
 from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -26,14 +27,6 @@ SCENE = Scene("sphere", earth=EarthModel.SPHERE)
 SPHERE = plane_of(SCENE)
 # On the equator, where the plane has the scale of the earth to 2e-8 of a length for some kilometres.
 MIDDLE = np.array([1e7, 0.0])
-
-
-def still(a: np.ndarray, b: np.ndarray) -> Pieces:
-    """Two areas with these corners, plane metres, counter-clockwise."""
-    areas = [scenes.area(f"A{k}", shapely.box(k, 0.0, k + 0.5, 0.5)) for k in range(2)]
-    pieces = pieces_of(SCENE, SPHERE, AreaBatch.of(areas), TrackBatch.of([]))
-    shape, offset = np.concatenate([a, b]), np.array([0, len(a), len(a) + len(b)])
-    return replace(pieces, shape_xy=shape, shape_to_xy=shape, shape_offset=offset)
 
 
 def apart_m(pieces: Pieces, a: int = 0, b: int = 1, at_s: float = 0.0, scene: Scene = SCENE) -> float:
@@ -120,19 +113,26 @@ def on_sphere_m(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def least_on_sphere_m(a: np.ndarray, b: np.ndarray) -> float:
-    """Least great-circle distance between two boundaries, by ever denser sampling."""
+    """Least great-circle distance between two boundaries: sampled all along, then ever denser about the least."""
     rings = [shapely.LinearRing(p) for p in (a, b)]
-    at, width, best = [np.linspace(0, 1, 1201)] * 2, 1 / 1200, np.inf
-    for _ in range(5):
-        points = [
-            shapely.get_coordinates(shapely.line_interpolate_point(ring, u % 1, normalized=True))
-            for ring, u in zip(rings, at, strict=True)
+
+    def places(at: list[np.ndarray]) -> list[np.ndarray]:
+        return [
+            shapely.get_coordinates(shapely.line_interpolate_point(ring, share % 1, normalized=True))
+            for ring, share in zip(rings, at, strict=True)
         ]
-        distance = on_sphere_m(*points)
-        i, j = np.unravel_index(np.argmin(distance), distance.shape)
-        best = min(best, float(distance[i, j]))
-        at = [np.linspace(u[k] - 2 * width, u[k] + 2 * width, 401) for u, k in zip(at, (i, j), strict=True)]
-        width /= 100
+
+    at, width, best = [np.linspace(0, 1, 1201)] * 2, 1 / 1200, np.inf
+    one, other = map(unit, places(at))
+    nearness = one @ other.T
+    for _ in range(8):
+        i, j = np.unravel_index(np.argmax(nearness), nearness.shape)
+        at = [
+            np.linspace(shares[k] - 2 * width, shares[k] + 2 * width, 81) for shares, k in zip(at, (i, j), strict=True)
+        ]
+        width /= 20
+        nearness = -on_sphere_m(*places(at))
+        best = min(best, float(-nearness.max()))
     return best
 
 

@@ -8,28 +8,17 @@ import numpy as np
 import pytest
 import scenes
 import shapely
+from staged import Staged
 from workloads import EQUATOR, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, throw
 
 from conflictdb import kernel
 from conflictdb.arrays.answers import Contacts
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.pairs import Pairs
-from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.registry import plane_of
 from conflictdb.kernel import Questions, Work
 from conflictdb.kernel.meeting import distances
 from conflictdb.model.plans import Area, EarthModel, Scene, Track
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.pieces.cutting import area_pieces
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
 from conflictdb.stages.stage4.contact_search import CONFLICT, GRAZING, UNRESOLVED, contacts
 
 DEGREE = scenes.parallel_m(EarthModel.SPHERE, 0.0)
-
-
-def prepared(scene: Scene, pieces: Pieces) -> kernel.KernelScene:
-    return kernel.KernelScene(plane_of(scene).kernel_plane, pieces)
 
 
 @dataclass(frozen=True)
@@ -42,17 +31,12 @@ class Batch:
 
     @classmethod
     def of(cls, scene: Scene, areas: list[Area], tracks: list[Track]) -> "Batch":
-        plane = plane_of(scene)
-        pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
-        pairs = intersections(pieces, *candidates(pieces), regions=False)
-        pairs = pairs.take(np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1)))
-        start, end = pieces.shared_span(pairs.a, pairs.b)
-        span, zero = (end - start) / 1e6, np.zeros(len(pairs))
-        return cls(
-            scene,
-            kernel.KernelScene(plane.kernel_plane, pieces),
-            Questions(pairs.a, pairs.b, start, zero, span, np.full(len(pairs), np.inf)),
-        )
+        staged = Staged.of(scene, areas, tracks)
+        pieces, pairs = staged.pieces, staged.pairs
+        start, span = staged.spans()
+        every = Questions(pairs.a, pairs.b, start, np.zeros(len(pairs)), span, np.full(len(pairs), np.inf))
+        moving = np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1))
+        return cls(scene, staged.prepared, every.take(moving))
 
     def solved(self, work: Work | None = None) -> Contacts:
         scene = self.scene
@@ -166,12 +150,9 @@ def test_uniform_motion_takes_the_closed_form() -> None:
     Batch.of(scene, [box], [track]).solved(work)
     assert work.closed_forms >= 1
     assert work.windows == work.evaluations == 0
-    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
-    pairs = intersections(pieces, *candidates(pieces), regions=False)
-    start, end = pieces.shared_span(pairs.a, pairs.b)
-    held, nought = prepared(scene, pieces), np.zeros(len(pairs))
-    found, _ = contacts(scene, plane_of(scene), held, pairs, nought, (end - start) / 1e6)
-    seconds = (start[found.pair] - scenes.T0_US) / 1e6
+    staged = Staged.of(scene, [box], [track])
+    found, _ = staged.contacts()
+    seconds = (staged.spans()[0][found.pair] - scenes.T0_US) / 1e6
     assert (seconds + found.start_s).min() == pytest.approx((0.5 - 4000 / DEGREE) * 3600, abs=1e-6)
     assert (seconds + found.end_s).max() == pytest.approx((0.6 + 2000 / DEGREE) * 3600, abs=1e-6)
     assert found.error_s.max() < 1e-6
@@ -182,13 +163,12 @@ def test_a_window_of_one_instant_is_looked_at() -> None:
     scene = Scene("s", earth=EarthModel.SPHERE)
     box = scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))
     track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], 4000.0, 2000.0, 500.0, 500.0)
-    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
-    pairs = intersections(pieces, *candidates(pieces), regions=False)
-    start, end = pieces.shared_span(pairs.a, pairs.b)
-    at_us = scenes.T0_US + int(0.55 * 3600e6)
-    row = np.flatnonzero((start <= at_us) & (at_us <= end))[:1]
-    at_s = (at_us - start[row]) / 1e6
-    found, _ = contacts(scene, plane_of(scene), prepared(scene, pieces), pairs.take(row), at_s, at_s)
+    staged = Staged.of(scene, [box], [track])
+    start, span_s = staged.spans()
+    gone_s = (scenes.T0_US + int(0.55 * 3600e6) - start) / 1e6
+    row = np.flatnonzero((gone_s >= 0.0) & (gone_s <= span_s))[:1]
+    at_s = gone_s[row]
+    found, _ = contacts(scene, staged.plane, staged.prepared, staged.pairs.take(row), at_s, at_s)
     assert found.verdict.tolist() == [CONFLICT]
     assert found.start_s == found.end_s == at_s
 
@@ -212,11 +192,7 @@ def test_depth_and_closeness_decide_at_a_tolerance(depth_m: float, verdict: int 
     north = np.degrees((500.0 - depth_m) / 6371008.771415)
     box = scenes.area("A", shapely.box(0.5, north, 0.6, north + 0.1))
     track = scenes.track("T", [(0, 0), (1, 0)], [0, 3600], 500.0, 500.0, 500.0, 500.0)
-    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([box]), TrackBatch.of([track]))
-    pairs = intersections(pieces, *candidates(pieces), regions=False)
-    start, end = pieces.shared_span(pairs.a, pairs.b)
-    held, nought = prepared(scene, pieces), np.zeros(len(pairs))
-    found, effort = contacts(scene, plane_of(scene), held, pairs, nought, (end - start) / 1e6)
+    found, effort = Staged.of(scene, [box], [track]).contacts()
     assert set(found.verdict.tolist()) == (set() if verdict is None else {verdict})
     if depth_m in (500.0, 99.0, -101.0):
         assert effort.exact.searched_pairs == 0
@@ -243,9 +219,5 @@ def test_a_pair_of_points_is_left_to_the_search() -> None:
 
 def test_no_pairs_are_settled_as_none() -> None:
     """An empty batch of pairs is settled, too."""
-    scene = Scene("s", tolerance_m=0.0)
-    box = scenes.area("A", shapely.box(0, 0, 1, 1))
-    pieces = area_pieces(scene, plane_of(scene), AreaBatch.of([box]))
-    none = Pairs(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)), np.zeros(1, np.int64))
-    found, effort = contacts(scene, plane_of(scene), prepared(scene, pieces), none, np.empty(0), np.empty(0))
+    found, effort = Staged.of(Scene("s", tolerance_m=0.0), [scenes.area("A", shapely.box(0, 0, 1, 1))], []).contacts()
     assert len(found) == effort.exact.searched_pairs == 0

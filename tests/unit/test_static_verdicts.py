@@ -3,14 +3,10 @@
 import pytest
 import scenes
 import shapely
+from staged import Staged
 
-from conflictdb import kernel
-from conflictdb.arrays.objects import AreaBatch
 from conflictdb.earth.registry import plane_of
 from conflictdb.model.plans import EarthModel, Scene
-from conflictdb.stages.pieces.cutting import area_pieces
-from conflictdb.stages.stage1_broad_phase import candidates
-from conflictdb.stages.stage2_intersection import intersections
 from conflictdb.stages.stage4.constants import TOUCH_M
 from conflictdb.stages.stage4.contact_search import CONFLICT, GRAZING, UNRESOLVED, static_verdicts
 
@@ -24,12 +20,10 @@ def verdict_of(apart_m: float, scene: Scene) -> int:
         scenes.area("A", shapely.Polygon([(1.0, 0.0), (0.5, 0.2), (0.5, -0.2)])),
         scenes.area("B", shapely.box(east, -0.2, east + 0.5, 0.2)),
     ]
-    plane = plane_of(scene)
-    pieces = area_pieces(scene, plane, AreaBatch.of(areas))
-    pairs = intersections(pieces, *candidates(pieces), regions=False)
-    if not len(pairs):
+    staged = Staged.of(scene, areas, [])
+    if not len(staged.pairs):
         return APART
-    ((found,), _) = static_verdicts(scene, plane, kernel.KernelScene(plane.kernel_plane, pieces), pairs)
+    ((found,), _) = static_verdicts(scene, staged.plane, staged.prepared, staged.pairs)
     return int(found)
 
 

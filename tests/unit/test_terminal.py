@@ -3,6 +3,7 @@
 import re
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from io import StringIO
 
@@ -62,13 +63,9 @@ def test_a_phase_says_how_long_it_will_last(given: tuple[str, int, int, float], 
     assert meter.phase_text(*given) == text
 
 
-def test_long_phases_are_shown_and_short_ones_are_not(
-    terminal: Callable[[int], tuple[Terminal, Terminal]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_long_phases_are_shown_and_short_ones_are_not(terminal: Callable[[int], tuple[Terminal, Terminal]]) -> None:
     _, err = terminal(80)
-    monkeypatch.setattr(meter, "_EVERY_S", 0.01)
-    monkeypatch.setattr(meter, "_AFTER_S", 0.2)
-    with meter.shown_phases({"long": 100}) as phase:
+    with meter.shown_phases({"long": 100}, after_s=0.2, every_s=0.01) as phase:
         phase("short", 0, 0)
         time.sleep(0.05)
         phase("long", 50, 0)
@@ -82,9 +79,8 @@ def test_long_phases_are_shown_and_short_ones_are_not(
     assert err.getvalue().endswith("\r\033[K")
 
 
-def test_a_pipe_gets_no_progress(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(meter, "_AFTER_S", 0.0)
-    with meter.shown_phases() as phase:
+def test_a_pipe_gets_no_progress(capsys: pytest.CaptureFixture[str]) -> None:
+    with meter.shown_phases(after_s=0.0) as phase:
         phase("long", 0, 0)
     assert capsys.readouterr() == ("", "")
 
@@ -102,6 +98,24 @@ def test_tables_fit_a_terminal_and_stay_whole_in_a_pipe(
     assert "…  FERRY" in lines[1]
     assert lines[1].endswith("2026-06-01 09:00:00  2026-06-01 09:00:00        1")
     assert lines[0].index("VERDICT") == lines[1].index("conflict") == lines[2].index("conflict")
+
+
+def test_names_are_the_last_columns_and_give_way_first(
+    terminal: Callable[[int], tuple[Terminal, Terminal]],
+) -> None:
+    """On a terminal with some room they are cut, with none they are left out; keys and times stay whole."""
+    named = replace(conflict("PIER"), a_name="Pier, out of order", b_name="The ferry to the north and back")
+    wide = conflict_table([named, conflict()]).splitlines()
+    assert wide[1].endswith("  1  Pier, out of order  The ferry to the north …")
+    assert "NAME" not in conflict_table([conflict()])
+    for width, end in ((100, "  1  Pier, out o…  The ferry t…"), (92, "  1  Pier, o…  The fer…"), (91, "  1")):
+        out, _ = terminal(width)
+        output.show_table(conflict_table([named, conflict()]))
+        line = re.sub(r"\033\[\d+m", "", out.getvalue()).splitlines()[1]
+        assert len(line) <= width
+        assert line.startswith("PIER")
+        assert "2026-06-01 09:00:00  2026-06-01 09:00:00" in line
+        assert line.endswith(end)
 
 
 def test_verdicts_have_colours_on_a_terminal(

@@ -25,20 +25,12 @@ import pyarrow as pa
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.arrays.arrow.columns import (
-    instants,
-    lists,
-    measures,
-    numbers,
-    of_lists,
-    of_numbers,
-)
+from conflictdb.arrays.arrow.columns import instants, lists, measures, numbers, of_lists, of_numbers
 from conflictdb.arrays.arrow.forms import INSTANT, Array, Batch, Form
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.arrays.ragged import offsets, ragged_rows, stacked
+from conflictdb.arrays.ragged import offsets, stacked
 from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import all_certain, certain
-from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Track
+from conflictdb.model.plans import Area, Track
 from conflictdb.model.results import Kind
 
 _METRES: Final = pa.list_(pa.float64())
@@ -115,72 +107,6 @@ def to_objects(given: Batch) -> tuple[list[Area], list[Track]]:
     is_track = _is_track(columns["kind"])
     of_areas, of_tracks = (_taken(columns, np.flatnonzero(one)) for one in (~is_track, is_track))
     return list(_areas(of_areas)), list(_tracks(of_tracks))
-
-
-def to_batches(given: Batch) -> tuple[AreaBatch, TrackBatch]:
-    """Return the numbered areas and tracks of a batch or table of the form OBJECTS as arrays.
-
-    Checks only that the table fits the form; the objects themselves must have been checked before, for example by
-    `to_objects`. Raises InvalidInput if it does not fit.
-    """
-    columns = OBJECTS.columns(given)
-    if columns["object_id"].null_count:
-        raise InvalidInput(_WHO, "object_id", "must be known of all objects")
-    is_track = _is_track(columns["kind"])
-    of_areas, of_tracks = (_taken(columns, np.flatnonzero(one)) for one in (~is_track, is_track))
-    return _area_batch(of_areas), _track_batch(of_tracks)
-
-
-def _area_batch(columns: Mapping[str, Array]) -> AreaBatch:
-    return AreaBatch(
-        numbers(columns["object_id"]),
-        numbers(columns["version"].fill_null(1)),
-        _footprints(columns),
-        instants(columns["start"], MINUS_INFINITY_US),
-        instants(columns["end"], INFINITY_US),
-        measures(columns["floor_m"], -np.inf),
-        measures(columns["ceiling_m"], np.inf),
-    )
-
-
-def _track_batch(columns: Mapping[str, Array]) -> TrackBatch:
-    course, way = _courses(columns)
-    outline_m, ring = _rings(columns["outline_m"], "outline_m")
-    rings, of_ring = lists(columns["outlines_m"])
-    changing_m, corner = _rings(rings, "outlines_m")
-    changes = np.flatnonzero(np.diff(of_ring) > 0)
-    if changes.size:
-        corners, first = np.diff(corner), of_ring[changes]
-        count = np.diff(of_ring)[changes]
-        if not np.array_equal(count, np.diff(way)[changes]) or (corners != np.repeat(corners[first], count)).any():
-            raise InvalidInput(_WHO, "outlines_m", "must be one outline per waypoint, all of as many vertices")
-        if np.diff(ring)[changes].any():
-            raise InvalidInput(_WHO, "outline_m", "must not be given together with outlines_m")
-        steady = np.flatnonzero(np.diff(of_ring) == 0)
-        each = np.diff(ring)
-        each[changes] = corners[first]
-        kept = offsets(each)
-        outline = np.empty((kept[-1], 2))
-        outline[ragged_rows(kept, steady)[1]] = outline_m
-        outline[ragged_rows(kept, changes)[1]] = changing_m[ragged_rows(corner, first)[1]]
-        outline_m, ring = outline, kept
-    if (np.diff(ring) == 0).any():
-        raise InvalidInput(_WHO, "outline_m", "is missing: a track needs its haven, here or in outlines_m")
-    legs = np.diff(way) - 1
-    return TrackBatch(
-        numbers(columns["object_id"]),
-        numbers(columns["version"].fill_null(1)),
-        way,
-        course,
-        _times(columns),
-        ring,
-        outline_m,
-        _leg_heights(columns, "floor", legs, -np.inf),
-        _leg_heights(columns, "ceiling", legs, np.inf),
-        measures(columns["grow_mps"], 0.0),
-        offsets(np.diff(corner[of_ring])),
-        changing_m,
-    )
 
 
 def _areas(columns: Mapping[str, Array]) -> list[Area]:
@@ -298,18 +224,6 @@ def _rings(column: Array, name: str) -> tuple[NDArray[np.float64], NDArray[np.in
     if (np.diff(ends) != 2).any() or values.null_count:
         raise InvalidInput(_WHO, name, "must be a ring of [starboard, forward] metres")
     return numbers(values).reshape(-1, 2), offset
-
-
-def _leg_heights(columns: Mapping[str, Array], name: str, legs: NDArray[np.int64], none: float) -> NDArray[np.float64]:
-    """Return the height of each leg of all tracks: its own where the track has heights per leg, else the track's."""
-    heights = np.repeat(measures(columns[f"{name}_m"], none), legs)
-    given, offset = lists(columns[f"{name}s_m"])
-    own = np.flatnonzero(np.diff(offset))
-    if own.size:
-        if not np.array_equal(np.diff(offset)[own], legs[own]):
-            raise InvalidInput(_WHO, f"{name}s_m", "must be one number per leg")
-        heights[ragged_rows(offsets(legs), own)[1]] = measures(given, none)
-    return heights
 
 
 def _of_legs(column: Array) -> Callable[[int, float], NDArray[np.float64] | None]:

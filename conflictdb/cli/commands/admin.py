@@ -9,88 +9,63 @@ from conflictdb.cli.values import duration_s, mapping, name
 
 def add(commands: Any) -> None:
     """Add `admin` with its own commands."""
-    parser: Parser = commands.add_parser(
-        "admin",
-        help="schema, attached tables, rights, services",
-        description="Commands for operators: the schema, attached tables, rights, services.",
-    )
+    about = "schema, attached tables, rights, services"
+    parser: Parser = commands.add_parser("admin", help=about, description=f"Commands for operators: the {about}.")
     below = parser.add_subparsers(title="commands", dest="admin_command", required=True, metavar="COMMAND")
-    for add_one in (_schema, _extension, _attach, _share, _service):
-        add_one(below)
+    command(below, "init", "admin:upgrade", "create the schema `conflictdb`", "May run again.")
+    command(below, "upgrade", "admin:upgrade", "upgrade the schema to this program's", "May run again.")
 
-
-def _schema(commands: Any) -> None:
-    command(commands, "init", "operation:init", "create the schema `conflictdb`", "May run again.")
-    command(commands, "upgrade", "operation:upgrade", "upgrade the schema to this program's", "May run again.")
-
-
-def _extension(commands: Any) -> None:
-    parser = command(
-        commands, "extension", "making_extension:extension", "write the files of the extension conflictdb for a server"
-    )
-    parser.add_argument(
-        "directory", nargs="?", type=Path, metavar="DIRECTORY", help="default: that of the server of --pg-config"
-    )
+    about = "write the files of the extension conflictdb for a server"
+    parser = command(below, "extension", "admin:extension", about)
+    about = "default: that of the server of --pg-config"
+    parser.add_argument("directory", nargs="?", type=Path, metavar="DIRECTORY", help=about)
     parser.add_argument("--pg-config", metavar="PROGRAM", default="pg_config", help="default: the one on PATH")
 
+    _add_tables(below)
+    _add_rights(below)
 
-def _attach(commands: Any) -> None:
-    parser = command(
-        commands,
-        "attach",
-        "attaching:attach",
-        "make rows of a table objects of a scene",
-        "They follow the table, by triggers, until `detach`.",
-    )
-    parser.add_argument("kind", choices=("area", "track"), metavar="KIND", help="area or track")
-    _add_attachment(parser)
-    parser.add_argument(
-        "--map",
-        required=True,
-        action="append",
-        type=mapping,
-        metavar="FIELD=COLUMN,…",
-        help="a column or SQL expression for each field; repeatable",
-    )
-    parser.add_argument("--where", type=name, metavar="EXPRESSION", help="only rows for which this is true")
-    parser.add_argument("--every", type=duration_s, metavar="DURATION", help="compare so often instead of triggers")
-    parser.add_argument("--dry-run", action="store_true", help="print the effect, and change nothing")
-    parser = command(commands, "detach", "attaching:detach", "detach a table, and remove its objects")
-    _add_attachment(parser)
-    parser.add_argument("--keep", action="store_true", help="keep its objects")
-    parser = command(commands, "attachments", "attaching:attachments", "show attached tables and rows left out")
-    parser.add_argument("--scene", type=name, metavar="NAME", help="of this scene only")
-
-
-def _add_attachment(parser: Parser) -> None:
-    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")
-    parser.add_argument("--table", required=True, type=name, metavar="TABLE", help="table or view, SCHEMA.TABLE")
-
-
-def _share(commands: Any) -> None:
-    parser = command(
-        commands, "share", "share:share", "let a role see a scene, or list such roles", "For the scene's owner."
-    )
-    parser.add_argument("role", nargs="?", metavar="ROLE", help="role, or public (default: list them)")
-    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")
-    parser.add_argument(
-        "--access", choices=("read", "write", "own", "none"), help="default: read; own: make it the owner"
-    )
-    parser = command(
-        commands,
-        "protect",
-        "share:protect",
-        "show scenes to their owners and shares only",
-        "For the owner of schema conflictdb.",
-    )
-    parser.add_argument("--off", action="store_true", help="show all scenes to all")
-
-
-def _service(commands: Any) -> None:
-    parser = command(commands, "service", "service_units:service", "print a unit or job that keeps scenes current")
+    about = "print a unit or job that keeps scenes current"
+    parser = command(below, "service", "service_units:service", about)
     parser.add_argument(
         "what",
         choices=("systemd", "systemd-once", "systemd-timer", "cron", "pg_cron"),
         metavar="WHAT",
         help="systemd (a worker), systemd-once and systemd-timer (every five minutes), cron or pg_cron",
     )
+
+
+def _add_tables(commands: Any) -> None:
+    more = "They follow the table, by triggers, until `detach`."
+    parser = command(commands, "attach", "admin:attach", "make rows of a table objects of a scene", more)
+    parser.add_argument("kind", choices=("area", "track"), metavar="KIND", help="area or track")
+    _add_table(parser)
+    about = "a column or SQL expression for each field; repeatable"
+    parser.add_argument("--map", required=True, action="append", type=mapping, metavar="FIELD=COLUMN,…", help=about)
+    parser.add_argument("--where", type=name, metavar="EXPRESSION", help="only rows for which this is true")
+    parser.add_argument("--every", type=duration_s, metavar="DURATION", help="compare so often instead of triggers")
+    parser.add_argument("--dry-run", action="store_true", help="print the effect, and change nothing")
+
+    parser = command(commands, "detach", "admin:detach", "detach a table, and remove its objects")
+    _add_table(parser)
+    parser.add_argument("--keep", action="store_true", help="keep its objects")
+
+    parser = command(commands, "attachments", "admin:attachments", "show attached tables and rows left out")
+    parser.add_argument("--scene", type=name, metavar="NAME", help="of this scene only")
+
+
+def _add_table(parser: Parser) -> None:
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")
+    parser.add_argument("--table", required=True, type=name, metavar="TABLE", help="table or view, SCHEMA.TABLE")
+
+
+def _add_rights(commands: Any) -> None:
+    about = "let a role see a scene, or list such roles"
+    parser = command(commands, "share", "admin:share", about, "For the scene's owner.")
+    parser.add_argument("role", nargs="?", metavar="ROLE", help="role, or public (default: list them)")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")
+    about = "default: read; own: make it the owner"
+    parser.add_argument("--access", choices=("read", "write", "own", "none"), help=about)
+
+    about = "show scenes to their owners and shares only"
+    parser = command(commands, "protect", "admin:protect", about, "For the owner of schema conflictdb.")
+    parser.add_argument("--off", action="store_true", help="show all scenes to all")

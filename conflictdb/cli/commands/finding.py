@@ -5,18 +5,11 @@ from typing import Any
 from conflictdb.cli.parser import (
     APPROACH_FORMATS,
     FORMATS,
-    add_fail_on_conflict,
     add_format,
-    add_jobs,
     add_loading,
-    add_lock_timeout,
-    add_memory,
-    add_output,
-    add_require_current,
+    add_options,
     add_scene,
     add_settings,
-    add_wait,
-    add_zone,
     command,
 )
 from conflictdb.cli.values import (
@@ -38,73 +31,40 @@ from conflictdb.model.settings import STORED_BY_DETECT
 
 def add(commands: Any) -> None:
     """Add the commands, in the order of the reference."""
-    for add_one in (
-        _load,
-        _scenes,
-        _objects,
-        _rename,
-        _copy,
-        _delete,
-        _export,
-        _detect,
-        _conflicts,
-        _approaches,
-        _probe,
-        _delays,
-        _explain,
-        _advise,
-    ):
-        add_one(commands)
+    _add_plans(commands)
+    _add_detection(commands)
+    _add_questions(commands)
 
 
-def _load(commands: Any) -> None:
-    parser = command(
-        commands,
-        "load",
-        "load_and_export:load",
-        "load plans from files",
-        "Does not detect.. If one object is refused, nothing changes.",
-    )
+def _add_plans(commands: Any) -> None:
+    more = "Does not detect. If one object is refused, nothing changes."
+    parser = command(commands, "load", "plans:load", "load plans from files", more)
     parser.add_argument("files", nargs="+", metavar="FILE", help="scene files, moving features, positions or areas")
     parser.add_argument("--scene", type=name, metavar="NAME", help="scene (default: named by the file)")
     add_loading(parser)
 
+    command(commands, "scenes", "plans:scenes", "list scenes")
 
-def _scenes(commands: Any) -> None:
-    command(commands, "scenes", "keeping:scenes", "list scenes")
-
-
-def _objects(commands: Any) -> None:
-    parser = command(commands, "objects", "keeping:objects", "list the objects of a scene")
+    parser = command(commands, "objects", "plans:objects", "list the objects of a scene")
     add_scene(parser)
-    add_zone(parser)
+    add_options(parser, "--tz")
     add_format(parser, "table", "json")
 
-
-def _rename(commands: Any) -> None:
-    parser = command(commands, "rename", "keeping:rename", "rename a scene, or an object")
+    parser = command(commands, "rename", "plans:rename", "rename a scene, or an object")
     parser.add_argument("key", nargs="?", metavar="KEY", help="key of an object")
     parser.add_argument("new", type=name, metavar="NEW", help="new name or key")
     add_scene(parser)
 
-
-def _copy(commands: Any) -> None:
-    parser = command(commands, "copy", "keeping:copy", "copy a scene, without its conflicts")
+    parser = command(commands, "copy", "plans:copy", "copy a scene, without its conflicts")
     parser.add_argument("new", type=name, metavar="NEW", help="name of the copy")
     add_scene(parser)
 
-
-def _delete(commands: Any) -> None:
-    parser = command(commands, "delete", "keeping:delete", "delete objects, or a scene")
+    parser = command(commands, "delete", "plans:delete", "delete objects, or a scene")
     parser.add_argument("keys", nargs="*", metavar="KEY", help="keys of objects")
     add_scene(parser)
     parser.add_argument("--all", action="store_true", help="the whole scene, which --scene must name")
 
-
-def _export(commands: Any) -> None:
-    parser = command(
-        commands, "export", "load_and_export:export", "write a scene file", "Loading it gives the same objects."
-    )
+    parser = command(commands, "export", "plans:export", "write a scene file", "Loading it gives the same objects.")
     parser.add_argument("file", metavar="FILE", help="file (.gz: compressed; -: stdout)")
     add_scene(parser)
     parser.add_argument(
@@ -112,28 +72,20 @@ def _export(commands: Any) -> None:
     )
 
 
-def _detect(commands: Any) -> None:
-    parser = command(
-        commands,
-        "detect",
-        "detecting:detect",
-        "load files, detect, and print conflicts",
-        "Recomputes only pairs with a changed member. Settings given here stay with the scene. Takes the options of "
-        "`load`, too.",
-    )
+def _add_detection(commands: Any) -> None:
+    more = "Recomputes only pairs with a changed member. Settings given here stay with the scene. Takes the options of "
+    more += "`load`, too."
+    parser = command(commands, "detect", "detecting:detect", "load files, detect, and print conflicts", more)
     parser.add_argument("files", nargs="*", metavar="FILE", help="as for load")
     add_scene(parser)
     add_settings(parser, STORED_BY_DETECT)
-    add_jobs(parser)
-    add_memory(parser)
+    add_options(parser, "--jobs", "--memory-mb")
     parser.add_argument("--full", action="store_true", help="recompute everything")
-    add_lock_timeout(parser)
-    add_fail_on_conflict(parser)
+    add_options(parser, "--lock-timeout", "--fail-on-conflict")
     add_loading(parser, is_shown=False)
-    add_output(parser)
+    add_format(parser, *FORMATS, "geoparquet")
+    add_options(parser, "--no-region")
 
-
-def _conflicts(commands: Any) -> None:
     parser = command(commands, "conflicts", "detecting:conflicts", "print known conflicts", "Does not detect.")
     parser.add_argument("key", nargs="?", metavar="KEY", help="only of this object")
     add_scene(parser)
@@ -144,67 +96,27 @@ def _conflicts(commands: Any) -> None:
     parser.add_argument("--verdict", choices=("conflict", "grazing", "unresolved"), help="with this verdict")
     parser.add_argument("--acknowledged", choices=("yes", "no"), help="acknowledged or not")
     parser.add_argument("--known-at", type=time, metavar="TIME", help="as known at TIME")
-    add_zone(parser)
+    add_options(parser, "--tz")
     parser.add_argument("--show", type=columns, default=frozenset(), metavar="COLUMN,…", help=", ".join(MORE_COLUMNS))
-    add_wait(parser)
-    add_require_current(parser)
-    add_output(parser)
+    add_options(parser, "--wait", "--require-current")
+    add_format(parser, *FORMATS, "geoparquet")
+    add_options(parser, "--no-region")
 
-
-def _approaches(commands: Any) -> None:
-    parser = command(
-        commands,
-        "approaches",
-        "detecting:approaches",
-        "print how close pairs come",
-        "Conflicts, and pairs within the scene's nearest_m.",
-    )
+    more = "Conflicts, and pairs within the scene's nearest_m."
+    parser = command(commands, "approaches", "detecting:approaches", "print how close pairs come", more)
     add_scene(parser)
-    add_wait(parser)
-    add_require_current(parser)
+    add_options(parser, "--wait", "--require-current")
     add_format(parser, *APPROACH_FORMATS)
 
 
-def _explain(commands: Any) -> None:
-    parser = command(commands, "explain", "detecting:explain", "say why two objects are in conflict, or not")
-    parser.add_argument("keys", nargs=2, metavar="KEY", help="keys of both objects")
-    add_scene(parser)
-    add_wait(parser)
-    add_require_current(parser)
-    add_format(parser, "text", "json")
-
-
-def _advise(commands: Any) -> None:
-    parser = command(
-        commands,
-        "advise",
-        "advice:advise",
-        "estimate cost and error of other settings",
-        "Tries them on a sample of the scene's pairs; changes nothing.",
-    )
-    add_scene(parser)
-    parser.add_argument("--sample", type=count, metavar="N", help="pairs to try (default: 500)")
-    parser.add_argument("--seed", type=whole, default=0, metavar="N", help="draws another sample (default: 0)")
-    add_format(parser, "table", "json")
-
-
-def _probe(commands: Any) -> None:
-    parser = command(
-        commands,
-        "probe",
-        "probing:probe",
-        "say what a plan would conflict with",
-        "Plans replace the objects with their keys. Writes nothing.",
-    )
+def _add_questions(commands: Any) -> None:
+    more = "Plans replace the objects with their keys. Writes nothing."
+    parser = command(commands, "probe", "probing:probe", "say what a plan would conflict with", more)
     parser.add_argument("files", nargs="*", metavar="FILE", help="plans, as for load")
     add_scene(parser)
+    late = ("KEY", "DURATION")
     parser.add_argument(
-        "--late",
-        nargs=2,
-        action="append",
-        type=name,
-        metavar=("KEY", "DURATION"),
-        help="object, later (20m); repeatable",
+        "--late", nargs=2, action="append", type=name, metavar=late, help="object, later (20m); repeatable"
     )
     parser.add_argument("--footprint", metavar="WKT", help="an area: POLYGON or MULTIPOLYGON, longitude latitude")
     parser.add_argument("--from", dest="start", type=instant, metavar="TIME", help="its start (ISO 8601 with offset)")
@@ -217,21 +129,25 @@ def _probe(commands: Any) -> None:
     parser.add_argument("--key", type=name, help="its key (default: plan)")
     parser.add_argument("--worker", type=duration_s, metavar="DURATION", help="let a worker compute; else exit with 7")
     parser.add_argument("--diff", action="store_true", help="print only new, changed and ended conflicts")
-    add_require_current(parser)
-    add_jobs(parser)
-    add_fail_on_conflict(parser)
+    add_options(parser, "--require-current", "--jobs", "--fail-on-conflict")
     add_format(parser, *FORMATS)
 
-
-def _delays(commands: Any) -> None:
-    parser = command(
-        commands,
-        "delays",
-        "delaying:delays",
-        "say when tracks could depart instead",
-        "Everything else departs as planned.",
-    )
+    more = "Everything else departs as planned."
+    parser = command(commands, "delays", "delaying:delays", "say when tracks could depart instead", more)
     parser.add_argument("key", nargs="?", metavar="KEY", help="track (default: every track)")
     add_scene(parser)
     parser.add_argument("--within", type=duration_s, default=7200.0, metavar="DURATION", help="horizon (default: 2h)")
+    add_format(parser, "table", "json")
+
+    parser = command(commands, "explain", "detecting:explain", "say why two objects are in conflict, or not")
+    parser.add_argument("keys", nargs=2, metavar="KEY", help="keys of both objects")
+    add_scene(parser)
+    add_options(parser, "--wait", "--require-current")
+    add_format(parser, "text", "json")
+
+    more = "Tries them on a sample of the scene's pairs; changes nothing."
+    parser = command(commands, "advise", "advice:advise", "estimate cost and error of other settings", more)
+    add_scene(parser)
+    parser.add_argument("--sample", type=count, metavar="N", help="pairs to try (default: 500)")
+    parser.add_argument("--seed", type=whole, default=0, metavar="N", help="draws another sample (default: 0)")
     add_format(parser, "table", "json")

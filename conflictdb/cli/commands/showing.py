@@ -3,38 +3,21 @@
 from pathlib import Path
 from typing import Any
 
-from conflictdb.cli.parser import add_format, add_require_current, add_scene, add_wait, command
+from conflictdb.cli.parser import add_format, add_options, add_scene, command
 from conflictdb.cli.values import instant, name, port, whole
 
 
 def add(commands: Any) -> None:
     """Add the commands, in the order of the reference."""
-    for add_one in (_history, _acknowledge, _map, _plot, _report):
-        add_one(commands)
-
-
-def _history(commands: Any) -> None:
-    parser = command(
-        commands,
-        "history",
-        "history:history",
-        "print when conflicts opened, changed and closed",
-        "Of all objects, of one, or of two.",
-    )
+    about = "print when conflicts opened, changed and closed"
+    parser = command(commands, "history", "history:history", about, "Of all objects, of one, or of two.")
     parser.add_argument("keys", nargs="*", metavar="KEY", help="one key, or two")
     add_scene(parser)
     parser.add_argument("--after", type=whole, default=0, metavar="N", help="events after number N")
     add_format(parser, "table", "json")
 
-
-def _acknowledge(commands: Any) -> None:
-    parser = command(
-        commands,
-        "acknowledge",
-        "history:acknowledge",
-        "acknowledge the conflict of two objects",
-        "Ends when the conflict gets worse.",
-    )
+    about = "acknowledge the conflict of two objects"
+    parser = command(commands, "acknowledge", "history:acknowledge", about, "Ends when the conflict gets worse.")
     parser.add_argument("keys", nargs=2, metavar="KEY", help="keys of both objects")
     add_scene(parser)
     what = parser.add_mutually_exclusive_group(required=True)
@@ -43,36 +26,22 @@ def _acknowledge(commands: Any) -> None:
     parser.add_argument("--by", type=name, metavar="NAME", help="who, beside the database user")
     parser.add_argument("--until", type=instant, metavar="TIME", help="its end (ISO 8601 with offset; default: none)")
 
-
-def _map(commands: Any) -> None:
-    parser = command(
-        commands,
-        "map",
-        "mapping:show",
-        "show a scene on a map, in a browser",
-        "Prints the address of a page, and serves it until interrupted.",
-    )
+    more = "Prints the address of a page, and serves it until interrupted."
+    parser = command(commands, "map", "pictures:show_map", "show a scene on a map, in a browser", more)
     add_scene(parser, ", else the demo")
     parser.set_defaults(needs_scene=False)
-    parser.add_argument(
-        "--host", default="127.0.0.1", metavar="HOST", help="address to listen on (default: this machine)"
-    )
+    about = "address to listen on (default: this machine)"
+    parser.add_argument("--host", default="127.0.0.1", metavar="HOST", help=about)
     parser.add_argument("--port", type=port, default=8620, metavar="N", help="default: 8620; 0: any")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write the page to a file, to send it")
 
-
-def _plot(commands: Any) -> None:
     parser = command(commands, "plot", "pictures:plot", "draw a scene, or two objects", "Needs the extra `plot`.")
     parser.add_argument("file", type=Path, metavar="FILE", help=".png, .svg or .pdf")
     add_scene(parser)
     parser.add_argument("--conflict", nargs=2, metavar=("A", "B"), help="keys of two objects")
-    add_wait(parser)
-    add_require_current(parser)
+    add_options(parser, "--wait", "--require-current")
 
-
-def _report(commands: Any) -> None:
     parser = command(commands, "report", "pictures:report", "write a report of a scene", "Needs the extra `plot`.")
     parser.add_argument("file", type=Path, metavar="FILE", help=".html or .pdf")
     add_scene(parser)
-    add_wait(parser)
-    add_require_current(parser)
+    add_options(parser, "--wait", "--require-current")

@@ -10,10 +10,12 @@ from typing import Any, Final, TypeVar
 from weakref import WeakKeyDictionary
 
 import psycopg
+from psycopg.postgres import types
 from psycopg.pq import TransactionStatus
-from psycopg.rows import RowFactory, dict_row, tuple_row
+from psycopg.rows import RowFactory, RowMaker, tuple_row
 
 from conflictdb.db.store.parameters import Array, ArrayDumper
+from conflictdb.db.store.remedies import with_remedy
 from conflictdb.errors import (
     ConflictDBError,
     InvalidInput,
@@ -36,6 +38,7 @@ _ENCODING: Final = "UTF8"
 # Rows of a long answer fetched at a time: bounds the memory of reading it.
 _ROWS_AT_ONCE: Final = 2_000
 _CURSORS: Final = count()  # unique names of cursors
+_INSTANT: Final = types["timestamptz"].oid
 
 # Any role that may delete rows of a table may lock it. Connections of this program wait at most this long for a lock,
 # unless the role or database sets a limit.
@@ -72,12 +75,12 @@ _RIGHTS: Final = """
 SELECT pg_catalog.quote_ident(current_user), pg_catalog.quote_ident(current_database()),
        has_schema_privilege('conflictdb', 'USAGE'),
        coalesce((SELECT bool_and(has_function_privilege(p.oid, 'EXECUTE')) FROM pg_catalog.pg_proc p
-                 WHERE p.pronamespace = 'conflictdb'::regnamespace::oid AND p.proname = %(routine)s::name), true),
+                 WHERE p.pronamespace = to_regnamespace(%(schema)s)::oid AND p.proname = %(routine)s::name), true),
        has_database_privilege(current_database(), 'TEMPORARY'),
        (SELECT r.rolname FROM pg_catalog.pg_roles r
         WHERE r.rolname IN ('conflictdb_reader', 'conflictdb_editor', 'conflictdb_worker')
               AND (SELECT bool_and(has_function_privilege(r.oid, p.oid, 'EXECUTE')) FROM pg_catalog.pg_proc p
-                   WHERE p.pronamespace = 'conflictdb'::regnamespace::oid AND p.proname = %(routine)s::name)
+                   WHERE p.pronamespace = to_regnamespace(%(schema)s)::oid AND p.proname = %(routine)s::name)
         ORDER BY pg_catalog.array_position(ARRAY['conflictdb_reader', 'conflictdb_editor'], r.rolname::text) LIMIT 1)
 """
 
@@ -178,7 +181,8 @@ def _missing_grant(conn: psycopg.Connection[Any], refusal: psycopg.Error, routin
     if conn.info.transaction_status not in (TransactionStatus.IDLE, TransactionStatus.INTRANS):
         return None
     with conn.transaction(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
-        rights = cursor.execute(_RIGHTS.encode(), {"routine": routine}, prepare=False).fetchone()
+        names = {"schema": _schema_of(routine), "routine": routine}
+        rights = cursor.execute(_RIGHTS.encode(), names, prepare=False).fetchone()
     if rights is None:
         return None
     user, database, may_use, may_call, may_have_tables, role = rights
@@ -215,19 +219,51 @@ def call_many(conn: psycopg.Connection[Any], routine: str, *arguments: object) -
 
 
 def call_each(
-    conn: psycopg.Connection[Any], routine: str, *arguments: object, rows_at_once: int = _ROWS_AT_ONCE
+    conn: psycopg.Connection[Any], routine: str, *arguments: object, rows_at_once: int | None = None
 ) -> Generator[tuple[Any, ...], None, None]:
     """Yield the rows of a routine of schema conflictdb, fetched as they are consumed; needs an open transaction."""
-    name = f"conflictdb_{next(_CURSORS)}"
-    with translated(routine), psycopg.ServerCursor(conn, name, row_factory=tuple_row) as cursor:
-        cursor.itersize = rows_at_once
-        cursor.execute(query_of(routine, arguments), arguments, binary=True)
-        yield from cursor
+    return _each_row(conn, tuple_row, routine, arguments, rows_at_once or _ROWS_AT_ONCE)
 
 
 def call_by_name(conn: psycopg.Connection[Any], routine: str, *arguments: object) -> list[dict[str, Any]]:
-    """Return the rows of a routine of schema conflictdb as dictionaries by column name."""
-    return _rows(conn, dict_row, routine, arguments)
+    """Return the rows of a routine of schema conflictdb as dictionaries by column name; instants in UTC."""
+    return _rows(conn, _named_row, routine, arguments)
+
+
+def call_each_by_name(
+    conn: psycopg.Connection[Any], routine: str, *arguments: object
+) -> Generator[dict[str, Any], None, None]:
+    """Yield the rows of `call_by_name` as `call_each` does."""
+    return _each_row(conn, _named_row, routine, arguments, _ROWS_AT_ONCE)
+
+
+def _named_row(cursor: psycopg.Cursor[Any]) -> RowMaker[dict[str, Any]]:
+    """Make dictionaries by column name, with instants in UTC whatever the time zone of the caller's connection."""
+    names = [column.name for column in cursor.description or ()]
+    instants = [column.name for column in cursor.description or () if column.type_code == _INSTANT]
+
+    def make(row: Sequence[Any]) -> dict[str, Any]:
+        columns = dict(zip(names, row, strict=True))
+        for name in instants:
+            if columns[name] is not None:
+                columns[name] = columns[name].astimezone(UTC)
+        return columns
+
+    return make
+
+
+def _each_row(
+    conn: psycopg.Connection[Any],
+    row_factory: RowFactory[_Row],
+    routine: str,
+    arguments: Sequence[object],
+    rows_at_once: int,
+) -> Generator[_Row, None, None]:
+    name = f"conflictdb_{next(_CURSORS)}"
+    with translated(routine), psycopg.ServerCursor(conn, name, row_factory=row_factory) as cursor:
+        cursor.itersize = rows_at_once
+        cursor.execute(query_of(routine, arguments), arguments, binary=True)
+        yield from cursor
 
 
 def _rows(
@@ -247,9 +283,14 @@ def _rows(
 
 
 def query_of(routine: str, arguments: Sequence[object]) -> bytes:
-    """Return the statement that calls a routine of schema conflictdb, with a parameter for each argument."""
+    """Return the statement that calls a routine of conflictdb, with a parameter for each argument."""
     # Names of routines come from this package only; values are always parameters.
-    return f"SELECT * FROM conflictdb.{routine}({', '.join(['%s'] * len(arguments))})".encode()  # noqa: S608
+    called = f"{_schema_of(routine)}.{routine}({', '.join(['%s'] * len(arguments))})"
+    return f"SELECT * FROM {called}".encode()  # noqa: S608
+
+
+def _schema_of(routine: str) -> str:
+    return "conflictdb_internal" if routine.startswith("_") else "conflictdb"
 
 
 @contextmanager
@@ -369,16 +410,17 @@ def _translation(error: psycopg.Error, routine: str) -> ConflictDBError:
         reason = str(error).strip().partition(_BREAK)[0]
         return StoreError(_LOST if reason in _LOST_BEFORE else f"{_LOST}: {reason}")
     if error.sqlstate in (NOT_CURRENT, NOT_ANSWERED):
-        return NotCurrent(f"{error.diag.message_primary} ({error.diag.message_hint})")
+        return NotCurrent(with_remedy(error.diag))
     if (error.sqlstate or "").startswith(REFUSAL_CLASS) and error.sqlstate != WRONG_SEQUENCE:
         diag = error.diag
         key, field = diag.table_name or "", diag.column_name or ""
         rule = (diag.message_primary or "").removeprefix(f"{key}: {field}: ")
-        return InvalidInput(key, field, f"{rule} ({diag.message_hint})" if diag.message_hint else rule)
+        return InvalidInput(key, field, with_remedy(diag, rule))
     where = f" (SQLSTATE {error.sqlstate})" if error.sqlstate else ""
+    said = with_remedy(error.diag) or str(error).strip()  # errors of the client have no diagnostic
     if isinstance(error, psycopg.errors.ReadOnlySqlTransaction):
-        return ReadOnlyDatabase(f"the database takes no changes in this transaction: {str(error).strip()}{where}")
-    message = f"database: {str(error).strip()}{where}"
+        return ReadOnlyDatabase(f"the database takes no changes in this transaction: {said}{where}")
+    message = f"database: {said}{where}"
     if isinstance(error, psycopg.errors.InsufficientPrivilege):
         # Errors of sql/10_refusals.sql name their subject and the remedy themselves.
         return NotPermitted(message, None if error.diag.table_name else routine)

@@ -389,9 +389,8 @@ def _copied(
     conn: psycopg.Connection[Any], routine: str, arguments: Sequence[object]
 ) -> Iterator[Iterable[bytes | bytearray | memoryview]]:
     """Yield the messages of a COPY of a routine's rows."""
-    places = ", ".join(["%s"] * len(arguments))
-    statement = f"COPY (SELECT * FROM conflictdb.{routine}({places})) TO STDOUT (FORMAT BINARY)"  # noqa: S608
-    with translated(routine), conn.cursor() as cursor, cursor.copy(statement.encode(), arguments) as copy:
+    statement = b"COPY (%s) TO STDOUT (FORMAT BINARY)" % query_of(routine, arguments)
+    with translated(routine), conn.cursor() as cursor, cursor.copy(statement, arguments) as copy:
         yield copy
 
 

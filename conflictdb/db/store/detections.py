@@ -21,17 +21,17 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many
 from conflictdb.db.store.stored_bundles import by_place, columns
-from conflictdb.db.store.stored_objects import decode_heights, decode_outlines, decode_paths, decode_rings
+from conflictdb.db.store.stored_objects import (
+    AREA_COLUMNS,
+    AREA_STRINGS,
+    TRACK_COLUMNS,
+    TRACK_STRINGS,
+    decode_heights,
+    decode_outlines,
+    decode_paths,
+    decode_rings,
+)
 from conflictdb.stages.pieces.bundling import bundles_of
-
-AREA_COLUMNS = [
-    ("area_id", "i8"), ("version", "i8"), ("start", "i8"), ("end", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"),
-]  # fmt: skip
-AREA_STRINGS = ["footprint"]
-TRACK_COLUMNS = [
-    ("track_id", "i8"), ("version", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("grow_mps", "f8"),
-]  # fmt: skip
-TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings"]
 
 # Pieces encoded at once: some megabytes, and many per COPY.
 _PIECES_SENT: Final = 20_000

@@ -15,14 +15,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, transaction
-from conflictdb.db.store.detections import (
-    AREA_COLUMNS,
-    AREA_STRINGS,
-    TRACK_COLUMNS,
-    TRACK_STRINGS,
-    area_batch,
-    track_batch,
-)
+from conflictdb.db.store.detections import area_batch, track_batch
 from conflictdb.db.store.locking import Say, begin_taking
 from conflictdb.db.store.stored_bundles import (
     PIECE_COLUMNS,
@@ -34,7 +27,7 @@ from conflictdb.db.store.stored_bundles import (
     scalars,
     shapes,
 )
-from conflictdb.db.store.stored_objects import scene_of
+from conflictdb.db.store.stored_objects import AREA_COLUMNS, AREA_STRINGS, TRACK_COLUMNS, TRACK_STRINGS, scene_of
 from conflictdb.db.store.stored_pairs import Parts
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind

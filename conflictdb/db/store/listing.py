@@ -10,15 +10,25 @@ from typing import Any, Final
 import psycopg
 from psycopg.types.json import Jsonb
 
-from conflictdb.db.store.connection import call, call_by_name, call_each, transaction
+from conflictdb.db.store.connection import call, call_by_name, call_each_by_name, transaction
 from conflictdb.model.methods import Method
 from conflictdb.model.results import Approach, Conflict, ConflictEvent, Kind, Listing, Period, SceneState, Verdict
 
-# Lookup by name: calling an enum takes ten times as long, which matters in long lists.
+# How columns become fields. Lookup by name: calling an enum takes ten times as long, which matters in long lists.
 _KINDS: Final = {kind.value: kind for kind in Kind}
 _VERDICTS: Final = {verdict.value: verdict for verdict in Verdict}
 _METHODS: Final = {method.value: method for method in Method}
-_NUMBERS: Final = ("a_id", "a_version", "b_id", "b_version")
+_WORDS: Final = (("a_kind", _KINDS), ("b_kind", _KINDS), ("verdict", _VERDICTS), ("method", _METHODS))
+_POINTS: Final = tuple(
+    (f"{name}_lon_deg", f"{name}_lat_deg", field)
+    for name, field in (
+        ("first_contact", "first_contact_deg"),
+        ("closest_a", "closest_a_deg"),
+        ("closest_b", "closest_b_deg"),
+        ("a", "closest_a_deg"),
+        ("b", "closest_b_deg"),
+    )
+)
 
 # A multirange is a count, then for each range its length, a byte of flags and the bounds that exist, each after its
 # length; all big-endian (PostgreSQL's multirange_send and range_send).
@@ -88,8 +98,8 @@ ALL: Final = Selection()
 def scene_state(conn: psycopg.Connection[Any], scene: str) -> SceneState:
     """Return whether the answers for a scene are complete; InvalidInput if the scene does not exist."""
     with transaction(conn):
-        objects, pending, last_run_at, last_error, is_current, remark, detected_at = call(conn, "_scene_state", scene)
-    return SceneState(scene, objects, pending, _utc(last_run_at), last_error, is_current, remark, _utc(detected_at))
+        (state,) = call_by_name(conn, "_scene_state", scene)
+    return SceneState(scene, **state)
 
 
 def wait_until_current(conn: psycopg.Connection[Any], scene: str, timeout: timedelta) -> None:
@@ -133,41 +143,9 @@ def each_conflict(
     among = None if which.keys is None else list(which.keys)
     verdict = None if which.verdict is None else str(which.verdict)
     asked = (which.at, with_region, among, which.key, which.start, which.end, which.since, verdict, which.acknowledged)
-    with transaction(conn), closing(call_each(conn, "_conflicts", scene, *asked)) as rows:
+    with transaction(conn), closing(call_each_by_name(conn, "_conflicts", scene, *asked)) as rows:
         for row in rows:
-            a_key, a_kind, b_key, b_kind, periods, verdict, region, lon_deg, lat_deg, method, time_error_s, *rest = row
-            is_current, run_id, found_at, closest_at, closest_m, closest_error_m, *rest = rest
-            a_lon_deg, a_lat_deg, b_lon_deg, b_lat_deg, scene_is_current, conflict_id, changed_at, *rest = rest
-            acknowledged_by, acknowledged_at, acknowledged_for, acknowledged_until, *numbers = rest
-            yield Conflict(
-                scene=scene,
-                a_key=a_key,
-                a_kind=_KINDS[a_kind],
-                b_key=b_key,
-                b_kind=_KINDS[b_kind],
-                periods=decode_periods(periods),
-                verdict=_VERDICTS[verdict],
-                region=region,
-                first_contact_deg=None if lon_deg is None else (lon_deg, lat_deg),
-                method=_METHODS[method],
-                time_error_s=time_error_s,
-                is_current=is_current,
-                run_id=run_id,
-                found_at=found_at.astimezone(UTC),
-                closest_at=_utc(closest_at),
-                closest_m=closest_m,
-                closest_error_m=closest_error_m,
-                closest_a_deg=None if a_lon_deg is None else (a_lon_deg, a_lat_deg),
-                closest_b_deg=None if b_lon_deg is None else (b_lon_deg, b_lat_deg),
-                scene_is_current=scene_is_current,
-                conflict_id=conflict_id,
-                changed_at=_utc(changed_at),
-                acknowledged_by=acknowledged_by,
-                acknowledged_at=_utc(acknowledged_at),
-                acknowledged_for=acknowledged_for,
-                acknowledged_until=_utc(acknowledged_until),
-                **dict(zip(_NUMBERS, numbers, strict=True)),
-            )
+            yield Conflict(scene=scene, **_fields(row))
 
 
 def each_approach(
@@ -179,28 +157,9 @@ def each_approach(
     until all are read.
     """
     among = None if keys is None else list(keys)
-    with transaction(conn), closing(call_each(conn, "_approaches", scene, only_near, among)) as rows:
+    with transaction(conn), closing(call_each_by_name(conn, "_approaches", scene, only_near, among)) as rows:
         for row in rows:
-            yield Approach(
-                scene=scene,
-                a_key=row[0],
-                a_kind=_KINDS[row[1]],
-                b_key=row[2],
-                b_kind=_KINDS[row[3]],
-                closest_at=_utc(row[4]),
-                closest_m=row[5],
-                closest_error_m=row[6],
-                closest_a_deg=(row[7], row[8]),
-                closest_b_deg=(row[9], row[10]),
-                verdict=_VERDICTS[row[11]],
-                is_current=row[12],
-                run_id=row[13],
-                found_at=row[14].astimezone(UTC),
-                scene_is_current=row[15],
-                method=_METHODS[row[16]],
-                time_error_s=row[17],
-                **dict(zip(_NUMBERS, row[18:], strict=True)),
-            )
+            yield Approach(scene=scene, **_fields(row))
 
 
 def conflicts_known_at(conn: psycopg.Connection[Any], scene: str, at: datetime) -> list[Conflict]:
@@ -209,14 +168,7 @@ def conflicts_known_at(conn: psycopg.Connection[Any], scene: str, at: datetime) 
     Raises InvalidInput if the scene does not exist, had no detection by then, or its history begins later.
     """
     with transaction(conn):
-        rows = call_by_name(conn, "_conflicts_known_at", scene, at)
-    return [
-        Conflict(
-            scene=scene,
-            **_typed(row, "found_at", "acknowledged_at", "acknowledged_until") | {"method": _METHODS[row["method"]]},
-        )
-        for row in rows
-    ]
+        return [Conflict(scene=scene, **_fields(row)) for row in call_by_name(conn, "_conflicts_known_at", scene, at)]
 
 
 def conflict_events(
@@ -225,7 +177,7 @@ def conflict_events(
     """Return at most `most` events after number `after`, of a scene, object or pair; InvalidInput if unknown."""
     with transaction(conn):
         rows = call_by_name(conn, "_conflict_events", scene, key, other_key, after, most)
-    return [ConflictEvent(scene=scene, **_typed(row, "at", "opened_at", "closed_at")) for row in rows]
+    return [ConflictEvent(scene=scene, **_fields(row)) for row in rows]
 
 
 def explain_conflict(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> dict[str, Any]:
@@ -244,25 +196,21 @@ def explained_text(conn: psycopg.Connection[Any], facts: dict[str, Any]) -> str:
 def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunStatus]:
     """Return the last runs of a scene, newest first; InvalidInput if the scene does not exist."""
     with transaction(conn):
-        rows = call_by_name(conn, "_runs", scene, limit)
-    instants = ("started_at", "finished_at")
-    return [RunStatus(**{**row, **{name: row[name].astimezone(UTC) for name in instants}}) for row in rows]
+        return [RunStatus(**row) for row in call_by_name(conn, "_runs", scene, limit)]
 
 
-def _typed(row: dict[str, Any], *instants: str) -> dict[str, Any]:
-    """Return a row by column names, with kinds, verdict, periods and instants converted."""
-    return {
-        **row,
-        **{name: _utc(row[name]) for name in (*instants, "closest_at")},
-        "a_kind": _KINDS[row["a_kind"]],
-        "b_kind": _KINDS[row["b_kind"]],
-        "verdict": _VERDICTS[row["verdict"]],
-        "periods": decode_periods(row["periods"]),
-    }
-
-
-def _utc(instant: datetime | None) -> datetime | None:
-    return None if instant is None else instant.astimezone(UTC)
+def _fields(row: dict[str, Any]) -> dict[str, Any]:
+    """Return the columns of a row, which it changes, as the fields of a conflict, an approach or an event."""
+    for name, meaning in _WORDS:
+        if name in row:
+            row[name] = meaning[row[name]]
+    if "periods" in row:
+        row["periods"] = decode_periods(row["periods"])
+    for lon, lat, field in _POINTS:
+        if lon in row:
+            lon_deg, lat_deg = row.pop(lon), row.pop(lat)
+            row[field] = None if lon_deg is None else (lon_deg, lat_deg)
+    return row
 
 
 def decode_periods(sent: bytes) -> tuple[Period, ...]:

@@ -106,7 +106,7 @@ def _begin(
     """
     while True:
         # A statement of its own: a changed limit applies from the next statement on.
-        limits = f"SELECT conflictdb._lift_limits('{longest_s!r}')"
+        limits = f"SELECT conflictdb_internal._lift_limits('{longest_s!r}')"
         try:
             with waiting_at_most(conn, longest_s):
                 begin_snapshot(conn, limits, "_lift_limits")

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 
 import psycopg
@@ -34,15 +34,7 @@ def list_objects(conn: psycopg.Connection[Any], scene: str) -> list[ObjectSummar
     with transaction(conn):
         call(conn, "_scene_id", scene)  # also for an empty scene
         rows = call_by_name(conn, "list_objects", scene)
-    instants = ("start_at", "end_at")
-    return [
-        ObjectSummary(
-            **row
-            | {"kind": Kind(row["kind"])}
-            | {name: None if row[name] is None else row[name].astimezone(UTC) for name in instants}
-        )
-        for row in rows
-    ]
+    return [ObjectSummary(**row | {"kind": Kind(row["kind"])}) for row in rows]
 
 
 def rename_scene(conn: psycopg.Connection[Any], scene: str, name: str) -> None:

@@ -25,19 +25,19 @@ _ROWS: Final = {
     Kind.AREA: (
         "SELECT area_id AS object_id, version, timestamptz_send(span_start) AS start,"
         " timestamptz_send(span_end) AS \"end\", floor_m, ceiling_m, footprint, convert_to(key, 'UTF8') AS key,"
-        " pg_current_snapshot()::text AS state FROM conflictdb._read_areas({scene_id}, NULL)"
+        " pg_current_snapshot()::text AS state FROM conflictdb_internal._read_areas({scene_id}, NULL)"
     ),
     Kind.TRACK: (
         "SELECT track_id AS object_id, version, floor_m, ceiling_m, grow_mps, path, outline, outlines, floors,"
         " ceilings, convert_to(key, 'UTF8') AS key, pg_current_snapshot()::text AS state"
-        " FROM conflictdb._read_tracks({scene_id}, NULL)"
+        " FROM conflictdb_internal._read_tracks({scene_id}, NULL)"
     ),
 }
 # The first of every n ids.
 _FIRSTS: Final = {
     kind: (
         f"SELECT {kind.value}_id FROM (SELECT {kind.value}_id, row_number() OVER (ORDER BY {kind.value}_id) AS place"  # noqa: S608
-        f" FROM conflictdb._read_{kind.value}s(%s, NULL)) one WHERE (place - 1) %% %s = 0 ORDER BY 1"
+        f" FROM conflictdb_internal._read_{kind.value}s(%s, NULL)) one WHERE (place - 1) %% %s = 0 ORDER BY 1"
     )
     for kind in Kind
 }

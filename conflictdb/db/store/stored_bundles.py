@@ -17,11 +17,12 @@ from conflictdb.db.store import copy_binary
 from conflictdb.kernel.bundles import boxes_of, wkb_rings
 from conflictdb.model.results import Kind
 
+# The columns of _pieces and _put_pieces in their order, by the names of `Pieces`: numbers, then all others, as bytes.
 PIECE_COLUMNS = [
     ("piece_id", "i8"), ("rank", "i8"), ("kind", "i2"), ("object_id", "i8"), ("version", "i8"), ("pieces", "i4"),
-    ("part", "i4"), ("turn", "i2"), ("start", "i8"), ("end", "i8"), ("end_inclusive", "b1"), ("floor_m", "f8"),
-    ("ceiling_m", "f8"), ("leg_start", "i8"), ("leg_end", "i8"), ("start_lon_deg", "f8"), ("start_lat_deg", "f8"),
-    ("end_lon_deg", "f8"), ("end_lat_deg", "f8"), ("bearing_deg", "f8"),
+    ("part", "i4"), ("turn", "i2"), ("start_us", "i8"), ("end_us", "i8"), ("end_inclusive", "b1"), ("floor_m", "f8"),
+    ("ceiling_m", "f8"), ("leg_start_us", "i8"), ("leg_end_us", "i8"), ("start_lon_deg", "f8"),
+    ("start_lat_deg", "f8"), ("end_lon_deg", "f8"), ("end_lat_deg", "f8"), ("bearing_deg", "f8"),
 ]  # fmt: skip
 PIECE_STRINGS = ["hull", "shape", "shape_to", "parts", "cuts", "leg_times", "legs"]
 _LEG_NUMBERS = ("start_lon_deg", "start_lat_deg", "end_lon_deg", "end_lat_deg", "bearing_deg")
@@ -143,13 +144,10 @@ def _hulls(bundles: Bundles) -> tuple[Floats, NDArray[np.int64]]:
 
 def _changed_shapes(pieces: Pieces, rows: NDArray[np.int64]) -> copy_binary.Ragged:
     """Return the shapes at the ends of legs; null for pieces whose shape does not change."""
-    changed = np.zeros(len(pieces), dtype=np.bool_)
-    if pieces.changes:
-        differs = (pieces.shape_to_xy != pieces.shape_xy).any(axis=1)
-        changed[np.repeat(np.arange(len(pieces)), np.diff(pieces.shape_offset))[differs]] = True
-    some = pieces.take(rows[changed[rows]])
+    changed = pieces.changed()[rows]
+    some = pieces.take(rows[changed])
     wkb = copy_binary.polygons(*copy_binary.closed_rings(some.shape_to_xy, some.shape_offset), 0)
-    return copy_binary.where(wkb, changed[rows])
+    return copy_binary.where(wkb, changed)
 
 
 def by_place(bundles: Bundles, most: int) -> Iterator[NDArray[np.int64]]:
@@ -189,7 +187,7 @@ def decoded(rows: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> t
     has_slices = is_bundle & (rows["kind"] == Kind.TRACK.code)
     slices = has_slices[row]
     of_piece = {name: values[row] for name, values in rows.items() if name not in ("rank", "pieces")}
-    for name in ("start", "end", "leg_start", "leg_end"):
+    for name in ("start_us", "end_us", "leg_start_us", "leg_end_us"):
         of_piece[name] = copy_binary.microseconds(of_piece[name])
     if is_bundle.any():
         of_piece["part"][many] = copy_binary.array_values(strings["parts"], "i4")
@@ -197,10 +195,10 @@ def decoded(rows: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> t
         begins = np.flatnonzero(slices)
         # A row has one more instant than slices.
         at = np.arange(len(begins)) + np.cumsum(np.diff(row[begins], prepend=row[begins[:1]]) > 0)
-        of_piece["start"][slices], of_piece["end"][slices] = cuts[at], cuts[at + 1]
+        of_piece["start_us"][slices], of_piece["end_us"][slices] = cuts[at], cuts[at + 1]
         of_piece["end_inclusive"][slices] |= np.append(row[1:] == row[:-1], False)[slices]
         times = copy_binary.microseconds(copy_binary.array_values(strings["leg_times"], "i8")).reshape(-1, 2)
-        of_piece["leg_start"][slices], of_piece["leg_end"][slices] = times.T
+        of_piece["leg_start_us"][slices], of_piece["leg_end_us"][slices] = times.T
         numbers = copy_binary.array_values(strings["legs"], "f8").reshape(-1, 5)
         for name, values in zip(_LEG_NUMBERS, numbers.T, strict=True):
             of_piece[name][slices] = values
@@ -224,28 +222,18 @@ def decoded(rows: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> t
     else:
         shape_xy, shape_offset = copy_binary.open_rings(shape_xy, shape_offset)
         shape_to_xy = shape_xy
+    start_deg, end_deg = (
+        np.stack([of_piece.pop(f"{end}_lon_deg"), of_piece.pop(f"{end}_lat_deg")], axis=1) for end in ("start", "end")
+    )
     pieces = Pieces(
-        piece_id=of_piece["piece_id"],
-        kind=of_piece["kind"].astype(np.int8),
-        object_id=of_piece["object_id"],
-        version=of_piece["version"],
-        part=of_piece["part"],
-        turn=of_piece["turn"],
-        start_us=of_piece["start"],
-        end_us=of_piece["end"],
-        end_inclusive=of_piece["end_inclusive"],
-        floor_m=of_piece["floor_m"],
-        ceiling_m=of_piece["ceiling_m"],
+        **{**of_piece, "kind": of_piece["kind"].astype(np.int8)},
         hull_xy=hull_xy,
         hull_offset=hull_offset,
         shape_xy=shape_xy,
         shape_to_xy=shape_to_xy,
         shape_offset=shape_offset,
-        leg_start_us=of_piece["leg_start"],
-        leg_end_us=of_piece["leg_end"],
-        leg_start_deg=np.stack([of_piece["start_lon_deg"], of_piece["start_lat_deg"]], axis=1),
-        leg_end_deg=np.stack([of_piece["end_lon_deg"], of_piece["end_lat_deg"]], axis=1),
-        bearing_deg=of_piece["bearing_deg"],
+        leg_start_deg=start_deg,
+        leg_end_deg=end_deg,
     )
     place = np.empty(len(pieces), np.int64)
     place[np.lexsort((-pieces.turn, pieces.part, rows["rank"][row]))] = np.arange(len(pieces))

@@ -24,25 +24,19 @@ from conflictdb.model.settings import SETTINGS, Type
 
 # Areas, and tracks, that are encoded at once: bounds memory.
 _SENT_AT_ONCE = 10_000
-_AREA_COLUMNS = [
-    ("area_id", "i8"),
-    ("version", "i8"),
-    ("start", "i8"),
-    ("end", "i8"),
-    ("floor_m", "f8"),
-    ("ceiling_m", "f8"),
-    ("has_name", "b1"),
-]
-_AREA_STRINGS = ["footprint", "key", "name", "properties"]
-_TRACK_COLUMNS = [
-    ("track_id", "i8"),
-    ("version", "i8"),
-    ("floor_m", "f8"),
-    ("ceiling_m", "f8"),
-    ("has_name", "b1"),
-    ("grow_mps", "f8"),
-]
-_TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings", "key", "name", "properties"]
+# The columns of routines that return objects: numbers and instants, then all others, as bytes.
+AREA_COLUMNS = [
+    ("area_id", "i8"), ("version", "i8"), ("start", "i8"), ("end", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"),
+]  # fmt: skip
+AREA_STRINGS = ["footprint"]
+TRACK_COLUMNS = [
+    ("track_id", "i8"), ("version", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("grow_mps", "f8"),
+]  # fmt: skip
+TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings"]
+# Those of _read_areas and _read_tracks.
+_TEXTS = ["key", "name", "properties"]
+_READ_AREAS = [*AREA_COLUMNS, ("has_name", "b1")], AREA_STRINGS + _TEXTS
+_READ_TRACKS = [*TRACK_COLUMNS[:-1], ("has_name", "b1"), *TRACK_COLUMNS[-1:]], TRACK_STRINGS + _TEXTS
 _Rows = tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]
 
 
@@ -163,10 +157,9 @@ def read_scene(
     among = None if keys is None else list(keys)
     with transaction(conn):
         number = scene_id(conn, name)
-        sent = copy_binary.receive(conn, "_read_areas", [number, among], _AREA_COLUMNS, _AREA_STRINGS)
-        areas = areas_of(*sent)
-        sent = copy_binary.receive(conn, "_read_tracks", [number, among], _TRACK_COLUMNS, _TRACK_STRINGS)
-        return read_settings(conn, number), areas, tracks_of(*sent)
+        areas = areas_of(*copy_binary.receive(conn, "_read_areas", [number, among], *_READ_AREAS))
+        tracks = tracks_of(*copy_binary.receive(conn, "_read_tracks", [number, among], *_READ_TRACKS))
+        return read_settings(conn, number), areas, tracks
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,12 +182,12 @@ def each_object(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[Number
 
 def each_area_row(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[_Rows]:
     """Yield the rows of `_read_areas` of a scene, undecoded."""
-    return copy_binary.receive_each(conn, "_read_areas", [scene_id, None], _AREA_COLUMNS, _AREA_STRINGS)
+    return copy_binary.receive_each(conn, "_read_areas", [scene_id, None], *_READ_AREAS)
 
 
 def each_track_row(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[_Rows]:
     """Yield the rows of `_read_tracks` of a scene, undecoded."""
-    return copy_binary.receive_each(conn, "_read_tracks", [scene_id, None], _TRACK_COLUMNS, _TRACK_STRINGS)
+    return copy_binary.receive_each(conn, "_read_tracks", [scene_id, None], *_READ_TRACKS)
 
 
 def scene_settings(conn: psycopg.Connection[Any], name: str) -> Scene | None:

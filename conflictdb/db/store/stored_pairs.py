@@ -18,10 +18,10 @@ from conflictdb.db.store.connection import call_each
 from conflictdb.db.store.stored_bundles import PIECE_COLUMNS, PIECE_STRINGS, decoded
 from conflictdb.kernel.boxes import RowBoxes
 
-# Rows and pairs per answer, limited by the 1 GB of a value: 134 bytes for a row's box, 52 for a pair, with room for all
-# pairs of the last two objects.
-_MOST_ROWS: Final = 7_000_000
-_MOST_PAIRS: Final = 10_000_000
+# Rows and pairs that fit one answer, limited by the 1 GB of a value: 134 bytes for a row's box, 52 for a pair, with
+# room for all pairs of the last two objects.
+_ROWS_THAT_FIT: Final = 7_000_000
+_PAIRS_THAT_FIT: Final = 10_000_000
 # The columns of _row_boxes, which returns each as an array.
 _BOX_COLUMNS: Final = [
     ("piece_id", "i8"), ("pieces", "i4"), ("object", "i8"), ("turn", "i2"), ("low_x", "f8"), ("low_y", "f8"),
@@ -56,14 +56,15 @@ class Candidates:
         return type(self)(self.a[rows], self.b[rows], self.a_pieces[rows], self.b_pieces[rows], self.objects[rows])
 
 
-def candidates(conn: psycopg.Connection[Any], scene_id: int, at_once: int) -> Iterator[Candidates]:
-    """Yield the candidates of changed objects in chunks of about `at_once` pairs.
+def candidates(
+    conn: psycopg.Connection[Any], scene_id: int, at_once: int, *, fit: int = _PAIRS_THAT_FIT
+) -> Iterator[Candidates]:
+    """Yield the candidates of changed objects in chunks of about `at_once` pairs, or of `fit` if that is fewer.
 
-    Each pair comes with its first changed object. All pairs of the same two objects are in one chunk, and no chunk
-    exceeds one answer. Raises StoreError outside of a
-    snapshot.
+    Each pair comes with its first changed object. All pairs of the same two objects are in one chunk. Raises StoreError
+    outside of a snapshot.
     """
-    for sent in call_each(conn, "_candidates", scene_id, min(at_once, _MOST_PAIRS), rows_at_once=2):
+    for sent in call_each(conn, "_candidates", scene_id, min(at_once, fit), rows_at_once=2):
         kinds = ("i8", "i8", "i4", "i4", "i8")
         *found, ranks = (copy_binary.array_values([one], kind) for one, kind in zip(sent, kinds, strict=True))
         order = np.argsort(ranks, kind="stable")
@@ -71,14 +72,14 @@ def candidates(conn: psycopg.Connection[Any], scene_id: int, at_once: int) -> It
 
 
 def boxes(
-    conn: psycopg.Connection[Any], scene_id: int, most: int
+    conn: psycopg.Connection[Any], scene_id: int, most: int, *, fit: int = _ROWS_THAT_FIT
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], RowBoxes]:
     """Return ids, numbers of pieces and boxes of all rows of pieces, if all objects of the scene changed.
 
-    Returns no rows if only some objects changed, or there are more rows than `most` or than fit one answer. Raises
-    StoreError outside of a snapshot.
+    Returns no rows if only some objects changed, or there are more rows than `most` or `fit`. Raises StoreError outside
+    of a snapshot.
     """
-    rows = copy_binary.receive_arrays(conn, "_row_boxes", [scene_id, min(most, _MOST_ROWS)], _BOX_COLUMNS)
+    rows = copy_binary.receive_arrays(conn, "_row_boxes", [scene_id, min(most, fit)], _BOX_COLUMNS)
     found = RowBoxes(
         boxes=np.stack([rows.pop(name) for name in ("low_x", "low_y", "high_x", "high_y")], axis=1),
         floor_m=rows["floor_m"],

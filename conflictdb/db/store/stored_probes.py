@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from typing import Any, cast
 
 import numpy as np
@@ -22,7 +22,7 @@ from conflictdb.db.store.stored_pairs import Candidates, Parts
 from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import all_certain, certain
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.results import Conflict, Kind, Verdict
+from conflictdb.model.results import Conflict, Delays, Kind, Verdict
 from conflictdb.stages.stage1_broad_phase import hulls_of
 
 # Key of a plan without one; never shown.
@@ -31,7 +31,10 @@ _NO_KEY = "plan"
 
 @dataclass(frozen=True, slots=True)
 class ProbeRequest:
-    """A question about a plan: a row of `probe_request`; geometries as WKB."""
+    """A question about a plan, or about the delays of a track (with a horizon): a row of `probe_request`.
+
+    footprint, path, outline : WKB
+    """
 
     probe_id: int
     scene_id: int
@@ -45,6 +48,8 @@ class ProbeRequest:
     grow_mps: float
     floor_m: float | None
     ceiling_m: float | None
+    horizon_s: float | None
+    scene: str
 
 
 def pieces_meeting(
@@ -76,15 +81,19 @@ def keys_meeting(conn: psycopg.Connection[Any], scene_id: int, pieces: Pieces, k
         return []
     near, _ = pieces_meeting(conn, scene_id, pieces, key, most_compared=0)
     kinds, ids = kinds_and_ids(np.unique(near.objects))
-    return [found for _, _, found in call_many(conn, "_keys_of", scene_id, kinds.tolist(), ids.tolist())]
+    return [found for _, _, found, _ in call_many(conn, "_keys_of", scene_id, kinds.tolist(), ids.tolist())]
 
 
-def keys_of(conn: psycopg.Connection[Any], scene_id: int, found: Conflicts) -> dict[tuple[int, int], str]:
-    """Return the keys of the objects of conflicts, by the code of their kind and their id."""
+def names_of(
+    conn: psycopg.Connection[Any], scene_id: int, found: Conflicts
+) -> dict[tuple[int, int], tuple[str, str | None]]:
+    """Return keys and names of the objects of conflicts, by the code of their kind and their id."""
     kinds, ids = np.concatenate([found.a_kind, found.b_kind]), np.concatenate([found.a_id, found.b_id])
     members = sorted(set(zip(kinds.tolist(), ids.tolist(), strict=True)))
     kind, number = [kind for kind, _ in members], [number for _, number in members]
-    return {(kind, number): key for kind, number, key in call_many(conn, "_keys_of", scene_id, kind, number)}
+    return {
+        (kind, number): (key, name) for kind, number, key, name in call_many(conn, "_keys_of", scene_id, kind, number)
+    }
 
 
 def next_probe(conn: psycopg.Connection[Any]) -> tuple[int, int] | None:
@@ -167,13 +176,13 @@ def wait_for_probe(
 
     Raises NotCurrent on timeout, InvalidInput if the plan is invalid.
     """
-    mine = (Kind.AREA if isinstance(plan, Area) else Kind.TRACK), plan.key
+    mine = (Kind.AREA if isinstance(plan, Area) else Kind.TRACK), plan.key, plan.name
     answer = []
     with transaction(conn):
         rows = call_by_name(conn, "_wait_for_probe", probe_id, timeout)
     for row in rows:
-        pair = sorted([mine, (Kind(row["kind"]), row["key"])], key=lambda one: (one[0].code, one[1].encode()))
-        closest_at = row["closest_at"]
+        other = Kind(row["kind"]), row["key"], row["name"]
+        pair = sorted([mine, other], key=lambda one: (one[0].code, one[1].encode()))
         answer.append(
             Conflict(
                 scene=scene.name,
@@ -185,8 +194,10 @@ def wait_for_probe(
                 periods=decode_periods(row["periods"]),
                 time_error_s=row["time_error_s"],
                 method=scene.method,
+                a_name=pair[0][2],
+                b_name=pair[1][2],
                 first_contact_deg=None if row["lon_deg"] is None else (row["lon_deg"], row["lat_deg"]),
-                closest_at=None if closest_at is None else closest_at.astimezone(UTC),
+                closest_at=row["closest_at"],
                 closest_m=row["closest_m"],
                 closest_error_m=row["closest_error_m"],
             )
@@ -216,12 +227,17 @@ def answer_probe(
                 "closest_error_m": one.closest_error_m,
             }
         )
-    call(conn, "_answer_probe", request.probe_id, None, json.dumps(rows))
+    call(conn, "_answer_probe", request.probe_id, None, json.dumps(rows), None)
+
+
+def answer_delays(conn: psycopg.Connection[Any], request: ProbeRequest, found: Delays) -> None:
+    """Write the delays found for a request."""
+    call(conn, "_answer_probe", request.probe_id, None, "[]", json.dumps(found.as_json()))
 
 
 def refuse_probe(conn: psycopg.Connection[Any], probe_id: int, reason: str) -> None:
     """Write why a request cannot be answered."""
-    call(conn, "_answer_probe", probe_id, reason, "[]")
+    call(conn, "_answer_probe", probe_id, reason, "[]", None)
 
 
 def probe_failed(conn: psycopg.Connection[Any], probe_id: int, reason: str) -> None:

@@ -10,9 +10,11 @@
 
 #include "geometry/runs.h"
 
-/* Halvings of a way, its parts, the points by which it may lead, and the steps towards such a point. Fewer: fewer proofs.
+/* Halvings of a way, its parts, its parts before a way by other points is tried, the points by which it may lead, and the steps towards such a point. Fewer: fewer proofs.
  */
-enum { MOST_HALVINGS = 20, MOST_WAY_PARTS = 2000, MOST_BENDS = 5, DEEPEST_STEPS = 60 };
+enum { MOST_HALVINGS = 20, MOST_WAY_PARTS = 2000, FEW_WAY_PARTS = 50, MOST_BENDS = 5, DEEPEST_STEPS = 60 };
+/* A point is deep enough if its neighbours are not deeper by more than this share. */
+static const double DEEP_SHARE = 0.05;
 /* The curvature of any figure of the earth is at most that of a sphere with this share of the equator's radius; distant
  * polygons may have several shortest lines (zone.c). */
 static const double LEAST_RADIUS_SHARE = 0.99, FURTHEST_SHARE = 0.5;
@@ -79,12 +81,12 @@ static Gap nearest_places(Shift *shift, Vector *from, Vector *to) {
     return gap;
 }
 
-double shift_clearance_m(Shift *shift, Times at, Vector *axis) {
+double shift_clearance_m(Shift *shift, Times at, Nearest *nearest) {
     Encounter *pair = shift->pair;
     Vector from, to;
     place(shift, at);
     Gap gap = nearest_places(shift, &from, &to);
-    if (axis) *axis = gap.axis;
+    if (nearest) *nearest = (Nearest){gap.gap, gap.axis, from, to};
     if (shift->reach_m == 0.0) return gap.gap;
     return (gap.gap > 0.0 ? plane_way_m(pair->plane, from, to, pair->a.origin) : gap.gap) - shift->reach_m;
 }
@@ -95,57 +97,61 @@ static double least_of(const Times *ends, bool is_u) {
 static double most_of(const Times *ends, bool is_u) { return is_u ? most(ends[0].u, ends[1].u) : most(ends[0].v, ends[1].v); }
 
 /* A contact on a way: an upper bound on the clearance from the reach, metres, negative; the plane gap; and two places that
- * are so near each other, if the polygons are apart. */
+ * are so near each other, if the polygons are apart. extent: of both polygons, if there is a reach. */
 typedef struct {
     Times at;
     double clearance, gap;
     Vector from, to;
+    Extent extent;
 } Stop;
 
 static Stop stop_at(Shift *shift, Times at) {
     Stop stop = {.at = at};
     place(shift, at);
     stop.gap = stop.clearance = nearest_places(shift, &stop.from, &stop.to).gap;
-    if (stop.gap > 0.0 && shift->reach_m > 0.0)
-        stop.clearance = plane_way_m(shift->pair->plane, stop.from, stop.to, shift->pair->a.origin);
+    if (shift->reach_m == 0.0) return stop;
+    Encounter *pair = shift->pair;
+    if (stop.gap > 0.0) stop.clearance = plane_way_m(pair->plane, stop.from, stop.to, pair->a.origin);
     stop.clearance -= shift->reach_m;
+    stop.extent = extent_none();
+    extent_add(&stop.extent, &pair->a_now, pair->a.origin), extent_add(&stop.extent, &pair->b_now, pair->a.origin);
     return stop;
+}
+
+/* Whether (1 - s) f + s g + s (1 - s) bend <= level for all s of [0, 1]. */
+static bool is_below(double f, double g, double bend, double level) {
+    return f <= level && g <= level && sqrt(level - f) + sqrt(level - g) >= (1.0 + 1e-9) * sqrt(bend);
 }
 
 /* Whether the pair is in contact on the straight way between two stops that are.
  *
- * Places of the polygons that move evenly from those of one stop to those of the other stay in the polygons, to K L, with
- * K the spread of velocities and L the time. In the plane their gap is convex. On the earth their distance exceeds its
- * chord by at most A s (1 - s) / 2 at a share s of the way, A the bend of zone.c for places that move by `a` and `b`. */
+ * Places of the polygons that move evenly from those of one stop to those of the other stay in the polygons, to 2 s (1 - s)
+ * K L at a share s of the way, with K the spread of velocities and L the time. In the plane their gap is convex. On the
+ * earth their distance exceeds its chord by at most A s (1 - s) / 2, A the bend of zone.c for places that move by `a` and
+ * `b`. */
 static bool is_contact_directly(Shift *shift, const Stop *p, const Stop *q) {
     Encounter *pair = shift->pair;
     Times ends[2] = {p->at, q->at};
     double u0 = least_of(ends, true), u1 = most_of(ends, true), v0 = least_of(ends, false), v1 = most_of(ends, false);
     double leaves =
         2.0 * (mover_bounds(&pair->a, u0, u1).spread * (u1 - u0) + mover_bounds(&pair->b, v0, v1).spread * (v1 - v0));
-    double f = p->clearance, g = q->clearance, level = -KERNEL_TOUCH_M;
     if (shift->reach_m > 0.0) {
         const KernelPlane *plane = pair->plane;
-        Extent extent = extent_none();
-        mover_place(&pair->a, p->at.u, &pair->a0), mover_place(&pair->a, q->at.u, &pair->a1);
-        mover_place(&pair->b, p->at.v, &pair->b0), mover_place(&pair->b, q->at.v, &pair->b1);
-        extent_add(&extent, &pair->a0, pair->a.origin), extent_add(&extent, &pair->a1, pair->a.origin);
-        extent_add(&extent, &pair->b0, pair->a.origin), extent_add(&extent, &pair->b1, pair->a.origin);
+        Extent extent = extent_of_both(&p->extent, &q->extent);
         Scales scales = plane_scales(plane, &extent);
-        double nearer = (shift->reach_m - KERNEL_TOUCH_M) * scales.smallest;
-        if (most(p->gap, q->gap) + 0.5 * leaves <= nearer) return true;
+        if (is_below(p->gap, q->gap, leaves, (shift->reach_m - KERNEL_TOUCH_M) * scales.smallest)) return true;
         if (!(p->gap > 0.0 && q->gap > 0.0) || !(shift->reach_m < FURTHEST_SHARE * plane->radius_m)) return false;
         double a = hypot(q->from.x - p->from.x, q->from.y - p->from.y), b = hypot(q->to.x - p->to.x, q->to.y - p->to.y);
         double radius_m = LEAST_RADIUS_SHARE * plane->radius_m, bend = tan(0.5 * shift->reach_m / radius_m) / radius_m;
         bend = (bend + plane_christoffel(plane, scales.largest)) * (a * a + b * b) / (scales.smallest * scales.smallest);
         leaves = leaves / scales.smallest + 0.5 * bend;
     }
-    return f <= level - leaves || g <= level - leaves || most(f, g) <= level - 0.5 * leaves;
+    return is_below(p->clearance, q->clearance, leaves, -KERNEL_TOUCH_M);
 }
 
 /* Whether the pair is in contact on the whole way between two stops, which is halved where needed; reached: the farthest
  * stop from p up to which it is proven to be. */
-static bool is_contact_on(Shift *shift, Stop p, Stop q, Stop *reached) {
+static bool is_contact_on(Shift *shift, Stop p, Stop q, int most_parts, Stop *reached) {
     struct {
         Stop p, q;
         int halvings;
@@ -160,7 +166,7 @@ static bool is_contact_on(Shift *shift, Stop p, Stop q, Stop *reached) {
             *reached = part.q;
             continue;
         }
-        if (part.halvings >= MOST_HALVINGS || ++parts > MOST_WAY_PARTS || shift->evaluations_left <= 0) return false;
+        if (part.halvings >= MOST_HALVINGS || ++parts > most_parts || shift->evaluations_left <= 0) return false;
         Times middle = {0.5 * (part.p.at.u + part.q.at.u), 0.5 * (part.p.at.v + part.q.at.v)};
         Stop stop = stop_at(shift, middle);
         if (!(stop.clearance <= -KERNEL_TOUCH_M)) return false;
@@ -187,7 +193,7 @@ static Times deepest_across(Shift *shift, Times p, Times q) {
     double x = high - GOLDEN * (high - low), y = low + GOLDEN * (high - low);
     double fx = shift_clearance_m(shift, (Times){middle.u + x * across.u, middle.v + x * across.v}, NULL);
     double fy = shift_clearance_m(shift, (Times){middle.u + y * across.u, middle.v + y * across.v}, NULL);
-    for (int k = 0; k < DEEPEST_STEPS; k++) {
+    for (int k = 0; k < DEEPEST_STEPS && !(most(fx, fy) < 0.0 && fabs(fx - fy) <= DEEP_SHARE * -least(fx, fy)); k++) {
         if (fx <= fy) {
             high = y, y = x, fy = fx, x = high - GOLDEN * (high - low);
             fx = shift_clearance_m(shift, (Times){middle.u + x * across.u, middle.v + x * across.v}, NULL);
@@ -206,10 +212,12 @@ static Times deepest_across(Shift *shift, Times p, Times q) {
  * where that is a border of the contact set, or the set is bent. */
 static bool is_contact_between(Shift *shift, Stop p, Stop q, Times middle, int bends) {
     Stop reached;
-    if (is_contact_on(shift, p, q, &reached)) return true;
+    if (is_contact_on(shift, p, q, bends == 0 ? MOST_WAY_PARTS : FEW_WAY_PARTS, &reached)) return true;
     if (bends == 0 || shift->evaluations_left <= 0) return false;
     Stop m = stop_at(shift, middle);
-    if (bends == MOST_BENDS && is_contact_on(shift, p, m, &reached) && is_contact_on(shift, m, q, &reached)) return true;
+    if (bends == MOST_BENDS && is_contact_on(shift, p, m, FEW_WAY_PARTS, &reached) &&
+        is_contact_on(shift, m, q, FEW_WAY_PARTS, &reached))
+        return true;
     m = stop_at(shift, deepest_across(shift, p.at, q.at));
     if (!(m.clearance <= -KERNEL_TOUCH_M)) return false;
     return is_contact_between(shift, p, m, middle, bends - 1) && is_contact_between(shift, m, q, middle, bends - 1);
@@ -225,8 +233,8 @@ bool shift_contact_lasts(Shift *shift, Times *from, Times *to, Times middle) {
     Stop m = stop_at(shift, deepest_across(shift, *from, *to)), first, last;
     if (!(m.clearance <= -KERNEL_TOUCH_M)) m = stop_at(shift, middle);
     if (!(m.clearance <= -KERNEL_TOUCH_M)) m = q;
-    is_contact_on(shift, m, p, &first);
-    is_contact_on(shift, m, q, &last);
+    is_contact_on(shift, m, p, MOST_WAY_PARTS, &first);
+    is_contact_on(shift, m, q, MOST_WAY_PARTS, &last);
     double low = from->v - from->u, high = to->v - to->u, begins = first.at.v - first.at.u, ends = last.at.v - last.at.u;
     *from = first.at, *to = last.at;
     /* Around the earth polygons may meet at other differences: such contacts are other pairs'. */

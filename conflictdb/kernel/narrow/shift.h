@@ -6,17 +6,24 @@
 #include "narrow/part.h"
 
 /* reach_m: within this, metres on the earth, the movers are in contact; 0: if they touch. u0 to v1: the times of the movers.
- * evaluations_left: budget of positions; when it is exhausted, nothing more is proven. */
+ * least, most: the differences asked about. evaluations_left: budget of positions; when it is exhausted, nothing more is
+ * proven. */
 typedef struct {
     Encounter *pair;
     double reach_m;
-    double u0, u1, v0, v1;
+    double u0, u1, v0, v1, least, most;
     int64_t evaluations_left;
 } Shift;
 
-/* Clearance at two times: an upper bound on the distance minus the reach, metres on the earth; negative is contact. axis: a
- * unit vector along which the movers are apart if they are, or NULL. */
-double shift_clearance_m(Shift *shift, Times at, Vector *axis);
+/* The plane gap of two movers; a unit vector along which they are apart if they are; and their nearest places. */
+typedef struct {
+    double gap;
+    Vector axis, from, to;
+} Nearest;
+
+/* Clearance at two times: an upper bound on the distance minus the reach, metres on the earth; negative is contact.
+ * nearest: or NULL. */
+double shift_clearance_m(Shift *shift, Times at, Nearest *nearest);
 
 /* Whether each difference v - u between those of two contacts is one of contact, on a way between them. If that is not
  * proven, both are moved to contacts between which it is; false if there are none. middle: a point by which the way may

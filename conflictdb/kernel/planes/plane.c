@@ -29,9 +29,13 @@ void extent_add(Extent *extent, const Polygon *polygon, Vector origin) {
     if (!(check == 0.0)) extent->north = extent->south = extent->furthest2 = NAN;
 }
 
+Extent extent_of_both(const Extent *a, const Extent *b) {
+    return (Extent){least(a->west, b->west), most(a->east, b->east), least(a->south, b->south), most(a->north, b->north),
+                    most(a->furthest2, b->furthest2)};
+}
+
 Extent extent_within_reach(const KernelPlane *plane, const Extent *a, const Extent *b, double reach) {
-    Extent both = {least(a->west, b->west), most(a->east, b->east), least(a->south, b->south), most(a->north, b->north),
-                   most(a->furthest2, b->furthest2)};
+    Extent both = extent_of_both(a, b);
     if (plane->projection != KERNEL_MERCATOR) return both;
     double south = most(a->south, b->south) - reach, north = least(a->north, b->north) + reach;
     /* Empty if they are farther apart: then the band does not matter. */

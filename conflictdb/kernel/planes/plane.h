@@ -18,6 +18,8 @@ Extent extent_none(void);
 /* Extend by a polygon relative to an origin. A NaN vertex makes the extent NaN. */
 void extent_add(Extent *extent, const Polygon *polygon, Vector origin);
 
+Extent extent_of_both(const Extent *a, const Extent *b);
+
 /* The part of two extents in which places of one lie within `reach` plane metres of the other. In the Mercator plane,
  * where the scale depends on y only, a band; otherwise their union. */
 Extent extent_within_reach(const KernelPlane *plane, const Extent *a, const Extent *b, double reach);

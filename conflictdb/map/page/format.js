@@ -11,6 +11,14 @@ export const printable = (text) => text.replace(UNPRINTABLE, (sign) => {
   return { "\n": "\\n", "\r": "\\r", "\t": "\\t" }[sign] ?? `\\${letter}${number.toString(16).padStart(digits, "0")}`;
 });
 
+const MOST_LABEL = 24; // characters of a label on a map
+
+// What a map calls an object: its name, or else its key.
+export function labelOf({ key, name }) {
+  const text = printable(name || key);
+  return text.length > MOST_LABEL ? `${text.slice(0, MOST_LABEL - 1)}…` : text;
+}
+
 const two = (n) => String(n).padStart(2, "0");
 
 function parts(t) {

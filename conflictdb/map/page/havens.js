@@ -1,6 +1,6 @@
 // What moves: havens at the time that is shown, drawn on a canvas above the map, and the names of what is there.
 
-import { printable } from "./format.js";
+import { labelOf } from "./format.js";
 import { colour } from "./theme.js";
 import { mercatorX, mercatorY, shortest } from "./world.js";
 
@@ -169,8 +169,7 @@ export class Havens {
     context.lineJoin = "round";
     const taken = [];
     for (const { object, x, y } of some) {
-      const key = printable(object.key);
-      const text = key.length > 24 ? `${key.slice(0, 23)}…` : key;
+      const text = labelOf(object);
       const half = context.measureText(text).width / 2 + 3;
       const box = [x - half, y - 8, x + half, y + 8];
       if (taken.some((o) => box[0] < o[2] && o[0] < box[2] && box[1] < o[3] && o[1] < box[3])) continue;

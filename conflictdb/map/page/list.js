@@ -15,6 +15,7 @@ export class List {
     this.empty = container.querySelector("p");
     this.onChoose = onChoose;
     this.conflicts = [];
+    this.objects = new Map();
     this.shown = new Map();
     this.chosen = null;
     this.t = 0;
@@ -30,8 +31,9 @@ export class List {
     });
   }
 
-  // Shows conflicts; without any it says why there is none.
-  take(conflicts, why) {
+  // Shows conflicts of a scene's objects, by key; without any conflict it says why there is none.
+  take(conflicts, objects, why) {
+    this.objects = objects;
     this.empty.hidden = conflicts.length > 0;
     this.empty.textContent = why;
     const focused = this.rows.contains(document.activeElement) ? Number(document.activeElement.closest("li").dataset.n) : -1;
@@ -112,6 +114,7 @@ export class List {
       Number.isFinite(lasts) ? duration(lasts) : "without end",
       conflict.error_s !== null && conflict.error_s < TOLD_S ? null : `± ${bound(conflict.error_s, "s")}`,
       conflict.periods.length > 1 ? `${conflict.periods.length} periods` : null,
+      this.names(conflict),
     ].filter(Boolean).join(" · ");
     const when = conflict.start === -Infinity ? "since ever"
       : this.several ? `${moment(conflict.start).replace(/ \d{4} /, " ")}` : clock(conflict.start);
@@ -130,6 +133,12 @@ export class List {
     row.style.transform = `translateY(${n * ROW}px)`;
     this.mark(row, conflict);
     return row;
+  }
+
+  // The names of both objects, of those that have one that is not their key.
+  names({ a, b }) {
+    const names = [a, b].map((key) => [key, this.objects.get(key)?.name]).filter(([key, name]) => name && name !== key);
+    return names.map(([, name]) => printable(name)).join(" and ");
   }
 
   mark(row, conflict) {

@@ -2,6 +2,7 @@
 
 import { printable } from "./format.js";
 import { Motion } from "./motion.js";
+import { shorter } from "./world.js";
 
 export const MERCATOR_END = 85.051129; // degrees of latitude at which Web Mercator ends
 export const VERDICTS = ["conflict", "grazing", "unresolved"];
@@ -198,10 +199,7 @@ export class Model {
       let lon = motion.points[0].lon;
       let [west, east, low, high] = [lon, lon, 90, -90];
       motion.points.forEach((p, i) => {
-        if (i > 0) {
-          const turn = p.lon - motion.points[i - 1].lon;
-          lon += Math.abs(turn) > 180 ? turn - 360 * Math.round(turn / 360) : turn;
-        }
+        if (i > 0) lon += shorter(p.lon - motion.points[i - 1].lon);
         [west, east] = [Math.min(west, lon), Math.max(east, lon)];
         [low, high] = [Math.min(low, p.lat), Math.max(high, p.lat)];
       });

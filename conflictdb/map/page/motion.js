@@ -4,8 +4,8 @@
 // Rhumb lines: distance along the meridian is proportional to the rectifying latitude mu; a rhumb line is straight in
 // (longitude, psi), psi = asinh(tan chi), chi the conformal latitude, and its length is linear in mu.
 
-const RADIANS = Math.PI / 180;
-const SPHERE_M = 6371008.771415; // mean radius of WGS84, metres
+import { RADIANS, shorter, SPHERE_M } from "./world.js";
+
 const RECTIFYING_M = 6367449.1458234153; // metres of meridian per radian of rectifying latitude
 
 // Series of order 6 in the third flattening of WGS84 (Karney 2011, Snyder 1987): angle + sum c[j] sin(2 (j + 1) angle).
@@ -49,11 +49,6 @@ function stretch(from, to, earth) {
   if (sine === 0) return ratio / cosine;
   if (Math.abs(way) > 0.5) return (Math.asinh(Math.tan(chi2)) - Math.asinh(Math.tan(chi1))) / way;
   return (2 * Math.atanh(sine)) / way;
-}
-
-// The shorter way round; exactly half a turn keeps its sign.
-function shorter(turn) {
-  return Math.abs(turn) > 180 ? turn - 360 * Math.round(turn / 360) : turn;
 }
 
 // A leg: t0, t1 (seconds), at(share, outline): [[lon, lat], …] degrees, longitudes not wrapped; outline in metres, null

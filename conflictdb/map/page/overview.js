@@ -105,7 +105,7 @@ export class Overview {
     this.contactLooks = new Uint8Array(conflicts.length);
   }
 
-  // Shows what is on and chosen; `flagsOf` is asked of each object and conflict (app.js).
+  // Shows what is on and chosen; `flagsOf` is asked of each object and conflict (state.js).
   mark(flagsOf) {
     const look = (one) => {
       const { on, hidden, chosen, dim, a, b } = flagsOf(one);

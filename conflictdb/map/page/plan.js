@@ -3,9 +3,8 @@
 
 import { drawn } from "./dom.js";
 import { metres } from "./format.js";
+import { RADIANS, SPHERE_M } from "./world.js";
 
-const SPHERE_M = 6371008.771415;
-const RADIANS = Math.PI / 180;
 const [WIDTH, HEIGHT, EDGE] = [320, 200, 24];
 
 // East and north of a centre, metres along the great circle there.

@@ -1,10 +1,9 @@
 // The map about a pole, where Web Mercator ends: polar stereographic, so that shapes are true. All of it is drawn here.
 
-import { metres, printable } from "./format.js";
+import { labelOf, metres } from "./format.js";
 import { colour, theme } from "./theme.js";
+import { RADIANS, SPHERE_M } from "./world.js";
 
-const SPHERE_M = 6371008.771415;
-const RADIANS = Math.PI / 180;
 const LOWEST_LAT = -30; // degrees, seen from the pole: what lies beyond is drawn there, far outside of what is shown
 const LEAST_LAT = 20; // objects that stay below are left out
 const EDGE_DEG = 1; // sides that are longer, in longitude and latitude, get points
@@ -263,8 +262,7 @@ export class PolarView {
     const near = this.names.filter(({ x, y }) => x > 0 && y > 8 && x < width && y < height - 8);
     const taken = [];
     for (const { object, x, y, rank, is } of near.sort((a, b) => a.rank - b.rank).slice(0, MOST_NAMES)) {
-      const key = printable(object.key);
-      const text = key.length > 24 ? `${key.slice(0, 23)}…` : key;
+      const text = labelOf(object);
       this.prepareText("center");
       const half = context.measureText(text).width / 2 + 3;
       if (taken.some((o) => x - half < o[2] && o[0] < x + half && y - 8 < o[3] && o[1] < y + 8)) continue;

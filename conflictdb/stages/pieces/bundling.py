@@ -42,6 +42,6 @@ def _same_outline(pieces: Pieces) -> NDArray[np.bool_]:
     equal = (pieces.shape_xy == pieces.shape_xy[np.arange(offset[-1]) - back]).all(axis=1)
     alike &= np.logical_and.reduceat(equal, offset[:-1])[1:]
     if pieces.changes:
-        stays = np.logical_and.reduceat((pieces.shape_xy == pieces.shape_to_xy).all(axis=1), offset[:-1])
+        stays = ~pieces.changed()
         alike &= stays[1:] & stays[:-1]
     return alike

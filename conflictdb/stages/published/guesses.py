@@ -17,8 +17,8 @@ from conflictdb import kernel
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.earth.plane import Plane
 from conflictdb.stages.published import linear_program, nonlinear_program
-from conflictdb.stages.published.calls import Programs
 from conflictdb.stages.published.encounters import Encounters
+from conflictdb.stages.stage4.effort import Programs
 
 _log = logging.getLogger(__name__)
 

@@ -56,30 +56,10 @@ def windows(scene: Scene, plane: Plane, prepared: kernel.KernelScene, pairs: Pai
 
 
 def _track_window(
-    scene: Scene,
-    plane: Plane,
-    prepared: kernel.KernelScene,
-    member: PieceRows,
-    pairs: Pairs,
-    rows: PairRows,
+    scene: Scene, plane: Plane, prepared: kernel.KernelScene, member: PieceRows, pairs: Pairs, rows: PairRows
 ) -> tuple[Floats, Floats]:
     """Return (first, last) for the tracks `member` of the pairs `rows`, seconds after the start of the slice."""
     duration = (prepared.pieces.end_us[member] - prepared.pieces.start_us[member]) / 1e6
-    low, high = _fractions(scene, plane, prepared, member, duration, pairs, rows)
-    outward = _OUTWARD_SHARE * duration + _OUTWARD_S
-    return low * duration - outward, high * duration + outward
-
-
-def _fractions(
-    scene: Scene,
-    plane: Plane,
-    prepared: kernel.KernelScene,
-    member: PieceRows,
-    duration: Floats,
-    pairs: Pairs,
-    rows: PairRows,
-) -> tuple[Floats, Floats]:
-    """Return the fractions of the slices' time between which the tracks can be in the regions, (n,) each."""
     nought = np.zeros(len(rows))
     tracks = Movement.of(prepared, member, prepared.pieces.start_us[member])
     start, end = tracks.reference(nought), tracks.reference(duration)
@@ -109,4 +89,6 @@ def _fractions(
     high = np.where(moves, (furthest - behind) / safe, 1.0)
     first, last = (tracks.time_fraction(nought, duration, np.clip(fraction, 0.0, 1.0)) for fraction in (low, high))
     # A region that the haven has left before the slice, or reaches after it, leaves an empty window.
-    return np.where(low > 1.0, np.inf, first), np.where(high < 0.0, -np.inf, last)
+    first, last = np.where(low > 1.0, np.inf, first), np.where(high < 0.0, -np.inf, last)
+    outward = _OUTWARD_SHARE * duration + _OUTWARD_S
+    return first * duration - outward, last * duration + outward

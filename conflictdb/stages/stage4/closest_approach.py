@@ -7,34 +7,20 @@ from numpy.typing import NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
-from conflictdb.arrays.pairs import PairRows
 from conflictdb.arrays.pieces import PieceRows
-from conflictdb.kernel.approach import closest
+from conflictdb.kernel.approach import Closest, closest
 from conflictdb.model.plans import MINUS_INFINITY_US
 from conflictdb.model.results import Kind
 
 
 @dataclass(frozen=True, slots=True)
-class Approaches:
-    """The closest approach of n pairs of objects.
+class Approaches(Closest):
+    """The closest approach of n pairs of objects; `at_s` counts from the start of the shared span.
 
-    pair, at_s : (n,) the pair of pieces that comes closest, and the seconds after the start of its shared span; -1
-        if none comes within the limit, or if that is unknown
     at_us : (n,) int64, the same in microseconds since 1970; MINUS_INFINITY_US for areas that are always there
-    distance_m : (n,) metres on the earth, 0 if they touch; infinite if they do not come within the limit, NaN if
-        that is unknown, because a piece has NaN or infinite input or the work budget is exhausted
-    error_m : (n,) bound on |distance_m - least distance|, metres
-    a_deg, b_deg : (n, 2) longitude (in [-180, 180)) and latitude of the nearest points, or of the point of touch; NaN
-        if there are none
     """
 
-    pair: PairRows
-    at_s: Floats
     at_us: NDArray[np.int64]
-    distance_m: Floats
-    error_m: Floats
-    a_deg: Floats
-    b_deg: Floats
 
 
 def approaches(
@@ -75,5 +61,5 @@ def approaches(
     pair, at_us = np.full(len(wanted_m), -1), np.full(len(wanted_m), MINUS_INFINITY_US)
     pair[known] = order[found.pair[known]]
     at_us[known] = start_us[found.pair[known]] + np.rint(found.at_s[known] * 1e6).astype(np.int64)
-    answers = found.distance_m, found.error_m, found.a_deg, found.b_deg
-    return Approaches(PairRows(pair), found.at_s, at_us, *answers)
+    answers = found.at_s, found.distance_m, found.error_m, found.a_deg, found.b_deg
+    return Approaches(pair, *answers, at_us)

@@ -3,7 +3,15 @@
 from dataclasses import asdict, dataclass, field
 
 from conflictdb import kernel
-from conflictdb.stages.published.calls import Programs
+
+
+@dataclass(slots=True)
+class Programs:
+    """Calls of each published program, and calls that missed a contact."""
+
+    lp_calls: int = 0
+    nlp_calls: int = 0
+    failed_calls: int = 0
 
 
 @dataclass(slots=True)

@@ -1,16 +1,43 @@
-"""`scenes`, `objects`, `rename`, `copy` and `delete`."""
+"""`load`, `export`, `scenes`, `objects`, `rename`, `copy` and `delete`."""
 
 import argparse
 from dataclasses import asdict
 from datetime import UTC
 
-from conflictdb.cli.codes import DONE
-from conflictdb.cli.load_report import Shown, scene_table
-from conflictdb.cli.output import data, out, table
+from conflictdb.cli.codes import DONE, LEFT_OUT
+from conflictdb.cli.load_report import Shown, loaded_text, remark_loaded, scene_table
+from conflictdb.cli.output import binary, data, out, print_json, table
 from conflictdb.cli.parser import check
-from conflictdb.cli.session import database
+from conflictdb.cli.session import database, load_files
 from conflictdb.formats.instants import format_moment
-from conflictdb.formats.json_text import dumped
+from conflictdb.formats.reading import is_parquet
+from conflictdb.formats.writing import whole_file
+
+
+def load(args: argparse.Namespace) -> int:
+    """Load files."""
+    with database(args) as db:
+        loaded = load_files(db, args)
+    remark_loaded(loaded)
+    for one in loaded:
+        out(loaded_text(one))
+    return LEFT_OUT if any(one.invalid for one in loaded) else DONE
+
+
+def export(args: argparse.Namespace) -> int:
+    """Write a scene file."""
+    check(args, [(args.format == "geojson" and is_parquet(args.file), "a file of GeoJSON does not end in .parquet")])
+    is_binary = args.format == "geoparquet"
+    with database(args) as db:
+        scene = db.scene(args.scene)
+        if is_binary and (args.file == "-" or not is_parquet(args.file)):
+            with binary() if args.file == "-" else whole_file(args.file) as stream:
+                scene.write_geoparquet(stream)
+        elif args.file == "-":
+            data([scene.text()], is_json=True)
+        else:
+            scene.export(args.file)
+    return DONE
 
 
 def scenes(args: argparse.Namespace) -> int:
@@ -25,11 +52,8 @@ def objects(args: argparse.Namespace) -> int:
     with database(args) as db:
         found = db.scene(args.scene).objects()
     if args.format == "json":
-        rows = [
-            asdict(one) | {"start_at": format_moment(one.start_at), "end_at": format_moment(one.end_at)}
-            for one in found
-        ]
-        data([dumped(rows, indent=2), "\n"], is_json=True)
+        ends = ("start_at", "end_at")
+        print_json([asdict(one) | {name: format_moment(getattr(one, name)) for name in ends} for one in found])
         return DONE
     shown = Shown(args.tz or UTC)
     header = ["KEY", "KIND", "NAME", shown.header("FROM"), shown.header("TO"), "FLOOR M", "CEILING M"]

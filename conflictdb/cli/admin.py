@@ -1,0 +1,167 @@
+"""`init`, `upgrade`, `extension`, `attach`, `detach`, `attachments`, `share` and `protect`."""
+
+import argparse
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from conflictdb.cli.codes import DONE
+from conflictdb.cli.load_report import moment_text, remark_incomplete
+from conflictdb.cli.output import note, out, remark, table
+from conflictdb.cli.parser import check
+from conflictdb.cli.session import database
+from conflictdb.db import schema, store
+from conflictdb.model.plans import Scene
+from conflictdb.session.database import Database, connect
+
+# Rows listed: a screen full.
+_MOST_ROWS: Final = 20
+
+
+def upgrade(args: argparse.Namespace) -> int:
+    """Create the schema, or upgrade it to this program's revision."""
+    with connect(args.dsn, create=True, say=note) as db:
+        state = db.status()
+        missing = schema.missing_grants(db.connection)
+        waiting = [db.scene(one.scene.name).state() for one in state.scenes if not one.is_current]
+    if missing:
+        remark(f"the roles of conflictdb cannot read yet; let an administrator run: {missing}")
+    out(f"database {state.database}: schema conflictdb is at revision {state.revision}")
+    # An upgrade that changes answers marks every object.
+    remark_incomplete(waiting)
+    return DONE
+
+
+def extension(args: argparse.Namespace) -> int:
+    """Write the files of conflictdb as an extension of a server."""
+    from conflictdb.db import extension as files
+
+    for path in files.build(args.directory or files.install_directory(args.pg_config)):
+        out(str(path))
+    return DONE
+
+
+def attach(args: argparse.Namespace) -> int:
+    """Attach a table, or describe the effect."""
+    mapped: dict[str, str] = {}
+    for one in args.map:
+        check(args, [(field in mapped, f"--map gives {field} twice") for field in one])
+        mapped |= one
+    if args.where is not None:
+        check(args, [("where" in mapped, "--map gives where, and so does --where")])
+        mapped["where"] = args.where
+    given = (args.kind, args.table, mapped)
+    with database(args) as db:
+        with db.connection.transaction(force_rollback=args.dry_run), _warnings_as_remarks():
+            if all(status.scene.name != args.scene for status in db.scenes()):
+                store.set_scene(db.connection, Scene(args.scene))
+            if args.dry_run:
+                _show_preview(db.scene(args.scene).preview_attachment(*given, every_s=args.every))
+                return DONE
+            number = db.scene(args.scene).attach(*given, every_s=args.every)
+        db.scene(args.scene).follow()
+        _report_attachment(db, args.scene, number)
+    return DONE
+
+
+@contextmanager
+def _warnings_as_remarks() -> Iterator[None]:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        yield
+    for one in caught:
+        remark(str(one.message))
+
+
+def _show_preview(preview: store.AttachmentPreview) -> None:
+    for step in preview.steps:
+        out(f"would {step}")
+    for one in preview.objects:
+        out(one)
+    for one in preview.unmapped:
+        remark(f"left out: {one}")
+
+
+def _report_attachment(db: Database, scene: str, number: int) -> None:
+    one = next(one for one in db.scene(scene).attachments() if one.attachment_id == number)
+    if one.error:
+        remark(f"{one.table} cannot be read: {one.error}")
+    left_out = f", {one.unmapped} left out" if one.unmapped else ""
+    how = "triggers tell of changes" if one.has_triggers else f"changes are looked for every {one.every}"
+    out(f"{scene}: {_counted(one.objects, one.kind)} of {one.table}{left_out}; {how}")
+    for row in db.scene(scene).unmapped()[:_MOST_ROWS]:
+        if row.attachment_id == number:
+            remark(f"left out: {row.identity}: {row.reason}")
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number:,} {what}" if number == 1 else f"{number:,} {what}s"
+
+
+def detach(args: argparse.Namespace) -> int:
+    """Detach a table."""
+    with database(args) as db:
+        removed = db.scene(args.scene).detach(args.table, keep=args.keep)
+    out(f"{args.scene}: {args.table} is detached, {_counted(removed, 'object')} removed")
+    return DONE
+
+
+def attachments(args: argparse.Namespace) -> int:
+    """Show attached tables."""
+    with database(args) as db:
+        found = db.scene(args.scene).attachments()
+        rows = [row for scene in sorted({one.scene for one in found}) for row in db.scene(scene).unmapped()]
+    header = ["SCENE", "TABLE", "KIND", "OBJECTS", "LEFT OUT", "CHANGES BY", "REMARK"]
+    lines = [
+        [
+            *(one.scene, one.table, one.kind, one.objects, one.unmapped),
+            *("triggers" if one.has_triggers else f"every {one.every}", one.error or one.remark),
+        ]
+        for one in found
+    ]
+    out(table(header, lines, right=header[3:5]) if found else "nothing is attached")
+    for row in rows[:_MOST_ROWS]:
+        out(f"{row.table}: {row.identity}: {row.reason}{' (kept as it was)' if row.is_kept else ''}")
+    if len(rows) > _MOST_ROWS:
+        out(f"and {len(rows) - _MOST_ROWS:,} more in the view conflictdb.unmapped")
+    return DONE
+
+
+def share(args: argparse.Namespace) -> int:
+    """Share a scene with a role, withdraw a share, or list the shares."""
+    check(args, [(args.role is None and args.access is not None, "--access goes with a role")])
+    with _with_notices(args) as db:
+        if args.role is None:
+            found = db.scene(args.scene).shares()
+            out(_share_table(found) if found else "belongs to nobody, and is shared with nobody")
+        elif args.access == "none":
+            out("taken back" if db.scene(args.scene).unshare(args.role) else "was not shared with it")
+        else:
+            db.scene(args.scene).share(args.role, args.access or "read")
+            out(f"{args.scene}: {args.role} may {args.access or 'read'} it")
+    return DONE
+
+
+def protect(args: argparse.Namespace) -> int:
+    """Restrict scenes to their owners and shares, or show all scenes to all again."""
+    with _with_notices(args) as db:
+        db.protect_scenes(on=not args.off)
+    out("all scenes are open to all roles" if args.off else "scenes are protected")
+    return DONE
+
+
+def _share_table(shares: list[store.Share]) -> str:
+    rows = [
+        [one.role, one.access, one.shared_by or "", moment_text(one.shared_at, up=False) if one.shared_at else ""]
+        for one in shares
+    ]
+    return table(["ROLE", "ACCESS", "SHARED BY", "AT (UTC)"], rows)
+
+
+@contextmanager
+def _with_notices(args: argparse.Namespace) -> Iterator[Database]:
+    """Open the database of a command, and print its notices."""
+    with database(args) as db:
+        db.connection.add_notice_handler(lambda notice: remark(store.with_remedy(notice)))
+        yield db

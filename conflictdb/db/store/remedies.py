@@ -1,0 +1,31 @@
+"""What to do about an error or notice of the database, for callers who do not write SQL."""
+
+from typing import Final
+
+from psycopg.errors import Diagnostic
+
+# The hints of sql/ name routines, views and functions of SQL. These replace them, by constraint.
+REMEDIES: Final = {
+    "attached_watchable": "Give --every (every in Python), the interval at which to compare all rows instead.",
+    "conflict_known": "`conflictdb conflicts` lists those that are.",
+    "footprint_valid": "shapely.make_valid and most GIS programs repair it.",
+    "outline_convex": "Split it into several tracks, or give its convex hull.",
+    "outline_corners": "Simplify it.",
+    "scene_changeable": "Its owner may run `conflictdb admin share ROLE --scene NAME --access write`.",
+    "scene_known": "`conflictdb load FILE --scene NAME` creates one.",
+    "scene_without_attachments": "`conflictdb admin detach --scene NAME --table TABLE` detaches each.",
+    "scenes_owned": "`conflictdb admin share ROLE --scene NAME --access own` gives one to a role.",
+    "scenes_protected": "The owner of schema conflictdb may run `conflictdb admin protect`.",
+}
+
+
+def remedy(diagnostic: Diagnostic) -> str | None:
+    """Return what to do, None if nothing is known."""
+    return REMEDIES.get(diagnostic.constraint_name or "", diagnostic.message_hint)
+
+
+def with_remedy(diagnostic: Diagnostic, message: str | None = None) -> str:
+    """Return a message (by default that of the server), its detail and what to do in one line, without its CONTEXT."""
+    text = message if message is not None else diagnostic.message_primary or ""
+    more = "; ".join(filter(None, (diagnostic.message_detail, remedy(diagnostic))))
+    return f"{text} ({more})" if more else text

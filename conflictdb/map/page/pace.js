@@ -1,0 +1,56 @@
+// How often something is done, and what waits meanwhile.
+
+// Does what takes a while not before some time has gone by, and for no more than a share of the time.
+export class Paced {
+  // `does` returns how long it took, milliseconds.
+  constructor(does, leastMs, mostShare) {
+    Object.assign(this, { does, leastMs, mostShare });
+    this.begun = 0;
+    this.took = 0; // milliseconds, the last time
+    this.timer = null;
+  }
+
+  now() {
+    clearTimeout(this.timer);
+    this.timer = null;
+    this.begun = performance.now();
+    this.took = this.does();
+  }
+
+  soon() {
+    const wait = Math.max(this.leastMs, this.took / this.mostShare) - (performance.now() - this.begun);
+    if (wait <= 0) this.now();
+    else this.timer ??= setTimeout(() => this.now(), wait);
+  }
+}
+
+// Reads what changed, "objects" (and with them all else) or "conflicts": one reading at a time. What changes meanwhile is read
+// after that, once.
+export class Readings {
+  // `read(what)` reads, and shows what it read; `failed(error)` hears of an error.
+  constructor(read, failed) {
+    Object.assign(this, { read, failed });
+    this.wanted = null;
+    this.under = null; // the reading under way
+  }
+
+  async want(what) {
+    if (this.wanted !== "objects") this.wanted = what;
+    this.under ??= this.readAll();
+    return this.under;
+  }
+
+  async readAll() {
+    try {
+      while (this.wanted) {
+        const now = this.wanted;
+        this.wanted = null;
+        await this.read(now);
+      }
+    } catch (error) {
+      this.failed(error);
+    } finally {
+      this.under = null;
+    }
+  }
+}

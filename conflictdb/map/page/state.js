@@ -1,0 +1,122 @@
+// What the page shows: a scene, an instant of it, what the filter leaves, and the conflict that is chosen. It draws nothing.
+
+import { Filter, meet, Model } from "./model.js";
+
+export class State {
+  constructor() {
+    this.model = null; // the scene, once it is read
+    this.version = 0; // of the scene
+    this.t = 0; // the instant
+    this.filter = new Filter();
+    this.left = []; // the conflicts that the filter leaves
+    this.hiddenObjects = new Set(); // keys of those that it does not leave
+    this.hiddenConflicts = new Set(); // ids
+    this.chosen = null; // a conflict
+  }
+
+  // --- the scene -----------------------------------------------------------------------------------------------------
+
+  takeAll(scene, areas, tracks, outlines, conflicts) {
+    const model = new Model(scene);
+    model.takeObjects(areas, tracks, outlines);
+    model.takeConflicts(conflicts);
+    [this.model, this.version] = [model, scene.version];
+  }
+
+  takeConflicts(scene, conflicts) {
+    this.model.scene = scene;
+    this.model.takeConflicts(conflicts);
+    this.version = scene.version;
+  }
+
+  // Shows nothing more of the scene, which may no longer be seen, or is no more.
+  forget(why) {
+    const { scene, span } = this.model;
+    this.model = new Model({ ...scene, is_current: false });
+    Object.assign(this.model, { span, refused: why });
+  }
+
+  // --- the instant ---------------------------------------------------------------------------------------------------
+
+  // The first contact of all, or else where the scene begins.
+  moveToFirst() {
+    const { conflicts, tracks, span } = this.model;
+    this.t = conflicts.find((c) => Number.isFinite(c.start))?.start ?? (tracks.length ? span[0] : Date.now() / 1000);
+  }
+
+  // An instant, or the nearest that the scene has.
+  moveTo(at) {
+    const [from, to] = this.model.span;
+    this.t = Math.min(to, Math.max(from, at));
+  }
+
+  isAtEnd() {
+    return this.t >= this.model.span[1];
+  }
+
+  // Whether a conflict is on.
+  isOn({ periods }) {
+    return periods.some(([a, b]) => this.t >= a && this.t <= b);
+  }
+
+  // The keys of all objects that are in a conflict that the filter leaves.
+  inConflict() {
+    return new Set(this.left.filter((one) => this.isOn(one)).flatMap(({ a, b }) => [a, b]));
+  }
+
+  // --- the filter ----------------------------------------------------------------------------------------------------
+
+  applyFilter() {
+    const { filter, model } = this;
+    this.left = model.conflicts.filter((conflict) => filter.leaves(conflict, model, this.t));
+    const kept = new Set(this.left.flatMap(({ a, b }) => [a, b]));
+    const isHidden = (object) => (
+      !filter.leavesObject(object) || (filter.text.trim() !== "" && !filter.names(object) && !kept.has(object.key)));
+    this.hiddenObjects = new Set([...model.areas, ...model.tracks].filter(isHidden).map(({ key }) => key));
+    const ids = new Set(this.left.map(({ id }) => id));
+    this.hiddenConflicts = new Set(model.conflicts.filter(({ id }) => !ids.has(id)).map(({ id }) => id));
+  }
+
+  // --- the conflict that is chosen -----------------------------------------------------------------------------------
+
+  // null: none.
+  choose(conflict) {
+    this.chosen = conflict;
+  }
+
+  // Chooses the same conflict, or another one of the same pair, among those that were read again.
+  chooseAgain() {
+    const { chosen, model: { conflicts } } = this;
+    this.chosen = conflicts.find(({ id }) => id === chosen.id) ?? conflicts.find(({ a, b }) => a === chosen.a && b === chosen.b) ?? null;
+  }
+
+  // The conflict so many further on among those that the filter leaves, from the one that is chosen, or else from now; null if
+  // it leaves none.
+  neighbour(by) {
+    const { left, chosen } = this;
+    if (!left.length) return null;
+    const n = chosen ? left.findIndex(({ id }) => id === chosen.id) : by > 0 ? left.findIndex((c) => c.start >= this.t) - 1 : left.length;
+    return left[Math.min(left.length - 1, Math.max(0, n + by))];
+  }
+
+  // Returns what says of an object or a conflict how it is shown: on, hidden, chosen, of a chosen pair which (a, b), or dimmed
+  // since another pair is chosen. Conflicts at heights where the chosen one cannot be are hidden.
+  flags() {
+    const { model, chosen, t, hiddenObjects, hiddenConflicts } = this;
+    const heights = chosen && model.heightsOf(chosen);
+    return (one) => {
+      if (one.key === undefined) {
+        const isChosen = one.id === chosen?.id;
+        const isApart = heights !== null && !isChosen && !meet(heights, model.heightsOf(one));
+        return {
+          on: this.isOn(one), hidden: isApart || hiddenConflicts.has(one.id), chosen: isChosen, dim: chosen !== null && !isChosen,
+        };
+      }
+      const [a, b] = [one.key === chosen?.a, one.key === chosen?.b];
+      return {
+        on: (one.start ?? -Infinity) <= t && (one.end ?? Infinity) >= t, hidden: hiddenObjects.has(one.key),
+        chosen: a || b, dim: chosen !== null && !a && !b, a, b,
+      };
+    };
+  }
+}

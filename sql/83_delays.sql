@@ -1,0 +1,68 @@
+-- Departures of a track that are in conflict, computed by a worker: requests and replies are those of probes.
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_delays_request(
+    p_scene_id bigint, p_key text, p_horizon interval
+) RETURNS void
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+DECLARE
+    -- 115 days: longer than a plan of this kind, and short enough for a worker.
+    c_longest_s CONSTANT double precision := 1e7;
+BEGIN
+    IF extract(epoch FROM p_horizon) BETWEEN 0 AND c_longest_s IS NOT TRUE THEN
+        FOUND := _raise('ZC003', format('track %s', quote_nullable(p_key)), 'horizon',
+                        format('must be an interval from 0 to %s s; got %s', c_longest_s,
+                               coalesce(p_horizon::text, 'null')), 'horizon_finite');
+    END IF;
+    IF NOT EXISTS (SELECT FROM track t WHERE t.scene_id = p_scene_id AND t.key = p_key) THEN
+        FOUND := _raise('ZC011', format('track %s', quote_nullable(p_key)), 'key',
+                        format('is not a track of scene %L',
+                               (SELECT s.name FROM scene s WHERE s.scene_id = p_scene_id)),
+                        'object_known');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_delays_request(bigint, text, interval) IS
+'Raises an error (class ZC) for an unknown track, or a horizon that is negative or too long.';
+
+CREATE OR REPLACE FUNCTION request_delays(p_scene text, p_key text, p_horizon interval DEFAULT interval '2 hours')
+RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _scene_id(p_scene);
+    v_probe_id bigint;
+BEGIN
+    PERFORM _check_delays_request(v_scene_id, p_key, p_horizon);
+    PERFORM _prune_probes();
+    INSERT INTO probe_request (scene_id, object_kind, key, horizon) VALUES (v_scene_id, 1, p_key, p_horizon)
+        RETURNING probe_id INTO v_probe_id;
+    PERFORM _wake_workers();
+    RETURN v_probe_id;
+END
+$$;
+COMMENT ON FUNCTION request_delays(text, text, interval) IS
+'Asks the workers when a track could depart instead, up to p_horizon later or earlier; returns an id for '
+'wait_for_delays, to be called after commit.';
+
+CREATE OR REPLACE FUNCTION wait_for_delays(
+    p_probe_id bigint, p_timeout interval DEFAULT interval '1 minute',
+    OUT key text, OUT least_later_s double precision, OUT least_earlier_s double precision, OUT blocked_by text[],
+    OUT forbidden jsonb
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_delays jsonb;
+BEGIN
+    PERFORM _await_answer(p_probe_id, p_timeout, true);
+    SELECT p.delays INTO v_delays FROM probe_request p WHERE p.probe_id = p_probe_id;
+    SELECT v_delays ->> 'key', (v_delays ->> 'least_later_s')::double precision,
+           (v_delays ->> 'least_earlier_s')::double precision,
+           ARRAY(SELECT jsonb_array_elements_text(v_delays -> 'blocked_by')), v_delays -> 'forbidden'
+        INTO key, least_later_s, least_earlier_s, blocked_by, forbidden;
+END
+$$;
+COMMENT ON FUNCTION wait_for_delays(bigint, interval) IS
+'Waits for the reply to request_delays. least_later_s, least_earlier_s: seconds that the track must depart later, or '
+'earlier, at least to meet nothing; 0 without a conflict, null if none within the horizon is enough. blocked_by: '
+'objects that forbid every departure within it. forbidden: departures in conflict, a list of {"from_s", "to_s", '
+'"from_error_s", "to_error_s", "is_proven", "by"}: seconds of delay, negative for earlier, and keys. Errors and '
+'lifetime are those of wait_for_probe.';

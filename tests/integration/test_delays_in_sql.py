@@ -1,0 +1,130 @@
+"""Delays asked for in SQL: a worker answers what `scene.delays` returns, to the role that asked."""
+
+from typing import Any
+
+import psycopg
+import pytest
+from psycopg import conninfo, sql
+from scenes import area, track
+from shapely import box
+
+from conflictdb import connect
+from conflictdb.db import probes, store
+from conflictdb.model.plans import Scene
+
+Conn = psycopg.Connection[Any]
+
+ASK = "SELECT conflictdb.request_delays('s', %s, %s)"
+ANSWER = "SELECT * FROM conflictdb.wait_for_delays(%s, '10 s')"
+
+
+@pytest.fixture
+def scene(conn: Conn) -> Conn:
+    """Tracks that cross on the equator, another far away, and an area on the way of the first."""
+    hour = 3_600
+    tracks = [
+        track("EAST", [(0.0, 0.0), (0.5, 0.0)], [0, hour], 100, 100, 50, 50),
+        track("NORTH", [(0.25, -0.25), (0.25, 0.25)], [0, hour], 100, 100, 50, 50),
+        track("FAR", [(20.0, 0.0), (20.5, 0.0)], [0, hour], 100, 100, 50, 50),
+    ]
+    store.replace_scene(conn, Scene("s"), [area("BAR", box(0.45, -0.01, 0.46, 0.01))], tracks, merge=False)
+    conn.commit()
+    return conn
+
+
+def asked(conn: Conn, key: str | None, horizon: str | None = "2 hours") -> int:
+    row = conn.execute(ASK, [key, horizon]).fetchone()
+    assert row is not None
+    conn.commit()
+    return int(row[0])
+
+
+def refused(conn: Conn, query: str, *values: Any) -> tuple[str | None, str]:
+    with pytest.raises(psycopg.Error) as caught:
+        conn.execute(query.encode(), values)
+    conn.rollback()
+    return caught.value.sqlstate, str(caught.value)
+
+
+def answered(conn: Conn, dsn: str, probe_id: int) -> tuple[Any, ...]:
+    with store.connect(dsn) as worker:
+        assert probes.answer(worker) is False
+    row = conn.execute(ANSWER, [probe_id]).fetchone()
+    conn.commit()
+    assert row is not None
+    return row
+
+
+@pytest.mark.parametrize("is_detected", [False, True])
+@pytest.mark.parametrize("key", ["EAST", "NORTH", "FAR"])
+def test_a_worker_answers_as_python_does(scene: Conn, dsn: str, key: str, is_detected: bool) -> None:
+    with connect(dsn) as db:
+        if is_detected:
+            db.scene("s").detect()
+        (expected,) = db.scene("s").delays(key, within_s=7200.0)
+    found = answered(scene, dsn, asked(scene, key))
+    said = expected.as_json()
+    assert found == (
+        key,
+        expected.least_later_s,
+        expected.least_earlier_s,
+        list(expected.blocked_by),
+        [{**one, "by": list(one["by"])} for one in said["forbidden"]],
+    )
+    assert bool(found[4]) is (key != "FAR")
+    assert found[3] == (["BAR"] if key == "EAST" else [])
+
+
+def test_what_cannot_be_asked_is_refused(scene: Conn, dsn: str) -> None:
+    """Unknown tracks, areas, and horizons that are negative, endless or absent; a removed track when it is answered."""
+    for key, horizon, state, says in (
+        ("WEST", "2 hours", "ZC011", "track 'WEST': key: is not a track of scene 's'"),
+        ("BAR", "2 hours", "ZC011", "is not a track"),
+        (None, "2 hours", "ZC011", "track NULL"),
+        ("EAST", "-1 second", "ZC003", "horizon: must be an interval"),
+        ("EAST", "200 years", "ZC003", "horizon"),
+        ("EAST", None, "ZC003", "horizon"),
+    ):
+        found, text = refused(scene, ASK, key, horizon)
+        assert (found, says in text) == (state, True), text
+    probe_id = asked(scene, "EAST")
+    scene.execute("SELECT conflictdb.remove_object('s', 'EAST')")
+    scene.commit()
+    with store.connect(dsn) as worker:
+        probes.answer(worker)
+    state, text = refused(scene, ANSWER, probe_id)
+    assert state == "ZC016"
+    assert "'EAST' is not known" in text
+
+
+def test_each_question_has_its_own_answer(scene: Conn, dsn: str) -> None:
+    """Delays are no probe without conflicts, and a probe has no delays."""
+    probe_id = asked(scene, "EAST")
+    answered(scene, dsn, probe_id)
+    assert refused(scene, "SELECT * FROM conflictdb.wait_for_probe(%s)", probe_id)[0] == "ZC011"
+    row = scene.execute("SELECT conflictdb.request_probe('s', ST_MakeEnvelope(9, 9, 10, 10, 4326))").fetchone()
+    scene.commit()
+    assert row is not None
+    assert refused(scene, ANSWER, row[0])[0] == "ZC011"
+
+
+def test_readers_ask_and_only_they_see_the_answer(scene: Conn, dsn: str) -> None:
+    """Nobody writes a reply but workers."""
+    users = [f"{name}_{scene.info.dbname}" for name in ("asker", "other")]
+    for user in users:
+        scene.execute(sql.SQL("CREATE ROLE {} LOGIN IN ROLE conflictdb_reader").format(sql.Identifier(user)))
+    scene.commit()
+    opened = [psycopg.connect(conninfo.make_conninfo(dsn, user=user)) for user in users]
+    try:
+        probe_id = asked(opened[0], "NORTH")
+        assert answered(opened[0], dsn, probe_id)[0] == "NORTH"
+        assert refused(opened[1], ANSWER, probe_id)[0] == "ZC011"
+        forged = "INSERT INTO conflictdb.probe_request (scene_id, object_kind, key, horizon, delays) "
+        forged += "SELECT scene_id, 1, 'EAST', '1 hour', '{}' FROM conflictdb.scene"
+        assert refused(opened[1], forged)[0] == "ZC013"
+    finally:
+        for one in opened:
+            one.close()
+        for user in users:
+            scene.execute(sql.SQL("DROP ROLE {}").format(sql.Identifier(user)))
+        scene.commit()

@@ -1,0 +1,148 @@
+"""Probabilities of conflicts: by hand, by quadrature, and against detections of plans that depart at random."""
+
+from collections import Counter
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from scipy import integrate, stats
+from workloads import LOW_LATITUDE, throw
+
+from conflictdb import Area, InvalidInput, Scene, Track, chances, delays, rectangle_outline_m, solve
+
+T0_US = 1_780_000_000_000_000
+SCENE = Scene("chances")
+
+
+def track(key: str, start: tuple[float, float], end: tuple[float, float], departs_s: float = 0.0) -> Track:
+    start_us = T0_US + round(1e6 * departs_s)
+    return Track(
+        key, [start, end], [start_us, start_us + 11_000_000_000], rectangle_outline_m(1000.0, 500.0, 100.0, 100.0)
+    )
+
+
+EAST, NORTH = track("east", (0.0, 0.0), (1.0, 0.0)), track("north", (0.5, -0.5), (0.5, 0.5), 300.0)
+
+
+def difference(a: Track, b: Track) -> tuple[float, float]:
+    """The ends of the forbidden delays of a."""
+    [found] = delays([a, b], [], SCENE, a.key)[0].forbidden
+    return found.from_s, found.to_s
+
+
+def by_quadrature(a: Any, b: Any, low_s: float, high_s: float) -> float:
+    """P(low <= X_a - X_b <= high)."""
+    x = np.linspace(b.ppf(1e-13), b.isf(1e-13), 1_000_001)
+    return float(integrate.trapezoid(b.pdf(x) * (a.cdf(high_s + x) - a.cdf(low_s + x)), x))
+
+
+NORMAL, WIDE = stats.norm(60.0, 300.0), stats.norm(-20.0, 500.0)
+UNIFORM, SHORT = stats.uniform(-300.0, 900.0), stats.uniform(10.0, 50.0)
+
+
+@pytest.mark.parametrize(
+    ("of_a", "of_b"),
+    [(NORMAL, WIDE), (UNIFORM, SHORT), (SHORT, UNIFORM), (NORMAL, UNIFORM), (UNIFORM, NORMAL), (SHORT, WIDE)],
+)
+def test_two_continuous_departures(of_a: Any, of_b: Any) -> None:
+    found = chances([EAST, NORTH], [], SCENE, {"east": of_a, "north": of_b})
+    least, most = found.pairs["east", "north"]
+    expected = by_quadrature(of_a, of_b, *difference(EAST, NORTH))
+    assert 0.0 <= most - least < 1e-6
+    assert least - 1e-7 <= expected <= most + 1e-7
+    assert found.expected == pytest.approx((least, most), abs=1e-9)
+    for bounds in found.tracks.values():
+        assert bounds == pytest.approx((least, most), abs=1e-9)
+
+
+@pytest.mark.parametrize("of_b", [NORMAL, UNIFORM, [-100.0, 400.0], None])
+def test_an_empirical_departure_is_a_mean_over_its_delays(of_b: Any) -> None:
+    of_a = [-700.0, -250.0, 0.0, 0.0, 333.0]
+    low_s, high_s = difference(EAST, NORTH)
+    both = {"east": of_a} | ({"north": of_b} if of_b is not None else {})
+    least, most = chances([EAST, NORTH], [], SCENE, both).pairs["east", "north"]
+    if of_b is None or isinstance(of_b, list):
+        met = [low_s <= x - y <= high_s for x in of_a for y in of_b or [0.0]]
+        expected = float(np.mean(met))
+    else:
+        expected = float(np.mean([of_b.cdf(x - low_s) - of_b.cdf(x - high_s) for x in of_a]))
+    assert most - least < 1e-6
+    assert least - 1e-7 <= expected <= most + 1e-7
+
+
+def test_a_departure_as_planned_is_certain() -> None:
+    same = replace(NORTH, times_us=EAST.times_us)
+    assert chances([EAST, same], [], SCENE).pairs["east", "north"] == pytest.approx((1.0, 1.0), abs=1e-9)
+    later = replace(NORTH, times_us=NORTH.times_us + 9_000_000_000)
+    assert chances([EAST, later], [], SCENE).pairs == {}
+    assert chances([], [], SCENE).expected == (0.0, 0.0)
+
+
+def test_what_departs_as_planned_is_met_together_exactly() -> None:
+    """Intervals of several objects overlap: the chance to meet any is that of their union."""
+    second = replace(NORTH, key="second", times_us=NORTH.times_us + 200_000_000)
+    closed = Area("closed", shapely.box(0.9, -0.1, 1.1, 0.1), None, T0_US + 9_000_000_000, T0_US + 12_000_000_000)
+    found = chances([EAST, NORTH, second], [closed], SCENE, {"east": NORMAL})
+    forbidden = delays([EAST, NORTH, second], [closed], SCENE, "east", 20_000.0)[0].forbidden
+    expected = sum(NORMAL.cdf(one.to_s) - NORMAL.cdf(one.from_s) for one in forbidden)
+    least, most = found.tracks["east"]
+    assert least - 1e-7 <= expected <= most + 1e-7
+    assert most - least < 1e-6
+    assert set(found.pairs) == {("east", "north"), ("east", "second"), ("north", "second"), ("east", "closed")}
+
+
+def test_a_waiting_track_shifts_as_a_whole() -> None:
+    """It does not occupy its first waypoint before it departs: nothing comes by meanwhile."""
+    waits = Track(
+        "east", [(0.0, 0.0), (0.0, 0.0), (1.0, 0.0)], [T0_US, T0_US + 1_000_000, T0_US + 11_000_000_000], EAST.outline_m
+    )
+    by = track("by", (0.0, -0.5), (0.0, 0.5), 100_000.0)
+    assert chances([waits, by], [], SCENE, {"east": [200_000.0]}).tracks["east"] == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("given", ["soon", [], [np.nan], [[np.inf]], stats.expon(), stats.norm(0.0, 0.0), object()])
+def test_other_distributions_are_refused(given: Any) -> None:
+    with pytest.raises(InvalidInput, match="must be norm or uniform"):
+        chances([EAST], [], SCENE, {"east": given})
+
+
+def test_an_unknown_track_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="'south' is not known"):
+        chances([EAST], [], SCENE, {"south": NORMAL})
+
+
+def test_200_pairs_are_as_often_in_conflict_as_computed() -> None:
+    """Monte Carlo by `solve`: each pair, each track, and the number of conflicts, within four standard errors."""
+    scene, areas, tracks = throw(LOW_LATITUDE, 4, 10, 40, tolerance_m=1.0)
+    rng, runs = np.random.default_rng(0), 250
+    kinds: list[Any] = [stats.norm(0.0, 1800.0), stats.uniform(-3600.0, 7200.0), rng.normal(0.0, 3000.0, 50)]
+    departures = {one.key: kinds[k % 3] for k, one in enumerate(tracks)}
+    found = chances(tracks, areas, scene, departures)
+    pairs: Counter[tuple[str, str]] = Counter()
+    met: Counter[str] = Counter()
+    counts = []
+    for _ in range(runs):
+        moved = [replace(one, times_us=one.times_us + _drawn(departures[one.key], rng)) for one in tracks]
+        conflicts = {frozenset((one.a_key, one.b_key)) for one in solve(moved, areas, scene) if one.b_key in departures}
+        counts.append(len(conflicts))
+        pairs.update(key for key in found.pairs if frozenset(key) in conflicts)
+        met.update({key for both in conflicts for key in both})
+        assert conflicts <= {frozenset(key) for key in found.pairs}
+    assert len(found.pairs) >= 200
+    for bounds, seen in [
+        *((found.pairs[key], pairs[key]) for key in found.pairs),
+        *((found.tracks[one.key], met[one.key]) for one in tracks),
+    ]:
+        error = 4.0 * np.sqrt(max(bounds[0] * (1.0 - bounds[0]), 1.0 / runs) / runs)
+        assert bounds[0] - error <= seen / runs <= bounds[1] + error
+    error = 4.0 * float(np.std(counts)) / np.sqrt(runs)
+    assert found.expected[0] - error <= np.mean(counts) <= found.expected[1] + error
+    assert max(most - least for least, most in found.pairs.values()) < 1e-6
+    assert max(most - least for least, most in found.tracks.values()) < 1e-2
+
+
+def _drawn(departure: Any, rng: np.random.Generator) -> int:
+    delay_s = rng.choice(departure) if isinstance(departure, np.ndarray) else departure.rvs(random_state=rng)
+    return round(1e6 * float(delay_s))
