@@ -131,6 +131,28 @@ def conn(dsn: str) -> Iterator[psycopg.Connection[Any]]:
         yield connection
 
 
+@pytest.fixture(scope="session")
+def _scenes_dsn(_server: TestServer, template: str, request: pytest.FixtureRequest) -> Iterator[str]:
+    name = f"{_server.prefix}_{_worker(request.config)}_scenes"
+    yield _server.clone(template, name)
+    _server.drop(name)
+
+
+@pytest.fixture
+def own_scenes(_scenes_dsn: str) -> Iterator[str]:
+    """Return how to connect to a database that tests of nothing but scenes share; they are removed after each test."""
+    yield _scenes_dsn
+    with psycopg.connect(_scenes_dsn) as connection:
+        connection.execute("DELETE FROM conflictdb.scene")
+
+
+@pytest.fixture
+def conn_of_scenes(own_scenes: str) -> Iterator[psycopg.Connection[Any]]:
+    """Return a connection to it, in time zone UTC."""
+    with psycopg.connect(own_scenes, options="-c timezone=UTC") as connection:
+        yield connection
+
+
 @pytest.fixture
 def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
     """Return a function that runs a command on a fresh database with the schema."""
