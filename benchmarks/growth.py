@@ -6,7 +6,7 @@
 *sea* is as dense at any size (made_scenes.py), so that pairs grow as objects do; *box* is the paper's, where pairs grow
 as the square. Each scene is loaded by one process and detected by another, both of which begin afresh, in a new
 database: once with all rows to write, again in full, which finds the same, and then after changes of one track each,
-fifteen of them, of which the median counts. Memory is the most that the detecting process held (ru_maxrss), and that
+fifteen of them, of which the median counts. Memory is the most that the detecting process held, and that
 the server's processes held together (PSS, sampled; shared memory counted once).
 
 Seconds by the clock come first, for both detections; the others are processor seconds of client and server together,

@@ -428,7 +428,8 @@ COMMENT ON COLUMN probe_request.grow_mps IS 'Track: outward speed of the haven''
 COMMENT ON COLUMN probe_request.floor_m IS 'Lowest height, metres above mean sea level, inclusive; null: no limit.';
 COMMENT ON COLUMN probe_request.ceiling_m IS 'Highest height, metres above mean sea level, exclusive; null: no limit.';
 COMMENT ON COLUMN probe_request.horizon IS 'Delays: up to how much later or earlier; null for a probe.';
-COMMENT ON COLUMN probe_request.delays IS 'Delays: the reply, as `conflictdb delays --format json` prints it.';
+COMMENT ON COLUMN probe_request.delays IS
+'Delays: the reply, as `conflictdb delays --format json` prints it; null for a probe, or while it waits.';
 COMMENT ON COLUMN probe_request.answered_at IS 'When a worker replied; null while it waits.';
 COMMENT ON COLUMN probe_request.is_current IS
 'Whether the scene was current at that time; null while it waits.';

@@ -59,7 +59,7 @@ def dump(empty_dsn: str) -> Callable[[], str]:
     """Return a function that dumps the structure of all that is the stranger's."""
     with psycopg.connect(empty_dsn) as conn:
         programs, environ = client_programs(conn)
-    command = [programs / "pg_dump", "--schema-only", "-N", "conflictdb", "-d", empty_dsn]
+    command = [programs / "pg_dump", "--schema-only", "-N", "conflictdb", "-N", "conflictdb_internal", "-d", empty_dsn]
 
     def dumped() -> str:
         text = subprocess.run(command, check=True, env=environ, stdout=subprocess.PIPE, text=True).stdout
