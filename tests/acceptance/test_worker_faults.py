@@ -85,10 +85,12 @@ class Site:
             conn.execute("SELECT conflictdb.wait_until_current('s', %s)", [timedelta(seconds=MOST_S)])
 
     def backends(self, conn: psycopg.Connection[Any]) -> list[int]:
-        """Return the processes that serve workers, as soon as there is one: they may be about to connect again."""
+        """Return the processes that serve workers, as soon as all are connected: one that has just begun, and cannot
+        connect for the first time, ends (exit code 5) as it should.
+        """
         end = time.monotonic() + MOST_S
         query = "SELECT pid FROM pg_stat_activity WHERE application_name = %s"
-        while not (found := conn.execute(query, [store.WORKER_NAME]).fetchall()):
+        while len(found := conn.execute(query, [store.WORKER_NAME]).fetchall()) < len(self.workers):
             assert time.monotonic() < end
             time.sleep(0.05)
         return [pid for (pid,) in found]
@@ -172,6 +174,8 @@ def kill_backend(site: Site) -> None:
 
 
 def crash_server(site: Site) -> None:
+    with psycopg.connect(site.server.dsn, autocommit=True) as conn:
+        site.backends(conn)
     site.server.stop(signal.SIGQUIT)
     site.server.start()
 
