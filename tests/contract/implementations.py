@@ -81,7 +81,8 @@ class RhumbOracle:
         (lon0, lat0), (lon1, lat1) = track.positions_deg
         length_m = self.course((lon0, lat0), near((lon0, lat0), (lon1, lat1)))[0]
         size_m = max(float(np.hypot(*outline.T).max()) for outline in oracle_motion.outlines(track))
-        return 4.5e-16 * self.globe.a * size_m / length_m if length_m > 0.0 else 0.0
+        # However short the leg, no vertex is farther off than on the other side of the waypoint.
+        return min(4.5e-16 * self.globe.a / length_m, 2.0) * size_m if length_m > 0.0 else 0.0
 
     def _plane(self, lon: Floats, lat: Floats) -> Floats:
         return self.globe.a * np.stack(np.broadcast_arrays(lon, self.globe.isometric(lat)), axis=-1)
