@@ -153,11 +153,12 @@ def _row(name: str, made: Made, within_s: float) -> str:
     numbers = np.unique(object_numbers(pieces)[pieces.kind == ObjectKind.TRACK.code])
     kernel, horizon_us = Kernel(delays.differences), round(1e6 * within_s)
     keys = dict.fromkeys(np.unique(object_numbers(pieces)).tolist(), "")
+    leeway = delays.Leeway(False, False, -horizon_us, horizon_us)
     began = time.process_time()
     with patch.object(delays, "differences", kernel):
         every = delays.differences_of(scene, plane, pieces, numbers, horizon_us)
     for _, own in every.of_each_track():
-        delays.delays_of("", keys, own, horizon_us)
+        delays.delays_of("", keys, own, horizon_us, leeway)
     all_s = time.process_time() - began
     found = np.concatenate(kernel.found)
     met, inside = found["state"] != DifferenceState.NONE, found["state"] == DifferenceState.INNER

@@ -18,7 +18,7 @@ from conflictdb.formats import from_frames
 from conflictdb.model import inputs
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results
-from conflictdb.stages.delays import delays_of, differences_of
+from conflictdb.stages.delays import Leeway, delays_of, differences_of
 from conflictdb.stages.funnel import Funnel
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
@@ -82,6 +82,7 @@ def delays(
     scene: Scene | None = None,
     key: str | None = None,
     within_s: float = 7200.0,
+    now: inputs.Instant | None = None,
 ) -> list[Delays]:
     """Return when each track could depart instead: the departures that are in conflict, and the least that is not.
 
@@ -97,14 +98,23 @@ def delays(
         A track; by default each of them is asked about, one at a time.
     within_s : float
         The horizon: delays of up to this many seconds, either way.
+    now : instant, optional
+        No track departs before it: neither earlier delays are possible, nor any of a track that has departed. A track
+        that stands at its first waypoint may leave it now.
     """
     horizon_us = round(1e6 * inputs.seconds("delays", "within_s", within_s))
+    now_us = None if now is None else (inputs.moment("delays", "now", now) - inputs.EPOCH) // inputs.MICROSECOND
+    tracks = _each("delays", "tracks", tracks, Track)
     scene, plane, pieces, keys, numbers = _numbered("delays", tracks, areas, scene)
+    leeway = {track.key: Leeway.of(track, horizon_us, now_us) for track in tracks}
     asked = numbers if key is None else _known(scene, keys, numbers, key)
     every = differences_of(scene, plane, pieces, asked, horizon_us)
     found = dict(every.of_each_track())
     nothing = every.take(np.empty(0, np.int64))
-    return [delays_of(keys[number], keys, found.get(number, nothing), horizon_us) for number in asked.tolist()]
+    return [
+        delays_of(keys[number], keys, found.get(number, nothing), horizon_us, leeway[keys[number]])
+        for number in asked.tolist()
+    ]
 
 
 def chances(

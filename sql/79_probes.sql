@@ -149,7 +149,7 @@ BEGIN
     END IF;
     NEW.asked_at := now();
     IF NEW.horizon IS NOT NULL THEN
-        PERFORM _check_delays_request(NEW.scene_id, NEW.key, NEW.horizon);
+        PERFORM _check_delays_request(NEW.scene_id, NEW.key, NEW.horizon, lower(NEW.active_span));
     ELSIF NEW.object_kind = 0 THEN
         PERFORM _check_area_probe(NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m);
         NEW.active_span := _half_open(coalesce(NEW.active_span, tstzrange(NULL, NULL)));
@@ -421,7 +421,8 @@ COMMENT ON COLUMN probe_request.object_kind IS 'Kind of the plan: 0 area, 1 trac
 COMMENT ON COLUMN probe_request.key IS
 'Object that the plan would replace, which is ignored; null: none. With a horizon: the track.';
 COMMENT ON COLUMN probe_request.footprint IS 'Area: longitude and latitude, degrees; null for a track.';
-COMMENT ON COLUMN probe_request.active_span IS 'Area: when it is active, [start, end); null for a track.';
+COMMENT ON COLUMN probe_request.active_span IS
+'Area: when it is active, [start, end). Delays: begins with p_now of request_delays. Null for other tracks.';
 COMMENT ON COLUMN probe_request.path IS 'Track: waypoints, M is Unix seconds; null for an area.';
 COMMENT ON COLUMN probe_request.outline IS 'Track: haven, metres to starboard and ahead; null for an area.';
 COMMENT ON COLUMN probe_request.grow_mps IS 'Track: outward speed of the haven''s sides, metres per second.';

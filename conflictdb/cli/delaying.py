@@ -13,7 +13,7 @@ from conflictdb.model.results import Delays, Forbidden
 def delays(args: argparse.Namespace) -> int:
     """Print the departures of tracks that are in conflict, and the least that are not."""
     with database(args) as db:
-        found = db.scene(args.scene).delays(args.key, args.within)
+        found = db.scene(args.scene).delays(args.key, args.within, args.now)
     if args.format == "json":
         print_json([one.as_json() for one in found])
     else:
@@ -25,11 +25,13 @@ def delays(args: argparse.Namespace) -> int:
 
 def delays_text(found: Sequence[Delays], within_s: float) -> str:
     """Return a table of tracks, and a line for each one that no departure within the horizon clears."""
-    header = ["TRACK", "NOW", "LATER BY", "EARLIER BY", "MAY SHIFT BY", "MEETS"]
+    header = ["TRACK", "PLANNED", "LATER BY", "EARLIER BY", "MAY SHIFT BY", "MEETS"]
     rows = []
     for one in found:
         slack, nearest = one.clear_by_s, _nearest(one)
-        if slack == 0.0:
+        if one.has_departed:
+            clears = ["conflict" if slack == 0.0 else "free", "departed", "departed", ""]
+        elif slack == 0.0:
             clears = ["conflict", _least(one.least_later_s), _least(one.least_earlier_s), ""]
         else:
             # Rounded down: so far it may shift for certain.
@@ -39,7 +41,7 @@ def delays_text(found: Sequence[Delays], within_s: float) -> str:
     lines = [
         f"{one.key}: no departure within {_duration(within_s)} clears {', '.join(one.blocked_by)}"
         for one in found
-        if one.blocked_by
+        if one.blocked_by and not one.has_departed
     ]
     text = table(header, rows, right=header[2:5])
     return "\n".join([text, "", *lines] if lines else [text])

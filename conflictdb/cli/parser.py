@@ -39,7 +39,7 @@ _OPTIONS: Final[Mapping[str, tuple[Callable[[str], Any], object, str, str]]] = {
 _FLAGS: Final = {
     "--fail-on-conflict": "exit with 10 if there are conflicts",
     "--no-region": "leave out the regions",
-    "--require-current": "exit with 7 if changes wait for detection",
+    "--require-current": "exit with 7 unless current",
 }
 
 

@@ -10,11 +10,14 @@ from conflictdb import in_memory
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
 from conflictdb.earth.registry import plane_of
+from conflictdb.model import inputs
 from conflictdb.model.results import Delays
 from conflictdb.stages.pieces.covers import pieces_of
 
 
-def delays(conn: psycopg.Connection[Any], scene: str, key: str | None, within_s: float) -> list[Delays]:
+def delays(
+    conn: psycopg.Connection[Any], scene: str, key: str | None, within_s: float, now: inputs.Instant | None = None
+) -> list[Delays]:
     """Return the delays of a track, or of each track, from one state of the objects.
 
     Of a track of a scene whose pieces are current, only objects are read whose boxes it may meet within the horizon.
@@ -24,7 +27,7 @@ def delays(conn: psycopg.Connection[Any], scene: str, key: str | None, within_s:
         is_current = store.scene_state(conn, scene).is_current
         keys = [*_near(conn, scene, key, within_s), key] if key is not None and is_current else None
         settings, areas, tracks = store.read_scene(conn, scene, keys)
-    return in_memory.delays(tracks, areas, settings, key, within_s)
+    return in_memory.delays(tracks, areas, settings, key, within_s, now)
 
 
 def _near(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float) -> list[str]:

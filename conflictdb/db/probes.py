@@ -24,6 +24,7 @@ from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
 from conflictdb.in_memory import solve
+from conflictdb.model.inputs import certain
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Conflict, Kind, Listing
 from conflictdb.stages.memory import MEMORY_MB, Memory
@@ -137,7 +138,8 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory) -> boo
                 found = _probed(conn, request.scene_id, plan, request.key, jobs, memory)
                 store.answer_probe(conn, request, plan, found)
             else:
-                (of_track,) = delays(conn, request.scene, request.key, request.horizon_s)
+                now = certain(request.start_us)
+                (of_track,) = delays(conn, request.scene, request.key, request.horizon_s, now)
                 store.answer_delays(conn, request, of_track)
         with store.translated():
             conn.commit()

@@ -357,9 +357,12 @@ class Delays:
 
     forbidden : the departures within the horizon that are in conflict, also if only grazing, in order
     least_later_s, least_earlier_s : how much later, or earlier, it must depart at least to meet nothing, seconds, in
-        whole microseconds and rounded away from the conflict: 0 without a conflict, None if nothing within the horizon
-        is enough
-    blocked_by : the keys of the objects that forbid every departure within the horizon, such as a permanent area
+        whole microseconds and rounded away from the conflict: 0 without a conflict, None if no possible delay is enough
+    blocked_by : the keys of the objects that forbid every possible delay, such as a permanent area
+    waits : whether its first leg stands still, so that it occupies its first waypoint until it departs
+    has_departed : whether it left its first waypoint before `now`, so that nothing can be shifted
+    earliest_s, latest_s : the delays that are possible: within the horizon, and not before `now`; 0 and 0 if it has
+        departed. `forbidden` has the whole horizon.
     """
 
     key: str
@@ -367,12 +370,16 @@ class Delays:
     least_later_s: float | None
     least_earlier_s: float | None
     blocked_by: tuple[str, ...]
+    waits: bool
+    has_departed: bool
+    earliest_s: float
+    latest_s: float
 
     @property
     def clear_by_s(self) -> float | None:
         """How much later or earlier the track may depart without a conflict, seconds: 0 if it is in conflict.
 
-        None if no departure within the horizon is in conflict.
+        None if no departure within the horizon is in conflict. Earlier departures may lie before `now`.
         """
         least_s = [max(one.from_s, -one.to_s, 0.0) for one in self.forbidden]
         return min(least_s, default=None)

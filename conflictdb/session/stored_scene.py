@@ -369,7 +369,9 @@ class StoredScene:
         _warn_if_incomplete(found.state)
         return found
 
-    def delays(self, key: str | None = None, within_s: float = 7200.0) -> list[Delays]:
+    def delays(
+        self, key: str | None = None, within_s: float = 7200.0, now: inputs.Instant | None = None
+    ) -> list[Delays]:
         """Return when each track could depart instead: the departures in conflict, and the least that is not.
 
         Computed from the objects as they are stored, whether they were detected or not. Delays are of one track at a
@@ -381,6 +383,8 @@ class StoredScene:
             A track; by default each track is asked about.
         within_s : float
             The horizon: delays of up to this many seconds, either way.
+        now : instant, optional
+            No track departs before it: earlier delays are not possible, nor any of a track that has departed.
 
         Raises InvalidInput for an unknown scene or track.
         """
@@ -388,7 +392,7 @@ class StoredScene:
         # Imported here: the stages are slow to import.
         from conflictdb.db import delays
 
-        return delays.delays(self.connection, self.name, key, within_s)
+        return delays.delays(self.connection, self.name, key, within_s, now)
 
     def wait_until_current(self, timeout_s: float = 60.0) -> None:
         """Wait until no change waits for detection; a worker or another program has to detect.

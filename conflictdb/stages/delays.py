@@ -17,7 +17,7 @@ from conflictdb import kernel
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
 from conflictdb.kernel.differences import DifferenceState, Shifts, differences
-from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene, Track
 from conflictdb.model.results import Delays, Forbidden, Kind
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import object_numbers
@@ -101,26 +101,58 @@ class Differences:
 
     def forbidden(self, horizon_us: int) -> tuple[Spans, Spans]:
         """Return the outer and the inner intervals of all rows, within the horizon."""
-        outer = _within(self.low, self.high, horizon_us)
-        inner = _within(self.inner_low, self.inner_high, horizon_us + _LAST_INSTANT_US)
+        outer = _within(self.low, self.high, -horizon_us, horizon_us)
+        beyond_us = horizon_us + _LAST_INSTANT_US
+        inner = _within(self.inner_low, self.inner_high, -beyond_us, beyond_us)
         low, high = inner.low + _LAST_INSTANT_US, inner.high - _LAST_INSTANT_US
         return outer, Spans(low[low <= high], high[low <= high])
 
-    def blocking(self, horizon_us: int) -> _Ints:
-        """Return the numbers of the objects that forbid every delay within the horizon."""
-        first, last = self.low <= -horizon_us, self.high >= horizon_us
+    def blocking(self, first_us: int, last_us: int) -> _Ints:
+        """Return the numbers of the objects that forbid every delay from the first to the last one."""
+        first, last = self.low <= first_us, self.high >= last_us
         found = np.unique(self.other[first & last])
         # Several rows together may.
         others = np.setdiff1d(np.intersect1d(self.other[first], self.other[last]), found)
         for other in others.tolist():
             rows = self.other == other
-            if len(_within(self.low[rows], self.high[rows], horizon_us)) == 1:
+            if len(_within(self.low[rows], self.high[rows], first_us, last_us)) == 1:
                 found = np.append(found, other)
         return np.sort(found)
 
 
-def _within(low: _Ints, high: _Ints, horizon_us: int) -> Spans:
-    return Spans.union(np.maximum(low, -horizon_us), np.minimum(high, horizon_us))
+def _within(low: _Ints, high: _Ints, first_us: int, last_us: int) -> Spans:
+    return Spans.union(np.maximum(low, first_us), np.minimum(high, last_us))
+
+
+@dataclass(frozen=True, slots=True)
+class Leeway:
+    """The delays of a track that are possible.
+
+    waits : whether the first leg stands still, so that the track occupies its first waypoint until it departs
+    has_departed : whether it left its first waypoint before now
+    first_us, last_us : the least and the greatest delay, microseconds; 0 and 0 if it has departed
+    """
+
+    waits: bool
+    has_departed: bool
+    first_us: int
+    last_us: int
+
+    @classmethod
+    def of(cls, track: Track, horizon_us: int, now_us: int | None = None) -> Self:
+        """Return the delays within the horizon by which a track departs at `now_us` at the earliest; None: any.
+
+        A track that waits at its first waypoint may leave it now; any other begins now at the earliest.
+        """
+        moves = (track.positions_deg[1:] != track.positions_deg[:1]).any(axis=1)
+        stands = int(np.argmax(moves)) if moves.any() else len(moves)
+        starts_us, leaves_us = int(track.times_us[0]), int(track.times_us[stands])
+        if now_us is None:
+            return cls(stands > 0, False, -horizon_us, horizon_us)
+        if leaves_us < now_us:
+            return cls(stands > 0, True, 0, 0)
+        departs_us = starts_us if now_us <= starts_us else leaves_us
+        return cls(stands > 0, False, max(-horizon_us, now_us - departs_us), horizon_us)
 
 
 def differences_of(
@@ -151,11 +183,12 @@ def differences_of(
     return every.take(np.flatnonzero((every.low <= horizon_us) & (every.high >= -horizon_us)))
 
 
-def delays_of(key: str, keys: Mapping[int, str], found: Differences, horizon_us: int) -> Delays:
+def delays_of(key: str, keys: Mapping[int, str], found: Differences, horizon_us: int, leeway: Leeway) -> Delays:
     """Return the delays of a track.
 
     keys : the keys of objects by number
     found : the differences of this track alone, perhaps none
+    leeway : of this track
     """
     outer, inner = found.forbidden(horizon_us)
     first = np.searchsorted(inner.low, outer.low)
@@ -170,19 +203,26 @@ def delays_of(key: str, keys: Mapping[int, str], found: Differences, horizon_us:
                 low / 1e6, high / 1e6, (begins - low) / 1e6, (high - ends) / 1e6, len(parts) == 1, _sorted(keys, by)
             )
         )
-    later_us = least_later_us(outer, horizon_us)
-    earlier_us = least_later_us(Spans(-outer.high[::-1], -outer.low[::-1]), horizon_us)
-    blocked_by = _sorted(keys, found.blocking(horizon_us).tolist())
-    return Delays(key, tuple(forbidden), _seconds(later_us), _seconds(earlier_us), blocked_by)
+    return Delays(
+        key,
+        tuple(forbidden),
+        _seconds(least_later_us(outer, leeway.last_us)),
+        _seconds(least_later_us(Spans(-outer.high[::-1], -outer.low[::-1]), -leeway.first_us)),
+        _sorted(keys, found.blocking(leeway.first_us, leeway.last_us).tolist()),
+        leeway.waits,
+        leeway.has_departed,
+        leeway.first_us / 1e6,
+        leeway.last_us / 1e6,
+    )
 
 
-def least_later_us(forbidden: Spans, horizon_us: int) -> int | None:
-    """Return the least delay of 0 or more that is not forbidden; None beyond the horizon."""
+def least_later_us(forbidden: Spans, most_us: int) -> int | None:
+    """Return the least delay of 0 or more that is not forbidden; None beyond the greatest one."""
     k = int(np.searchsorted(forbidden.low, 0, side="right")) - 1
     if k < 0 or forbidden.high[k] < 0:
         return 0
     least_us = int(forbidden.high[k]) + 1
-    return least_us if least_us <= horizon_us else None
+    return least_us if least_us <= most_us else None
 
 
 def _seconds(us: int | None) -> float | None:

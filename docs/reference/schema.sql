@@ -810,7 +810,7 @@ FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_cei
 FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_scene_id bigint)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _check_delays_request(p_scene_id bigint, p_key text, p_horizon interval)
+FUNCTION _check_delays_request(p_scene_id bigint, p_key text, p_horizon interval, p_now timestamp with time zone)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_growth(p_who text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry)
@@ -1551,7 +1551,7 @@ FUNCTION rename_object(p_scene text, p_key text, p_new_key text)
 FUNCTION rename_scene(p_scene text, p_name text)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION request_delays(p_scene text, p_key text, p_horizon interval DEFAULT '02:00:00'::interval)
+FUNCTION request_delays(p_scene text, p_key text, p_horizon interval DEFAULT '02:00:00'::interval, p_now timestamp with time zone DEFAULT NULL::timestamp with time zone)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false)
@@ -1587,7 +1587,7 @@ FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text)
 FUNCTION unshare_scene(p_scene text, p_role text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION wait_for_delays(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval, OUT key text, OUT least_later_s double precision, OUT least_earlier_s double precision, OUT blocked_by text[], OUT forbidden jsonb)
+FUNCTION wait_for_delays(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval, OUT key text, OUT least_later_s double precision, OUT least_earlier_s double precision, OUT blocked_by text[], OUT forbidden jsonb, OUT waits boolean, OUT has_departed boolean, OUT earliest_s double precision, OUT latest_s double precision)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval)

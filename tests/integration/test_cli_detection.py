@@ -596,3 +596,8 @@ def test_delays_say_when_tracks_could_depart_instead(run: Run) -> None:
     assert run("delays", "CONVOY-1", "--scene", "strait", "--within", "10s").out.splitlines()[1].split() == (
         ["CONVOY-1", "free", "0:00:10", "or", "more"]
     )
+    soon, late = (run("delays", "--scene", "strait", "--now", f"2026-06-01T{now}Z") for now in ("06:40", "06:46"))
+    assert re.search(r"^TOW +conflict +0:11:17\.\d+ +none +FERRY$", soon.out, re.MULTILINE)
+    assert re.search(r"^TOW +conflict +departed +departed +FERRY$", late.out, re.MULTILINE)
+    assert re.search(r"^CONVOY-1 +free +departed +departed +CONVOY-2$", late.out, re.MULTILINE)
+    assert "SUB-1:" not in late.out

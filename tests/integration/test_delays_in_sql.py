@@ -2,10 +2,11 @@
 
 from typing import Any
 
+import numpy as np
 import psycopg
 import pytest
 from psycopg import conninfo, sql
-from scenes import area, track
+from scenes import T0_US, area, track
 from shapely import box
 
 from conflictdb import connect
@@ -70,9 +71,27 @@ def test_a_worker_answers_as_python_does(scene: Conn, dsn: str, key: str, is_det
         expected.least_earlier_s,
         list(expected.blocked_by),
         [{**one, "by": list(one["by"])} for one in said["forbidden"]],
+        *(said[name] for name in ("waits", "has_departed", "earliest_s", "latest_s")),
     )
     assert bool(found[4]) is (key != "FAR")
     assert found[3] == (["BAR"] if key == "EAST" else [])
+
+
+def test_a_now_is_the_same_in_sql(scene: Conn, dsn: str) -> None:
+    ask = "SELECT conflictdb.request_delays('s', 'NORTH', p_now => to_timestamp(%s))"
+    with connect(dsn) as db:
+        for now_s, is_offered in ((-7200, True), (-10, False), (1, False)):
+            row = scene.execute(ask, [now_s + T0_US // 1_000_000]).fetchone()
+            scene.commit()
+            assert row is not None
+            found = answered(scene, dsn, row[0])
+            (expected,) = db.scene("s").delays("NORTH", now=np.datetime64(now_s * 1_000_000 + T0_US, "us"))
+            said = expected.as_json()
+            assert found[1:4] == (said["least_later_s"], said["least_earlier_s"], list(said["blocked_by"]))
+            assert found[5:] == (False, now_s > 0, said["earliest_s"], said["latest_s"])
+            assert (found[2] is not None) == is_offered
+    state, text = refused(scene, "SELECT conflictdb.request_delays('s', 'NORTH', p_now => 'infinity')")
+    assert (state, "now: must be an instant, or null; got infinity" in text) == ("ZC003", True), text
 
 
 def test_what_cannot_be_asked_is_refused(scene: Conn, dsn: str) -> None:

@@ -139,7 +139,10 @@ def test_what_cannot_be_cut_forbids_every_delay_at_which_it_is_there(monkeypatch
 
 def test_the_json_has_the_documented_members() -> None:
     found = json.loads(json.dumps(one_of(EAST, NORTH).as_json()))
-    assert list(found) == ["key", "forbidden", "least_later_s", "least_earlier_s", "blocked_by"]
+    assert list(found) == [
+        *("key", "forbidden", "least_later_s", "least_earlier_s", "blocked_by"),
+        *("waits", "has_departed", "earliest_s", "latest_s"),
+    ]
     assert list(found["forbidden"][0]) == ["from_s", "to_s", "from_error_s", "to_error_s", "is_proven", "by"]
 
 
@@ -212,6 +215,63 @@ def test_a_haven_that_changes_its_shape_may_leave_an_area_and_meet_it_again() ->
     assert [bool(keys) for keys in met] == [True, False, False, True]
 
 
+def at(s: float) -> np.datetime64:
+    """The instant so many seconds after east departs."""
+    return np.datetime64(T0_US + round(1e6 * s), "us")
+
+
+def test_nothing_departs_before_now() -> None:
+    """An earlier departure is not offered if it is past; the forbidden departures stay what they are."""
+    [free] = delays([EAST, NORTH], [], SCENE, "east")
+    least_s = free.least_earlier_s
+    assert least_s is not None
+    for now_s, earliest_s, offered_s in (
+        (-9000.0, -7200.0, least_s),
+        (-least_s, -least_s, least_s),
+        (-least_s + 1e-6, -least_s + 1e-6, None),
+        (0.0, 0.0, None),
+    ):
+        [found] = delays([EAST, NORTH], [], SCENE, "east", now=at(now_s))
+        assert found == replace(free, least_earlier_s=offered_s, earliest_s=pytest.approx(earliest_s, abs=1e-7))
+    assert (free.waits, free.has_departed, free.earliest_s, free.latest_s) == (False, False, -7200.0, 7200.0)
+
+
+def test_what_has_departed_cannot_shift() -> None:
+    """Whatever it meets as planned blocks it; without a conflict it departed well."""
+    [found] = delays([EAST, NORTH], [], SCENE, "east", now=at(1e-6))
+    assert (found.has_departed, found.earliest_s, found.latest_s) == (True, 0.0, 0.0)
+    assert (found.least_later_s, found.least_earlier_s, found.blocked_by) == (None, None, ("north",))
+    assert found.forbidden == one_of(EAST, NORTH).forbidden
+    [clear] = delays([EAST], [], SCENE, "east", now=at(1.0))
+    assert (clear.least_later_s, clear.least_earlier_s, clear.blocked_by) == (0.0, 0.0, ())
+
+
+def test_a_track_that_stands_at_its_first_waypoint_may_still_leave() -> None:
+    """Before it is there it shifts as others do; it has departed once its legs that stand still are over."""
+    waiting = waits_first(waits_first(EAST, 600.0), 300.0)
+    for now_s, has_departed, earliest_s in (
+        (-1000.0, False, -100.0),
+        (-900.0, False, 0.0),
+        (-800.0, False, -800.0),
+        (0.0, False, 0.0),
+        (1.0, True, 0.0),
+    ):
+        [found] = delays([waiting, NORTH], [], SCENE, "east", now=at(now_s))
+        assert (found.waits, found.has_departed) == (True, has_departed)
+        assert found.earliest_s == earliest_s
+    stands = Track("stands", [(0.0, 0.0)] * 2, [T0_US, T0_US + 1_000_000], [(0.0, 0.0)])
+    assert not delays([stands], [], SCENE, now=at(1.0))[0].has_departed
+    assert delays([stands], [], SCENE, now=at(1.1))[0].has_departed
+
+
+def test_an_area_that_forbids_every_departure_from_now_on_blocks() -> None:
+    closed = area("closed", 0.0, None, lon=0.2)
+    free = one_of(EAST, closed)
+    assert (free.least_earlier_s is None, free.blocked_by) == (False, ())
+    [found] = delays([EAST], [closed], SCENE, "east", now=at(-1000.0))
+    assert (found.least_earlier_s, found.blocked_by) == (None, ("closed",))
+
+
 @pytest.mark.parametrize("within_s", [-1.0, np.nan, np.inf, "2h"])
 def test_a_horizon_that_is_none_is_refused(within_s: float) -> None:
     with pytest.raises(InvalidInput, match="within_s"):
@@ -225,6 +285,8 @@ def test_other_input_is_refused() -> None:
         delays([area("closed")], [EAST], SCENE)  # type: ignore[list-item]
     with pytest.raises(InvalidInput, match="occurs more than once"):
         delays([EAST, EAST], [], SCENE)
+    with pytest.raises(InvalidInput, match="now: must be an aware datetime"):
+        delays([EAST], [], SCENE, now="noon")  # type: ignore[arg-type]
     with pytest.raises(InvalidInput, match="must be a Scene"):
         delays([EAST], [], "scene")  # type: ignore[arg-type]
 

@@ -137,6 +137,7 @@ def _add_questions(commands: Any) -> None:
     parser.add_argument("key", nargs="?", metavar="KEY", help="track (default: every track)")
     add_scene(parser)
     parser.add_argument("--within", type=duration_s, default=7200.0, metavar="DURATION", help="horizon (default: 2h)")
+    parser.add_argument("--now", type=instant, metavar="TIME", help="nothing departs before (ISO 8601 with offset)")
     add_format(parser, "table", "json")
 
     parser = command(commands, "explain", "detecting:explain", "say why two objects are in conflict, or not")
