@@ -1,6 +1,6 @@
 """Run the stages on objects in memory (`solve`, `delays`, `chances`): no database, the same answer."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import tzinfo
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -80,7 +80,7 @@ def delays(
     tracks: Iterable[Track],
     areas: Iterable[Area],
     scene: Scene | None = None,
-    key: str | None = None,
+    key: str | Sequence[str] | None = None,
     within_s: float = 7200.0,
     now: inputs.Instant | None = None,
 ) -> list[Delays]:
@@ -94,8 +94,8 @@ def delays(
 
     Parameters
     ----------
-    key : str, optional
-        A track; by default each of them is asked about, one at a time.
+    key : str or sequence of str, optional
+        A track, or several; by default each of them is asked about, one at a time.
     within_s : float
         The horizon: delays of up to this many seconds, either way.
     now : instant, optional
@@ -107,7 +107,7 @@ def delays(
     tracks = _each("delays", "tracks", tracks, Track)
     scene, plane, pieces, keys, numbers = _numbered("delays", tracks, areas, scene)
     leeway = {track.key: Leeway.of(track, horizon_us, now_us) for track in tracks}
-    asked = numbers if key is None else _known(scene, keys, numbers, key)
+    asked = numbers if key is None else _known(scene, keys, numbers, [key] if isinstance(key, str) else key)
     every = differences_of(scene, plane, pieces, asked, horizon_us)
     found = dict(every.of_each_track())
     nothing = every.take(np.empty(0, np.int64))
@@ -142,7 +142,7 @@ def chances(
     scene, plane, pieces, keys, numbers = _numbered("chances", tracks, areas, scene)
     known: dict[int, stage.Departure] = {}
     for key, given in (departures or {}).items():
-        [number] = _known(scene, keys, numbers, key).tolist()
+        [number] = _known(scene, keys, numbers, [key]).tolist()
         try:
             known[number] = stage.Departure.of(given)
         except (TypeError, ValueError):
@@ -182,12 +182,15 @@ def _numbered(
     return scene, plane, pieces, keys, numbers
 
 
-def _known(scene: Scene, keys: Mapping[int, str], numbers: NDArray[np.int64], key: str) -> NDArray[np.int64]:
-    """Return (1,) the number of a track. Raises InvalidInput if there is none of this key."""
-    found = numbers[[keys[number] == key for number in numbers.tolist()]]
-    if not len(found):
-        raise InvalidInput(f"scene {scene.name!r}", "track", f"{key!r} is not known")
-    return found
+def _known(
+    scene: Scene, keys: Mapping[int, str], numbers: NDArray[np.int64], given: Collection[str]
+) -> NDArray[np.int64]:
+    """Return the numbers of some tracks, in order. Raises InvalidInput if there is none of a key."""
+    of_key = {keys[number]: number for number in numbers.tolist()}
+    for key in given:
+        if key not in of_key:
+            raise InvalidInput(f"scene {scene.name!r}", "track", f"{key!r} is not known")
+    return np.array(sorted({of_key[key] for key in given}), np.int64)
 
 
 def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Scene, Plane, list[Track], list[Area]]:

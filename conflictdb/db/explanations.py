@@ -1,5 +1,6 @@
-"""Explain why two objects are in conflict or not, and compute their closest approach if the database has none."""
+"""Explain why two objects are in conflict or not; compute delays, and the closest approach if it is not stored."""
 
+import json
 from dataclasses import replace
 from typing import Any
 
@@ -7,18 +8,19 @@ import psycopg
 
 from conflictdb.db import store
 from conflictdb.formats.instants import format_moment
-from conflictdb.in_memory import counts, solve
+from conflictdb.in_memory import counts, delays, solve
 from conflictdb.model.methods import Method
 from conflictdb.model.results import Conflict, Explanation, Position
 from conflictdb.model.settings import MOST_M
+from conflictdb.model.slack_text import slack_text
 
 
 def explain(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> Explanation:
     """Return why two objects are in conflict or not; InvalidInput if the scene or one of them does not exist.
 
-    The database stores neither whether stage 3 decided nor, by default, the closest approach of other pairs: both are
-    computed from the pair alone. Runs in the caller's transaction if one is open; beside concurrent writers it should
-    be a snapshot.
+    The database stores neither whether stage 3 decided, nor delays, nor, by default, the closest approach of other
+    pairs: they are computed from the pair alone. Runs in the caller's transaction if one is open; beside concurrent
+    writers it should be a snapshot.
     """
     facts = store.explain_conflict(conn, scene, a_key, b_key)
     if facts["is_current"] and (facts["decided_by"] or {}).get("stage") == 4 and facts["run"]["method"] == Method.EXACT:
@@ -35,7 +37,19 @@ def explain(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -
                 "a": _coordinates(found.closest_a_deg),
                 "b": _coordinates(found.closest_b_deg),
             }
-    return Explanation(facts, store.explained_text(conn, facts))
+    text = [store.explained_text(conn, facts)]
+    settings, areas, tracks = store.read_scene(conn, scene, (facts["a"]["key"], facts["b"]["key"]))
+    each = delays(tracks, areas, settings)
+    facts["delays"] = [one.as_json() for one in each]
+    if each:
+        text += ["  if only one of these two departs at another time:"]
+        # Keys as JSON strings, as in the other lines.
+        text += [f"    {slack_text(one, areas, _named)}" for one in each]
+    return Explanation(facts, "\n".join(text))
+
+
+def _named(key: str) -> str:
+    return json.dumps(key, ensure_ascii=False)
 
 
 def _say_closed_forms(conn: psycopg.Connection[Any], scene: str, facts: dict[str, Any]) -> None:

@@ -20,12 +20,16 @@ from conflictdb.errors import printable
 from conflictdb.model.methods import METHODS
 from conflictdb.model.notebook import bound_text, distance_text, instant_text, text_of
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Motion, Scene, Track
-from conflictdb.model.results import Conflict, SceneState, Verdict
+from conflictdb.model.results import Conflict, Delays, Kind, SceneState, Verdict
 from conflictdb.model.settings import SETTINGS
+from conflictdb.model.slack_text import slack_text
 
 # What a reader goes through; `conflictdb conflicts --format csv` has all of it.
 _MOST_CONFLICTS: Final = 500
 _MOST_PAIRS_DRAWN: Final = 6
+# Of further tracks in conflict only the first names are listed.
+_MOST_DELAYS: Final = 50
+_MOST_LEFT_OUT: Final = 200
 _FORMATS: Final = (".html", ".pdf")
 _STAGES: Final = (
     ("candidate_pairs", "Pairs of pieces whose boxes meet (stage 1)", "stage1_s"),
@@ -56,6 +60,7 @@ class Checked:
     state : whether that is all
     server : versions of the database's server
     run : the columns of the last run; empty where there was none
+    delays : of the tracks of `asked_about`
     """
 
     scene: Scene
@@ -66,6 +71,7 @@ class Checked:
     state: SceneState
     server: str
     run: Mapping[str, Any]
+    delays: Sequence[Delays] = ()
 
 
 def write(checked: Checked, file: str | Path, now: datetime | None = None) -> None:
@@ -88,6 +94,18 @@ def write(checked: Checked, file: str | Path, now: datetime | None = None) -> No
         part.write_bytes(content)
 
 
+def asked_about(conflicts: Sequence[Conflict]) -> list[str]:
+    """Return the keys of the tracks whose delays a report lists: the first ones in conflict."""
+    return _tracks_in_conflict(sorted(conflicts, key=figures.first_contact_order))[:_MOST_DELAYS]
+
+
+def _tracks_in_conflict(conflicts: Sequence[Conflict]) -> list[str]:
+    """Return the keys of the tracks among conflicts, in their order."""
+    members = ((one.a_key, one.a_kind, one.b_key, one.b_kind) for one in conflicts)
+    keys = (key for a, kind, b, other in members for key, is_kind in ((a, kind), (b, other)) if is_kind is Kind.TRACK)
+    return list(dict.fromkeys(keys))
+
+
 def check_name(file: str | Path) -> Path:
     """Return the path of a report; raises InvalidInput if its name has no known format."""
     return checked_name("report", file, _FORMATS)
@@ -101,6 +119,7 @@ def _sections(checked: Checked) -> list[Section]:
         Section("Where and when", figures=[("All objects, and where and when they are in conflict.", overview)]),
         _listed(checked, conflicts),
         *_acknowledged(conflicts),
+        *_delays(checked, conflicts),
         *_near(checked),
         _settings(checked.scene),
         _objects(checked),
@@ -173,6 +192,21 @@ def _acknowledged(conflicts: Sequence[Conflict]) -> list[Section]:
     if len(some) > _MOST_CONFLICTS:
         text += f" The first {_MOST_CONFLICTS}."
     return [Section("Acknowledged", text, ["A", "B", "By", "At (UTC)", "Until (UTC)", "Note"], rows)]
+
+
+def _delays(checked: Checked, conflicts: Sequence[Conflict]) -> list[Section]:
+    """Return when tracks in conflict could depart instead; empty without one."""
+    by_key = {one.key: one for one in checked.delays}
+    keys = _tracks_in_conflict(conflicts)
+    rows = [[slack_text(by_key[key], checked.areas, printable)] for key in keys if key in by_key]
+    if not rows:
+        return []
+    text = "Of each track in conflict, while everything else departs as planned. Times are rounded to stay clear."
+    left_out = [printable(key) for key in keys if key not in by_key]
+    if left_out:
+        more = ", …" if len(left_out) > _MOST_LEFT_OUT else ""
+        text += f" {len(left_out):,} of {len(keys):,} are left out: {', '.join(left_out[:_MOST_LEFT_OUT])}{more}."
+    return [Section("When they could depart instead", text, rows=rows)]
 
 
 def _near(checked: Checked) -> list[Section]:

@@ -317,7 +317,8 @@ class SceneState:
 class Explanation:
     """Why two objects are or are not in conflict: the result of the SQL function `explain_conflict`.
 
-    facts : the JSON object, with ``verdict``, ``why``, ``decided_by``, ``stages``, ``pieces``, ``is_current`` and more
+    facts : the JSON object, with ``verdict``, ``why``, ``decided_by``, ``stages``, ``pieces``, ``is_current`` and more;
+        in ``delays`` the `Delays` of both tracks, each within two hours and with the other object alone
     text : the same in words, some lines
     """
 

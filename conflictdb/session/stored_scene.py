@@ -618,6 +618,7 @@ class StoredScene:
         Raises InvalidInput for an empty scene, and for other file names; ConflictDBError,
         naming the extra to install, if a package is missing.
         """
+        from conflictdb import in_memory
         from conflictdb.drawing import report
 
         report.check_name(file)
@@ -629,7 +630,10 @@ class StoredScene:
             server = str(store.service(self.connection))
         _warn_if_incomplete(found.state)
         columns = {name: getattr(run, name) for name in run.__slots__} if run else {}
-        checked = report.Checked(settings, areas, tracks, found, near, found.state, server, columns)
+        known = {track.key for track in tracks}
+        asked = [key for key in report.asked_about(found) if key in known]
+        later = in_memory.delays(tracks, areas, settings, asked) if asked else []
+        checked = report.Checked(settings, areas, tracks, found, near, found.state, server, columns, later)
         report.write(checked, file)
 
     def export(self, path: str | Path) -> None:

@@ -534,6 +534,21 @@ def test_explain_says_why(strait: Run) -> None:
     )
     facts = strait("explain", "SUB-1", "SUB-2", "--format", "json").json
     assert (facts["verdict"], facts["decided_by"]) == ("apart", {"stage": 1, "by": "height"})
+    assert [one["key"] for one in facts["delays"]] == ["SUB-1", "SUB-2"]
+    assert told.out.splitlines()[-2:] == [
+        "  if only one of these two departs at another time:",
+        '    "FERRY" must leave 17 min 26 s earlier to clear "DIVING"; no later departure within 2 h does',
+    ]
+    for a, b, says in (
+        ("FERRY", "TOW", '"FERRY" must leave 7 min 59 s later or 11 min 18 s earlier to clear "TOW"'),
+        ("FERRY", "TOW", '"TOW" must leave 11 min 18 s later or 7 min 59 s earlier to clear "FERRY"'),
+        ("SUB-1", "CABLE", 'no delay within 2 h clears "SUB-1": it meets "CABLE"'),
+        ("SUB-1", "SUB-2", '"SUB-1" may leave 2 h later or earlier without a conflict'),
+        ("CONVOY-1", "CONVOY-2", '"CONVOY-1" may leave up to 29 s later before it meets "CONVOY-2", and 2 h earlier'),
+    ):
+        assert f"    {says}" in strait("explain", a, b).out.splitlines()
+    assert strait("explain", "DIVING", "CABLE", "--format", "json").json["delays"] == []
+    assert "departs at another time" not in strait("explain", "DIVING", "CABLE").out
     unknown = strait("explain", "FERRY", "nobody")
     assert unknown.code != 0
     assert "is no object of scene 'strait'" in unknown.err

@@ -94,6 +94,7 @@ def test_a_report_tells_of_the_last_run(run: Run, tmp_path: Path) -> None:
     page = (tmp_path / "x.html").read_text()
     assert "Run 1, " in page
     assert "whose boxes meet (stage 1)" in page
+    assert "<td>TOW must leave 11 min 18 s later or 7 min 59 s earlier to clear FERRY</td>" in page
     assert "PostgreSQL " in page
 
 

@@ -8,7 +8,7 @@ from piecework import load
 from scenes import T0_US, box, sail
 from workloads import LOW_LATITUDE, throw
 
-from conflictdb import connect
+from conflictdb import connect, delays
 from conflictdb.db import detect
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Scene, Track
@@ -69,11 +69,14 @@ def test_pairs_are_decided_by_what_keeps_them_apart(conn: Conn, case: str) -> No
     if closed:
         facts["stages"][2]["says"] = f"{closed} of {of} pairs of pieces decided in closed form"
         facts["stages"][3]["says"] = verdict if decided["stage"] == 4 else "not asked: nothing was left"
+    each = delays(tracks, areas, Scene("s", tolerance_m=0.001))
     assert told.facts == facts | {
+        "delays": [one.as_json() for one in each],
         "closest": told.facts["closest"],
         "are_never_together": told.facts["closest"] is None,
         "decided_by": decided,
     }
+    assert told.text.splitlines()[-len(each) - 1] == "  if only one of these two departs at another time:"
     assert f"decided by stage {decided['stage']}: {by}" in told.text
     assert ("closest: never there at the same time and height" in told.text) == (told.facts["closest"] is None)
     if case == "elsewhere":

@@ -157,6 +157,9 @@ def test_all_tracks_are_asked_about_one_at_a_time() -> None:
     found = delays([NORTH, EAST], [area("closed", 0, 1000)], SCENE)
     assert [one.key for one in found] == ["east", "north"]
     assert found == [one_of(NORTH, EAST, area("closed", 0, 1000), key=key) for key in ("east", "north")]
+    assert delays([NORTH, EAST], [area("closed", 0, 1000)], SCENE, ["north", "east", "north"]) == found
+    assert delays([NORTH, EAST], [area("closed", 0, 1000)], SCENE, ["north"]) == found[1:]
+    assert delays([NORTH, EAST], [], SCENE, []) == []
     assert delays([], [area("closed")], SCENE) == []
     assert delays([EAST], [])[0].forbidden == ()
 

@@ -391,8 +391,31 @@ def test_a_report_says_what_was_found_and_with_which_settings(strait: Any, tmp_p
     assert "no conflict is missed" in page
     assert "2026-06-01 09:45:43.885738 to 09:48:50.019039" in page
     assert page.count("<img ") == 7
+    assert "When they could depart instead" not in page
     with pytest.raises(InvalidInput, match=r"report: file: must end in \.html or \.pdf; got 'x\.txt'"):
         report.write(checked, tmp_path / "x.txt")
+
+
+def test_a_report_says_when_tracks_in_conflict_could_depart_instead(
+    strait: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the first ones; the others are named."""
+    scene, areas, tracks, found = strait
+    state = SceneState("strait", 11, 0, None, None, True, None)
+    every = report.asked_about(found)
+    assert every == ["SUB-1", "FERRY", "SUB-2", "TOW", "SURVEY"]
+    monkeypatch.setattr(report, "_MOST_DELAYS", 3)
+    asked = report.asked_about(found)
+    assert asked == every[:3]
+    later = conflictdb.delays(tracks, areas, scene, asked)
+    report.write(
+        report.Checked(scene, areas, tracks, found, [], state, "PostgreSQL 15", {}, later), tmp_path / "x.html"
+    )
+    page = (tmp_path / "x.html").read_text()
+    assert "<td>no delay within 2 h clears SUB-1: it meets CABLE</td>" in page
+    assert "<td>FERRY must leave 1 h 7 min 24 s earlier to clear DIVING, FIRING and TOW; no later" in page
+    assert "2 of 5 are left out: TOW, SURVEY.</p>" in page
+    assert [one.key for one in later] == sorted(asked)
 
 
 def test_a_page_of_pdf_has_headings_with_what_they_are_of(
