@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from conflictdb.advice.advise import Advice
     from conflictdb.db import models as models
     from conflictdb.db.detect import Run
+    from conflictdb.drawing.departures import plot_coordination, plot_delays
     from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
     from conflictdb.formats import Contents, FileHints, Remark, Skipped, read, write
     from conflictdb.in_memory import chances, delays, solve
@@ -106,6 +107,8 @@ __all__ = [
     "chances",
     "connect",
     "delays",
+    "plot_coordination",
+    "plot_delays",
     "plot_pair",
     "plot_scene",
     "plot_timeline",
@@ -122,6 +125,7 @@ _HOME: Final = {
     "Loaded": "conflictdb.session.loading",
     "StoredScene": "conflictdb.session.stored_scene",
     **dict.fromkeys(("Run",), "conflictdb.db.detect"),
+    **dict.fromkeys(("plot_coordination", "plot_delays"), "conflictdb.drawing.departures"),
     **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
     **dict.fromkeys(("Method",), "conflictdb.model.methods"),
     **dict.fromkeys(("chances", "delays", "solve"), "conflictdb.in_memory"),

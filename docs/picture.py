@@ -1,4 +1,4 @@
-"""Draws the shipped scene at one instant, with the times of its conflicts below: docs/strait.svg; and a pair of it.
+"""Draws the shipped scene at one instant, with the times of its conflicts below: docs/strait.svg; a pair of it; delays.
 
     ./run python docs/picture.py
 
@@ -16,12 +16,14 @@ from typing import Final
 import numpy as np
 import shapely
 
-from conflictdb import Conflict, EarthModel, Track, read, solve
+from conflictdb import Conflict, EarthModel, Track, delays, plot_coordination, plot_delays, read, solve
 from conflictdb.drawing.figures import save
 from conflictdb.earth.geodesy import earth_of, rhumb_direct, rhumb_inverse
 
 PICTURE: Final = Path(__file__).resolve().parent / "strait.svg"
 PAIR: Final = PICTURE.with_name("pair.svg")
+DEPARTURES: Final = PICTURE.with_name("departures.svg")
+COORDINATION: Final = PICTURE.with_name("coordination.svg")
 AT: Final = datetime(2026, 6, 1, 9, 10, tzinfo=UTC)
 EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -76,6 +78,9 @@ def main() -> None:
     scene, areas, tracks, _ = read(files("conflictdb") / "scenes" / "strait.geojson")
     ferry = next(one for one in solve(tracks, areas, scene) if (one.a_key, one.b_key) == ("FERRY", "TOW"))
     save(ferry.plot(), PAIR)
+    of_key = {track.key: track for track in tracks}
+    save(plot_delays(delays(tracks, areas, scene)), DEPARTURES)
+    save(plot_coordination(scene, of_key["FERRY"], of_key["TOW"]), COORDINATION)
 
 
 def picture() -> str:

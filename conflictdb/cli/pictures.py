@@ -14,12 +14,14 @@ from conflictdb.session.stored_scene import StoredScene
 
 
 def plot(args: argparse.Namespace) -> int:
-    """Draw a scene, or two of its objects."""
+    """Draw a scene, two of its objects, or departures."""
     from conflictdb.drawing import figures
 
     figures.check_name(args.file)
     with database(args) as db:
-        figures.save(_required(db, args).plot(*(args.conflict or ())), args.file)
+        scene = _required(db, args)
+        draw = scene.plot_delays if args.delays else scene.plot
+        figures.save(draw(*(args.conflict or ())), args.file)
     note(f"{args.file} is written")
     return DONE
 

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
-from unicodedata import bidirectional
 
 import numpy as np
 import shapely
@@ -27,6 +26,7 @@ from conflictdb.drawing.style import (
     SECOND,
     checked_name,
     instant,
+    name_of,
     styled,
     time_axis,
     written_whole,
@@ -41,10 +41,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # What fits on a page and can be read.
-_MOST_ROWS: Final = 40
+MOST_ROWS: Final = 40
 _MOST_NAMES: Final = 30
-_LONGEST_NAME: Final = 28
-_LEFT_TO_RIGHT: Final = "\N{LEFT-TO-RIGHT MARK}"
 _INSTANTS: Final = 301
 _FORMATS: Final = (".png", ".svg", ".pdf")
 _DPI: Final = 150
@@ -75,12 +73,12 @@ def plot_scene(
     rows = sorted((one for one in conflicts if one.periods), key=first_contact_order)
     with styled() as mpl:
         sketch = Sketch(scene, areas, tracks)
-        shown = rows[:_MOST_ROWS]
+        shown = rows[:MOST_ROWS]
         bars = 0.7 + 0.22 * max(len(shown), 1)
         figure = mpl.figure.Figure(figsize=(9.0, 6.0 + bars), layout="constrained")
         above, below = figure.subplots(2, 1, height_ratios=(6.0, bars))
         above.set_title(_title(scene, areas, tracks, rows))
-        _draw_remark(figure, remark)
+        draw_remark(figure, remark)
         _draw_timeline(mpl, below, shown)
         below.set_title(f"When, UTC{_left_out(shown, rows)}")
         _draw_scene(above, sketch, rows)
@@ -93,7 +91,7 @@ def plot_timeline(conflicts: Iterable[Conflict]) -> "Figure":
     if not rows:
         raise InvalidInput("timeline", "conflicts", "there are none: there is nothing to draw")
     with styled() as mpl:
-        shown = rows[:_MOST_ROWS]
+        shown = rows[:MOST_ROWS]
         figure = mpl.figure.Figure(figsize=(9.0, 1.0 + 0.22 * len(shown)), layout="constrained")
         panel = figure.subplots()
         _draw_timeline(mpl, panel, shown)
@@ -122,7 +120,7 @@ def plot_pair(
         ratios = (6.0, 3.0, 1.5) if is_height_drawn else (6.0, 3.0)
         figure = mpl.figure.Figure(figsize=(9.0, sum(ratios)), layout="constrained")
         above, below, *lowest = figure.subplots(len(ratios), 1, height_ratios=ratios)
-        names = [_name(key) for key in sketch.keys]
+        names = [name_of(key) for key in sketch.keys]
         objects: list[Area | Track] = [*areas, *tracks]
         first, second = objects
         verdict = "no conflict is known" if conflict is None else str(conflict.verdict)
@@ -130,7 +128,7 @@ def plot_pair(
         lines = [f"{names[0]} and {names[1]}: {verdict}", heights.line(first, second, reason or "heights")]
         title = "\n".join(line for line in lines if line)
         figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
-        _draw_remark(figure, remark)
+        draw_remark(figure, remark)
         if found is None or overlap is None:
             _draw_no_separation(below, sketch)
         else:
@@ -183,7 +181,8 @@ def first_contact_order(conflict: Conflict) -> tuple[bool, datetime, str, str]:
     return start is not None, start or EPOCH, conflict.a_key, conflict.b_key
 
 
-def _draw_remark(figure: "Figure", remark: str | None) -> None:
+def draw_remark(figure: "Figure", remark: str | None) -> None:
+    """Print a warning below a figure, if there is one."""
     if remark:
         figure.supxlabel(printable(remark), color=CONFLICT, fontsize=9, fontweight="bold")
 
@@ -210,7 +209,7 @@ def _draw_scene(panel: Any, sketch: Sketch, conflicts: Sequence[Conflict]) -> No
     if len(sketch.keys) <= _MOST_NAMES:
         places = {number: tuple(way[0]) for number, way in ways.items()}
         places |= {number: area.representative_point().coords[0] for number, area in areas.items()}
-        page.names(panel, {_name(sketch.keys[number]): place for number, place in sorted(places.items())})
+        page.names(panel, {name_of(sketch.keys[number]): place for number, place in sorted(places.items())})
 
 
 def _draw_place(panel: Any, sketch: Sketch, conflict: Conflict) -> None:
@@ -249,7 +248,7 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None) -> None:
                 markersize=3,
                 scalex=False,
                 scaley=False,
-                label=f"{_name(sketch.keys[number])}: way and sweep of its haven",
+                label=f"{name_of(sketch.keys[number])}: way and sweep of its haven",
             )
         else:
             page.polygons(
@@ -259,7 +258,7 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None) -> None:
                 edgecolors=colour,
                 linewidths=1.0,
             )
-            panel.fill([], [], facecolor=colour + "24", edgecolor=colour, label=_name(sketch.keys[number]))
+            panel.fill([], [], facecolor=colour + "24", edgecolor=colour, label=name_of(sketch.keys[number]))
     if len(regions):
         page.polygons(
             panel,
@@ -457,7 +456,7 @@ def _draw_timeline(mpl: Any, panel: Any, conflicts: Sequence[Conflict]) -> None:
                 edgecolor="white",
                 linewidth=0,
             )
-    panel.set_yticks(range(len(conflicts)), [f"{_name(one.a_key)}, {_name(one.b_key)}" for one in conflicts])
+    panel.set_yticks(range(len(conflicts)), [f"{name_of(one.a_key)}, {name_of(one.b_key)}" for one in conflicts])
     panel.set_ylim(len(conflicts) - 0.4, -0.6)
     panel.tick_params(axis="y", length=0)
     time_axis(mpl, panel, first, last)
@@ -481,16 +480,8 @@ def _draw_timeline(mpl: Any, panel: Any, conflicts: Sequence[Conflict]) -> None:
 def _title(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], conflicts: Sequence[Conflict]) -> str:
     counts = ((len(areas), "area"), (len(tracks), "track"), (len(conflicts), "conflict"))
     words = ", ".join(f"{n:,} {what}{'' if n == 1 else 's'}" for n, what in counts)
-    return f"{_name(scene.name)}: {words}"
+    return f"{name_of(scene.name)}: {words}"
 
 
 def _left_out(shown: Sequence[Conflict], rows: Sequence[Conflict]) -> str:
     return f" (the first {len(shown)} of {len(rows):,})" if len(rows) > len(shown) else ""
-
-
-def _name(key: str) -> str:
-    text = printable(key)
-    text = text if len(text) <= _LONGEST_NAME else text[: _LONGEST_NAME - 1] + "…"
-    # Isolate text from right to left, so that its neighbours keep their places.
-    is_leftward = any(bidirectional(sign) in ("R", "AL") for sign in text)
-    return f"{_LEFT_TO_RIGHT}{text}{_LEFT_TO_RIGHT}" if is_leftward else text

@@ -5,14 +5,14 @@ One list of sections, written as HTML (one file, figures within) or as PDF (by f
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from conflictdb.drawing import figures
+from conflictdb.drawing import departures, figures
 from conflictdb.drawing.pdf import document
 from conflictdb.drawing.section import Section, drawn
 from conflictdb.drawing.style import checked_name, instant, written_whole
@@ -20,7 +20,7 @@ from conflictdb.errors import printable
 from conflictdb.model.methods import METHODS
 from conflictdb.model.notebook import bound_text, distance_text, instant_text, text_of
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Motion, Scene, Track
-from conflictdb.model.results import Conflict, Delays, Kind, SceneState, Verdict
+from conflictdb.model.results import Conflict, Delays, SceneState, Verdict
 from conflictdb.model.settings import SETTINGS
 from conflictdb.model.slack_text import slack_text
 
@@ -94,16 +94,9 @@ def write(checked: Checked, file: str | Path, now: datetime | None = None) -> No
         part.write_bytes(content)
 
 
-def asked_about(conflicts: Sequence[Conflict]) -> list[str]:
+def asked_about(conflicts: Iterable[Conflict]) -> list[str]:
     """Return the keys of the tracks whose delays a report lists: the first ones in conflict."""
-    return _tracks_in_conflict(sorted(conflicts, key=figures.first_contact_order))[:_MOST_DELAYS]
-
-
-def _tracks_in_conflict(conflicts: Sequence[Conflict]) -> list[str]:
-    """Return the keys of the tracks among conflicts, in their order."""
-    members = ((one.a_key, one.a_kind, one.b_key, one.b_kind) for one in conflicts)
-    keys = (key for a, kind, b, other in members for key, is_kind in ((a, kind), (b, other)) if is_kind is Kind.TRACK)
-    return list(dict.fromkeys(keys))
+    return departures.tracks_in_conflict(conflicts)[:_MOST_DELAYS]
 
 
 def check_name(file: str | Path) -> Path:
@@ -197,7 +190,7 @@ def _acknowledged(conflicts: Sequence[Conflict]) -> list[Section]:
 def _delays(checked: Checked, conflicts: Sequence[Conflict]) -> list[Section]:
     """Return when tracks in conflict could depart instead; empty without one."""
     by_key = {one.key: one for one in checked.delays}
-    keys = _tracks_in_conflict(conflicts)
+    keys = departures.tracks_in_conflict(conflicts)
     rows = [[slack_text(by_key[key], checked.areas, printable)] for key in keys if key in by_key]
     if not rows:
         return []
@@ -206,7 +199,10 @@ def _delays(checked: Checked, conflicts: Sequence[Conflict]) -> list[Section]:
     if left_out:
         more = ", …" if len(left_out) > _MOST_LEFT_OUT else ""
         text += f" {len(left_out):,} of {len(keys):,} are left out: {', '.join(left_out[:_MOST_LEFT_OUT])}{more}."
-    return [Section("When they could depart instead", text, rows=rows)]
+    first = [by_key[key] for key in keys if key in by_key]
+    figure = departures.plot_delays(first, left_out=len(left_out))
+    caption = "Departures that are free and in conflict; the least delays are marked."
+    return [Section("When they could depart instead", text, rows=rows, figures=[(caption, figure)])]
 
 
 def _near(checked: Checked) -> list[Section]:

@@ -7,8 +7,9 @@ from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
+from unicodedata import bidirectional
 
-from conflictdb.errors import ConflictDBError, InvalidInput
+from conflictdb.errors import ConflictDBError, InvalidInput, printable
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.results import Verdict
 
@@ -16,6 +17,8 @@ from conflictdb.model.results import Verdict
 FIRST, SECOND, CONFLICT, QUIET, INK = "#0072b2", "#009e73", "#d55e00", "#8a949e", "#2b333b"
 OF_VERDICT: Final = {Verdict.CONFLICT: CONFLICT, Verdict.GRAZING: "#e69f00", Verdict.UNRESOLVED: "#8a949e"}
 HATCH: Final = {Verdict.CONFLICT: "", Verdict.GRAZING: "////", Verdict.UNRESOLVED: "xxxx"}
+_LONGEST_NAME: Final = 28
+_LEFT_TO_RIGHT: Final = "\N{LEFT-TO-RIGHT MARK}"
 # Asked in their order, as far as they are installed, for a letter that matplotlib's own font has not. None is of
 # coloured pictures, which it cannot draw.
 _FURTHER_FONTS: Final = (
@@ -87,6 +90,15 @@ def _without_advice() -> Iterator[None]:
         yield
     finally:
         log.removeFilter(is_wanted)
+
+
+def name_of(key: str) -> str:
+    """Return a key as figures show it: short, and so that its neighbours keep their places."""
+    text = printable(key)
+    text = text if len(text) <= _LONGEST_NAME else text[: _LONGEST_NAME - 1] + "…"
+    # Isolate text from right to left.
+    is_leftward = any(bidirectional(sign) in ("R", "AL") for sign in text)
+    return f"{_LEFT_TO_RIGHT}{text}{_LEFT_TO_RIGHT}" if is_leftward else text
 
 
 def instant(us: int) -> datetime:

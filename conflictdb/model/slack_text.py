@@ -22,11 +22,8 @@ def slack_text(found: Delays, areas: Iterable[Area], named: Callable[[str], str]
     current = next((one for one in found.forbidden if one.from_s <= 0.0 <= one.to_s), None)
     if current is None:
         return f"{track} may leave {_slack(found, named)}"
-    least = [
-        f"{duration_text(_rounded_up(found, round(1e6 * least_s), sign))} {way}"
-        for least_s, sign, way in ((found.least_later_s, 1, "later"), (found.least_earlier_s, -1, "earlier"))
-        if least_s is not None
-    ]
+    ways = (("later", least_text(found, is_later=True)), ("earlier", least_text(found, is_later=False)))
+    least = [f"{text} {way}" for way, text in ways if text is not None]
     if not least:
         return f"no delay within {_horizon(found)} clears {track}: {_reason(found, current, areas, named)}"
     text = f"{track} must leave {' or '.join(least)} to clear {_listed(current.by, named)}"
@@ -34,6 +31,12 @@ def slack_text(found: Delays, areas: Iterable[Area], named: Callable[[str], str]
         other = "earlier" if found.least_earlier_s is None else "later"
         text += f"; no {other} departure within {_horizon(found)} does"
     return text
+
+
+def least_text(found: Delays, *, is_later: bool) -> str | None:
+    """Return the least later, or least earlier, departure without a conflict; None if there is none."""
+    least_s = found.least_later_s if is_later else found.least_earlier_s
+    return None if least_s is None else duration_text(_rounded_up(found, round(1e6 * least_s), 1 if is_later else -1))
 
 
 def duration_text(us: int) -> str:

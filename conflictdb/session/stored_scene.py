@@ -584,9 +584,7 @@ class StoredScene:
         """
         from conflictdb.drawing import figures
 
-        if (a_key is None) != (b_key is None):
-            raise InvalidInput("plot", "b_key", "is needed with a_key, and the other way round: a figure is of a pair")
-        keys = None if a_key is None or b_key is None else (a_key, b_key)
+        keys = _both("plot", a_key, b_key)
         with store.transaction(self.connection):
             settings, areas, tracks = self._read(keys)
             found = store.conflicts(self.connection, self.name, store.Selection(keys=keys), with_region=keys is None)
@@ -599,6 +597,42 @@ class StoredScene:
             return figures.plot_scene(settings, areas, tracks, known, remark=_incomplete(found.state))
         a, b = _pair_of(self.name, [*areas, *tracks], *keys)
         return figures.plot_pair(settings, a, b, next(iter(known), None), remark=_incomplete(found.state))
+
+    def plot_delays(self, a_key: str | None = None, b_key: str | None = None, within_s: float = 7200.0) -> "Figure":
+        """Return a figure of the free and forbidden departures of tracks, or the coordination diagram of a pair.
+
+        Bars are of the first 40 tracks, those in conflict before the others. The diagram shows which times of the pair
+        bring it into contact. While changes of the scene wait for detection an IncompleteWarning is issued.
+
+        Parameters
+        ----------
+        a_key, b_key : str, optional
+            A track and any other object.
+        within_s : float
+            The horizon: delays of up to this many seconds, either way.
+
+        Raises InvalidInput for unknown objects, two areas and a scene without tracks, and ConflictDBError, naming the
+        extra to install, without matplotlib.
+        """
+        from conflictdb import in_memory
+        from conflictdb.drawing import departures, figures
+
+        keys = _both("plot_delays", a_key, b_key)
+        inputs.seconds("plot_delays", "within_s", within_s)
+        with store.transaction(self.connection):
+            settings, areas, tracks = self._read(keys)
+            found = store.conflicts(self.connection, self.name, store.Selection(keys=keys))
+        _warn_if_incomplete(found.state)
+        remark = _incomplete(found.state)
+        if keys is not None:
+            a, b = _pair_of(self.name, [*areas, *tracks], *keys)
+            return departures.plot_coordination(settings, a, b, within_s, remark=remark)
+        every = {track.key for track in tracks}
+        asked = [key for key in departures.tracks_in_conflict(found) if key in every]
+        asked = list(dict.fromkeys([*asked, *sorted(every, key=str.encode)]))[: figures.MOST_ROWS]
+        of_key = {one.key: one for one in in_memory.delays(tracks, areas, settings, asked, within_s)}
+        left_out = len(tracks) - len(asked)
+        return departures.plot_delays([of_key[key] for key in asked], remark=remark, left_out=left_out)
 
     def plot_conflict(self, conflict: Conflict) -> "Figure":
         """Return the figure of a conflict of the scene; `conflict.plot()` calls this."""
@@ -733,6 +767,15 @@ def _interval(who: str, every_s: float | None) -> timedelta | None:
 def _incomplete(state: SceneState) -> str | None:
     """Return the remark for figures of a scene whose answers are incomplete."""
     return None if state.is_current else f"NOT COMPLETE: {state.remark or 'changes wait for detection'}"
+
+
+def _both(who: str, a_key: str | None, b_key: str | None) -> tuple[str, str] | None:
+    """Return the keys of a pair, None for a whole scene; raises InvalidInput for one key."""
+    if a_key is not None and b_key is not None:
+        return a_key, b_key
+    if a_key is not None or b_key is not None:
+        raise InvalidInput(who, "b_key", "is needed with a_key, and the other way round: a figure is of a pair")
+    return None
 
 
 def _pair_of(scene: str, objects: Sequence[Area | Track], *keys: str) -> list[Area | Track]:

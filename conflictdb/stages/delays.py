@@ -168,8 +168,8 @@ def differences_of(
     number = object_numbers(pieces)
     mine = np.flatnonzero(np.isin(number, tracks))
     first = mine[_waits(pieces, number, mine)] if waits else mine[:0]
-    moving = _candidates(pieces, number, mine, horizon_us, is_once=True)
-    waiting = _candidates(pieces, number, first, horizon_us, is_once=False)
+    moving = candidates_at_any_time(pieces, number, mine, horizon_us, is_once=True)
+    waiting = candidates_at_any_time(pieces, number, first, horizon_us, is_once=False)
     a, b = (np.concatenate(both) for both in zip(moving, waiting, strict=True))
     prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
     every = _of_pairs(scene, prepared, number, *moving, horizon_us, threads=threads)
@@ -258,7 +258,7 @@ def _while_waiting(found: Differences) -> Differences:
     )
 
 
-def _candidates(
+def candidates_at_any_time(
     pieces: Pieces, number: _Ints, mine: _Ints, horizon_us: int, *, is_once: bool
 ) -> tuple[PieceRows, PieceRows]:
     """Return pairs of pieces (a, b) whose hulls meet if a, one of `mine`, departs at another time.
@@ -320,24 +320,14 @@ def _of_some_pairs(
     threads: int,
 ) -> Differences:
     pieces = prepared.pieces
-    still = pieces.kind[b] == Kind.AREA.code
-    zero = pieces.start_us[a]
-    first, last = pieces.start_us[b], np.where(still, pieces.end_us[b], pieces.start_us[b])
-    lasts_s = (pieces.end_us[a] - zero) / 1e6 * lasts
-    b_lasts_s = np.where(still, 0, pieces.end_us[b] - np.where(still, pieces.end_us[b], first)) / 1e6
-    nothing = np.zeros(len(a))
-    # Delays are differences plus from first - zero to last - zero.
-    least_s, most_s = (
-        (sign * (horizon_us + _BEYOND_US) - _later(instant, zero, nothing)) / 1e6
-        for sign, instant in ((-1, last), (1, first))
-    )
-    shifts = Shifts(a, b, zero, np.where(still, zero, first), nothing, lasts_s, nothing, b_lasts_s, least_s, most_s)
+    shifts, first, last = shifts_of(pieces, a, b, horizon_us, lasts=lasts)
+    zero = shifts.a_zero_us
     covered = is_covered(pieces, a, b)
     solved = np.flatnonzero(~covered)
     rows, found = _solved(prepared, shifts.take(solved), scene.separation_m + scene.tolerance_m, threads)
     # Of covers only the times are known.
     unknown = np.zeros(np.count_nonzero(covered), found.dtype)
-    unknown["outer_low_s"], unknown["outer_high_s"] = -lasts_s[covered], b_lasts_s[covered]
+    unknown["outer_low_s"], unknown["outer_high_s"] = -shifts.a_end_s[covered], shifts.b_end_s[covered]
     unknown["inner_low_s"], unknown["inner_high_s"] = np.inf, -np.inf
     rows, found = np.concatenate([solved[rows], np.flatnonzero(covered)]), np.concatenate([found, unknown])
     first, last, zero = first[rows], last[rows], zero[rows]
@@ -349,6 +339,30 @@ def _of_some_pairs(
         _later(first, zero, np.ceil(1e6 * found["inner_low_s"] + _ROUNDING_US)),
         _later(last, zero, np.floor(1e6 * found["inner_high_s"] - _ROUNDING_US)),
     )
+
+
+def shifts_of(
+    pieces: Pieces, a: PieceRows, b: PieceRows, horizon_us: int, *, lasts: bool = True
+) -> tuple[Shifts, _Ints, _Ints]:
+    """Return pairs of pieces, each piece with a time of its own, and the first and last instant (n,) that b adds.
+
+    Delays within the horizon are differences plus instant minus the zero of a. An area stands still at all instants of
+    its span, a track only at its start.
+
+    lasts : whether a has its whole time, or stays what it is at its start
+    """
+    still = pieces.kind[b] == Kind.AREA.code
+    zero = pieces.start_us[a]
+    first, last = pieces.start_us[b], np.where(still, pieces.end_us[b], pieces.start_us[b])
+    lasts_s = (pieces.end_us[a] - zero) / 1e6 * lasts
+    b_lasts_s = np.where(still, 0, pieces.end_us[b] - np.where(still, pieces.end_us[b], first)) / 1e6
+    nothing = np.zeros(len(a))
+    least_s, most_s = (
+        (sign * (horizon_us + _BEYOND_US) - _later(instant, zero, nothing)) / 1e6
+        for sign, instant in ((-1, last), (1, first))
+    )
+    shifts = Shifts(a, b, zero, np.where(still, zero, first), nothing, lasts_s, nothing, b_lasts_s, least_s, most_s)
+    return shifts, first, last
 
 
 def _solved(prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, threads: int) -> tuple[_Ints, NDArray[Any]]:

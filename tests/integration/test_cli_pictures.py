@@ -27,6 +27,8 @@ def test_a_scene_and_a_pair_are_drawn(run: Run, tmp_path: Path) -> None:
         ("scene.svg", ()),
         ("pair.svg", ("--conflict", "TOW", "FERRY")),
         ("none.svg", ("--conflict", "FERRY", "RESERVE")),
+        ("bars.svg", ("--delays",)),
+        ("times.svg", ("--delays", "--conflict", "DIVING", "FERRY")),
     ):
         done = run("plot", "--scene", "strait", *more, str(tmp_path / name))
         assert (done.code, done.out, done.err) == (0, "", "")
@@ -34,6 +36,9 @@ def test_a_scene_and_a_pair_are_drawn(run: Run, tmp_path: Path) -> None:
     assert "strait: 4 areas, 7 tracks, 7 conflicts" in drawn["scene"]
     assert "TOW and FERRY: conflict" in drawn["pair"]
     assert "RESERVE and FERRY: no conflict is known" in drawn["none"]
+    names = re.findall(r">([A-Z]+(?:-\d)?)</text>", drawn["bars"])
+    assert names == ["SUB-1", "FERRY", "SUB-2", "TOW", "SURVEY", "CONVOY-1", "CONVOY-2"]
+    assert "FERRY 17 min 26 s earlier" in drawn["times"]
 
 
 @pytest.mark.parametrize(
@@ -42,6 +47,7 @@ def test_a_scene_and_a_pair_are_drawn(run: Run, tmp_path: Path) -> None:
         (("x.jpg",), "plot: file: must end in .png, .svg, .pdf"),
         (("--conflict", "TOW", "NOBODY", "x.svg"), "scene 'strait': object: 'NOBODY' is not known"),
         (("--conflict", "TOW", "TOW", "x.svg"), "plot: keys: must be of two objects; got 'TOW' twice"),
+        (("--delays", "--conflict", "CABLE", "DIVING", "x.svg"), "plot: a: or b must be a Track"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(run: Run, more: tuple[str, ...], says: str) -> None:
@@ -108,6 +114,8 @@ def test_conflicts_of_a_database_draw_themselves(run: Run, dsn: str) -> None:
         assert any("NOT COMPLETE" in text for text in texts)
         with pytest.raises(conflictdb.InvalidInput, match="b_key: is needed with a_key"):
             db.scene("strait").plot("TOW")
+        with pytest.raises(conflictdb.InvalidInput, match="plot_delays: b_key: is needed with a_key"):
+            db.scene("strait").plot_delays("TOW")
 
 
 def test_a_figure_of_a_pair_reads_the_pair_alone(run: Run, dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:

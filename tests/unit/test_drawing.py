@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from matplotlib.patches import Rectangle
 from pyproj import Geod
 
 import conflictdb
@@ -24,6 +25,9 @@ from conflictdb import (
     Scene,
     Track,
     Verdict,
+    delays,
+    plot_coordination,
+    plot_delays,
     plot_pair,
     plot_scene,
     plot_timeline,
@@ -396,6 +400,55 @@ def test_a_report_says_what_was_found_and_with_which_settings(strait: Any, tmp_p
         report.write(checked, tmp_path / "x.txt")
 
 
+def test_bars_are_as_long_as_departures_are_forbidden(strait: Any) -> None:
+    """Each least delay has its mark, and its time as words."""
+    scene, areas, tracks, _ = strait
+    found = delays(tracks, areas, scene)
+    figure = plot_delays(found, left_out=3)
+    [panel] = figure.axes
+    bars = {(round(bar.get_x(), 6), round(bar.get_width(), 6)) for bar in panel.patches if isinstance(bar, Rectangle)}
+    assert bars >= {(-7200.0, 14_400.0)}
+    for one in found:
+        for each in one.forbidden:
+            assert (round(each.from_s, 6), round(each.to_s - each.from_s, 6)) in bars
+    marks = [line.get_xdata()[0] for line in panel.lines if line.get_marker() == "D" and len(line.get_xdata())]
+    ends = [end for one in found for end in (one.least_later_s, -(one.least_earlier_s or 0.0)) if end]
+    assert sorted(marks) == pytest.approx(sorted(ends))
+    said = texts(figure)
+    assert {"TOW", "51 min", "11 min 18 s", "as planned", "+2 h"} <= set(said)
+    assert "Departures, earlier and later than planned (the first 7 of 10)" in said
+    with pytest.raises(InvalidInput, match="there are none"):
+        plot_delays([])
+
+
+def test_departures_that_are_not_possible_are_not_drawn_as_free(strait: Any) -> None:
+    scene, areas, tracks, _ = strait
+    [tow] = delays(tracks, areas, scene, "TOW", now=datetime(2026, 6, 1, 6, 40, tzinfo=UTC))
+    [panel] = plot_delays([tow]).axes
+    assert (panel.patches[0].get_x(), panel.patches[0].get_width()) == (-300.0, 7500.0)
+
+
+def test_a_coordination_diagram_has_the_diagonals_that_touch_the_contact_set(strait: Any) -> None:
+    scene, areas, tracks, _ = strait
+    by_key = {one.key: one for one in [*areas, *tracks]}
+    said = texts(plot_coordination(scene, by_key["FERRY"], by_key["TOW"]))
+    assert {"FERRY 7 min 59 s later", "FERRY 11 min 18 s earlier", "both as planned"} <= set(said)
+    assert {"planned time of FERRY (UTC)", "planned time of TOW (UTC)"} <= set(said)
+    said = texts(plot_coordination(scene, by_key["DIVING"], by_key["FERRY"]))
+    assert {"FERRY 17 min 26 s earlier", "planned time of FERRY (UTC)", "time of DIVING (UTC)"} <= set(said)
+    said = texts(plot_coordination(scene, by_key["SUB-1"], by_key["SUB-2"]))
+    assert "SUB-1 and SUB-2: no delay within 2 h brings them into contact" in said
+    with pytest.raises(InvalidInput, match="or b must be a Track"):
+        plot_coordination(scene, by_key["DIVING"], by_key["CABLE"])
+    with pytest.raises(InvalidInput, match="within_s"):
+        plot_coordination(scene, by_key["FERRY"], by_key["TOW"], -1.0)
+
+
+def test_figures_of_the_documents_are_small() -> None:
+    for name in ("departures.svg", "coordination.svg"):
+        assert (Path(__file__).parents[2] / "docs" / name).stat().st_size < 100_000
+
+
 def test_a_report_says_when_tracks_in_conflict_could_depart_instead(
     strait: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -407,7 +460,7 @@ def test_a_report_says_when_tracks_in_conflict_could_depart_instead(
     monkeypatch.setattr(report, "_MOST_DELAYS", 3)
     asked = report.asked_about(found)
     assert asked == every[:3]
-    later = conflictdb.delays(tracks, areas, scene, asked)
+    later = delays(tracks, areas, scene, asked)
     report.write(
         report.Checked(scene, areas, tracks, found, [], state, "PostgreSQL 15", {}, later), tmp_path / "x.html"
     )
@@ -415,6 +468,7 @@ def test_a_report_says_when_tracks_in_conflict_could_depart_instead(
     assert "<td>no delay within 2 h clears SUB-1: it meets CABLE</td>" in page
     assert "<td>FERRY must leave 1 h 7 min 24 s earlier to clear DIVING, FIRING and TOW; no later" in page
     assert "2 of 5 are left out: TOW, SURVEY.</p>" in page
+    assert page.count("<img ") == 8
     assert [one.key for one in later] == sorted(asked)
 
 

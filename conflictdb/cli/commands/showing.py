@@ -39,6 +39,7 @@ def add(commands: Any) -> None:
     parser.add_argument("file", type=Path, metavar="FILE", help=".png, .svg or .pdf")
     add_scene(parser)
     parser.add_argument("--conflict", nargs=2, metavar=("A", "B"), help="keys of two objects")
+    parser.add_argument("--delays", action="store_true", help="draw which departures are free")
     add_options(parser, "--wait", "--require-current")
 
     parser = command(commands, "report", "pictures:report", "write a report of a scene", "Needs the extra `plot`.")
