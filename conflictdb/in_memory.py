@@ -1,6 +1,7 @@
 """Run the stages on objects in memory (`solve`, `delays`, `chances`): no database, the same answer."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import tzinfo
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
-from conflictdb.arrays.object_numbers import numbers_of
+from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
@@ -20,6 +21,7 @@ from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results
 from conflictdb.stages.delays import Leeway, delays_of, differences_of
 from conflictdb.stages.funnel import Funnel
+from conflictdb.stages.margins import least_distances
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.pieces.covers import pieces_of
@@ -83,6 +85,7 @@ def delays(
     key: str | Sequence[str] | None = None,
     within_s: float = 7200.0,
     now: inputs.Instant | None = None,
+    clear_within_m: float | None = None,
 ) -> list[Delays]:
     """Return when each track could depart instead: the departures that are in conflict, and the least that is not.
 
@@ -101,9 +104,13 @@ def delays(
     now : instant, optional
         No track departs before it: neither earlier delays are possible, nor any of a track that has departed. A track
         that stands at its first waypoint may leave it now.
+    clear_within_m : float, optional
+        Compute `clear_by_m`, too, up to this many metres; by default it is None.
     """
     horizon_us = round(1e6 * inputs.seconds("delays", "within_s", within_s))
     now_us = None if now is None else (inputs.moment("delays", "now", now) - inputs.EPOCH) // inputs.MICROSECOND
+    if clear_within_m is not None:
+        clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
     tracks = _each("delays", "tracks", tracks, Track)
     scene, plane, pieces, keys, numbers = _numbered("delays", tracks, areas, scene)
     leeway = {track.key: Leeway.of(track, horizon_us, now_us) for track in tracks}
@@ -111,10 +118,33 @@ def delays(
     every = differences_of(scene, plane, pieces, asked, horizon_us)
     found = dict(every.of_each_track())
     nothing = every.take(np.empty(0, np.int64))
-    return [
+    answers = [
         delays_of(keys[number], keys, found.get(number, nothing), horizon_us, leeway[keys[number]])
         for number in asked.tolist()
     ]
+    if clear_within_m is None:
+        return answers
+    # As numbered: by key.
+    batch = TrackBatch.of(sorted(tracks, key=lambda track: track.key.encode()))
+    ids = kinds_and_ids(asked)[1]
+    return _with_margins(answers, scene, plane, pieces, batch.take(ids), clear_within_m)
+
+
+def _with_margins(
+    answers: list[Delays], scene: Scene, plane: Plane, pieces: Pieces, tracks: TrackBatch, within_m: float
+) -> list[Delays]:
+    """Return the delays of tracks (n,) with the least distances by which they clear all other objects."""
+    free = np.array([row for row, one in enumerate(answers) if one.clear_by_s != 0.0], np.int64)
+    limit_m = scene.separation_m + within_m
+    distances_m = least_distances(scene, plane, pieces, tracks.take(free), limit_m)
+    margins = dict(zip(free.tolist(), np.column_stack(distances_m).tolist(), strict=True))
+    rows = []
+    for row, one in enumerate(answers):
+        distance_m, error_m = margins.get(row, (0.0, 0.0))
+        by_m = None if distance_m > limit_m else max(distance_m - scene.separation_m, 0.0)
+        error = None if by_m is None or error_m == np.inf else error_m
+        rows.append(replace(one, clear_within_m=within_m, clear_by_m=by_m, clear_error_m=error))
+    return rows
 
 
 def chances(

@@ -13,7 +13,7 @@ from conflictdb.model.results import Delays, Forbidden
 def delays(args: argparse.Namespace) -> int:
     """Print the departures of tracks that are in conflict, and the least that are not."""
     with database(args) as db:
-        found = db.scene(args.scene).delays(args.key, args.within, args.now)
+        found = db.scene(args.scene).delays(args.key, args.within, args.now, args.clear_within_m)
     if args.format == "json":
         print_json([one.as_json() for one in found])
     else:
@@ -25,7 +25,7 @@ def delays(args: argparse.Namespace) -> int:
 
 def delays_text(found: Sequence[Delays], within_s: float) -> str:
     """Return a table of tracks, and a line for each one that no departure within the horizon clears."""
-    header = ["TRACK", "PLANNED", "LATER BY", "EARLIER BY", "MAY SHIFT BY", "MEETS"]
+    header = ["TRACK", "PLANNED", "LATER BY", "EARLIER BY", "MAY SHIFT BY", "CLEAR BY", "MEETS"]
     rows = []
     for one in found:
         slack, nearest = one.clear_by_s, _nearest(one)
@@ -37,13 +37,15 @@ def delays_text(found: Sequence[Delays], within_s: float) -> str:
             # Rounded down: so far it may shift for certain.
             shift = f"{_duration(within_s)} or more" if slack is None else _duration(math.floor(1e3 * slack) / 1e3)
             clears = ["free", "", "", shift]
-        rows.append([one.key, *clears, ", ".join(nearest.by) if nearest else ""])
+        rows.append([one.key, *clears, _clear(one), ", ".join(nearest.by) if nearest else ""])
+    if all(one.clear_within_m is None for one in found):
+        header, *rows = ([*row[:-2], row[-1]] for row in (header, *rows))
     lines = [
         f"{one.key}: no departure within {_duration(within_s)} clears {', '.join(one.blocked_by)}"
         for one in found
         if one.blocked_by and not one.has_departed
     ]
-    text = table(header, rows, right=header[2:5])
+    text = table(header, rows, right=header[2:-1])
     return "\n".join([text, "", *lines] if lines else [text])
 
 
@@ -69,6 +71,16 @@ def _nearest(one: Delays) -> Forbidden | None:
 
 def _least(least_s: float | None) -> str:
     return "none" if least_s is None else _duration(least_s)
+
+
+def _clear(one: Delays) -> str:
+    """Return the distance by which a track without a conflict clears everything for certain, rounded down."""
+    if one.clear_within_m is None or one.clear_by_s == 0.0:
+        return ""
+    if one.clear_by_m is None:
+        return f"{one.clear_within_m:g} m or more"
+    least_m = 0.0 if one.clear_error_m is None else max(one.clear_by_m - one.clear_error_m, 0.0)
+    return f"{math.floor(10.0 * least_m) / 10.0:.1f} m"
 
 
 def _signed(delay_s: float) -> str:

@@ -12,28 +12,41 @@ from conflictdb.db import store
 from conflictdb.earth.registry import plane_of
 from conflictdb.model import inputs
 from conflictdb.model.results import Delays
+from conflictdb.stages.margins import widened
 from conflictdb.stages.pieces.covers import pieces_of
 
 
 def delays(
-    conn: psycopg.Connection[Any], scene: str, key: str | None, within_s: float, now: inputs.Instant | None = None
+    conn: psycopg.Connection[Any],
+    scene: str,
+    key: str | None,
+    within_s: float,
+    now: inputs.Instant | None = None,
+    clear_within_m: float | None = None,
 ) -> list[Delays]:
     """Return the delays of a track, or of each track, from one state of the objects.
 
-    Of a track of a scene whose pieces are current, only objects are read whose boxes it may meet within the horizon.
+    Of a track of a scene whose pieces are current, only objects are read whose boxes it may meet within the horizon, or
+    come near to.
     Raises InvalidInput if the scene or the track does not exist.
     """
     with store.snapshot(conn):
         is_current = store.scene_state(conn, scene).is_current
-        keys = [*_near(conn, scene, key, within_s), key] if key is not None and is_current else None
+        keys = (
+            [*_near(conn, scene, key, within_s, clear_within_m or 0.0), key] if key is not None and is_current else None
+        )
         settings, areas, tracks = store.read_scene(conn, scene, keys)
-    return in_memory.delays(tracks, areas, settings, key, within_s, now)
+    return in_memory.delays(tracks, areas, settings, key, within_s, now, clear_within_m)
 
 
-def _near(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float) -> list[str]:
-    """Return the keys of the objects whose boxes a track may meet if it departs at another time within the horizon."""
+def _near(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float, clear_within_m: float) -> list[str]:
+    """Return the keys of the objects whose boxes a track may meet if it departs at another time within the horizon.
+
+    clear_within_m : also those that come within this, beyond the required separation
+    """
     settings, _, tracks = store.read_scene(conn, scene, [key])
-    pieces = pieces_of(settings, plane_of(settings), AreaBatch.of([]), TrackBatch.of(tracks))
+    wide = widened(settings, settings.separation_m + clear_within_m) if clear_within_m else settings
+    pieces = pieces_of(wide, plane_of(settings), AreaBatch.of([]), TrackBatch.of(tracks))
     horizon_us = round(1e6 * within_s)
     at_any_time = replace(
         pieces,

@@ -39,6 +39,8 @@ INSTANT_RULE: Final = "must be an aware datetime, a datetime64 (UTC), or a whole
 
 _LONGEST_S: Final = 1e9  # 31 years of waiting, as on the command line: more is a wrong unit
 
+_FARTHEST_M: Final = 1e6  # farther away nothing is near
+
 # Integers in these ranges are in the years 2001 to 2128 as seconds or milliseconds, but in the first weeks of 1970 as
 # microseconds.
 _LOW, _HIGH = 10**9, 5 * 10**9
@@ -151,6 +153,14 @@ def seconds(who: str, field: str, given: float) -> float:
     is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
     if not is_number or not 0.0 <= given <= _LONGEST_S:
         raise InvalidInput(who, field, f"must be a number of seconds, 0 to {_LONGEST_S:g}; got {given!r:.60}")
+    return float(given)
+
+
+def reach_m(who: str, field: str, given: float) -> float:
+    """Return a distance to look as far as, in metres; raises InvalidInput."""
+    is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
+    if not is_number or not 0.0 <= given <= _FARTHEST_M:
+        raise InvalidInput(who, field, f"must be a number of metres, 0 to {_FARTHEST_M:,.0f}; got {given!r:.60}")
     return float(given)
 
 

@@ -364,6 +364,10 @@ class Delays:
     has_departed : whether it left its first waypoint before `now`, so that nothing can be shifted
     earliest_s, latest_s : the delays that are possible: within the horizon, and not before `now`; 0 and 0 if it has
         departed. `forbidden` has the whole horizon.
+    clear_within_m : the range of `clear_by_m`; None: not asked for
+    clear_by_m, clear_error_m : how much farther than the required separation it stays, as planned, from everything that
+        shares its time and heights, metres, and the error: 0 if it is in conflict, None beyond the range. Where it
+        could not be computed it is 0, and the error None
     """
 
     key: str
@@ -375,6 +379,9 @@ class Delays:
     has_departed: bool
     earliest_s: float
     latest_s: float
+    clear_within_m: float | None = None
+    clear_by_m: float | None = None
+    clear_error_m: float | None = None
 
     @property
     def clear_by_s(self) -> float | None:

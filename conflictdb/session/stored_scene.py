@@ -370,7 +370,11 @@ class StoredScene:
         return found
 
     def delays(
-        self, key: str | None = None, within_s: float = 7200.0, now: inputs.Instant | None = None
+        self,
+        key: str | None = None,
+        within_s: float = 7200.0,
+        now: inputs.Instant | None = None,
+        clear_within_m: float | None = None,
     ) -> list[Delays]:
         """Return when each track could depart instead: the departures in conflict, and the least that is not.
 
@@ -385,14 +389,18 @@ class StoredScene:
             The horizon: delays of up to this many seconds, either way.
         now : instant, optional
             No track departs before it: earlier delays are not possible, nor any of a track that has departed.
+        clear_within_m : float, optional
+            Compute `clear_by_m`, too, up to this many metres; by default it is None.
 
         Raises InvalidInput for an unknown scene or track.
         """
         inputs.seconds("delays", "within_s", within_s)
+        if clear_within_m is not None:
+            clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
         # Imported here: the stages are slow to import.
         from conflictdb.db import delays
 
-        return delays.delays(self.connection, self.name, key, within_s, now)
+        return delays.delays(self.connection, self.name, key, within_s, now, clear_within_m)
 
     def wait_until_current(self, timeout_s: float = 60.0) -> None:
         """Wait until no change waits for detection; a worker or another program has to detect.

@@ -18,17 +18,22 @@ def candidates(pieces: Pieces) -> tuple[PieceRows, PieceRows]:
     earlier = (pieces.kind[a] < pieces.kind[b]) | (
         (pieces.kind[a] == pieces.kind[b]) & (pieces.object_id[a] < pieces.object_id[b])
     )
-    keep = earlier & ((pieces.turn[a] == 0) | (pieces.turn[b] == 0))
+    a, b = pairs_together(pieces, PieceRows(a[earlier]), PieceRows(b[earlier]))
+    order = np.lexsort((b, a))
+    return PieceRows(a[order]), PieceRows(b[order])
+
+
+def pairs_together(pieces: Pieces, a: PieceRows, b: PieceRows) -> tuple[PieceRows, PieceRows]:
+    """Return those of some pairs that share time and heights; of two seam copies the originals do."""
+    keep = (pieces.turn[a] == 0) | (pieces.turn[b] == 0)
     keep &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
-    a, b = a[keep], b[keep]
-    start, end = pieces.shared_span(PieceRows(a), PieceRows(b))
+    a, b = PieceRows(a[keep]), PieceRows(b[keep])
+    start, end = pieces.shared_span(a, b)
     last = np.ones(len(a), np.bool_)
     for member in (a, b):
         last &= (pieces.end_us[member] > end) | pieces.end_inclusive[member]
     keep = (start < end) | ((start == end) & last)
-    a, b = a[keep], b[keep]
-    order = np.lexsort((b, a))
-    return PieceRows(a[order]), PieceRows(b[order])
+    return PieceRows(a[keep]), PieceRows(b[keep])
 
 
 def hulls_of(pieces: Pieces) -> NDArray[np.object_]:

@@ -616,3 +616,8 @@ def test_delays_say_when_tracks_could_depart_instead(run: Run) -> None:
     assert re.search(r"^TOW +conflict +departed +departed +FERRY$", late.out, re.MULTILINE)
     assert re.search(r"^CONVOY-1 +free +departed +departed +CONVOY-2$", late.out, re.MULTILINE)
     assert "SUB-1:" not in late.out
+    assert "CLEAR BY" not in soon.out
+    wide, narrow = (run("delays", "--scene", "strait", "--clear-within-m", metres) for metres in ("20000", "100"))
+    assert re.search(r"^CONVOY-1 +free +0:00:29\.\d+ +\d+\.\d m +CONVOY-2$", wide.out, re.MULTILINE)
+    assert re.search(r"^CONVOY-1 +free +0:00:29\.\d+ +100 m or more +CONVOY-2$", narrow.out, re.MULTILINE)
+    assert re.search(r"^TOW +conflict +0:11:17\.\d+ +0:07:58\.\d+ +FERRY$", wide.out, re.MULTILINE)

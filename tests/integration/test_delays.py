@@ -23,6 +23,10 @@ def test_a_stored_scene_has_the_delays_of_its_objects(dsn: str, workload: Worklo
         for _ in ("marked", "current"):
             assert stored.delays(within_s=within_s) == expected
             _assert_alike([stored.delays(one.key, within_s)[0] for one in expected], expected)
+            far_m = 2000.0 if workload is HARBOUR else 100_000.0
+            for one in delays(tracks, areas, stored.settings(), within_s=0.0, clear_within_m=far_m):
+                [alone] = stored.delays(one.key, 0.0, clear_within_m=far_m)
+                assert alone.clear_by_m == pytest.approx(one.clear_by_m, abs=0.01)
             stored.detect()
         moved = replace(tracks[0], times_us=tracks[0].times_us + 60_000_000)
         store.replace_scene(db.connection, scene, [], [moved], merge=True)
@@ -52,5 +56,7 @@ def test_unknown_names_and_horizons_are_refused(dsn: str) -> None:
             stored.detect()
         with pytest.raises(InvalidInput, match="within_s"):
             stored.delays(within_s=-1.0)
+        with pytest.raises(InvalidInput, match="clear_within_m"):
+            stored.delays(clear_within_m=-1.0)
         with pytest.raises(InvalidInput, match="nowhere"):
             db.scene("nowhere").delays()

@@ -141,7 +141,7 @@ def test_the_json_has_the_documented_members() -> None:
     found = json.loads(json.dumps(one_of(EAST, NORTH).as_json()))
     assert list(found) == [
         *("key", "forbidden", "least_later_s", "least_earlier_s", "blocked_by"),
-        *("waits", "has_departed", "earliest_s", "latest_s"),
+        *("waits", "has_departed", "earliest_s", "latest_s", "clear_within_m", "clear_by_m", "clear_error_m"),
     ]
     assert list(found["forbidden"][0]) == ["from_s", "to_s", "from_error_s", "to_error_s", "is_proven", "by"]
 

@@ -21,6 +21,7 @@ from conflictdb.cli.values import (
     height,
     instant,
     instants,
+    metres,
     name,
     time,
     time_or_age,
@@ -137,6 +138,7 @@ def _add_questions(commands: Any) -> None:
     parser.add_argument("key", nargs="?", metavar="KEY", help="track (default: every track)")
     add_scene(parser)
     parser.add_argument("--within", type=duration_s, default=7200.0, metavar="DURATION", help="horizon (default: 2h)")
+    parser.add_argument("--clear-within-m", type=metres, metavar="M", help="show how far it stays clear")
     parser.add_argument("--now", type=instant, metavar="TIME", help="nothing departs before (ISO 8601 with offset)")
     add_format(parser, "table", "json")
 

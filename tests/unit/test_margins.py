@@ -1,0 +1,88 @@
+"""Least distances of tracks without a conflict are those of the near pairs of `solve`."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from workloads import GROWING_CIRCLES, HARBOUR, LOW_LATITUDE, SEAM, Workload, throw
+
+from conflictdb import Area, InvalidInput, Scene, Track, Verdict, delays, solve
+from conflictdb.stages import margins
+from conflictdb.stages.pieces import covers
+
+
+@pytest.mark.parametrize(
+    ("workload", "separation_m"),
+    [(LOW_LATITUDE, 0.0), (LOW_LATITUDE, 1852.0), (SEAM, 0.0), (SEAM, 500.0), (HARBOUR, 0.0), (GROWING_CIRCLES, 500.0)],
+    ids=lambda value: value.name if isinstance(value, Workload) else None,
+)
+def test_a_margin_is_the_closest_approach_beyond_the_separation(
+    workload: Workload, separation_m: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Within the range; of one track as of all, however many are solved at once."""
+    monkeypatch.setattr(margins, "_AT_ONCE", 4)
+    scene, areas, tracks = throw(workload, 1, 6, 14, separation_m=separation_m)
+    within_m = 2000.0 if workload is HARBOUR else 60_000.0
+    near = solve(tracks, areas, replace(scene, nearest_m=separation_m + within_m))
+    found = delays(tracks, areas, scene, clear_within_m=within_m)
+    counts = {"conflict": 0, "near": 0, "beyond": 0}
+    for one in found:
+        pairs = [pair for pair in near if one.key in (pair.a_key, pair.b_key)]
+        assert one.clear_within_m == within_m
+        if any(pair.verdict is not Verdict.NEAR for pair in pairs):
+            assert (one.clear_by_s, one.clear_by_m, one.clear_error_m) == (0.0, 0.0, 0.0)
+            counts["conflict"] += 1
+        elif not pairs:
+            assert (one.clear_by_m, one.clear_error_m) == (None, None)
+            counts["beyond"] += 1
+        else:
+            expected = min(pairs, key=lambda pair: pair.closest_m or 0.0)
+            assert expected.closest_m is not None
+            assert one.clear_by_m is not None
+            assert one.clear_error_m is not None
+            assert one.clear_error_m < 0.01
+            error_m = one.clear_error_m + expected.closest_error_m
+            assert abs(one.clear_by_m - (expected.closest_m - separation_m)) <= error_m + 1e-6
+            [alone] = delays(tracks, areas, scene, one.key, clear_within_m=within_m)
+            assert alone.clear_by_m == pytest.approx(one.clear_by_m, abs=2.0 * one.clear_error_m + 1e-6)
+            counts["near"] += 1
+    assert counts["near"] > 0
+    assert [replace(one, clear_within_m=None, clear_by_m=None, clear_error_m=None) for one in found] == (
+        delays(tracks, areas, scene)
+    )
+
+
+def track(key: str, lat: float, **more: float) -> Track:
+    return Track(key, [(0.0, lat), (1.0, lat)], [1_780_000_000_000_000, 1_780_010_000_000_000], [(0.0, 0.0)], **more)
+
+
+def test_heights_and_times_count() -> None:
+    low, high = track("low", 0.0, ceiling_m=10.0), track("high", 0.001, floor_m=10.0)
+    [found, _] = delays([low, high], [], Scene("s"), clear_within_m=1000.0)
+    assert found.clear_by_m is None
+    late = replace(high, key="late", floor_m=0.0, times_us=high.times_us + 20_000_000_000)
+    assert [one.clear_by_m for one in delays([low, late], [], Scene("s"), clear_within_m=1000.0)] == [None, None]
+    [one, _] = delays([low, replace(high, floor_m=0.0)], [], Scene("s"), clear_within_m=1000.0)
+    assert one.clear_by_m == pytest.approx(110.574, abs=0.01)
+    assert delays([low], [], Scene("s"), clear_within_m=0.0)[0].clear_by_m is None
+    assert delays([], [], Scene("s"), clear_within_m=1.0) == []
+
+
+def test_a_distance_that_is_unknown_is_no_margin(monkeypatch: pytest.MonkeyPatch) -> None:
+    """If a wide hull cannot be made, its track is covered: the margin is 0, without an error bound."""
+    made = covers.track_pieces
+
+    def fail(scene: Scene, *rest: object) -> object:
+        if scene.nearest_m > 0.0:
+            raise ValueError("cannot be cut")
+        return made(scene, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(covers, "track_pieces", fail)
+    [found, _] = delays([track("a", 0.0), track("b", 1.0)], [], Scene("s"), clear_within_m=1000.0)
+    assert (found.clear_by_m, found.clear_error_m) == (0.0, None)
+
+
+@pytest.mark.parametrize("within_m", [-1.0, np.nan, np.inf, 2e6, "1 km", True])
+def test_a_range_that_is_none_is_refused(within_m: float) -> None:
+    with pytest.raises(InvalidInput, match="clear_within_m"):
+        delays([track("a", 0.0)], [Area("b", [(0, 0), (1, 0), (0, 1)])], clear_within_m=within_m)
