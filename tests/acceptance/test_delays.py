@@ -168,6 +168,19 @@ def test_ends_are_sharp(workload: Workload, separation_m: float, median_s: float
     assert max(errors_s) <= most_s
 
 
+@pytest.mark.parametrize("workload", [GROWING, GROWING_CIRCLES], ids=lambda workload: workload.name)
+def test_delays_of_growing_havens_are_proven_and_sharp(workload: Workload) -> None:
+    """Where a pair of pieces leaves an end loose, other pieces prove the rest."""
+    count = 0
+    for seed in range(10):
+        scene, areas, tracks = throw(workload, seed, 15, 20, tolerance_m=0.0, separation_m=500.0 * (seed % 2))
+        for one in delays(tracks, areas, scene, within_s=864_000.0):
+            assert all(each.is_proven for each in one.forbidden)
+            assert all(max(each.from_error_s, each.to_error_s) <= 2.0 for each in one.forbidden)
+            count += len(one.forbidden)
+    assert count > 200
+
+
 def cleared(workload: Workload, scenes: int) -> int:
     """Apply least delays in both directions, and a little less; return how many."""
     rng, count = np.random.default_rng(1), 0
