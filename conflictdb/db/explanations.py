@@ -9,10 +9,10 @@ import psycopg
 from conflictdb.db import store
 from conflictdb.formats.instants import format_moment
 from conflictdb.in_memory import counts, delays, solve
+from conflictdb.model.departure_text import departure_text
 from conflictdb.model.methods import Method
 from conflictdb.model.results import Conflict, Explanation, Position
 from conflictdb.model.settings import MOST_M
-from conflictdb.model.slack_text import slack_text
 
 
 def explain(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> Explanation:
@@ -44,7 +44,7 @@ def explain(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -
     if each:
         text += ["  if only one of these two departs at another time:"]
         # Keys as JSON strings, as in the other lines.
-        text += [f"    {slack_text(one, areas, _named)}" for one in each]
+        text += [f"    {departure_text(one, areas, _named)}" for one in each]
     return Explanation(facts, "\n".join(text))
 
 

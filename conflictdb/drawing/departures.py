@@ -13,9 +13,9 @@ from conflictdb.drawing.sketch import Sketch
 from conflictdb.drawing.style import CONFLICT, FIRST, INK, SECOND, instant, name_of, styled
 from conflictdb.errors import InvalidInput
 from conflictdb.model import inputs
+from conflictdb.model.departure_text import duration_text, least_text
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Conflict, Delays, Kind
-from conflictdb.model.slack_text import duration_text, least_text
 from conflictdb.stages.coordination import contact_set
 from conflictdb.stages.delays import Leeway, delays_of, differences_of
 

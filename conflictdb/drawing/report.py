@@ -17,12 +17,12 @@ from conflictdb.drawing.pdf import document
 from conflictdb.drawing.section import Section, drawn
 from conflictdb.drawing.style import checked_name, instant, written_whole
 from conflictdb.errors import printable
+from conflictdb.model.departure_text import departure_text
 from conflictdb.model.methods import METHODS
 from conflictdb.model.notebook import bound_text, distance_text, instant_text, text_of
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Motion, Scene, Track
 from conflictdb.model.results import Conflict, Delays, SceneState, Verdict
 from conflictdb.model.settings import SETTINGS
-from conflictdb.model.slack_text import slack_text
 
 # What a reader goes through; `conflictdb conflicts --format csv` has all of it.
 _MOST_CONFLICTS: Final = 500
@@ -191,7 +191,7 @@ def _delays(checked: Checked, conflicts: Sequence[Conflict]) -> list[Section]:
     """Return when tracks in conflict could depart instead; empty without one."""
     by_key = {one.key: one for one in checked.delays}
     keys = departures.tracks_in_conflict(conflicts)
-    rows = [[slack_text(by_key[key], checked.areas, printable)] for key in keys if key in by_key]
+    rows = [[departure_text(by_key[key], checked.areas, printable)] for key in keys if key in by_key]
     if not rows:
         return []
     text = "Of each track in conflict, while everything else departs as planned. Times are rounded to stay clear."

@@ -425,7 +425,9 @@ def test_departures_that_are_not_possible_are_not_drawn_as_free(strait: Any) -> 
     scene, areas, tracks, _ = strait
     [tow] = delays(tracks, areas, scene, "TOW", now=datetime(2026, 6, 1, 6, 40, tzinfo=UTC))
     [panel] = plot_delays([tow]).axes
-    assert (panel.patches[0].get_x(), panel.patches[0].get_width()) == (-300.0, 7500.0)
+    bar = panel.patches[0]
+    assert isinstance(bar, Rectangle)
+    assert (bar.get_x(), bar.get_width()) == (-300.0, 7500.0)
 
 
 def test_a_coordination_diagram_has_the_diagonals_that_touch_the_contact_set(strait: Any) -> None:

@@ -12,7 +12,7 @@ _UNITS_US: Final = (1_000_000, 1000, 1)
 _MOST_KEYS: Final = 5
 
 
-def slack_text(found: Delays, areas: Iterable[Area], named: Callable[[str], str]) -> str:
+def departure_text(found: Delays, areas: Iterable[Area], named: Callable[[str], str]) -> str:
     """Return how much later or earlier a track may depart, or must to clear its conflicts.
 
     areas : those that it may meet
@@ -21,7 +21,7 @@ def slack_text(found: Delays, areas: Iterable[Area], named: Callable[[str], str]
     track = named(found.key)
     current = next((one for one in found.forbidden if one.from_s <= 0.0 <= one.to_s), None)
     if current is None:
-        return f"{track} may leave {_slack(found, named)}"
+        return f"{track} may leave {_shift(found, named)}"
     ways = (("later", least_text(found, is_later=True)), ("earlier", least_text(found, is_later=False)))
     least = [f"{text} {way}" for way, text in ways if text is not None]
     if not least:
@@ -48,7 +48,7 @@ def duration_text(us: int) -> str:
     return " ".join(f"{count} {unit}" for count, unit in parts if count != "0") or "0 s"
 
 
-def _slack(found: Delays, named: Callable[[str], str]) -> str:
+def _shift(found: Delays, named: Callable[[str], str]) -> str:
     """Return how much later and earlier a track without a conflict may depart, and what it meets then."""
     later = min((one for one in found.forbidden if one.from_s > 0.0), key=lambda one: one.from_s, default=None)
     earlier = max((one for one in found.forbidden if one.to_s < 0.0), key=lambda one: one.to_s, default=None)
@@ -80,7 +80,7 @@ def _horizon(found: Delays) -> str:
 
 
 def _rounded_down(us: int) -> int:
-    """Return a slack in whole seconds, or finer ones where these are 0."""
+    """Return a shift in whole seconds, or finer ones where these are 0."""
     return next((whole for unit in _UNITS_US if (whole := us // unit * unit)), 0)
 
 

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from conflictdb import Area, Delays, Forbidden
-from conflictdb.model.slack_text import duration_text, slack_text
+from conflictdb.model.departure_text import departure_text, duration_text
 
 RANGE = Area("RANGE", shapely.box(0, 0, 1, 1))
 CLOSED = Area("CLOSED", shapely.box(0, 0, 1, 1), start_us=1_780_000_000_000_000)
@@ -64,7 +64,7 @@ def found(
     ],
 )
 def test_a_sentence_says_how_much_later_or_earlier(delays: Delays, says: str) -> None:
-    assert slack_text(delays, [RANGE, CLOSED], str) == says
+    assert departure_text(delays, [RANGE, CLOSED], str) == says
 
 
 @pytest.mark.parametrize(
@@ -73,18 +73,18 @@ def test_a_sentence_says_how_much_later_or_earlier(delays: Delays, says: str) ->
 )
 def test_a_least_delay_is_not_rounded_into_the_next_conflict(next_s: float, says: str) -> None:
     later = found((-7200.0, 677.337142, "A"), (next_s, 700.0, "B"), least=(677.337143, None))
-    assert f"must leave {says} later" in slack_text(later, [], str)
+    assert f"must leave {says} later" in departure_text(later, [], str)
     earlier = found((-700.0, -next_s, "B"), (-677.337142, 7200.0, "A"), least=(None, 677.337143))
-    assert f"must leave {says} earlier" in slack_text(earlier, [], str)
+    assert f"must leave {says} earlier" in departure_text(earlier, [], str)
 
 
 def test_nor_beyond_the_horizon() -> None:
     last = replace(found((-7200.0, 7199.9, "A"), least=(7199.900001, None)), latest_s=7199.95)
-    assert "must leave 1 h 59 min 59.901 s later" in slack_text(last, [], str)
+    assert "must leave 1 h 59 min 59.901 s later" in departure_text(last, [], str)
 
 
 def test_keys_are_shown_as_named() -> None:
-    text = slack_text(found((1.0, 2.0, "B")), [], json.dumps)
+    text = departure_text(found((1.0, 2.0, "B")), [], json.dumps)
     assert text.startswith('"FERRY" may leave')
     assert 'before it meets "B"' in text
 
