@@ -150,6 +150,7 @@ BEGIN
     NEW.asked_at := now();
     IF NEW.horizon IS NOT NULL THEN
         PERFORM _check_delays_request(NEW.scene_id, NEW.key, NEW.horizon, lower(NEW.active_span));
+        NEW.active_span := tstzrange(lower(NEW.active_span), NULL);
     ELSIF NEW.object_kind = 0 THEN
         PERFORM _check_area_probe(NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m);
         NEW.active_span := _half_open(coalesce(NEW.active_span, tstzrange(NULL, NULL)));

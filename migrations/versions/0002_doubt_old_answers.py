@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "f944156e51a6380d5ea7414b10f1962561f9d418b153ad6d0c167fb74dec662d"
+routines_sha256 = "81e0745e210f20921d588a2e71deeaa83b1422a7c5678cd3e90bf5d38570bc50"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

@@ -90,6 +90,13 @@ def test_a_now_is_the_same_in_sql(scene: Conn, dsn: str) -> None:
             assert found[1:4] == (said["least_later_s"], said["least_earlier_s"], list(said["blocked_by"]))
             assert found[5:] == (False, now_s > 0, said["earliest_s"], said["latest_s"])
             assert (found[2] is not None) == is_offered
+    # A row that a reader inserts is answered, whatever end its span has.
+    insert = "INSERT INTO conflictdb.probe_request (scene_id, object_kind, key, horizon, active_span) "
+    insert += "SELECT scene_id, 1, 'NORTH', '1 hour', '[2026-02-28,infinity]' FROM conflictdb.scene RETURNING probe_id"
+    row = scene.execute(insert.encode()).fetchone()
+    scene.commit()
+    assert row is not None
+    assert answered(scene, dsn, row[0])[5:] == (False, False, -3600.0, 3600.0)
     state, text = refused(scene, "SELECT conflictdb.request_delays('s', 'NORTH', p_now => 'infinity')")
     assert (state, "now: must be an instant, or null; got infinity" in text) == ("ZC003", True), text
 
