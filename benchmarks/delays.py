@@ -177,9 +177,7 @@ def _row(name: str, made: Made, within_s: float) -> str:
     all_s = time.process_time() - began
     found = np.concatenate(ends.found)
     inside = found[found["state"] == DifferenceState.INNER]
-    errors_s = np.concatenate(
-        [inside["inner_low_s"] - inside["outer_low_s"], inside["outer_high_s"] - inside["inner_high_s"]]
-    )
+    errors_s = np.concatenate([inside["inner_low"] - inside["outer_low"], inside["outer_high"] - inside["inner_high"]])
     return ROW.format(
         name,
         len(tracks),

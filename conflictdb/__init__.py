@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from conflictdb.drawing.departures import plot_coordination, plot_delays
     from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
     from conflictdb.formats import Contents, FileHints, Remark, Skipped, read, write
-    from conflictdb.in_memory import chances, delays, solve
+    from conflictdb.in_memory import chances, delays, solve, speeds
     from conflictdb.model.methods import Method
     from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
     from conflictdb.model.results import (
@@ -50,10 +50,12 @@ if TYPE_CHECKING:
         Delays,
         Explanation,
         Forbidden,
+        ForbiddenSpeeds,
         Kind,
         Listing,
         Results,
         SceneState,
+        Speeds,
         Stream,
         Verdict,
     )
@@ -76,6 +78,7 @@ __all__ = [
     "Explanation",
     "FileHints",
     "Forbidden",
+    "ForbiddenSpeeds",
     "IncompleteWarning",
     "InvalidInput",
     "Kind",
@@ -98,6 +101,7 @@ __all__ = [
     "SchemaTooNew",
     "ServerError",
     "Skipped",
+    "Speeds",
     "StoreError",
     "StoredScene",
     "Stream",
@@ -115,6 +119,7 @@ __all__ = [
     "read",
     "rectangle_outline_m",
     "solve",
+    "speeds",
     "write",
 ]
 
@@ -128,7 +133,7 @@ _HOME: Final = {
     **dict.fromkeys(("plot_coordination", "plot_delays"), "conflictdb.drawing.departures"),
     **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
     **dict.fromkeys(("Method",), "conflictdb.model.methods"),
-    **dict.fromkeys(("chances", "delays", "solve"), "conflictdb.in_memory"),
+    **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.in_memory"),
     **dict.fromkeys(("Contents", "FileHints", "Remark", "Skipped", "read", "write"), "conflictdb.formats"),
     **dict.fromkeys(
         ("Area", "EarthModel", "Motion", "Scene", "Track", "rectangle_outline_m"),
@@ -143,10 +148,13 @@ _HOME: Final = {
             "Delays",
             "Explanation",
             "Forbidden",
+            "ForbiddenSpeeds",
+            "ForbiddenSpeeds",
             "Kind",
             "Listing",
             "Results",
             "SceneState",
+            "Speeds",
             "Stream",
             "Verdict",
         ),

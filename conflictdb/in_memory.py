@@ -1,9 +1,9 @@
-"""Run the stages on objects in memory (`solve`, `delays`, `chances`): no database, the same answer."""
+"""Run the stages on objects in memory (`solve`, `delays`, `speeds`, `chances`): no database, the same answer."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import tzinfo
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,10 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats import from_frames
 from conflictdb.model import inputs
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results
-from conflictdb.stages.delays import Leeway, delays_of, differences_of
+from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results, Speeds
+from conflictdb.stages import speeds as stage_of_speeds
+from conflictdb.stages.at_any_time import AnyTime
+from conflictdb.stages.delays import Leeway, delays_of, differences_of, waits_of
 from conflictdb.stages.funnel import Funnel
 from conflictdb.stages.margins import least_distances
 from conflictdb.stages.memory import DEFAULT_MEMORY
@@ -37,6 +39,9 @@ if TYPE_CHECKING:
     from movingpandas import TrajectoryCollection
 
 Object = TypeVar("Object", Area, Track)
+
+# Speeds are at most this many times faster or slower: instants of ten days stay sharper than a microsecond.
+MOST_FACTOR: Final = 100.0
 
 
 def solve(
@@ -86,6 +91,7 @@ def delays(
     within_s: float = 7200.0,
     now: inputs.Instant | None = None,
     clear_within_m: float | None = None,
+    waypoint: int | None = None,
 ) -> list[Delays]:
     """Return when each track could depart instead: the departures that are in conflict, and the least that is not.
 
@@ -106,28 +112,35 @@ def delays(
         that stands at its first waypoint may leave it now.
     clear_within_m : float, optional
         Compute `clear_by_m`, too, up to this many metres; by default it is None.
+    waypoint : int, optional
+        The track, which needs a key then, waits at this waypoint, 1 the first and not the last, instead of departing
+        later. Up to there all stays as planned; all later times are later.
     """
     horizon_us = round(1e6 * inputs.seconds("delays", "within_s", within_s))
     now_us = None if now is None else (inputs.moment("delays", "now", now) - inputs.EPOCH) // inputs.MICROSECOND
     if clear_within_m is not None:
         clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
-    tracks = _each("delays", "tracks", tracks, Track)
-    scene, plane, pieces, keys, numbers = _numbered("delays", tracks, areas, scene)
-    leeway = {track.key: Leeway.of(track, horizon_us, now_us) for track in tracks}
-    asked = numbers if key is None else _known(scene, keys, numbers, [key] if isinstance(key, str) else key)
-    every = differences_of(scene, plane, pieces, asked, horizon_us)
-    found = dict(every.of_each_track())
-    nothing = every.take(np.empty(0, np.int64))
-    answers = [
-        delays_of(keys[number], keys, found.get(number, nothing), horizon_us, leeway[keys[number]])
-        for number in asked.tolist()
-    ]
+    scene, plane, pieces, keys, numbers, tracks = _numbered("delays", tracks, areas, scene)
+    if waypoint is not None:
+        number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
+        waits_us = int(times_us[_place("delays", "waypoint", waypoint, len(times_us) - 1) - 1])
+        waits = waits_of(scene, plane, pieces, number, waits_us, horizon_us)
+        asked = np.array([number], np.int64)
+        answers = [delays_of(keys[number], keys, waits, horizon_us, Leeway.at(waits_us, horizon_us, now_us))]
+    else:
+        leeway = {track.key: Leeway.of(track, horizon_us, now_us) for track in tracks}
+        asked = numbers if key is None else _known(scene, keys, numbers, [key] if isinstance(key, str) else key)
+        every = differences_of(scene, plane, pieces, asked, horizon_us)
+        found = dict(every.of_each_track())
+        nothing = every.take(np.empty(0, np.int64))
+        answers = [
+            delays_of(keys[number], keys, found.get(number, nothing), horizon_us, leeway[keys[number]])
+            for number in asked.tolist()
+        ]
     if clear_within_m is None:
         return answers
-    # As numbered: by key.
-    batch = TrackBatch.of(sorted(tracks, key=lambda track: track.key.encode()))
-    ids = kinds_and_ids(asked)[1]
-    return _with_margins(answers, scene, plane, pieces, batch.take(ids), clear_within_m)
+    batch = TrackBatch.of(tracks).take(kinds_and_ids(asked)[1])
+    return _with_margins(answers, scene, plane, pieces, batch, clear_within_m)
 
 
 def _with_margins(
@@ -145,6 +158,89 @@ def _with_margins(
         error = None if by_m is None or error_m == np.inf else error_m
         rows.append(replace(one, clear_within_m=within_m, clear_by_m=by_m, clear_error_m=error))
     return rows
+
+
+def speeds(
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None = None,
+    key: str | None = None,
+    slowest: float = 0.5,
+    fastest: float = 2.0,
+    *,
+    leg: int | None = None,
+) -> list[Speeds]:
+    """Return at which speeds each track could go instead: those that are in conflict, and the nearest that are not.
+
+    Speeds are factors of the planned one, for all legs together: the track departs as planned, is on each leg
+    `1 / factor` times as long, and its haven is as large at each waypoint as planned. Everything else stays as planned,
+    and the method is `exact`. Free speeds are free also if the instants of waypoints are rounded to microseconds.
+
+    Rows are in the order of keys. Raises the errors of `solve`, and InvalidInput for an unknown track or leg.
+
+    Parameters
+    ----------
+    key : str, optional
+        A track; by default each of them is asked about, one at a time.
+    slowest, fastest : float
+        The limits: factors of the planned speed, above 0; 1 lies between them.
+    leg : int, optional
+        Only this leg of the track, which needs a key then, has another speed, 1 the first. Later legs are as fast as
+        planned, and earlier or later.
+    """
+    slowest, fastest = limits(slowest, fastest)
+    scene, plane, pieces, keys, numbers, tracks = _numbered("speeds", tracks, areas, scene)
+    if leg is not None:
+        number, times_us = _one_track("speeds", "leg", scene, keys, numbers, tracks, key)
+        first = _place("speeds", "leg", leg, len(times_us) - 1) - 1
+        asked = [(number, times_us[first], times_us[first + 1])]
+    else:
+        known = numbers if key is None else _known(scene, keys, numbers, [key])
+        row = {number: n for n, number in enumerate(numbers.tolist())}
+        ends = ((number, tracks[row[number]].times_us) for number in known.tolist())
+        asked = [(number, times_us[0], times_us[-1]) for number, times_us in ends]
+    rows, placed = [], AnyTime.of(pieces)
+    for number, begin_us, end_us in asked:
+        found = stage_of_speeds.speeds_of_track(
+            scene, plane, placed, number, int(begin_us), int(end_us), slowest, fastest
+        )
+        rows.append(stage_of_speeds.speeds_of(keys[number], leg, keys, found, slowest, fastest))
+    return rows
+
+
+def limits(slowest: Any, fastest: Any) -> tuple[float, float]:
+    """Return the limits of speeds, factors of the planned one. Raises InvalidInput."""
+    try:
+        found = float(slowest), float(fastest)
+    except (TypeError, ValueError):
+        found = np.nan, np.nan
+    if not 1.0 / MOST_FACTOR <= found[0] <= 1.0 <= found[1] <= MOST_FACTOR:
+        rule = f"must be factors from 1/{MOST_FACTOR:g} to 1, and from 1 to {MOST_FACTOR:g}"
+        raise InvalidInput("speeds", "slowest, fastest", f"{rule}; got {slowest!r:.20}, {fastest!r:.20}")
+    return found
+
+
+def _one_track(
+    what: str,
+    name: str,
+    scene: Scene,
+    keys: Mapping[int, str],
+    numbers: NDArray[np.int64],
+    tracks: list[Track],
+    key: str | Sequence[str] | None,
+) -> tuple[int, NDArray[np.int64]]:
+    """Return the number of a track, and when it is at its waypoints. Raises InvalidInput."""
+    if not isinstance(key, str):
+        raise InvalidInput(what, name, "needs the key of a track")
+    [number] = _known(scene, keys, numbers, [key]).tolist()
+    return number, next(track.times_us for track in tracks if track.key == key)
+
+
+def _place(what: str, name: str, given: Any, count: int) -> int:
+    """Return the number of a waypoint or leg, 1 the first. Raises InvalidInput."""
+    if isinstance(given, bool) or not isinstance(given, int) or not 1 <= given <= count:
+        raise InvalidInput(what, name, f"must be from 1 to {count}, of this track; got {given!r:.20}")
+    return given
 
 
 def chances(
@@ -169,7 +265,7 @@ def chances(
     """
     from conflictdb.stages import chances as stage  # not above: it brings scipy
 
-    scene, plane, pieces, keys, numbers = _numbered("chances", tracks, areas, scene)
+    scene, plane, pieces, keys, numbers, _ = _numbered("chances", tracks, areas, scene)
     known: dict[int, stage.Departure] = {}
     for key, given in (departures or {}).items():
         [number] = _known(scene, keys, numbers, [key]).tolist()
@@ -197,19 +293,19 @@ def chances(
 
 def _numbered(
     what: str, tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None
-) -> tuple[Scene, Plane, Pieces, dict[int, str], NDArray[np.int64]]:
-    """Return the scene, its plane, its pieces, the keys of all objects by number, and the numbers of the tracks."""
+) -> tuple[Scene, Plane, Pieces, dict[int, str], NDArray[np.int64], list[Track]]:
+    """Return the scene, its plane and pieces, the keys of all objects by number, the numbers of tracks, and these."""
     if not isinstance(scene, Scene | None):
         raise InvalidInput(what, "scene", f"must be a Scene, or absent; got {scene!r:.60}")
-    scene, plane, tracks, areas = _prepared(
+    scene, plane, known, areas = _prepared(
         scene or Scene("in memory"), _each(what, "tracks", tracks, Track), _each(what, "areas", areas, Area)
     )
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
-    numbers = numbers_of(np.full(len(tracks), Kind.TRACK.code), np.arange(len(tracks)))
+    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(known))
+    numbers = numbers_of(np.full(len(known), Kind.TRACK.code), np.arange(len(known)))
     keys = dict(enumerate(area.key for area in areas)) | dict(
-        zip(numbers.tolist(), (track.key for track in tracks), strict=True)
+        zip(numbers.tolist(), (track.key for track in known), strict=True)
     )
-    return scene, plane, pieces, keys, numbers
+    return scene, plane, pieces, keys, numbers, known
 
 
 def _known(

@@ -1,5 +1,7 @@
-"""Delays of the tracks of a stored scene: read what they may meet, and compute in memory."""
+"""Delays and speeds of the tracks of a stored scene: read what they may meet, and compute in memory."""
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +13,8 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
 from conflictdb.earth.registry import plane_of
 from conflictdb.model import inputs
-from conflictdb.model.results import Delays
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Delays, Speeds
 from conflictdb.stages.margins import widened
 from conflictdb.stages.pieces.covers import pieces_of
 
@@ -23,31 +26,55 @@ def delays(
     within_s: float,
     now: inputs.Instant | None = None,
     clear_within_m: float | None = None,
+    waypoint: int | None = None,
 ) -> list[Delays]:
     """Return the delays of a track, or of each track, from one state of the objects.
 
-    Of a track of a scene whose pieces are current, only objects are read whose boxes it may meet within the horizon, or
-    come near to.
     Raises InvalidInput if the scene or the track does not exist.
+    """
+    settings, areas, tracks = _read(conn, scene, key, lambda track: round(1e6 * within_s), clear_within_m or 0.0)
+    return in_memory.delays(tracks, areas, settings, key, within_s, now, clear_within_m, waypoint)
+
+
+def speeds(
+    conn: psycopg.Connection[Any], scene: str, key: str | None, slowest: float, fastest: float, leg: int | None
+) -> list[Speeds]:
+    """Return the speeds of a track, or of each track, from one state of the objects; raises as `delays`."""
+    slowest, fastest = in_memory.limits(slowest, fastest)
+
+    def most_us(track: Track) -> int:
+        """How much later or earlier a track may be anywhere."""
+        lasts_us = int(track.times_us[-1] - track.times_us[0])
+        return math.ceil(lasts_us * max(1.0 / slowest - 1.0, 1.0 - 1.0 / fastest)) + 1
+
+    settings, areas, tracks = _read(conn, scene, key, most_us)
+    return in_memory.speeds(tracks, areas, settings, key, slowest, fastest, leg=leg)
+
+
+def _read(
+    conn: psycopg.Connection[Any], scene: str, key: str | None, most_us: Callable[[Track], int], near_m: float = 0.0
+) -> tuple[Scene, list[Area], list[Track]]:
+    """Return a scene and its objects, or those that a track may meet if it is earlier or later by up to `most_us`.
+
+    Of a track of a scene whose pieces are current, only objects are read whose boxes it may meet, or come near to.
     """
     with store.snapshot(conn):
         is_current = store.scene_state(conn, scene).is_current
-        keys = (
-            [*_near(conn, scene, key, within_s, clear_within_m or 0.0), key] if key is not None and is_current else None
-        )
-        settings, areas, tracks = store.read_scene(conn, scene, keys)
-    return in_memory.delays(tracks, areas, settings, key, within_s, now, clear_within_m)
+        keys = [*_near(conn, scene, key, most_us, near_m), key] if key is not None and is_current else None
+        return store.read_scene(conn, scene, keys)
 
 
-def _near(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float, clear_within_m: float) -> list[str]:
-    """Return the keys of the objects whose boxes a track may meet if it departs at another time within the horizon.
+def _near(
+    conn: psycopg.Connection[Any], scene: str, key: str, most_us: Callable[[Track], int], near_m: float
+) -> list[str]:
+    """Return the keys of the objects whose boxes a track may meet if it is earlier or later, or come near to.
 
-    clear_within_m : also those that come within this, beyond the required separation
+    near_m : metres, beyond the required separation
     """
     settings, _, tracks = store.read_scene(conn, scene, [key])
-    wide = widened(settings, settings.separation_m + clear_within_m) if clear_within_m else settings
+    wide = widened(settings, settings.separation_m + near_m) if near_m else settings
     pieces = pieces_of(wide, plane_of(settings), AreaBatch.of([]), TrackBatch.of(tracks))
-    horizon_us = round(1e6 * within_s)
+    horizon_us = max(map(most_us, tracks), default=0)
     at_any_time = replace(
         pieces,
         start_us=pieces.start_us - horizon_us,

@@ -1,7 +1,7 @@
-"""Differences of departure that bring pairs of pieces into contact, from the kernel."""
+"""Differences of departure, and factors of time, that bring pairs of pieces into contact, from the kernel."""
 
 import ctypes
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from typing import Any, ClassVar, Final
 
@@ -19,7 +19,7 @@ _SHARE: Final = 128
 # KernelDifference.
 DIFFERENCE: Final = np.dtype(
     [
-        *((name, np.float64) for name in ("outer_low_s", "inner_low_s", "inner_high_s", "outer_high_s")),
+        *((name, np.float64) for name in ("outer_low", "inner_low", "inner_high", "outer_high")),
         ("state", np.int32),
         ("_", np.int32),
     ]
@@ -27,12 +27,12 @@ DIFFERENCE: Final = np.dtype(
 
 
 class DifferenceState(IntEnum):
-    """What is proven about the differences of a pair (KernelDifferenceState)."""
+    """What is proven about the goals of a pair (KernelDifferenceState)."""
 
-    NONE = 0  # no difference brings it into contact
+    NONE = 0  # nothing asked about brings it into contact
     INNER = 1  # contact at each difference of the inner interval, at none outside of the outer
     OUTER = 2  # no contact outside of the outer interval; the inner one is empty
-    UNKNOWN = 3  # nothing: the outer interval has all differences of both times
+    UNKNOWN = 3  # nothing: the outer interval has all differences of both times, or all factors asked about
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,8 @@ class Shifts:
     a, b : (n,) indices of pieces
     a_zero_us, b_zero_us : (n,) the instants that the seconds of a and of b count from
     a_start_s, a_end_s, b_start_s, b_end_s : (n,) times within the slices; [0, 0] for pieces that stand still
-    least_s, most_s : (n,) differences asked about; infinite for all
+    least, most : (n,) goals asked about: differences, seconds, infinite for all; or factors, positive and finite
+    is_factor : whether the goal is a factor of time: seconds of b by seconds of a, with one zero for both
     """
 
     a: _Ints
@@ -53,35 +54,39 @@ class Shifts:
     a_end_s: Floats
     b_start_s: Floats
     b_end_s: Floats
-    least_s: Floats
-    most_s: Floats
+    least: Floats
+    most: Floats
+    is_factor: bool = False
 
     def __len__(self) -> int:
         return len(self.a)
 
     def take(self, rows: _Ints) -> "Shifts":
         """Return some pairs."""
-        return Shifts(*(getattr(self, one.name)[rows] for one in fields(self)))
+        return replace(self, **{name: column[rows] for name, column in self.columns().items()})
+
+    def columns(self) -> dict[str, Any]:
+        """Return the columns (n,) by name."""
+        return {one.name: getattr(self, one.name) for one in fields(self) if one.name != "is_factor"}
 
 
 def differences(scene: KernelScene, shifts: Shifts, reach_m: float, work: Work, threads: int = 1) -> NDArray[Any]:
-    """Return the differences (n,) of pairs, `DIFFERENCE`: seconds of b minus seconds of a at which they are in contact.
+    """Return the goals (n,) at which pairs are in contact, `DIFFERENCE`: seconds of b minus, or by, those of a.
 
-    Of the differences asked about: all of contact are in the outer interval.
-
-    Empty intervals are [inf, -inf].
+    Of those asked about, all of contact are in the outer interval; of factors also if the instants of waypoints are
+    rounded to microseconds. Empty intervals are [inf, -inf].
 
     reach_m : contact means to come within this, metres on the earth; 0: touching
     work : work counters, increased
     """
     n = len(shifts)
-    columns = {one.name: getattr(shifts, one.name) for one in fields(Shifts)}
+    columns = shifts.columns()
     if any(column.shape != (n,) for column in columns.values()):
         raise ValueError("kernel: the columns of pairs are not of one length")
     found = np.empty(n, DIFFERENCE)
 
     def solve(rows: slice) -> HeldWork:
-        held, done = _HeldShifts(rows.stop - rows.start), HeldWork()
+        held, done = _HeldShifts(rows.stop - rows.start, shifts.is_factor), HeldWork()
         held.hold(**{name: column[rows] for name, column in columns.items()})
         answers = found[rows].ctypes.data
         check(library().kernel_differences(scene.handle, ctypes.byref(held), reach_m, answers, ctypes.byref(done)))
@@ -98,6 +103,6 @@ class _HeldShifts(Held):
 
     types: ClassVar[dict[str, Any]] = {
         **dict.fromkeys(("a", "b", "a_zero_us", "b_zero_us"), np.int64),
-        **dict.fromkeys(("a_start_s", "a_end_s", "b_start_s", "b_end_s", "least_s", "most_s"), np.float64),
+        **dict.fromkeys(("a_start_s", "a_end_s", "b_start_s", "b_end_s", "least", "most"), np.float64),
     }
-    _fields_ = fields_of(types, "count")
+    _fields_ = fields_of(types, "count", "is_factor")

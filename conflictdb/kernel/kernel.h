@@ -38,7 +38,7 @@
 /* ---- Status and limits ------------------------------------------------------------------------------------------ */
 
 /* Raise by one with every change of a structure's layout, of a constant's value, or of a function's arguments. */
-#define KERNEL_ABI 21
+#define KERNEL_ABI 22
 
 /* Contact tolerance, metres on the earth: polygons this close touch. Coordinates are rounded to 1e-8 m, and a touch must
  * not become a miss. Larger: contacts are reported too long. Smaller: rounding decides. */
@@ -292,33 +292,37 @@ KERNEL_API KernelStatus kernel_approaches(const KernelScene *scene, const Kernel
  * stand still need no time: an empty one, [0, 0], gives the contacts of the other piece. Pairs with an invalid piece or
  * time are KERNEL_DIFFERENCE_UNKNOWN. */
 typedef struct {
-    int64_t count;
+    int64_t count, is_factor;                 /* the goal of all pairs: 0: differences; else factors */
     const int64_t *a, *b;                     /* (count,) indices of pieces */
     const int64_t *a_zero_us, *b_zero_us;     /* (count,) the instants that the seconds of a and of b count from */
     const double *a_start_s, *a_end_s;        /* (count,) times within the slices of the pieces */
     const double *b_start_s, *b_end_s;
-    const double *least_s, *most_s;           /* (count,) differences asked about; infinite: all */
+    const double *least, *most;               /* (count,) asked about: differences, infinite: all; or factors */
 } KernelShifts;
 
 /* What is proven about the differences of a pair. */
 typedef enum {
-    KERNEL_DIFFERENCE_NONE = 0,   /* no difference brings it into contact */
-    KERNEL_DIFFERENCE_INNER = 1,  /* contact at each difference of the inner interval, at none outside of the outer */
+    KERNEL_DIFFERENCE_NONE = 0,   /* nothing asked about brings it into contact */
+    KERNEL_DIFFERENCE_INNER = 1,  /* contact at each one of the inner interval, at none outside of the outer */
     KERNEL_DIFFERENCE_OUTER = 2,  /* no contact outside of the outer interval; the inner one is empty */
-    KERNEL_DIFFERENCE_UNKNOWN = 3 /* nothing: the outer interval has all differences of both times */
+    KERNEL_DIFFERENCE_UNKNOWN = 3 /* nothing: the outer interval has all that both times allow, or all asked about */
 } KernelDifferenceState;
 
-/* Differences asked about: seconds of b minus seconds of a at which the pieces come within reach of each other. An empty
- * interval is [INFINITY, -INFINITY]. */
+/* Goals asked about at which the pieces come within reach of each other: seconds of b minus seconds of a; or factors, seconds
+ * of b by seconds of a. An empty interval is [INFINITY, -INFINITY]. */
 typedef struct {
-    double outer_low_s, inner_low_s, inner_high_s, outer_high_s;
+    double outer_low, inner_low, inner_high, outer_high;
     int32_t state; /* KernelDifferenceState */
 } KernelDifference;
 
-/* Find the differences of departure that bring pairs within reach_m of each other on the earth (0: touching).
+/* Find the differences of departure, or the factors of time, that bring pairs within reach_m of each other on the earth (0:
+ * touching).
  *
- * If a departs d later, and b as planned, they meet if and only if d is a difference, plus b_zero_us minus a_zero_us. The
- * work for a pair is bounded; when its budget is exhausted, its outer interval is larger than need be.
+ * If a departs d later, and b as planned, they meet if and only if d is a difference, plus b_zero_us minus a_zero_us. If all
+ * times of a since the instant a_zero_us = b_zero_us take k times as long, they meet if and only if k is a factor: outer
+ * intervals hold also if the instants of waypoints are rounded to microseconds, inner ones if they are not. Seconds of a are
+ * not negative then, and factors asked about are positive and finite. The work for a pair is bounded; when its budget is
+ * exhausted, its outer interval is larger than need be.
  *
  * found : (count,)
  */

@@ -14,7 +14,7 @@ from conflictdb.kernel import build
 from conflictdb.kernel.waiting import wait_for
 
 # KERNEL_ABI of kernel.h.
-ABI: Final = 21
+ABI: Final = 22
 _STATUS: Final = {
     1: "out of memory",
     2: "a required array is missing",

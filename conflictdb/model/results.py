@@ -398,6 +398,47 @@ class Delays:
 
 
 @dataclass(frozen=True, slots=True)
+class ForbiddenSpeeds:
+    """Speeds of a track that are in conflict: in [from_factor, to_factor], by the planned one.
+
+    from_factor, to_factor : whole trillionths, rounded outward and cut off at the limits; all other speeds are free
+    from_error, to_error : how far outside of a speed that is proven forbidden each end lies
+    is_proven : whether each speed between these is proven forbidden; else some of them may be free
+    by : the keys of the objects that the track would meet
+    """
+
+    from_factor: float
+    to_factor: float
+    from_error: float
+    to_error: float
+    is_proven: bool
+    by: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Speeds:
+    """At which speed a track could go instead, if everything else stays as planned: what `speeds` returns.
+
+    leg : the leg that has another speed, 1 the first; None: all of them
+    forbidden : the speeds within the limits that are in conflict, also if only grazing, in order
+    slower, faster : the nearest speed that meets nothing, by the planned one: 1 without a conflict, None if none within
+        the limits does
+    blocked_by : the keys of the objects that forbid every speed within the limits, such as a permanent area
+    """
+
+    key: str
+    leg: int | None
+    forbidden: tuple[ForbiddenSpeeds, ...]
+    slower: float | None
+    faster: float | None
+    blocked_by: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return this as an object of JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
 class Chances:
     """How likely conflicts are if departures are uncertain: what `chances` returns. All are (at least, at most).
 

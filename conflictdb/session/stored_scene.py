@@ -28,6 +28,7 @@ from conflictdb.model.results import (
     Kind,
     Listing,
     SceneState,
+    Speeds,
     Stream,
     Verdict,
 )
@@ -375,6 +376,7 @@ class StoredScene:
         within_s: float = 7200.0,
         now: inputs.Instant | None = None,
         clear_within_m: float | None = None,
+        waypoint: int | None = None,
     ) -> list[Delays]:
         """Return when each track could depart instead: the departures in conflict, and the least that is not.
 
@@ -391,6 +393,9 @@ class StoredScene:
             No track departs before it: earlier delays are not possible, nor any of a track that has departed.
         clear_within_m : float, optional
             Compute `clear_by_m`, too, up to this many metres; by default it is None.
+        waypoint : int, optional
+            The track, which needs a key then, waits at this waypoint, 1 the first and not the last, instead of
+            departing later.
 
         Raises InvalidInput for an unknown scene or track.
         """
@@ -400,7 +405,31 @@ class StoredScene:
         # Imported here: the stages are slow to import.
         from conflictdb.db import delays
 
-        return delays.delays(self.connection, self.name, key, within_s, now, clear_within_m)
+        return delays.delays(self.connection, self.name, key, within_s, now, clear_within_m, waypoint)
+
+    def speeds(
+        self, key: str | None = None, slowest: float = 0.5, fastest: float = 2.0, leg: int | None = None
+    ) -> list[Speeds]:
+        """Return at which speeds each track could go instead: those in conflict, and the nearest that are not.
+
+        Computed from the objects as they are stored, whether they were detected or not. One track at a time has another
+        speed, on all legs; it departs as planned, and everything else stays as planned.
+
+        Parameters
+        ----------
+        key : str, optional
+            A track; by default each track is asked about.
+        slowest, fastest : float
+            The limits: factors of the planned speed, from 1/100 to 1, and from 1 to 100.
+        leg : int, optional
+            Only this leg of the track, which needs a key then, has another speed, 1 the first.
+
+        Raises InvalidInput for an unknown scene, track or leg.
+        """
+        # Imported here: the stages are slow to import.
+        from conflictdb.db import delays
+
+        return delays.speeds(self.connection, self.name, key, slowest, fastest, leg)
 
     def wait_until_current(self, timeout_s: float = 60.0) -> None:
         """Wait until no change waits for detection; a worker or another program has to detect.

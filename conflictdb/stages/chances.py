@@ -162,7 +162,7 @@ def rivals_of(found: Differences, horizon_us: int, departure_of: Callable[[int],
     others, first = np.unique(found.other[order], return_index=True)
     rivals = {}
     for other, rows in zip(others.tolist(), np.split(order, first[1:]), strict=True):
-        outer, inner = (_seconds(spans) for spans in found.take(rows).forbidden(horizon_us))
+        outer, inner = (_seconds(spans) for spans in found.take(rows).forbidden(-horizon_us, horizon_us))
         rivals[other] = Rival(departure_of(other), outer, inner)
     return rivals
 

@@ -13,8 +13,8 @@ from conflictdb.earth.plane import Plane
 from conflictdb.kernel.differences import DifferenceState, differences
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
-from conflictdb.stages.delays import candidates_at_any_time, shifts_of
-from conflictdb.stages.object_pairs import object_numbers
+from conflictdb.stages.at_any_time import AnyTime
+from conflictdb.stages.delays import shifts_of
 from conflictdb.stages.pieces.covers import is_covered
 
 # Contact at a single instant stays a single slice, however often its time is halved.
@@ -34,9 +34,9 @@ def contact_set(
     track : the number of the track (`object_numbers`)
     slices : the least number of parts of the time in contact; in each the contact set is bounded by its differences
     """
-    number = object_numbers(pieces)
-    mine = np.flatnonzero(number == track)
-    a, b = candidates_at_any_time(pieces, number, mine, horizon_us, is_once=False)
+    placed = AnyTime.of(pieces)
+    mine = np.flatnonzero(placed.number == track)
+    a, b = placed.pairs_within(mine, horizon_us)
     known = ~is_covered(pieces, a, b)
     a, b = PieceRows(a[known]), PieceRows(b[known])
     if not len(a):
@@ -64,7 +64,7 @@ def contact_set(
     later_s = np.where(still, 0.0, (cut.b_zero_us - cut.a_zero_us) / 1e6)
     polygons = []
     for name in ("outer", "inner"):
-        low, high = found[f"{name}_low_s"], found[f"{name}_high_s"]
+        low, high = found[f"{name}_low"], found[f"{name}_high"]
         some = np.flatnonzero(low <= high)
         moving, standing = some[~still[some]], some[still[some]]
         bands = _bands(u[moving], v[moving], (later_s + low)[moving], (later_s + high)[moving])

@@ -10,7 +10,6 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Final, Self
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from conflictdb import kernel
@@ -19,17 +18,12 @@ from conflictdb.earth.plane import Plane
 from conflictdb.kernel.differences import DifferenceState, Shifts, differences
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene, Track
 from conflictdb.model.results import Delays, Forbidden, Kind
+from conflictdb.stages.at_any_time import FOREVER_US, AnyTime
 from conflictdb.stages.memory import DEFAULT_MEMORY
-from conflictdb.stages.object_pairs import object_numbers
 from conflictdb.stages.pieces.covers import COVER, is_covered
-from conflictdb.stages.stage1_broad_phase import hulls_of
 
 _Ints = NDArray[np.int64]
 
-# Pieces of tracks whose candidates are looked up at once: their pairs fit into memory.
-_AT_ONCE: Final = 20_000
-# In place of infinity: beyond all differences of instants.
-_FOREVER_US: Final = 2**61
 # More than times of pieces are rounded by, microseconds.
 _ROUNDING_US: Final = 0.1
 # Differences are asked for up to this much beyond the horizon, microseconds: more than they are rounded by.
@@ -37,9 +31,9 @@ _BEYOND_US: Final = 10
 # If more than this remains open between outer and inner interval, seconds, the times are halved; and how often at most.
 _LOOSE_S: Final = 1.0
 _MOST_SPLITS: Final = 6
-# An inner interval ends this much inside of what is proven: at its end two objects may share only the last instant of
-# one of them, which does not belong to it.
-_LAST_INSTANT_US: Final = 1
+# An inner interval ends this many units inside of what is proven: at its end two objects may share only the last
+# instant of one of them, which does not belong to it.
+_LAST_INSTANT: Final = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +63,9 @@ class Spans:
 
 @dataclass(frozen=True, slots=True)
 class Differences:
-    """Delays of n pieces of tracks that bring them into contact with a piece of another object, microseconds.
+    """Changes of n pieces of tracks that bring them into contact with a piece of another object, in whole units.
+
+    Of delays the units are microseconds; of speeds, millionths of a millionth of the planned one (`stages.speeds`).
 
     track, other : (n,) numbers of the objects (`object_numbers`)
     low, high : (n,) outer intervals
@@ -99,29 +95,28 @@ class Differences:
         """Return the rows of all parts; at least one part."""
         return cls(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(cls)))
 
-    def forbidden(self, horizon_us: int) -> tuple[Spans, Spans]:
-        """Return the outer and the inner intervals of all rows, within the horizon."""
-        outer = _within(self.low, self.high, -horizon_us, horizon_us)
-        beyond_us = horizon_us + _LAST_INSTANT_US
-        inner = _within(self.inner_low, self.inner_high, -beyond_us, beyond_us)
-        low, high = inner.low + _LAST_INSTANT_US, inner.high - _LAST_INSTANT_US
+    def forbidden(self, least: int, most: int) -> tuple[Spans, Spans]:
+        """Return the outer and the inner intervals of all rows, from least to most."""
+        outer = _within(self.low, self.high, least, most)
+        inner = _within(self.inner_low, self.inner_high, least - _LAST_INSTANT, most + _LAST_INSTANT)
+        low, high = inner.low + _LAST_INSTANT, inner.high - _LAST_INSTANT
         return outer, Spans(low[low <= high], high[low <= high])
 
-    def blocking(self, first_us: int, last_us: int) -> _Ints:
-        """Return the numbers of the objects that forbid every delay from the first to the last one."""
-        first, last = self.low <= first_us, self.high >= last_us
+    def blocking(self, least: int, most: int) -> _Ints:
+        """Return the numbers of the objects that forbid every change from least to most."""
+        first, last = self.low <= least, self.high >= most
         found = np.unique(self.other[first & last])
         # Several rows together may.
         others = np.setdiff1d(np.intersect1d(self.other[first], self.other[last]), found)
         for other in others.tolist():
             rows = self.other == other
-            if len(_within(self.low[rows], self.high[rows], first_us, last_us)) == 1:
+            if len(_within(self.low[rows], self.high[rows], least, most)) == 1:
                 found = np.append(found, other)
         return np.sort(found)
 
 
-def _within(low: _Ints, high: _Ints, first_us: int, last_us: int) -> Spans:
-    return Spans.union(np.maximum(low, first_us), np.minimum(high, last_us))
+def _within(low: _Ints, high: _Ints, least: int, most: int) -> Spans:
+    return Spans.union(np.maximum(low, least), np.minimum(high, most))
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +149,12 @@ class Leeway:
         departs_us = starts_us if now_us <= starts_us else leaves_us
         return cls(stands > 0, False, max(-horizon_us, now_us - departs_us), horizon_us)
 
+    @classmethod
+    def at(cls, waypoint_us: int, horizon_us: int, now_us: int | None = None) -> Self:
+        """Return the waits at a waypoint that a track reaches at `waypoint_us`, if it has not by now."""
+        has_departed = now_us is not None and waypoint_us < now_us
+        return cls(True, has_departed, 0, 0 if has_departed else horizon_us)
+
 
 def differences_of(
     scene: Scene, plane: Plane, pieces: Pieces, tracks: _Ints, horizon_us: int, threads: int = 1, *, waits: bool = True
@@ -165,22 +166,76 @@ def differences_of(
     threads : of the kernel; the answer does not depend on it
     waits : whether a track whose first leg stands still waits there before it departs
     """
-    number = object_numbers(pieces)
+    placed = AnyTime.of(pieces)
+    number = placed.number
     mine = np.flatnonzero(np.isin(number, tracks))
     first = mine[_waits(pieces, number, mine)] if waits else mine[:0]
-    moving = candidates_at_any_time(pieces, number, mine, horizon_us, is_once=True)
-    waiting = candidates_at_any_time(pieces, number, first, horizon_us, is_once=False)
+    moving = placed.pairs_within(mine, horizon_us, is_once=True)
+    waiting = placed.pairs_within(first, horizon_us)
     a, b = (np.concatenate(both) for both in zip(moving, waiting, strict=True))
     prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
-    every = _of_pairs(scene, prepared, number, *moving, horizon_us, threads=threads)
+    every = delays_of_pairs(scene, prepared, number, *moving, horizon_us, threads=threads)
     # Two tracks that are both asked about are solved once.
     mirrored = every.take(np.flatnonzero(np.isin(every.other, tracks)))
     swapped = mirrored.other, mirrored.track, -mirrored.high, -mirrored.low, -mirrored.inner_high, -mirrored.inner_low
     while_waiting = _while_waiting(
-        _of_pairs(scene, prepared, number, *waiting, horizon_us, lasts=False, threads=threads)
+        delays_of_pairs(scene, prepared, number, *waiting, horizon_us, lasts=False, threads=threads)
     )
     every = Differences.concatenate([every, Differences(*swapped), while_waiting])
     return every.take(np.flatnonzero((every.low <= horizon_us) & (every.high >= -horizon_us)))
+
+
+def waits_of(
+    scene: Scene, plane: Plane, pieces: Pieces, track: int, waypoint_us: int, horizon_us: int, threads: int = 1
+) -> Differences:
+    """Return the waits at a waypoint, up to the horizon, that bring a track into contact with other objects.
+
+    track : its number
+    waypoint_us : when it is there
+    """
+    placed = AnyTime.of(pieces)
+    number = placed.number
+    mine = np.flatnonzero((number == track) & (pieces.part != COVER))
+    before, after = mine[pieces.end_us[mine] <= waypoint_us], mine[pieces.start_us[mine] >= waypoint_us]
+    first = after[pieces.start_us[after] == waypoint_us]
+    planned = placed.pairs_within(before, 0)
+    moving, waiting = (placed.pairs_within(rows, horizon_us) for rows in (after, first))
+    a, b = (np.concatenate(both) for both in zip(planned, moving, waiting, strict=True))
+    prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
+    every = Differences.concatenate(
+        [
+            of_cover(placed, track, horizon_us),
+            as_planned(delays_of_pairs(scene, prepared, number, *planned, 0, threads=threads)),
+            delays_of_pairs(scene, prepared, number, *moving, horizon_us, threads=threads),
+            _while_waiting(
+                delays_of_pairs(scene, prepared, number, *waiting, horizon_us, lasts=False, threads=threads)
+            ),
+        ]
+    )
+    every = every.take(np.flatnonzero((every.low <= horizon_us) & (every.high >= 0)))
+    return replace(every, low=np.maximum(every.low, 0), inner_low=np.maximum(every.inner_low, -_LAST_INSTANT))
+
+
+def of_cover(placed: AnyTime, track: int, horizon_us: int) -> Differences:
+    """Return what meets a track that could not be cut into pieces, perhaps: it forbids every change."""
+    rows = np.flatnonzero((placed.number == track) & (placed.pieces.part == COVER))
+    a, b = placed.pairs_within(rows, horizon_us)
+    forever, nothing = np.full(len(a), 2 * FOREVER_US), np.zeros(len(a), np.int64)
+    return Differences(placed.number[a], placed.number[b], -forever, forever, nothing + 1, nothing)
+
+
+def as_planned(found: Differences) -> Differences:
+    """Return the conflicts of pieces that stay as planned, from their delays: what forbids every change."""
+    met = found.take(np.flatnonzero((found.low <= 0) & (found.high >= 0)))
+    is_known = (met.inner_low < 0) & (met.inner_high > 0)
+    forever = np.full(len(met.low), 2 * FOREVER_US)
+    return replace(
+        met,
+        low=-forever,
+        high=forever,
+        inner_low=np.where(is_known, -forever, 1),
+        inner_high=np.where(is_known, forever, -1),
+    )
 
 
 def delays_of(key: str, keys: Mapping[int, str], found: Differences, horizon_us: int, leeway: Leeway) -> Delays:
@@ -190,25 +245,16 @@ def delays_of(key: str, keys: Mapping[int, str], found: Differences, horizon_us:
     found : the differences of this track alone, perhaps none
     leeway : of this track
     """
-    outer, inner = found.forbidden(horizon_us)
-    first = np.searchsorted(inner.low, outer.low)
-    last = np.searchsorted(inner.low, outer.high, side="right")
-    forbidden = []
-    for k, (low, high) in enumerate(zip(outer.low.tolist(), outer.high.tolist(), strict=True)):
-        by = np.unique(found.other[(found.low <= high) & (found.high >= low)]).tolist()
-        parts = range(int(first[k]), int(last[k]))
-        begins, ends = (int(inner.low[parts[0]]), int(inner.high[parts[-1]])) if parts else (high, low)
-        forbidden.append(
-            Forbidden(
-                low / 1e6, high / 1e6, (begins - low) / 1e6, (high - ends) / 1e6, len(parts) == 1, _sorted(keys, by)
-            )
-        )
+    outer, _ = found.forbidden(-horizon_us, horizon_us)
     return Delays(
         key,
-        tuple(forbidden),
-        _seconds(least_later_us(outer, leeway.last_us)),
-        _seconds(least_later_us(Spans(-outer.high[::-1], -outer.low[::-1]), -leeway.first_us)),
-        _sorted(keys, found.blocking(leeway.first_us, leeway.last_us).tolist()),
+        tuple(
+            Forbidden(low / 1e6, high / 1e6, from_error / 1e6, to_error / 1e6, is_proven, by)
+            for low, high, from_error, to_error, is_proven, by in forbidden_by(keys, found, -horizon_us, horizon_us)
+        ),
+        _seconds(least_later(outer, 0, leeway.last_us)),
+        _seconds(least_later(Spans(-outer.high[::-1], -outer.low[::-1]), 0, -leeway.first_us)),
+        sorted_keys(keys, found.blocking(leeway.first_us, leeway.last_us).tolist()),
         leeway.waits,
         leeway.has_departed,
         leeway.first_us / 1e6,
@@ -216,20 +262,37 @@ def delays_of(key: str, keys: Mapping[int, str], found: Differences, horizon_us:
     )
 
 
-def least_later_us(forbidden: Spans, most_us: int) -> int | None:
-    """Return the least delay of 0 or more that is not forbidden; None beyond the greatest one."""
-    k = int(np.searchsorted(forbidden.low, 0, side="right")) - 1
-    if k < 0 or forbidden.high[k] < 0:
-        return 0
-    least_us = int(forbidden.high[k]) + 1
-    return least_us if least_us <= most_us else None
+def forbidden_by(
+    keys: Mapping[int, str], found: Differences, least: int, most: int
+) -> Iterator[tuple[int, int, int, int, bool, tuple[str, ...]]]:
+    """Yield the intervals that are forbidden to a track.
+
+    Each with both ends, how far outside of what is proven each end lies, whether all between these is proven, and the
+    keys of the objects that forbid it.
+    """
+    outer, inner = found.forbidden(least, most)
+    first = np.searchsorted(inner.low, outer.low)
+    last = np.searchsorted(inner.low, outer.high, side="right")
+    for k, (low, high) in enumerate(zip(outer.low.tolist(), outer.high.tolist(), strict=True)):
+        by = np.unique(found.other[(found.low <= high) & (found.high >= low)]).tolist()
+        parts = range(int(first[k]), int(last[k]))
+        begins, ends = (int(inner.low[parts[0]]), int(inner.high[parts[-1]])) if parts else (high, low)
+        yield low, high, begins - low, high - ends, len(parts) == 1, sorted_keys(keys, by)
+
+
+def least_later(forbidden: Spans, planned: int, most: int) -> int | None:
+    """Return the least value from the planned one on that is not forbidden; None beyond the most."""
+    k = int(np.searchsorted(forbidden.low, planned, side="right")) - 1
+    least = planned if k < 0 or forbidden.high[k] < planned else int(forbidden.high[k]) + 1
+    return least if least <= most else None
 
 
 def _seconds(us: int | None) -> float | None:
     return None if us is None else us / 1e6
 
 
-def _sorted(keys: Mapping[int, str], numbers: list[int]) -> tuple[str, ...]:
+def sorted_keys(keys: Mapping[int, str], numbers: list[int]) -> tuple[str, ...]:
+    """Return the keys of objects in order."""
     return tuple(sorted((keys[number] for number in numbers), key=str.encode))
 
 
@@ -252,42 +315,13 @@ def _while_waiting(found: Differences) -> Differences:
     return replace(
         met,
         low=np.maximum(met.low, 0),
-        high=np.full(len(met.low), 2 * _FOREVER_US),
+        high=np.full(len(met.low), 2 * FOREVER_US),
         inner_low=np.maximum(met.inner_low, 0),
-        inner_high=np.where(is_known, 2 * _FOREVER_US, -1),
+        inner_high=np.where(is_known, 2 * FOREVER_US, -1),
     )
 
 
-def candidates_at_any_time(
-    pieces: Pieces, number: _Ints, mine: _Ints, horizon_us: int, *, is_once: bool
-) -> tuple[PieceRows, PieceRows]:
-    """Return pairs of pieces (a, b) whose hulls meet if a, one of `mine`, departs at another time.
-
-    is_once : leave out the mirror images of pairs of which both are mine
-    """
-    is_mine = np.zeros(len(pieces), np.bool_)
-    is_mine[mine] = is_once
-    hulls = hulls_of(pieces)
-    tree = shapely.STRtree(hulls)
-    # Unbounded spans, too, fit into 64 bits when they are subtracted.
-    start, end = np.maximum(pieces.start_us, -_FOREVER_US), np.minimum(pieces.end_us, _FOREVER_US)
-    nothing = np.empty(0, np.int64)
-    found = [(nothing, nothing)]
-    for rows in (mine[first : first + _AT_ONCE] for first in range(0, len(mine), _AT_ONCE)):
-        row, b = tree.query(hulls[rows])
-        a = rows[row]
-        keep = (number[a] != number[b]) & (~is_mine[b] | (number[a] < number[b]))
-        keep &= (pieces.turn[a] == 0) | (pieces.turn[b] == 0)
-        keep &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
-        keep &= (start[b] - end[a] <= horizon_us) & (end[b] - start[a] >= -horizon_us)
-        a, b = a[keep], b[keep]
-        met = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, PieceRows(a), PieceRows(b))
-        found.append((a[met], b[met]))
-    a, b = (np.concatenate(some) for some in zip(*found, strict=True))
-    return PieceRows(a), PieceRows(b)
-
-
-def _of_pairs(
+def delays_of_pairs(
     scene: Scene,
     prepared: kernel.KernelScene,
     number: _Ints,
@@ -324,20 +358,20 @@ def _of_some_pairs(
     zero = shifts.a_zero_us
     covered = is_covered(pieces, a, b)
     solved = np.flatnonzero(~covered)
-    rows, found = _solved(prepared, shifts.take(solved), scene.separation_m + scene.tolerance_m, threads)
+    rows, found = solved_shifts(prepared, shifts.take(solved), scene.separation_m + scene.tolerance_m, threads)
     # Of covers only the times are known.
     unknown = np.zeros(np.count_nonzero(covered), found.dtype)
-    unknown["outer_low_s"], unknown["outer_high_s"] = -shifts.a_end_s[covered], shifts.b_end_s[covered]
-    unknown["inner_low_s"], unknown["inner_high_s"] = np.inf, -np.inf
+    unknown["outer_low"], unknown["outer_high"] = -shifts.a_end_s[covered], shifts.b_end_s[covered]
+    unknown["inner_low"], unknown["inner_high"] = np.inf, -np.inf
     rows, found = np.concatenate([solved[rows], np.flatnonzero(covered)]), np.concatenate([found, unknown])
     first, last, zero = first[rows], last[rows], zero[rows]
     return Differences(
         number[a[rows]],
         number[b[rows]],
-        _later(first, zero, np.floor(1e6 * found["outer_low_s"] - _ROUNDING_US)),
-        _later(last, zero, np.ceil(1e6 * found["outer_high_s"] + _ROUNDING_US)),
-        _later(first, zero, np.ceil(1e6 * found["inner_low_s"] + _ROUNDING_US)),
-        _later(last, zero, np.floor(1e6 * found["inner_high_s"] - _ROUNDING_US)),
+        _later(first, zero, np.floor(1e6 * found["outer_low"] - _ROUNDING_US)),
+        _later(last, zero, np.ceil(1e6 * found["outer_high"] + _ROUNDING_US)),
+        _later(first, zero, np.ceil(1e6 * found["inner_low"] + _ROUNDING_US)),
+        _later(last, zero, np.floor(1e6 * found["inner_high"] - _ROUNDING_US)),
     )
 
 
@@ -357,16 +391,18 @@ def shifts_of(
     lasts_s = (pieces.end_us[a] - zero) / 1e6 * lasts
     b_lasts_s = np.where(still, 0, pieces.end_us[b] - np.where(still, pieces.end_us[b], first)) / 1e6
     nothing = np.zeros(len(a))
-    least_s, most_s = (
+    least, most = (
         (sign * (horizon_us + _BEYOND_US) - _later(instant, zero, nothing)) / 1e6
         for sign, instant in ((-1, last), (1, first))
     )
-    shifts = Shifts(a, b, zero, np.where(still, zero, first), nothing, lasts_s, nothing, b_lasts_s, least_s, most_s)
+    shifts = Shifts(a, b, zero, np.where(still, zero, first), nothing, lasts_s, nothing, b_lasts_s, least, most)
     return shifts, first, last
 
 
-def _solved(prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, threads: int) -> tuple[_Ints, NDArray[Any]]:
-    """Return rows of pairs that some difference brings into contact, and their differences.
+def solved_shifts(
+    prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, threads: int
+) -> tuple[_Ints, NDArray[Any]]:
+    """Return rows of pairs that something asked about brings into contact, and the answers.
 
     Where a part of an interval is neither proven free nor forbidden, times are halved, so that a pair may have several
     rows: contact sets of havens that change their shape may have several parts.
@@ -375,8 +411,10 @@ def _solved(prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, thread
     for split in range(_MOST_SPLITS + 1):
         found = differences(prepared, shifts, reach_m, kernel.Work(), threads)
         known = (found["state"] == DifferenceState.NONE) | (found["state"] == DifferenceState.UNKNOWN)
-        known |= found["outer_high_s"] - found["outer_low_s"] <= found["inner_high_s"] - found["inner_low_s"] + _LOOSE_S
-        known |= (found["outer_high_s"] - found["outer_low_s"] <= _LOOSE_S) | (split == _MOST_SPLITS)
+        # A factor moves the end of a piece by as much more as it is later.
+        loose = _LOOSE_S / np.maximum(shifts.a_end_s, _LOOSE_S) if shifts.is_factor else _LOOSE_S
+        known |= found["outer_high"] - found["outer_low"] <= found["inner_high"] - found["inner_low"] + loose
+        known |= (found["outer_high"] - found["outer_low"] <= loose) | (split == _MOST_SPLITS)
         kept = known & (found["state"] != DifferenceState.NONE)
         done.append((rows[kept], found[kept]))
         if known.all():
@@ -405,4 +443,4 @@ def _later(instant_us: _Ints, zero_us: _Ints, more_us: NDArray[np.float64]) -> _
     exact = (
         np.where(known, instant_us, 0) - np.where(known, zero_us, 0) + np.where(known, more_us, 0.0).astype(np.int64)
     )
-    return np.where(known, exact, np.where(infinite > 0.0, 2 * _FOREVER_US, -2 * _FOREVER_US))
+    return np.where(known, exact, np.where(infinite > 0.0, 2 * FOREVER_US, -2 * FOREVER_US))

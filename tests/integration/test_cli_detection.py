@@ -621,3 +621,26 @@ def test_delays_say_when_tracks_could_depart_instead(run: Run) -> None:
     assert re.search(r"^CONVOY-1 +free +0:00:29\.\d+ +\d+\.\d m +CONVOY-2$", wide.out, re.MULTILINE)
     assert re.search(r"^CONVOY-1 +free +0:00:29\.\d+ +100 m or more +CONVOY-2$", narrow.out, re.MULTILINE)
     assert re.search(r"^TOW +conflict +0:11:17\.\d+ +0:07:58\.\d+ +FERRY$", wide.out, re.MULTILINE)
+
+
+def test_speeds_and_waits_say_what_else_a_track_could_do(run: Run) -> None:
+    run("load", STRAIT)
+    found = run("speeds", "--scene", "strait")
+    assert (found.code, found.err) == (0, "")
+    assert re.search(r"^TOW +conflict +0\.938 +1\.045 +FERRY$", found.out, re.MULTILINE)
+    assert re.search(r"^CONVOY-1 +free +CONVOY-2$", found.out, re.MULTILINE)
+    assert "SUB-1: no speed from 0.5 to 2 times the planned one clears CABLE" in found.out.splitlines()
+    alone = run("speeds", "TOW", "--scene", "strait", "--leg", "1")
+    assert re.search(r"^ *0\.93859\d+ +1\.04413\d+ +\S+e-\d+, \S+e-\d+ +yes +FERRY$", alone.out, re.MULTILINE)
+    [tow] = run("speeds", "TOW", "--scene", "strait", "--format", "json").json
+    assert (tow["key"], tow["leg"], tow["forbidden"][0]["by"]) == ("TOW", None, ["FERRY"])
+    assert 0.5 < tow["slower"] < tow["forbidden"][0]["from_factor"]
+    # The printed factors have fewer digits, and are farther away.
+    assert tow["slower"] >= 0.938
+    assert tow["faster"] <= 1.045
+    waits = run("delays", "TOW", "--waypoint", "2", "--scene", "strait")
+    assert waits.out.splitlines()[3] == "TOW: no wait at waypoint 2 within 2:00:00 clears FERRY"
+    for args in (["--leg", "1"], ["TOW", "--leg", "9"], ["TOW", "--slowest", "2"]):
+        refused = run("speeds", *args, "--scene", "strait")
+        assert (refused.code, refused.out) == (4, "")
+        assert refused.err.startswith("conflictdb: speeds: ")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from workloads import GROWING_CIRCLES, HARBOUR, LOW_LATITUDE, SEAM, Workload, throw
 
-from conflictdb import InvalidInput, connect, delays
+from conflictdb import InvalidInput, connect, delays, speeds
 from conflictdb.db import store
 from conflictdb.model.results import Delays
 
@@ -32,6 +32,29 @@ def test_a_stored_scene_has_the_delays_of_its_objects(dsn: str, workload: Worklo
         store.replace_scene(db.connection, scene, [], [moved], merge=True)
         again = delays([moved, *tracks[1:]], areas, stored.settings(), within_s=within_s)
         _assert_alike([stored.delays(one.key, within_s)[0] for one in again], again)
+
+
+def test_a_stored_scene_has_the_speeds_and_waits_of_its_objects(dsn: str) -> None:
+    """Of one track only the objects that it may meet are read, if the scene is current: the answer is the same."""
+    scene, areas, tracks = throw(SEAM, 4, 10, 12, separation_m=500.0)
+    key = tracks[0].key
+    with connect(dsn) as db:
+        store.replace_scene(db.connection, scene, areas, tracks, merge=False)
+        stored = db.scene(scene.name)
+        settings = stored.settings()
+        for _ in ("marked", "current"):
+            assert stored.speeds() == speeds(tracks, areas, settings)
+            for one in tracks:
+                assert stored.speeds(one.key, 0.7, 1.5) == speeds(tracks, areas, settings, one.key, 0.7, 1.5)
+            assert stored.speeds(key, leg=1) == speeds(tracks, areas, settings, key, leg=1)
+            assert stored.delays(key, waypoint=1) == delays(tracks, areas, settings, key, waypoint=1)
+            stored.detect()
+        with pytest.raises(InvalidInput, match="'nobody' is not known"):
+            stored.speeds("nobody")
+        with pytest.raises(InvalidInput, match="slowest, fastest"):
+            stored.speeds(slowest=0.0)
+        with pytest.raises(InvalidInput, match="nowhere"):
+            db.scene("nowhere").speeds()
 
 
 def _assert_alike(found: list[Delays], expected: list[Delays]) -> None:

@@ -1,4 +1,4 @@
-"""The oracle of delays: copies of a track that depart at other times, through stages 2 to 4."""
+"""The oracle of delays, waits and speeds: copies of a track with other times, through stages 2 to 4."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -34,15 +34,61 @@ def shifted(track: Track, shift_us: int, key: str | None = None) -> Track:
     return replace(moved, positions_deg=positions_deg, times_us=times_us, max_speed_kn=np.inf, **more)
 
 
+def with_outlines(track: Track) -> Track:
+    """The same track, whose growing haven has an outline at each waypoint instead, which other times do not change."""
+    if track.grow_mps == 0.0:
+        return track
+    legs = np.arange(len(track.times_us) - 1)
+    offset, start, end = TrackBatch.of([track]).outlines_on(np.zeros_like(legs), legs)
+    outlines_m = np.stack([*np.split(start, offset[1:-1]), np.split(end, offset[1:-1])[-1]])
+    return replace(track, grow_mps=0.0, outline_m=outlines_m[0], outlines_m=outlines_m, max_speed_kn=np.inf)
+
+
+def waiting(track: Track, waypoint: int, wait_us: int) -> Track:
+    """The track waiting that long at a waypoint, 1 the first, with the haven that it has there."""
+    if wait_us == 0:
+        return track
+    track, n = with_outlines(track), waypoint - 1
+    more: dict[str, Any] = {
+        name: np.concatenate([values[: n + 1], values[n:]])
+        for name in ("positions_deg", "outlines_m")
+        if (values := getattr(track, name)) is not None
+    }
+    for name in ("floors_m", "ceilings_m"):  # one per leg; waits at the height of the next leg
+        if (values := getattr(track, name)) is not None:
+            more[name] = np.concatenate([values[: n + 1], values[n:]])
+    times_us = np.concatenate([track.times_us[: n + 1], track.times_us[n:] + wait_us])
+    return replace(track, times_us=times_us, max_speed_kn=np.inf, **more)
+
+
+def stretched(track: Track, factor: float, leg: int | None = None) -> Track:
+    """The track at another speed, on all legs or on one, 1 the first; instants are rounded to microseconds."""
+    track = with_outlines(track)
+    durations_us = np.diff(track.times_us) / 1.0
+    if leg is None:
+        times_us = track.times_us[0] + np.rint((track.times_us - track.times_us[0]) / factor).astype(np.int64)
+    else:
+        times_us = track.times_us.copy()
+        times_us[leg:] += round(durations_us[leg - 1] / factor) - int(durations_us[leg - 1])
+    return replace(track, times_us=times_us, max_speed_kn=np.inf)
+
+
 def meets_when_shifted(
     scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], key: str, shifts_us: np.ndarray
 ) -> list[set[str]]:
     """For each shift of a track the keys of all that it is in conflict with, also grazing or unresolved."""
+    [one] = (track for track in tracks if track.key == key)
+    return meets_when_changed(scene, areas, tracks, key, [shifted(one, shift) for shift in shifts_us.tolist()])
+
+
+def meets_when_changed(
+    scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], key: str, changed: Sequence[Track]
+) -> list[set[str]]:
+    """For each changed copy of a track the keys of all that it is in conflict with, also grazing or unresolved."""
     scene = centred(scene, areas, tracks)
     plane = plane_of(scene)
-    [one] = (track for track in tracks if track.key == key)
     rest = [track for track in tracks if track.key != key]
-    copies = [shifted(one, shift, f"copy {shift}") for shift in shifts_us.tolist()]
+    copies = [replace(one, key=f"copy {n}", max_speed_kn=np.inf) for n, one in enumerate(changed)]
     batch = AreaBatch.of(areas)
     pieces = pieces_of(scene, plane, batch, TrackBatch.of(rest + copies))
     is_copy = (pieces.kind == 1) & (pieces.object_id >= len(rest))

@@ -49,7 +49,7 @@ def test_any_number_of_threads_and_any_order_give_the_same_bits(workload: Worklo
     one, two = (differences(scene, shifts, reach_m, works[n - 1], n) for n in (1, 2))
     mixed = np.empty_like(one)
     mixed[order] = differences(scene, shifts.take(order), reach_m, works[2])
-    for name in ("outer_low_s", "inner_low_s", "inner_high_s", "outer_high_s", "state"):
+    for name in ("outer_low", "inner_low", "inner_high", "outer_high", "state"):
         assert one[name].tobytes() == two[name].tobytes() == mixed[name].tobytes()
     assert works[0] == works[1] == works[2]
     assert set(one["state"].tolist()) <= {DifferenceState.NONE, DifferenceState.INNER}
@@ -63,9 +63,9 @@ def test_a_larger_reach_gives_larger_intervals(workload: Workload) -> None:
     shifts, scene = shifts_of(pieces, *pairs), KernelScene(plane, pieces)
     small, large = (differences(scene, shifts, reach_m, Work()) for reach_m in (1.0, 2000.0))
     known = small["state"] == DifferenceState.INNER
-    assert (small["inner_low_s"] >= large["outer_low_s"])[known].all()
-    assert (small["inner_high_s"] <= large["outer_high_s"])[known].all()
-    assert (large["outer_low_s"] < small["outer_low_s"])[known].any()
+    assert (small["inner_low"] >= large["outer_low"])[known].all()
+    assert (small["inner_high"] <= large["outer_high"])[known].all()
+    assert (large["outer_low"] < small["outer_low"])[known].any()
 
 
 def test_a_pair_and_its_mirror_image_agree() -> None:
@@ -77,9 +77,9 @@ def test_a_pair_and_its_mirror_image_agree() -> None:
     assert both.any()
     known = (one["state"] == DifferenceState.INNER) & (other["state"] == DifferenceState.INNER)
     assert known.any()
-    assert (one["inner_high_s"] <= -other["outer_low_s"])[known].all()
-    assert (one["inner_low_s"] >= -other["outer_high_s"])[known].all()
-    assert (other["inner_high_s"] <= -one["outer_low_s"])[known].all()
+    assert (one["inner_high"] <= -other["outer_low"])[known].all()
+    assert (one["inner_low"] >= -other["outer_high"])[known].all()
+    assert (other["inner_high"] <= -one["outer_low"])[known].all()
 
 
 def test_an_invalid_piece_or_time_leaves_everything_possible() -> None:
@@ -93,15 +93,15 @@ def test_an_invalid_piece_or_time_leaves_everything_possible() -> None:
     found = differences(scene, shifts, 1.0, Work())
     assert (found["state"][its_own] == DifferenceState.UNKNOWN).all()
     assert (found["state"][~its_own] != DifferenceState.UNKNOWN).all()
-    np.testing.assert_array_equal(found["outer_low_s"][its_own], (shifts.b_start_s - shifts.a_end_s)[its_own])
-    np.testing.assert_array_equal(found["outer_high_s"][its_own], (shifts.b_end_s - shifts.a_start_s)[its_own])
+    np.testing.assert_array_equal(found["outer_low"][its_own], (shifts.b_start_s - shifts.a_end_s)[its_own])
+    np.testing.assert_array_equal(found["outer_high"][its_own], (shifts.b_end_s - shifts.a_start_s)[its_own])
     for start, end in ((np.nan, 1.0), (2.0, 1.0), (0.0, np.inf), (-np.inf, np.inf)):
         times = np.full(len(a), start), np.full(len(a), end)
         odd = replace(shifts, a_start_s=times[0], a_end_s=times[1])
         found = differences(KernelScene(plane, pieces), odd, 1.0, Work())
         assert (found["state"] == DifferenceState.UNKNOWN).all()
-        assert (found["outer_low_s"] <= found["outer_high_s"]).all()
-        assert (found["inner_low_s"] > found["inner_high_s"]).all()
+        assert (found["outer_low"] <= found["outer_high"]).all()
+        assert (found["inner_low"] > found["inner_high"]).all()
 
 
 @pytest.mark.parametrize("reach_m", [-1.0, np.nan, np.inf])
@@ -134,7 +134,7 @@ def test_polygons_of_many_sides_take_bounded_work(count: int, reach_m: float) ->
     one, work = np.zeros(1, np.int64), Work()
     [found] = differences(KernelScene(plane, large), shifts_of(large, one + 1, one), reach_m, work)
     assert found["state"] == DifferenceState.INNER
-    assert max(found["inner_low_s"] - found["outer_low_s"], found["outer_high_s"] - found["inner_high_s"]) < 0.1
+    assert max(found["inner_low"] - found["outer_low"], found["outer_high"] - found["inner_high"]) < 0.1
     assert work.evaluations < 8_000
 
 
@@ -152,9 +152,7 @@ def test_ends_are_sharp_where_a_corner_passes_a_long_side_or_a_corner(reach_m: f
     work = Work()
     found = differences(KernelScene(plane.kernel_plane, pieces), shifts_of(pieces, a, b), reach_m, work)
     inside = found[found["state"] == DifferenceState.INNER]
-    errors_s = np.concatenate(
-        [inside["inner_low_s"] - inside["outer_low_s"], inside["outer_high_s"] - inside["inner_high_s"]]
-    )
+    errors_s = np.concatenate([inside["inner_low"] - inside["outer_low"], inside["outer_high"] - inside["inner_high"]])
     assert len(inside) > 50
     assert np.percentile(errors_s, 99) < (2e-5 if reach_m == 1.0 else 2e-2)
     assert work.windows < 12 * len(a)
@@ -169,18 +167,18 @@ def test_differences_asked_about_are_those_of_all(workload: Workload, reach_m: f
     every = differences(scene, shifts, reach_m, Work())
     met = np.flatnonzero(every["state"] == DifferenceState.INNER)
     shifts, every = shifts.take(met), every[met]
-    middle = 0.5 * (every["inner_low_s"] + every["inner_high_s"])
-    found = differences(scene, replace(shifts, least_s=middle), reach_m, Work())
+    middle = 0.5 * (every["inner_low"] + every["inner_high"])
+    found = differences(scene, replace(shifts, least=middle), reach_m, Work())
     assert (found["state"] != DifferenceState.NONE).all()
-    assert (found["outer_low_s"] >= middle - 1e-6).all()
-    assert (found["outer_low_s"] <= middle + 1e-6).all()
-    assert (found["outer_high_s"] >= every["inner_high_s"] - 1e-9).all()
+    assert (found["outer_low"] >= middle - 1e-6).all()
+    assert (found["outer_low"] <= middle + 1e-6).all()
+    assert (found["outer_high"] >= every["inner_high"] - 1e-9).all()
     known = found["state"] == DifferenceState.INNER
     assert known.mean() > 0.9
-    assert (found["inner_high_s"] <= every["outer_high_s"])[known].all()
+    assert (found["inner_high"] <= every["outer_high"])[known].all()
     for gone in (
-        replace(shifts, least_s=every["outer_high_s"] + 1e-3),
-        replace(shifts, most_s=every["outer_low_s"] - 1e-3),
+        replace(shifts, least=every["outer_high"] + 1e-3),
+        replace(shifts, most=every["outer_low"] - 1e-3),
     ):
         beyond = differences(scene, gone, reach_m, Work())
         assert (beyond["state"] != DifferenceState.INNER).all()

@@ -21,7 +21,7 @@ GROUPS: Final = (
     (
         "ask",
         (
-            *("detect", "conflicts", "approaches", "probe", "delays", "explain", "history", "acknowledge"),
+            *("detect", "conflicts", "approaches", "probe", "delays", "speeds", "explain", "history", "acknowledge"),
             *("map", "plot", "report", "advise"),
         ),
     ),

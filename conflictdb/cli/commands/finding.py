@@ -140,6 +140,15 @@ def _add_questions(commands: Any) -> None:
     parser.add_argument("--within", type=duration_s, default=7200.0, metavar="DURATION", help="horizon (default: 2h)")
     parser.add_argument("--clear-within-m", type=metres, metavar="M", help="show how far it stays clear")
     parser.add_argument("--now", type=instant, metavar="TIME", help="nothing departs before (ISO 8601 with offset)")
+    parser.add_argument("--waypoint", type=count, metavar="N", help="wait there instead")
+    add_format(parser, "table", "json")
+
+    parser = command(commands, "speeds", "delaying:speeds", "say at which speeds tracks meet nothing")
+    parser.add_argument("key", nargs="?", metavar="KEY", help="track (default: every track)")
+    add_scene(parser)
+    parser.add_argument("--slowest", type=float, default=0.5, metavar="FACTOR", help="limit (default: 0.5)")
+    parser.add_argument("--fastest", type=float, default=2.0, metavar="FACTOR", help="limit (default: 2)")
+    parser.add_argument("--leg", type=count, metavar="N", help="on this leg only")
     add_format(parser, "table", "json")
 
     parser = command(commands, "explain", "detecting:explain", "say why two objects are in conflict, or not")

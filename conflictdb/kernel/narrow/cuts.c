@@ -1,5 +1,7 @@
 #include "narrow/cuts.h"
 
+#include "narrow/proofs.h"
+
 /* Edges of each polygon whose normals cut, by their number times that of all vertices; more are skipped evenly. The axes
  * between nearest points replace them. Fewer: more boxes. */
 enum { EDGE_STEPS = 65536, MOST_EDGES = 64, LEAST_EDGES = 4 };
@@ -16,6 +18,15 @@ static void put_halves(const Cuts *cuts, const Polygon *polygon, double *halves)
     }
 }
 
+/* The speed of b relative to a in the middle of a box, plane m/s; of a stretched track at most. Where a distance is required, a
+ * detection may keep what comes nearer to it than this takes it in half of its shortest interval. */
+static double relative_speed(const Cuts *cuts, const Box *box) {
+    const Encounter *pair = cuts->shift.pair;
+    Vector a = mover_velocity(&pair->a, 0.5 * (box->u0 + box->u1)), b = mover_velocity(&pair->b, 0.5 * (box->v0 + box->v1));
+    if (cuts->shift.goal.is_factor) return norm(a) / least(cuts->shift.goal.least, 1.0) + norm(b);
+    return hypot(b.x - a.x, b.y - a.y);
+}
+
 Slack cuts_put_ends(Cuts *cuts, const Box *box) {
     Encounter *pair = cuts->shift.pair;
     Polygon *polygons[4] = {&pair->a0, &pair->a1, &pair->b0, &pair->b1};
@@ -24,10 +35,12 @@ Slack cuts_put_ends(Cuts *cuts, const Box *box) {
     mover_place(&pair->b, box->v0, &pair->b0), mover_place(&pair->b, box->v1, &pair->b1);
     for (int k = 0; k < 4; k++) extent_add(&extent, polygons[k], pair->a.origin);
     double largest = plane_largest_scale(pair->plane, &extent), hu = box->u1 - box->u0, hv = box->v1 - box->v0;
-    Slack slack = {mover_bounds(&pair->a, box->u0, box->u1).acceleration * hu * hu / 8.0,
-                   mover_bounds(&pair->b, box->v0, box->v1).acceleration * hv * hv / 8.0, cuts->touch_m * largest, 0.0};
+    Bounds a = mover_bounds(&pair->a, box->u0, box->u1), b = mover_bounds(&pair->b, box->v0, box->v1);
+    Slack slack = {a.acceleration * hu * hu / 8.0, b.acceleration * hv * hv / 8.0, cuts->touch_m * largest, 0.0};
     slack.unknown = slack.touch;
     if (cuts->shift.reach_m == 0.0) return slack;
+    slack.touch += 0.5 * SHORTEST_INTERVAL_S * (relative_speed(cuts, box) + a.spread + b.spread);
+    slack.unknown = slack.touch;
     cuts->is_long = plane_half_is_long(pair->plane, cuts->shift.reach_m, largest);
     for (int k = 0; k < 4; k++) put_halves(cuts, polygons[k], cuts->halves[k]);
     /* Off its chord, a vertex changes its half by at most this share of how far it is off. */
@@ -126,16 +139,18 @@ Passing cuts_by_passing(Cuts *cuts, Box *box, Slack slack, double sign) {
     double hu = box->u1 - box->u0, hv = box->v1 - box->v0;
     if (!(cuts->shift.reach_m > 0.0 && hu > 0.0 && hv > 0.0)) return none;
     Vector a = mover_velocity(&pair->a, 0.5 * (box->u0 + box->u1)), b = mover_velocity(&pair->b, 0.5 * (box->v0 + box->v1));
-    Vector way = {b.x - a.x, b.y - a.y};
+    /* Along v = factor u both times change together. */
+    double factor = cuts->shift.goal.is_factor ? sign * box->bound : 1.0;
+    Vector way = {factor * b.x - a.x, factor * b.y - a.y};
     double speed = norm(way);
     if (!(speed > 0.0)) return none;
     Vector along = {way.x / speed, way.y / speed}, axis = {-along.y, along.x};
     if (sign * (axis.x * a.x + axis.y * a.y) < 0.0) axis = (Vector){-axis.x, -axis.y};
     Affine gap = gap_between(box, slack, ends_along(cuts, axis));
-    gap = gap_between(box, slack, ends_along(cuts, turned(axis, along, -(gap.u + gap.v) / speed)));
+    gap = gap_between(box, slack, ends_along(cuts, turned(axis, along, -(gap.u + factor * gap.v) / speed)));
     part_cut(&box->part, gap.u, gap.v, gap.level);
     double rate = 0.5 * sign * (gap.v - gap.u);
-    if (!(rate > 0.0)) return none;
+    if (!(rate > 0.0) || cuts->shift.goal.is_factor) return none;
     return (Passing){along, along.x * a.x + along.y * a.y, along.x * b.x + along.y * b.y, -gap.level / rate, rate};
 }
 
@@ -270,7 +285,7 @@ void cuts_by_near_part(Cuts *cuts, Box *box, Slack slack, double sign, double at
     Times tip;
     double of_a, of_b, bound = box->bound;
     if (cuts->shift.reach_m == 0.0 || slack.bend_a + slack.bend_b > HALF_KNOWN * at_tip) return;
-    if (part_highest(&box->part, sign, &tip) < bound) return;
+    if (goal_highest(&cuts->shift.goal, &box->part, sign, &tip) < bound) return;
     side_under(&cuts->shift.pair->a0, nearest->from, &of_a), side_under(&cuts->shift.pair->b0, nearest->to, &of_b);
     bool is_a = least(of_a, 1.0 - of_a) > least(of_b, 1.0 - of_b);
     cut_near(cuts, box, slack, is_a, is_a ? nearest->from : nearest->to, nearest->gap);

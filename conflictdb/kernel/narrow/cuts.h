@@ -48,8 +48,8 @@ void cuts_by_all(Cuts *cuts, Box *box, Slack slack);
 /* Cut along a new axis, and keep it for later boxes in place of the oldest. */
 void cuts_by_axis(Cuts *cuts, Box *box, Slack slack, Vector axis);
 
-/* Cut across the relative velocity. There the gap must change as much with one time as with the other. The bound is infinite
- * without a reach, and if a piece stands still. */
+/* Cut across the relative velocity. There the gap must change as much with one time as with the other; with a factor, by as
+ * much less. The bound is infinite without a reach, if a piece stands still, and of factors. */
 Passing cuts_by_passing(Cuts *cuts, Box *box, Slack slack, double sign);
 
 /* Cut by the near part of the side that separates the tip of box->bound, if nothing but the halves of the side's ends keeps

@@ -1,4 +1,4 @@
-/* Which differences of departure bring two pieces into contact, with proofs.
+/* Which differences of departure, or factors of time, bring two pieces into contact, with proofs.
  *
  * Piece a is at A(u) at its own time u, piece b at B(v). The contact set
  *
@@ -6,7 +6,9 @@
  *
  * does not depend on departures: a track that departs d later is at A(t - d) at t, so it meets b if and only if d = v - u
  * for some (u, v) in C (coordination space: P. A. O'Donnell, T. Lozano-Perez, ICRA 1989, doi:10.1109/ROBOT.1989.100035;
- * S. M. LaValle, "Planning Algorithms" (2006), 7.2).
+ * S. M. LaValle, "Planning Algorithms" (2006), 7.2). If all its times since its departure, the zero of u and v, take k times
+ * as long, it is at A(t / k): they meet if and only if k = v / u for some (u, v) in C (goal.h). What follows says
+ * "difference" for both goals: both are largest at a corner of a convex part.
  *
  * Proof from outside. Along a fixed unit vector n the gap is g(u, v) = min n.B(v) - max n.A(u). If vertices moved on their
  * chords, the minimum would be concave in v, and the maximum convex in u. They leave them by at most M h^2 / 8. So g is at
@@ -36,8 +38,9 @@ enum { ROOT_STEPS = 40 };
 enum { MOST_STALLS = 24 };
 /* Ends are found to AIM_S; boxes are not halved below SHORTEST_S. Below KNOWN_SHARE of what distances leave open the bend
  * of motion does not matter, and nearer than FEW times that to the border no more is known. A box shrinks if to SHRUNK of
- * its size, or if its bound comes nearer to what was seen by GAIN. */
-static const double AIM_S = 5e-7, SHORTEST_S = 1e-7, KNOWN_SHARE = 0.1, FEW = 4.0, SHRUNK = 0.6, GAIN = 0.1;
+ * its size, or if its bound comes nearer to what was seen by GAIN. Waypoints of a stretched track, rounded to microseconds, and
+ * times between them are off by less than ROUNDED_S. */
+static const double AIM_S = 5e-7, ROUNDED_S = 1e-6, SHORTEST_S = 1e-7, KNOWN_SHARE = 0.1, FEW = 4.0, SHRUNK = 0.6, GAIN = 0.1;
 /* Clearances below this are contact, beyond what a detection rounds by, metres. */
 static const double SURE_M = -2.0 * KERNEL_TOUCH_M;
 /* The root is near enough if it is this deep in contact, metres, or this near, seconds. */
@@ -55,11 +58,12 @@ typedef struct {
     Cuts cuts;
     Box *boxes;
     int looks_left, stalls;
+    double aim;
 } Search;
 
 /* Keep what is larger than the value seen. */
-static void cut_seen(Box *box, double sign, const Seen *seen) {
-    if (isfinite(seen->value)) part_cut(&box->part, sign, -sign, seen->value);
+static void cut_seen(const Search *search, Box *box, double sign, const Seen *seen) {
+    if (isfinite(seen->value)) goal_cut(&search->cuts.shift.goal, &box->part, sign, seen->value);
 }
 
 /* Shrink a box to its part. */
@@ -74,18 +78,18 @@ static void fit(Box *box) {
     box->v0 = most(box->v0, v0 - dv), box->v1 = least(box->v1, v1 + dv);
 }
 
-/* Whether a point is within the box of the whole pair, and its difference asked about. */
+/* Whether a point is within the box of the whole pair, and asked about. */
 static bool is_asked(const Shift *shift, Times at) {
     bool is_in = at.u >= shift->u0 && at.u <= shift->u1 && at.v >= shift->v0 && at.v <= shift->v1;
-    return is_in && at.v - at.u >= shift->least && at.v - at.u <= shift->most;
+    return is_in && goal_is_asked(&shift->goal, at);
 }
 
 static bool is_within(const Box *box, Times at) {
     return at.u >= box->u0 && at.u <= box->u1 && at.v >= box->v0 && at.v <= box->v1;
 }
 
-static void see(Seen *seen, double sign, Times at) {
-    double value = sign * (at.v - at.u);
+static void see(const Search *search, Seen *seen, double sign, Times at) {
+    double value = goal_value(&search->cuts.shift.goal, sign, at);
     if (value > seen->value) *seen = (Seen){value, at};
 }
 
@@ -94,7 +98,8 @@ static void see(Seen *seen, double sign, Times at) {
 static Times border_point(Search *search, double sign, Times in, double f_in, Times tip, double f_tip) {
     double low = 0.0, high = 1.0, f_low = f_in - SURE_M, f_high = f_tip - SURE_M;
     double length = fabs(tip.u - in.u) + fabs(tip.v - in.v);
-    bool is_rising = sign * (tip.v - tip.u) > sign * (in.v - in.u);
+    const Goal *goal = &search->cuts.shift.goal;
+    bool is_rising = goal_value(goal, sign, tip) > goal_value(goal, sign, in);
     int side = 0;
     for (int k = 0; k < ROOT_STEPS && (high - low) * length > ROOT_S; k++) {
         if (is_rising && high - low <= GAIN * (1.0 - high)) break;
@@ -131,7 +136,7 @@ static bool see_passing(Search *search, const Box *box, const Passing *passing, 
         if (!is_asked(&search->cuts.shift, at)) return false;
         apart = shift_clearance_m(&search->cuts.shift, at, NULL) - SURE_M;
     }
-    if (apart <= 0.0) see(seen, sign, at);
+    if (apart <= 0.0) see(search, seen, sign, at);
     return apart <= 0.0;
 }
 
@@ -149,7 +154,7 @@ static void see_more(Search *search, Box *box, Slack slack, const Passing *passi
     Nearest there;
     double at_middle = shift_clearance_m(&search->cuts.shift, middle, &there);
     bool is_last = passing->rate > 0.0 && *at_tip <= FEW * slack.unknown;
-    if (at_middle <= SURE_M) see(seen, sign, border_point(search, sign, middle, at_middle, tip, *at_tip));
+    if (at_middle <= SURE_M) see(search, seen, sign, border_point(search, sign, middle, at_middle, tip, *at_tip));
     else if (!is_last || !see_passing(search, box, passing, sign, &tip, at_tip, nearest, seen))
         cuts_by_axis(&search->cuts, box, slack, there.axis);
 }
@@ -159,24 +164,24 @@ static Next look(Search *search, Box *box, double sign, Seen *seen, bool *by_u) 
     Times tip;
     Nearest nearest;
     search->looks_left--, search->cuts.shift.pair->work->windows++;
-    cut_seen(box, sign, seen);
+    cut_seen(search, box, sign, seen);
     if (box->part.count > 0) fit(box);
     Slack slack = cuts_put_ends(&search->cuts, box);
     Passing passing = cuts_by_passing(&search->cuts, box, slack, sign);
     cuts_by_all(&search->cuts, box, slack);
-    box->bound = part_highest(&box->part, sign, &tip);
-    if (box->bound <= seen->value + AIM_S) return IS_DONE;
+    box->bound = goal_highest(&search->cuts.shift.goal, &box->part, sign, &tip);
+    if (box->bound <= seen->value + search->aim) return IS_DONE;
     double before = box->bound, at_tip = shift_clearance_m(&search->cuts.shift, tip, &nearest);
     if (at_tip <= SURE_M) {
-        see(seen, sign, tip);
+        see(search, seen, sign, tip);
         return IS_DONE;
     }
     Times middle = part_middle(&box->part);
     cuts_by_axis(&search->cuts, box, slack, nearest.axis);
     cuts_by_near_part(&search->cuts, box, slack, sign, at_tip, &nearest);
     see_more(search, box, slack, &passing, sign, middle, tip, &at_tip, &nearest, seen);
-    cut_seen(box, sign, seen);
-    box->bound = part_highest(&box->part, sign, &tip);
+    cut_seen(search, box, sign, seen);
+    box->bound = goal_highest(&search->cuts.shift.goal, &box->part, sign, &tip);
     if (box->part.count == 0) return IS_DONE;
     double hu = box->u1 - box->u0, hv = box->v1 - box->v0;
     fit(box);
@@ -194,14 +199,14 @@ static Next look(Search *search, Box *box, double sign, Seen *seen, bool *by_u) 
     return IS_HALVED;
 }
 
-static Box half_of(const Box *box, double sign, bool by_u, bool is_first) {
+static Box half_of(const Goal *goal, const Box *box, double sign, bool by_u, bool is_first) {
     Box half = *box;
     Times at;
     double middle = by_u ? 0.5 * (box->u0 + box->u1) : 0.5 * (box->v0 + box->v1), side = is_first ? 1.0 : -1.0;
     part_cut(&half.part, by_u ? side : 0.0, by_u ? 0.0 : side, -side * middle);
     if (is_first) *(by_u ? &half.u1 : &half.v1) = middle;
     else *(by_u ? &half.u0 : &half.v0) = middle;
-    half.bound = part_highest(&half.part, sign, &at);
+    half.bound = goal_highest(goal, &half.part, sign, &at);
     return half;
 }
 
@@ -213,20 +218,20 @@ static double highest(Search *search, const Box *whole, double sign, Seen *seen)
     double found = -INFINITY;
     int count = 1;
     search->stalls = 0;
-    boxes[0] = *whole, boxes[0].bound = part_highest(&whole->part, sign, &at);
+    boxes[0] = *whole, boxes[0].bound = goal_highest(&search->cuts.shift.goal, &whole->part, sign, &at);
     while (count > 0) {
         int next = 0;
         for (int k = 1; k < count; k++)
             if (boxes[k].bound > boxes[next].bound) next = k;
         Box box = boxes[next];
         boxes[next] = boxes[--count];
-        bool is_enough = box.bound <= seen->value + AIM_S || search->looks_left <= 0 || count + 2 > BOXES;
+        bool is_enough = box.bound <= seen->value + search->aim || search->looks_left <= 0 || count + 2 > BOXES;
         Next then = is_enough ? IS_DONE : look(search, &box, sign, seen, &by_u);
         if (then == IS_DONE) found = most(found, box.bound);
         else if (then == IS_SMALLER) boxes[count++] = box;
         else {
             for (int k = 0; k < 2; k++) {
-                boxes[count] = half_of(&box, sign, by_u, k == 0);
+                boxes[count] = half_of(&search->cuts.shift.goal, &box, sign, by_u, k == 0);
                 count += boxes[count].part.count > 0;
             }
         }
@@ -249,13 +254,14 @@ static KernelDifference differences_of(Search *search, Box *whole) {
     double high = highest(search, whole, 1.0, &last);
     if (high == -INFINITY) return APART;
     search->looks_left += half;
-    if (isfinite(last.value)) see(&first, -1.0, last.at);
+    if (isfinite(last.value)) see(search, &first, -1.0, last.at);
     double low = highest(search, whole, -1.0, &first);
     if (low == -INFINITY) return APART;
     KernelDifference found = {-low, INFINITY, -INFINITY, high, KERNEL_DIFFERENCE_OUTER};
     if (isfinite(last.value) && shift_contact_lasts(&search->cuts.shift, &first.at, &last.at, part_middle(&whole->part))) {
-        found.state = KERNEL_DIFFERENCE_INNER;
-        found.inner_low_s = first.at.v - first.at.u, found.inner_high_s = last.at.v - last.at.u;
+        const Goal *goal = &search->cuts.shift.goal;
+        double begins = -goal_exactly(goal, -1.0, first.at), ends = goal_exactly(goal, 1.0, last.at);
+        if (begins <= ends) found.state = KERNEL_DIFFERENCE_INNER, found.inner_low = begins, found.inner_high = ends;
     }
     return found;
 }
@@ -265,16 +271,18 @@ static bool begin(const KernelScene *scene, const KernelShifts *shifts, int64_t 
     Encounter *pair = search->cuts.shift.pair;
     double u0 = shifts->a_start_s[i], u1 = shifts->a_end_s[i], v0 = shifts->b_start_s[i], v1 = shifts->b_end_s[i];
     Vector origin = scene->bodies[shifts->a[i]].origin;
+    Goal goal = {shifts->is_factor, shifts->least[i], shifts->most[i], ROUNDED_S};
     if (!(u0 <= u1 && v0 <= v1)) return false;
+    if (goal.is_factor && !(u0 >= 0.0 && goal.least > 0.0 && goal.most < INFINITY)) return false;
     if (!border_move(scene, shifts->a[i], shifts->a_zero_us[i], u0, u1, origin, &pair->a)) return false;
     if (!border_move(scene, shifts->b[i], shifts->b_zero_us[i], v0, v1, origin, &pair->b)) return false;
     *whole = (Box){.u0 = u0, .u1 = u1, .v0 = v0, .v1 = v1, .part = part_of(u0, u1, v0, v1)};
-    part_cut(&whole->part, 1.0, -1.0, shifts->least_s[i]), part_cut(&whole->part, -1.0, 1.0, -shifts->most_s[i]);
+    goal_cut_asked(&goal, &whole->part);
     if (whole->part.count > 0) fit(whole);
     int64_t n = pair->a.body->count, m = pair->b.body->count, looks = (int64_t)MOST_LOOKS * FEW_VERTICES / (n + m);
     search->looks_left = (int)(looks > MOST_LOOKS ? MOST_LOOKS : looks < LEAST_LOOKS ? LEAST_LOOKS : looks);
     search->cuts.shift.evaluations_left = (int64_t)PLACES_PER_LOOK * search->looks_left;
-    search->cuts.shift.least = shifts->least_s[i], search->cuts.shift.most = shifts->most_s[i];
+    search->cuts.shift.goal = goal, search->aim = goal.is_factor ? AIM_S / most(u1, AIM_S) : AIM_S;
     search->cuts.shift.u0 = whole->u0, search->cuts.shift.u1 = whole->u1, search->cuts.shift.v0 = whole->v0,
     search->cuts.shift.v1 = whole->v1;
     cuts_begin(&search->cuts);
@@ -284,7 +292,7 @@ static bool begin(const KernelScene *scene, const KernelShifts *shifts, int64_t 
 KernelStatus kernel_differences(const KernelScene *scene, const KernelShifts *shifts, double reach_m, KernelDifference *found,
                                 KernelWork *work) {
     if (!scene || !shifts || !work) return KERNEL_NULL;
-    bool has_times = shifts->b_zero_us && shifts->b_start_s && shifts->b_end_s && shifts->least_s && shifts->most_s;
+    bool has_times = shifts->b_zero_us && shifts->b_start_s && shifts->b_end_s && shifts->least && shifts->most;
     if (shifts->count > 0 && !(has_times && found)) return KERNEL_NULL;
     KernelPairs pairs = {shifts->count, shifts->a, shifts->b, shifts->a_zero_us, shifts->a_start_s, shifts->a_end_s};
     Encounter pair = {.separation_m = reach_m, .work = work};
@@ -301,8 +309,9 @@ KernelStatus kernel_differences(const KernelScene *scene, const KernelShifts *sh
     for (int64_t i = 0; boxes && halves && i < shifts->count; i++) {
         Box whole;
         double low = shifts->b_start_s[i] - shifts->a_end_s[i], high = shifts->b_end_s[i] - shifts->a_start_s[i];
+        if (shifts->is_factor) low = shifts->least[i], high = shifts->most[i];
+        if (!(low <= high)) low = -INFINITY, high = INFINITY;
         KernelDifference unknown = {low, INFINITY, -INFINITY, high, KERNEL_DIFFERENCE_UNKNOWN};
-        if (!(low <= high)) unknown.outer_low_s = -INFINITY, unknown.outer_high_s = INFINITY;
         found[i] = begin(scene, shifts, i, &search, &whole) ? differences_of(&search, &whole) : unknown;
     }
     free(memory), free(boxes), free(halves);

@@ -1,7 +1,5 @@
 #include "narrow/part.h"
 
-#include <math.h>
-
 Part part_of(double u0, double u1, double v0, double v1) { return (Part){4, {{u0, v0}, {u1, v0}, {u1, v1}, {u0, v1}}}; }
 
 /* Clip by I. E. Sutherland and G. W. Hodgman, "Reentrant polygon clipping", CACM 17 (1974), doi:10.1145/360767.360802. */
@@ -24,15 +22,6 @@ void part_cut(Part *part, double a, double b, double c) {
     }
     part->count = kept.count;
     for (int i = 0; i < kept.count; i++) part->corner[i] = kept.corner[i];
-}
-
-double part_highest(const Part *part, double sign, Times *at) {
-    double highest = -INFINITY;
-    for (int i = 0; i < part->count; i++) {
-        double value = sign * (part->corner[i].v - part->corner[i].u);
-        if (value > highest) highest = value, *at = part->corner[i];
-    }
-    return highest;
 }
 
 Times part_middle(const Part *part) {

@@ -20,9 +20,6 @@ Part part_of(double u0, double u1, double v0, double v1);
 /* Keep what has a u + b v + c <= 0. A part without room for a further corner stays as it is. */
 void part_cut(Part *part, double a, double b, double c);
 
-/* The largest value of sign (v - u), and where; -INFINITY for an empty part. */
-double part_highest(const Part *part, double sign, Times *at);
-
 /* The mean of the corners. */
 Times part_middle(const Part *part);
 

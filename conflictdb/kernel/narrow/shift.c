@@ -235,7 +235,8 @@ bool shift_contact_lasts(Shift *shift, Times *from, Times *to, Times middle) {
     if (!(m.clearance <= -KERNEL_TOUCH_M)) m = q;
     is_contact_on(shift, m, p, MOST_WAY_PARTS, &first);
     is_contact_on(shift, m, q, MOST_WAY_PARTS, &last);
-    double low = from->v - from->u, high = to->v - to->u, begins = first.at.v - first.at.u, ends = last.at.v - last.at.u;
+    double low = goal_value(&shift->goal, 1.0, *from), high = goal_value(&shift->goal, 1.0, *to);
+    double begins = goal_value(&shift->goal, 1.0, first.at), ends = goal_value(&shift->goal, 1.0, last.at);
     *from = first.at, *to = last.at;
     /* Around the earth polygons may meet at other differences: such contacts are other pairs'. */
     return m.clearance <= -KERNEL_TOUCH_M && low <= begins && begins <= ends && ends <= high;

@@ -3,15 +3,16 @@
 #define CONFLICTDB_SHIFT_H
 
 #include "narrow/encounter.h"
-#include "narrow/part.h"
+#include "narrow/goal.h"
 
 /* reach_m: within this, metres on the earth, the movers are in contact; 0: if they touch. u0 to v1: the times of the movers.
- * least, most: the differences asked about. evaluations_left: budget of positions; when it is exhausted, nothing more is
+ * evaluations_left: budget of positions; when it is exhausted, nothing more is
  * proven. */
 typedef struct {
     Encounter *pair;
     double reach_m;
-    double u0, u1, v0, v1, least, most;
+    double u0, u1, v0, v1;
+    Goal goal;
     int64_t evaluations_left;
 } Shift;
 
@@ -25,7 +26,7 @@ typedef struct {
  * nearest: or NULL. */
 double shift_clearance_m(Shift *shift, Times at, Nearest *nearest);
 
-/* Whether each difference v - u between those of two contacts is one of contact, on a way between them. If that is not
+/* Whether each value of the goal between those of two contacts is one of contact, on a way between them. If that is not
  * proven, both are moved to contacts between which it is; false if there are none. middle: a point by which the way may
  * lead. */
 bool shift_contact_lasts(Shift *shift, Times *from, Times *to, Times middle);

@@ -1,0 +1,196 @@
+"""At which speeds a track, or one of its legs, is in conflict: factors of time, from the kernel.
+
+A track at f times its planned speed takes k = 1 / f as long: what it does at u, seconds after its departure, it does
+at k u. It meets an object that is at the same place at v if and only if k = v / u. If one leg alone has another speed,
+that holds on this leg, since its beginning; what comes before it stays as planned, and what comes after is (k - 1) L
+later, L being the duration of the leg. Outer intervals contain all forbidden speeds; inner ones contain no others.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb import kernel
+from conflictdb.arrays import Floats
+from conflictdb.arrays.pieces import PieceRows
+from conflictdb.earth.plane import Plane
+from conflictdb.kernel.differences import Shifts
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
+from conflictdb.model.results import ForbiddenSpeeds, Kind, Speeds
+from conflictdb.stages import delays
+from conflictdb.stages.at_any_time import AnyTime
+from conflictdb.stages.delays import Differences, Spans
+from conflictdb.stages.pieces.covers import COVER, is_covered
+
+_Ints = NDArray[np.int64]
+
+# Units of speeds, by the planned one: a trillionth moves the end of a voyage of ten days by a microsecond.
+UNIT: Final = 10**12
+# More than factors are rounded by, relative.
+_ROUNDING: Final = 1e-15
+# More than instants are rounded by, microseconds: those of waypoints after another speed, and differences.
+_ROUNDED_US: Final = 1.0
+
+
+def speeds_of_track(
+    scene: Scene,
+    plane: Plane,
+    placed: AnyTime,
+    track: int,
+    begin_us: int,
+    end_us: int,
+    slowest: float,
+    fastest: float,
+    threads: int = 1,
+) -> Differences:
+    """Return the speeds from slowest to fastest, in `UNIT` of the planned one, that bring a track into contact.
+
+    plane : of the scene, which the pieces were made in
+    track : its number
+    begin_us, end_us : when the track departs and arrives, or its leg begins and ends
+    """
+    pieces, number = placed.pieces, placed.number
+    mine = np.flatnonzero((number == track) & (pieces.part != COVER))
+    before, after = mine[pieces.end_us[mine] <= begin_us], mine[pieces.start_us[mine] >= end_us]
+    leg = np.setdiff1d(mine, np.concatenate([before, after]))
+    least, most = 1.0 / fastest, 1.0 / slowest
+    lasts_us = end_us - begin_us
+    horizon_us = int(np.ceil(max(1.0 - least, most - 1.0) * lasts_us + _ROUNDED_US))
+    earliest_us = begin_us + np.floor(least * (pieces.start_us[leg] - begin_us) - _ROUNDED_US).astype(np.int64)
+    latest_us = begin_us + np.ceil(most * (pieces.end_us[leg] - begin_us) + _ROUNDED_US).astype(np.int64)
+    pairs = [
+        placed.pairs_within(before, 0),
+        placed.pairs(leg, earliest_us, latest_us),
+        placed.pairs_within(after, horizon_us),
+    ]
+    a, b = (np.concatenate(both) for both in zip(*pairs, strict=True))
+    prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
+    planned = delays.delays_of_pairs(scene, prepared, number, *pairs[0], 0, threads=threads)
+    later = delays.delays_of_pairs(scene, prepared, number, *pairs[2], horizon_us, threads=threads)
+    return Differences.concatenate(
+        [
+            delays.of_cover(placed, track, horizon_us),
+            delays.as_planned(planned),
+            _of_stretched(scene, prepared, number, *pairs[1], begin_us, least, most, threads),
+            _after_leg(later, lasts_us),
+        ]
+    )
+
+
+def speeds_of(
+    key: str, leg: int | None, keys: dict[int, str], found: Differences, slowest: float, fastest: float
+) -> Speeds:
+    """Return the speeds of a track; found: those of this track alone."""
+    least, most = int(np.ceil(slowest * UNIT)), int(np.floor(fastest * UNIT))
+    forbidden = tuple(
+        ForbiddenSpeeds(low / UNIT, high / UNIT, from_error / UNIT, to_error / UNIT, is_proven, by)
+        for low, high, from_error, to_error, is_proven, by in delays.forbidden_by(keys, found, least, most)
+    )
+    outer, _ = found.forbidden(least, most)
+    faster = delays.least_later(outer, UNIT, most)
+    slower = delays.least_later(Spans(-outer.high[::-1], -outer.low[::-1]), -UNIT, -least)
+    blocked_by = delays.sorted_keys(keys, found.blocking(least, most).tolist())
+    return Speeds(
+        key,
+        leg,
+        forbidden,
+        None if slower is None else -slower / UNIT,
+        None if faster is None else faster / UNIT,
+        blocked_by,
+    )
+
+
+def _after_leg(found: Differences, lasts_us: int) -> Differences:
+    """Return the speeds of a leg that delay what comes after it so that it is in contact; lasts_us: of the leg."""
+    duration = lasts_us + np.array([found.low, found.high, found.inner_low, found.inner_high], np.float64)
+    pad = np.array([[-_ROUNDED_US], [_ROUNDED_US], [0.0], [0.0]])
+    return _speeds(found.track, found.other, *((duration + pad) / lasts_us))
+
+
+def _of_stretched(
+    scene: Scene,
+    prepared: kernel.KernelScene,
+    number: _Ints,
+    a: PieceRows,
+    b: PieceRows,
+    begin_us: int,
+    least: float,
+    most: float,
+    threads: int,
+) -> Differences:
+    """Return the speeds at which pieces a are in contact with b, for factors of time from `least` to `most`."""
+    pieces, reach_m = prepared.pieces, scene.separation_m + scene.tolerance_m
+    still, covered = pieces.kind[b] == Kind.AREA.code, is_covered(pieces, a, b)
+    zero, nothing = np.full(len(a), begin_us), np.zeros(len(a))
+    a_start_s, a_end_s = (pieces.start_us[a] - begin_us) / 1e6, (pieces.end_us[a] - begin_us) / 1e6
+    b_start_s, b_end_s = _since(pieces.start_us[b], begin_us), _since(pieces.end_us[b], begin_us)
+    parts = []
+
+    def put(rows: _Ints, *factors: Floats) -> None:
+        parts.append(_speeds(number[a[rows]], number[b[rows]], *factors))
+
+    # Two that move.
+    rows = np.flatnonzero(~covered & ~still)
+    times = a_start_s[rows], a_end_s[rows], b_start_s[rows], b_end_s[rows]
+    asked = np.full(len(rows), least), np.full(len(rows), most)
+    shifts = Shifts(a[rows], b[rows], zero[rows], zero[rows], *times, *asked, is_factor=True)
+    row, found = delays.solved_shifts(prepared, shifts, reach_m, threads)
+    put(rows[row], found["outer_low"], found["outer_high"], found["inner_low"], found["inner_high"])
+    # An area: a is in contact with it during some of its own seconds, at any speed.
+    rows = np.flatnonzero(~covered & still)
+    ever = np.full(len(rows), np.inf)
+    shifts = Shifts(
+        *(a[rows], b[rows], zero[rows], nothing[rows].astype(np.int64)),
+        *(a_start_s[rows], a_end_s[rows], nothing[rows], nothing[rows], -ever, ever),
+    )
+    row, found = delays.solved_shifts(prepared, shifts, reach_m, threads)
+    rows, is_known = rows[row], found["inner_low"] <= found["inner_high"]
+    pad_s = _ROUNDED_US / 1e6
+    low, high = _factors(-found["outer_high"], -found["outer_low"], b_start_s[rows], b_end_s[rows], pad_s)
+    inner_low, inner_high = _factors(-found["inner_high"], -found["inner_low"], b_start_s[rows], b_end_s[rows], 0.0)
+    put(rows, low, high, np.where(is_known, inner_low, np.inf), np.where(is_known, inner_high, -np.inf))
+    # Of covers only the times are known.
+    rows = np.flatnonzero(covered)
+    low, high = _factors(a_start_s[rows], a_end_s[rows], b_start_s[rows], b_end_s[rows], pad_s)
+    put(rows, low, high, np.full(len(rows), np.inf), np.full(len(rows), -np.inf))
+    return Differences.concatenate(parts)
+
+
+def _factors(
+    a_start_s: Floats, a_end_s: Floats, b_start_s: Floats, b_end_s: Floats, pad_s: float
+) -> tuple[Floats, Floats]:
+    """Return the factors that bring some second of a, of 0 or more, into the time of b."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low = np.where(b_start_s > pad_s, (b_start_s - pad_s) / a_end_s, 0.0)
+        high = np.where(a_start_s > pad_s, (b_end_s + pad_s) / (a_start_s - pad_s), np.inf)
+    return low, np.where(b_end_s > -pad_s, high, -np.inf)
+
+
+def _since(instant_us: _Ints, begin_us: int) -> Floats:
+    """Return seconds since an instant; infinite for infinite instants."""
+    endless = np.where(instant_us == MINUS_INFINITY_US, -np.inf, np.inf)
+    is_known = (instant_us != MINUS_INFINITY_US) & (instant_us != INFINITY_US)
+    return np.where(is_known, (np.where(is_known, instant_us, begin_us) - begin_us) / 1e6, endless)
+
+
+def _speeds(
+    track: _Ints, other: _Ints, low: Floats, high: Floats, inner_low: Floats, inner_high: Floats
+) -> Differences:
+    """Return the speeds of factors of time: outer intervals rounded outward, inner ones inward."""
+    sooner, later = UNIT * (1.0 - _ROUNDING), UNIT * (1.0 + _ROUNDING)
+    is_any, is_known = (low <= high) & (high > 0.0), (inner_low <= inner_high) & (inner_high > 0.0)
+    return Differences(
+        track[is_any],
+        other[is_any],
+        np.floor(_speed(high, sooner))[is_any].astype(np.int64),
+        np.ceil(_speed(low, later))[is_any].astype(np.int64),
+        np.where(is_known, np.ceil(_speed(inner_high, later)), 1)[is_any].astype(np.int64),
+        np.where(is_known, np.floor(_speed(inner_low, sooner)), -1)[is_any].astype(np.int64),
+    )
+
+
+def _speed(factor: Floats, unit: float) -> Floats:
+    """Return the speeds of factors, at most what 62 bits hold."""
+    with np.errstate(divide="ignore"):
+        return np.minimum(unit / np.maximum(factor, 0.0), 2.0**61)
