@@ -182,6 +182,10 @@ def differences_of(
         delays_of_pairs(scene, prepared, number, *waiting, horizon_us, lasts=False, threads=threads)
     )
     every = Differences.concatenate([every, Differences(*swapped), while_waiting])
+    if waits:
+        # Nobody knows whether what could not be cut waits first.
+        unknown = np.isin(every.track, number[mine[pieces.part[mine] == COVER]]) & (every.high >= 0)
+        every = replace(every, high=np.where(unknown, 2 * FOREVER_US, every.high))
     return every.take(np.flatnonzero((every.low <= horizon_us) & (every.high >= -horizon_us)))
 
 

@@ -137,6 +137,21 @@ def test_what_cannot_be_cut_forbids_every_delay_at_which_it_is_there(monkeypatch
     assert found.forbidden[0].from_error_s == pytest.approx(1000 + end_s, abs=1e-5)
 
 
+def test_a_track_that_cannot_be_cut_may_wait_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So whatever is there after its planned departure forbids every later one; what was there before does not."""
+    from conflictdb.stages.pieces import covers
+
+    def fail(*_: object) -> None:
+        raise ValueError("cannot be cut")
+
+    monkeypatch.setattr(covers, "track_pieces", fail)
+    for waits_s in (0.0, 600.0):
+        uncut = waits_first(EAST, waits_s) if waits_s else EAST
+        [found] = one_of(uncut, area("aside", 3000, 4000, lon=30.0), within_s=40_000.0).forbidden
+        assert (found.to_s, found.is_proven) == (40_000.0, False)
+        assert one_of(uncut, area("before", -9000, -8000), within_s=40_000.0).forbidden[0].to_s < 0.0
+
+
 def test_the_json_has_the_documented_members() -> None:
     found = json.loads(json.dumps(one_of(EAST, NORTH).as_json()))
     assert list(found) == [
