@@ -2,9 +2,10 @@
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from conflictdb.cli.codes import DONE
+from conflictdb.cli.load_report import labels, shortened
 from conflictdb.cli.output import out, print_json, table
 from conflictdb.cli.session import database
 from conflictdb.model.results import Delays, Forbidden
@@ -14,18 +15,28 @@ def delays(args: argparse.Namespace) -> int:
     """Print the departures of tracks that are in conflict, and the least that are not."""
     with database(args) as db:
         found = db.scene(args.scene).delays(args.key, args.within)
+        names = {} if args.format == "json" else db.scene(args.scene).names(*_keys(found))
     if args.format == "json":
         print_json([one.as_json() for one in found])
     else:
-        out(delays_text(found, args.within) if found else "no tracks")
+        out(delays_text(found, args.within, names) if found else "no tracks")
         if args.key is not None and found[0].forbidden:
-            out("\n" + _forbidden_table(found[0]))
+            out("\n" + _forbidden_table(found[0], names))
     return DONE
 
 
-def delays_text(found: Sequence[Delays], within_s: float) -> str:
+def _keys(found: Sequence[Delays]) -> Iterator[str]:
+    """Yield the keys of tracks, and of all that they would meet."""
+    for one in found:
+        yield one.key
+        yield from one.blocked_by
+        for each in one.forbidden:
+            yield from each.by
+
+
+def delays_text(found: Sequence[Delays], within_s: float, names: Mapping[str, str]) -> str:
     """Return a table of tracks, and a line for each one that no departure within the horizon clears."""
-    header = ["TRACK", "NOW", "LATER BY", "EARLIER BY", "MAY SHIFT BY", "MEETS"]
+    header = ["TRACK", "NOW", "LATER BY", "EARLIER BY", "MAY SHIFT BY", "NAME", "MEETS"]
     rows = []
     for one in found:
         slack, nearest = one.clear_by_s, _nearest(one)
@@ -35,9 +46,9 @@ def delays_text(found: Sequence[Delays], within_s: float) -> str:
             # Rounded down: so far it may shift for certain.
             shift = f"{_duration(within_s)} or more" if slack is None else _duration(math.floor(1e3 * slack) / 1e3)
             clears = ["free", "", "", shift]
-        rows.append([one.key, *clears, ", ".join(nearest.by) if nearest else ""])
+        rows.append([one.key, *clears, shortened(names.get(one.key)), labels(names, nearest.by) if nearest else ""])
     lines = [
-        f"{one.key}: no departure within {_duration(within_s)} clears {', '.join(one.blocked_by)}"
+        f"{labels(names, [one.key])}: no departure within {_duration(within_s)} clears {labels(names, one.blocked_by)}"
         for one in found
         if one.blocked_by
     ]
@@ -45,7 +56,7 @@ def delays_text(found: Sequence[Delays], within_s: float) -> str:
     return "\n".join([text, "", *lines] if lines else [text])
 
 
-def _forbidden_table(one: Delays) -> str:
+def _forbidden_table(one: Delays, names: Mapping[str, str]) -> str:
     header = ["IN CONFLICT FROM", "TO", "ERRORS (S)", "PROVEN", "MEETS"]
     rows = [
         [
@@ -53,7 +64,7 @@ def _forbidden_table(one: Delays) -> str:
             _signed(each.to_s),
             f"{each.from_error_s:.6f}, {each.to_error_s:.6f}",
             "yes" if each.is_proven else "in part",
-            ", ".join(each.by),
+            labels(names, each.by),
         ]
         for each in one.forbidden
     ]

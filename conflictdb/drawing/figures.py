@@ -35,7 +35,7 @@ from conflictdb.errors import InvalidInput, printable
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.notebook import bound_text
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
-from conflictdb.model.results import Conflict, Verdict
+from conflictdb.model.results import Conflict, Verdict, distinct_labels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -122,7 +122,7 @@ def plot_pair(
         ratios = (6.0, 3.0, 1.5) if is_height_drawn else (6.0, 3.0)
         figure = mpl.figure.Figure(figsize=(9.0, sum(ratios)), layout="constrained")
         above, below, *lowest = figure.subplots(len(ratios), 1, height_ratios=ratios)
-        names = [_name(key) for key in sketch.keys]
+        names = [_name(label) for label in sketch.labels]
         objects: list[Area | Track] = [*areas, *tracks]
         first, second = objects
         verdict = "no conflict is known" if conflict is None else str(conflict.verdict)
@@ -210,7 +210,7 @@ def _draw_scene(panel: Any, sketch: Sketch, conflicts: Sequence[Conflict]) -> No
     if len(sketch.keys) <= _MOST_NAMES:
         places = {number: tuple(way[0]) for number, way in ways.items()}
         places |= {number: area.representative_point().coords[0] for number, area in areas.items()}
-        page.names(panel, {_name(sketch.keys[number]): place for number, place in sorted(places.items())})
+        page.names(panel, [(_name(sketch.labels[number]), place) for number, place in sorted(places.items())])
 
 
 def _draw_place(panel: Any, sketch: Sketch, conflict: Conflict) -> None:
@@ -249,7 +249,7 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None) -> None:
                 markersize=3,
                 scalex=False,
                 scaley=False,
-                label=f"{_name(sketch.keys[number])}: way and sweep of its haven",
+                label=f"{_name(sketch.labels[number])}: way and sweep of its haven",
             )
         else:
             page.polygons(
@@ -259,7 +259,7 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None) -> None:
                 edgecolors=colour,
                 linewidths=1.0,
             )
-            panel.fill([], [], facecolor=colour + "24", edgecolor=colour, label=_name(sketch.keys[number]))
+            panel.fill([], [], facecolor=colour + "24", edgecolor=colour, label=_name(sketch.labels[number]))
     if len(regions):
         page.polygons(
             panel,
@@ -457,7 +457,9 @@ def _draw_timeline(mpl: Any, panel: Any, conflicts: Sequence[Conflict]) -> None:
                 edgecolor="white",
                 linewidth=0,
             )
-    panel.set_yticks(range(len(conflicts)), [f"{_name(one.a_key)}, {_name(one.b_key)}" for one in conflicts])
+    names = {one.a_key: one.a_name for one in conflicts} | {one.b_key: one.b_name for one in conflicts}
+    labels = {key: _name(label) for key, label in distinct_labels(names).items()}
+    panel.set_yticks(range(len(conflicts)), [f"{labels[one.a_key]} and {labels[one.b_key]}" for one in conflicts])
     panel.set_ylim(len(conflicts) - 0.4, -0.6)
     panel.tick_params(axis="y", length=0)
     time_axis(mpl, panel, first, last)
@@ -488,8 +490,8 @@ def _left_out(shown: Sequence[Conflict], rows: Sequence[Conflict]) -> str:
     return f" (the first {len(shown)} of {len(rows):,})" if len(rows) > len(shown) else ""
 
 
-def _name(key: str) -> str:
-    text = printable(key)
+def _name(label: str) -> str:
+    text = printable(label)
     text = text if len(text) <= _LONGEST_NAME else text[: _LONGEST_NAME - 1] + "…"
     # Isolate text from right to left, so that its neighbours keep their places.
     is_leftward = any(bidirectional(sign) in ("R", "AL") for sign in text)

@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "25fa37fcbe9e90f0ae24c56650bac3f25c08ae0288a063571a784832a0586563"
+routines_sha256 = "26910f3dc9ce2315054a34ff62927561818fac1b8a07eae16f3476510a9550b0"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

@@ -354,14 +354,19 @@ def test_nearest_m_prints_near_pairs_too_and_counts_no_conflict(run: Run, tmp_pa
 
 def test_history_is_printed_and_conflicts_acknowledged(strait: Run) -> None:
     told = strait("history", "FERRY", "DIVING")
-    assert re.fullmatch(r"EVENT .*\n +\d+  .* opened  DIVING  FERRY  conflict  2026-06-01 09:00:00 .*\n", told.out)
+    assert re.fullmatch(
+        r"EVENT .* A NAME +B NAME\n +\d+  .* opened  DIVING  FERRY  conflict  2026-06-01 09:00.*  Diving .*  Ferry\n",
+        told.out,
+    )
     events = strait("history", "--format", "json").json
     assert len(events) == len(EXPECTED)
     assert events[0]["periods"][0][0].startswith("2026-06-01T")
     last = str(events[-1]["event"])
     assert strait("history", "--after", last).out == "no events\n"
     pair = ("FERRY", "DIVING")
-    assert strait("acknowledge", *pair, "--reason", "agreed", "--until", "2100-01-01T00:00Z").out == "acknowledged\n"
+    assert strait("acknowledge", *pair, "--reason", "agreed", "--until", "2100-01-01T00:00Z").out == (
+        "acknowledged: FERRY (Ferry), DIVING (Diving on a wreck)\n"
+    )
     assert "conflict (acknowledged)" in strait("conflicts").out
     listed = ("conflicts", "--format")
     noted = next(row for row in strait(*listed, "json").json if row["acknowledged_by"])
@@ -373,14 +378,17 @@ def test_history_is_printed_and_conflicts_acknowledged(strait: Run) -> None:
     assert strait("acknowledge", *pair, "--reason", "=1+1").code == 0
     table = list(csv.DictReader(StringIO(strait(*listed, "csv").out)))
     assert [row["acknowledged_for"] for row in table if row["acknowledged_by"]] == ["'=1+1"]
-    assert strait("acknowledge", *pair, "--undo").out == "taken back\n"
-    assert strait("acknowledge", *pair, "--undo").out == "was not acknowledged\n"
+    assert strait("acknowledge", *pair, "--undo").out.startswith("taken back: FERRY (Ferry), DIVING")
+    assert strait("acknowledge", *pair, "--undo").out.startswith("was not acknowledged: FERRY (Ferry), ")
     assert strait("acknowledge", *pair, "--reason", "agreed", "--until", "2000-01-01T00:00Z").code != 0
     for wrong in (("acknowledge", *pair), ("acknowledge", *pair, "--undo", "--until", "2100-01-01T00:00Z")):
         assert strait(*wrong).code == 2
     assert strait("history", *pair, "CABLE").code == 2
     known = ("conflicts", "--known-at")
     assert len(strait(*known, "2100-01-01T00:00Z", "--format", "json").json) == len(EXPECTED)
+    assert re.search(
+        r"^DIVING  FERRY .*  Diving on a wreck +Ferry$", strait(*known, "2100-01-01T00:00Z").out, re.MULTILINE
+    )
     early = strait(*known, "2000-01-01T00:00Z")
     assert (early.code, early.out, "first detection" in early.err) == (4, "", True)
     assert strait(*known, "2000-01-01T00:00Z", "--at", "2000-01-01T00:00Z").code == 2
@@ -530,7 +538,8 @@ def test_explain_says_why(strait: Run) -> None:
     told = strait("explain", "FERRY", "DIVING")
     assert told.code == 0
     assert told.out.startswith(
-        '"DIVING" (area) and "FERRY" (track): conflict\n  they meet\n  from 2026-06-01 09:00:00Z'
+        '"DIVING" (area, "Diving on a wreck") and "FERRY" (track, "Ferry"): conflict\n'
+        "  they meet\n  from 2026-06-01 09:00:00Z"
     )
     facts = strait("explain", "SUB-1", "SUB-2", "--format", "json").json
     assert (facts["verdict"], facts["decided_by"]) == ("apart", {"stage": 1, "by": "height"})
@@ -585,14 +594,20 @@ def test_delays_say_when_tracks_could_depart_instead(run: Run) -> None:
     assert found[3]["blocked_by"] == ["CABLE"]
     told = run("delays", "--scene", "strait")
     assert (told.code, told.err) == (0, "")
-    assert re.search(r"^TOW +conflict +0:11:17\.\d+ +0:07:58\.\d+ +FERRY$", told.out, re.MULTILINE)
-    assert re.search(r"^CONVOY-1 +free +0:00:29\.\d+ +CONVOY-2$", told.out, re.MULTILINE)
+    assert re.search(
+        r"^TOW +conflict +0:11:17\.\d+ +0:07:58\.\d+ +Tug with .*… +FERRY \(Ferry\)$", told.out, re.MULTILINE
+    )
+    assert re.search(
+        r"^CONVOY-1 +free +0:00:29\.\d+ +First ship of a convoy +CONVOY-2 \(Second .*…\)$", told.out, re.MULTILINE
+    )
     assert told.out.splitlines()[-2:] == [
-        "SUB-1: no departure within 2:00:00 clears CABLE",
-        "SUB-2: no departure within 2:00:00 clears DIVING",
+        "SUB-1 (Submarine haven, deep): no departure within 2:00:00 clears CABLE (Cable works on the sea …)",
+        "SUB-2 (Submarine haven, shallow): no departure within 2:00:00 clears DIVING (Diving on a wreck)",
     ]
     alone = run("delays", "TOW", "--scene", "strait", "--within", "30m").out
-    assert re.search(r"^ *-0:07:58\.\d+ +\+0:11:17\.\d+ +0\.00000\d, 0\.00000\d +yes +FERRY$", alone, re.MULTILINE)
+    assert re.search(
+        r"^ *-0:07:58\.\d+ +\+0:11:17\.\d+ +0\.00000\d, 0\.00000\d +yes +FERRY \(Ferry\)$", alone, re.MULTILINE
+    )
     assert run("delays", "CONVOY-1", "--scene", "strait", "--within", "10s").out.splitlines()[1].split() == (
-        ["CONVOY-1", "free", "0:00:10", "or", "more"]
+        ["CONVOY-1", "free", "0:00:10", "or", "more", "First", "ship", "of", "a", "convoy"]
     )
