@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from datetime import timedelta
 from io import StringIO
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -14,6 +15,7 @@ import pytest
 from commands import STRAIT, Run
 
 import conflictdb
+from conflictdb.stages.memory import Memory
 
 EXPECTED = {
     ("CABLE", "SUB-1"),
@@ -572,7 +574,8 @@ def test_the_phases_of_a_detection_and_of_loading_are_reported(dsn: str) -> None
     with conflictdb.connect(dsn) as db:
         db.load_files([STRAIT], phase=lambda *phase: phases.append(phase))
         names = ["reading", "checking objects", "checking places", "sending objects", "storing objects"]
-        assert [phase[0] for phase in phases] == names
+        assert list(dict.fromkeys(phase[0] for phase in phases)) == names
+        assert [phase[1:] for phase in phases if phase[0] == "checking places"] == [(0, 11), (4, 11), (11, 11)]
         phases.clear()
         db.scene("strait").detect(full=True, phase=lambda *phase: phases.append(phase))
     names = list(dict.fromkeys(phase[0] for phase in phases))
@@ -580,6 +583,21 @@ def test_the_phases_of_a_detection_and_of_loading_are_reported(dsn: str) -> None
     assert ("preparing objects", 11, 0) in phases
     solved = [phase for phase in phases if phase[0] == "solving pairs"]
     assert solved[-1][1] == solved[-1][2] > 0
+
+
+def test_a_detection_in_several_chunks_is_one_phase_with_an_estimate(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its end is extrapolated from the objects whose pairs were found; conflicts are written in between."""
+    monkeypatch.setattr(Memory, "of", lambda memory_mb: Memory(pairs=4, pieces=1_000, boxes=1_000))
+    phases: list[tuple[str, int, int]] = []
+    with conflictdb.connect(dsn) as db:
+        db.load_files([STRAIT])
+        run = db.scene("strait").detect(full=True, phase=lambda *phase: phases.append(phase))
+    assert run.conflicts == len(EXPECTED)
+    names = [name for name, _ in groupby(phases, key=lambda phase: phase[0])]
+    assert names == ["preparing objects", "indexing", "comparing objects", "solving pairs", "writing conflicts"]
+    solved = [phase[1:] for phase in phases if phase[0] == "solving pairs"]
+    assert any(0 < done < of != solved[-1][1] for done, of in solved)
+    assert solved[-1][0] == solved[-1][1]
 
 
 def test_delays_say_when_tracks_could_depart_instead(run: Run) -> None:
