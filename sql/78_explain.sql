@@ -5,19 +5,20 @@
 -- of either object the verdict is unknown.
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._explained_object(
-    p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT waits boolean, OUT pieces bigint,
-    OUT is_covered boolean, OUT span tstzrange, OUT low_m double precision, OUT high_m double precision,
-    OUT box geometry, OUT floor_m double precision, OUT ceiling_m double precision
+    p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT name text, OUT waits boolean,
+    OUT pieces bigint, OUT is_covered boolean, OUT span tstzrange, OUT low_m double precision,
+    OUT high_m double precision, OUT box geometry, OUT floor_m double precision, OUT ceiling_m double precision
 )
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_half_m double precision := (SELECT s.vertical_separation_m / 2 FROM scene s WHERE s.scene_id = p_scene_id);
 BEGIN
-    SELECT o.kind, o.id, o.key INTO kind, id, key
-        FROM (SELECT 0::smallint AS kind, a.area_id AS id, a.key FROM area a
+    SELECT o.kind, o.id, o.key, o.name INTO kind, id, key, name
+        FROM (SELECT 0::smallint AS kind, a.area_id AS id, a.key, a.name FROM area a
               WHERE a.scene_id = p_scene_id AND a.key = p_key
               UNION ALL
-              SELECT 1::smallint, t.track_id, t.key FROM track t WHERE t.scene_id = p_scene_id AND t.key = p_key) o;
+              SELECT 1::smallint, t.track_id, t.key, t.name FROM track t
+              WHERE t.scene_id = p_scene_id AND t.key = p_key) o;
     IF NOT FOUND THEN
         FOUND := _raise('ZC011', format('object %s', quote_nullable(p_key)), 'key',
                         format('is no object of scene %L', (SELECT s.name FROM scene s WHERE s.scene_id = p_scene_id)),
@@ -46,18 +47,18 @@ COMMENT ON FUNCTION _explained_object(bigint, text) IS
 'vertical separation on either side); raises ZC011 for an unknown key.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._explained_as_json(
-    p_key text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange, p_floor_m double precision,
-    p_ceiling_m double precision
+    p_key text, p_name text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange,
+    p_floor_m double precision, p_ceiling_m double precision
 ) RETURNS jsonb
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- JSON does not allow infinite numbers.
     SELECT jsonb_build_object(
-        'key', p_key, 'kind', CASE p_kind WHEN 0 THEN 'area' ELSE 'track' END, 'waits', p_waits, 'pieces', p_pieces,
-        'from', nullif(lower(p_span), '-infinity'), 'to', nullif(upper(p_span), 'infinity'),
+        'key', p_key, 'name', p_name, 'kind', CASE p_kind WHEN 0 THEN 'area' ELSE 'track' END, 'waits', p_waits,
+        'pieces', p_pieces, 'from', nullif(lower(p_span), '-infinity'), 'to', nullif(upper(p_span), 'infinity'),
         'floor_m', nullif(p_floor_m, '-infinity'), 'ceiling_m', nullif(p_ceiling_m, 'infinity'));
 END;
-COMMENT ON FUNCTION _explained_as_json(text, smallint, boolean, bigint, tstzrange, double precision,
+COMMENT ON FUNCTION _explained_as_json(text, text, smallint, boolean, bigint, tstzrange, double precision,
                                        double precision) IS
 'One object in the result of explain_conflict.';
 
@@ -214,8 +215,8 @@ BEGIN
 
     RETURN jsonb_build_object(
         'scene', v_scene.name,
-        'a', _explained_as_json(a.key, a.kind, a.waits, a.pieces, a.span, a.floor_m, a.ceiling_m),
-        'b', _explained_as_json(b.key, b.kind, b.waits, b.pieces, b.span, b.floor_m, b.ceiling_m),
+        'a', _explained_as_json(a.key, a.name, a.kind, a.waits, a.pieces, a.span, a.floor_m, a.ceiling_m),
+        'b', _explained_as_json(b.key, b.name, b.kind, b.waits, b.pieces, b.span, b.floor_m, b.ceiling_m),
         'verdict', v_verdict,
         'is_current', v_is_current,
         'is_scene_current', _is_current(v_scene.scene_id),
@@ -271,10 +272,11 @@ COMMENT ON FUNCTION explain_conflict(text, text, text) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._explained_text(j jsonb) RETURNS text
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- Keys as JSON strings, so that line breaks are escaped.
+    -- Keys and names as JSON strings, so that line breaks are escaped.
     SELECT concat_ws(E'\n',
-        format('%s (%s) and %s (%s): %s', j #> '{a,key}', j #>> '{a,kind}', j #> '{b,key}', j #>> '{b,kind}',
-               j ->> 'verdict'),
+        format('%s (%s) and %s (%s): %s', j #> '{a,key}',
+               concat_ws(', ', j #>> '{a,kind}', nullif(j #> '{a,name}', 'null')), j #> '{b,key}',
+               concat_ws(', ', j #>> '{b,kind}', nullif(j #> '{b,name}', 'null')), j ->> 'verdict'),
         '  ' || (j ->> 'why'),
         (SELECT string_agg('  ' || _shown(tstzrange((p ->> 'from')::timestamptz, (p ->> 'to')::timestamptz)), E'\n'
                            ORDER BY n)

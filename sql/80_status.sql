@@ -1,5 +1,17 @@
 -- Queries of the store: rows for Python.
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._names(p_scene text, p_keys text[])
+RETURNS TABLE (key text, name text)
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT a.key, a.name FROM area a
+    WHERE a.scene_id = _scene_id(p_scene) AND a.key = ANY (p_keys) AND a.name IS NOT NULL
+    UNION ALL
+    SELECT t.key, t.name FROM track t
+    WHERE t.scene_id = _scene_id(p_scene) AND t.key = ANY (p_keys) AND t.name IS NOT NULL;
+END;
+COMMENT ON FUNCTION _names(text, text[]) IS 'Names of the objects of a scene that have one, by key.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._conflicts(
     p_scene text, p_at timestamptz, p_with_region boolean, p_keys text[], p_key text, p_from timestamptz,
     p_to timestamptz, p_since timestamptz, p_verdict text, p_acknowledged boolean

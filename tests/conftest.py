@@ -13,6 +13,7 @@ import psycopg
 import pytest
 from commands import Run, runner
 from databases import TestServer, clean_up, run_home, test_server
+from reused import ReusedDatabase
 
 from conflictdb.db import schema
 
@@ -117,45 +118,30 @@ def empty_dsn(_server: TestServer, server_dsn: str, _fresh_name: str) -> Iterato
     _server.drop(_fresh_name)
 
 
+@pytest.fixture(scope="session")
+def _reused(_server: TestServer, template: str, request: pytest.FixtureRequest) -> Iterator[ReusedDatabase]:
+    reused = ReusedDatabase(_server, template, f"{_server.prefix}_{_worker(request.config)}_reused")
+    yield reused
+    reused.drop()
+
+
 @pytest.fixture
-def dsn(_server: TestServer, template: str, _fresh_name: str) -> Iterator[str]:
-    """Return how to connect to a fresh database with the schema, dropped afterwards."""
-    yield _server.clone(template, _fresh_name)
-    _server.drop(_fresh_name)
+def dsn(_reused: ReusedDatabase) -> Iterator[str]:
+    """Return how to connect to a database with the schema and nothing in it; what a test leaves is removed."""
+    yield _reused.dsn()
+    _reused.clean()
 
 
 @pytest.fixture
 def conn(dsn: str) -> Iterator[psycopg.Connection[Any]]:
-    """Return a connection to a fresh database with the schema, in time zone UTC."""
-    with psycopg.connect(dsn, options="-c timezone=UTC") as connection:
-        yield connection
-
-
-@pytest.fixture(scope="session")
-def _scenes_dsn(_server: TestServer, template: str, request: pytest.FixtureRequest) -> Iterator[str]:
-    name = f"{_server.prefix}_{_worker(request.config)}_scenes"
-    yield _server.clone(template, name)
-    _server.drop(name)
-
-
-@pytest.fixture
-def own_scenes(_scenes_dsn: str) -> Iterator[str]:
-    """Return how to connect to a database that tests of nothing but scenes share; they are removed after each test."""
-    yield _scenes_dsn
-    with psycopg.connect(_scenes_dsn) as connection:
-        connection.execute("DELETE FROM conflictdb.scene")
-
-
-@pytest.fixture
-def conn_of_scenes(own_scenes: str) -> Iterator[psycopg.Connection[Any]]:
     """Return a connection to it, in time zone UTC."""
-    with psycopg.connect(own_scenes, options="-c timezone=UTC") as connection:
+    with psycopg.connect(dsn, options="-c timezone=UTC") as connection:
         yield connection
 
 
 @pytest.fixture
 def run(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Return a function that runs a command on a fresh database with the schema."""
+    """Return a function that runs a command on a database with the schema and nothing in it."""
     return runner(dsn, capsys)
 
 

@@ -2,9 +2,10 @@
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from conflictdb.cli.codes import DONE
+from conflictdb.cli.load_report import labels, shortened
 from conflictdb.cli.output import out, print_json, table
 from conflictdb.cli.session import database
 from conflictdb.model.results import Delays, Forbidden, Speeds
@@ -15,32 +16,44 @@ def delays(args: argparse.Namespace) -> int:
     with database(args) as db:
         stored = db.scene(args.scene)
         found = stored.delays(args.key, args.within, args.now, args.clear_within_m, args.waypoint)
+        names = {} if args.format == "json" else stored.names(*_keys(found))
     if args.format == "json":
         print_json([one.as_json() for one in found])
     else:
         change = "departure" if args.waypoint is None else f"wait at waypoint {args.waypoint}"
-        out(delays_text(found, args.within, change) if found else "no tracks")
+        out(delays_text(found, args.within, names, change) if found else "no tracks")
         if args.key is not None and found[0].forbidden:
-            out("\n" + _forbidden_table(found[0]))
+            out("\n" + _forbidden_table(found[0], names))
     return DONE
 
 
 def speeds(args: argparse.Namespace) -> int:
     """Print the speeds of tracks that are in conflict, and the nearest that are not."""
     with database(args) as db:
-        found = db.scene(args.scene).speeds(args.key, args.slowest, args.fastest, args.leg)
+        stored = db.scene(args.scene)
+        found = stored.speeds(args.key, args.slowest, args.fastest, args.leg)
+        names = {} if args.format == "json" else stored.names(*_keys(found))
     if args.format == "json":
         print_json([one.as_json() for one in found])
     else:
-        out(speeds_text(found, args.slowest, args.fastest) if found else "no tracks")
+        out(speeds_text(found, args.slowest, args.fastest, names) if found else "no tracks")
         if args.key is not None and found[0].forbidden:
-            out("\n" + _forbidden_speeds_table(found[0]))
+            out("\n" + _forbidden_speeds_table(found[0], names))
     return DONE
 
 
-def delays_text(found: Sequence[Delays], within_s: float, change: str = "departure") -> str:
+def _keys(found: Sequence[Delays] | Sequence[Speeds]) -> Iterator[str]:
+    """Yield the keys of tracks, and of all that they would meet."""
+    for one in found:
+        yield one.key
+        yield from one.blocked_by
+        for each in one.forbidden:
+            yield from each.by
+
+
+def delays_text(found: Sequence[Delays], within_s: float, names: Mapping[str, str], change: str = "departure") -> str:
     """Return a table of tracks, and a line for each one that no change within the horizon clears."""
-    header = ["TRACK", "PLANNED", "LATER BY", "EARLIER BY", "MAY SHIFT BY", "CLEAR BY", "MEETS"]
+    header = ["TRACK", "PLANNED", "LATER BY", "EARLIER BY", "MAY SHIFT BY", "CLEAR BY", "NAME", "MEETS"]
     rows = []
     for one in found:
         slack, nearest = one.clear_by_s, _nearest(one)
@@ -52,29 +65,33 @@ def delays_text(found: Sequence[Delays], within_s: float, change: str = "departu
             # Rounded down: so far it may shift for certain.
             shift = f"{_duration(within_s)} or more" if slack is None else _duration(math.floor(1e3 * slack) / 1e3)
             clears = ["free", "", "", shift]
-        rows.append([one.key, *clears, _clear(one), ", ".join(nearest.by) if nearest else ""])
+        meets = labels(names, nearest.by) if nearest else ""
+        rows.append([one.key, *clears, _clear(one), shortened(names.get(one.key)), meets])
     if all(one.clear_within_m is None for one in found):
-        header, *rows = ([*row[:-2], row[-1]] for row in (header, *rows))
+        header, rows = [*header[:-3], *header[-2:]], [[*row[:-3], *row[-2:]] for row in rows]
     lines = [
-        f"{one.key}: no {change} within {_duration(within_s)} clears {', '.join(one.blocked_by)}"
+        f"{labels(names, [one.key])}: no {change} within {_duration(within_s)} clears {labels(names, one.blocked_by)}"
         for one in found
         if one.blocked_by and not one.has_departed
     ]
-    text = table(header, rows, right=header[2:-1])
+    text = table(header, rows, right=header[2:-2])
     return "\n".join([text, "", *lines] if lines else [text])
 
 
-def speeds_text(found: Sequence[Speeds], slowest: float, fastest: float) -> str:
+def speeds_text(found: Sequence[Speeds], slowest: float, fastest: float, names: Mapping[str, str]) -> str:
     """Return a table of tracks, and a line for each one that no speed within the limits clears."""
-    header = ["TRACK", "PLANNED", "SLOWER", "FASTER", "MEETS"]
+    header = ["TRACK", "PLANNED", "SLOWER", "FASTER", "NAME", "MEETS"]
     rows = []
     for one in found:
         is_free = one.slower == 1.0
         nearest = min(one.forbidden, key=lambda each: max(each.from_factor - 1.0, 1.0 - each.to_factor), default=None)
         nearby = ["", ""] if is_free else [_factor(one, one.slower, -1), _factor(one, one.faster, 1)]
-        rows.append([one.key, "free" if is_free else "conflict", *nearby, ", ".join(nearest.by) if nearest else ""])
+        meets = labels(names, nearest.by) if nearest else ""
+        verdict = "free" if is_free else "conflict"
+        rows.append([one.key, verdict, *nearby, shortened(names.get(one.key)), meets])
+    limits = f"from {slowest:g} to {fastest:g} times the planned one"
     lines = [
-        f"{one.key}: no speed from {slowest:g} to {fastest:g} times the planned one clears {', '.join(one.blocked_by)}"
+        f"{labels(names, [one.key])}: no speed {limits} clears {labels(names, one.blocked_by)}"
         for one in found
         if one.blocked_by
     ]
@@ -93,7 +110,7 @@ def _factor(one: Speeds, factor: float | None, sign: int) -> str:
     return f"{factor:.12f}"
 
 
-def _forbidden_speeds_table(one: Speeds) -> str:
+def _forbidden_speeds_table(one: Speeds, names: Mapping[str, str]) -> str:
     header = ["IN CONFLICT FROM", "TO", "ERRORS", "PROVEN", "MEETS"]
     rows = [
         [
@@ -101,14 +118,14 @@ def _forbidden_speeds_table(one: Speeds) -> str:
             f"{each.to_factor:.9f}",
             f"{each.from_error:.1e}, {each.to_error:.1e}",
             "yes" if each.is_proven else "in part",
-            ", ".join(each.by),
+            labels(names, each.by),
         ]
         for each in one.forbidden
     ]
     return table(header, rows, right=header[:3])
 
 
-def _forbidden_table(one: Delays) -> str:
+def _forbidden_table(one: Delays, names: Mapping[str, str]) -> str:
     header = ["IN CONFLICT FROM", "TO", "ERRORS (S)", "PROVEN", "MEETS"]
     rows = [
         [
@@ -116,7 +133,7 @@ def _forbidden_table(one: Delays) -> str:
             _signed(each.to_s),
             f"{each.from_error_s:.6f}, {each.to_error_s:.6f}",
             "yes" if each.is_proven else "in part",
-            ", ".join(each.by),
+            labels(names, each.by),
         ]
         for each in one.forbidden
     ]

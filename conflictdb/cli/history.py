@@ -1,13 +1,14 @@
 """`history` and `acknowledge`."""
 
 import argparse
+from collections.abc import Mapping
 from dataclasses import fields
 from datetime import datetime
 from typing import Any
 
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.load_report import moment_text
-from conflictdb.cli.output import out, print_json, table
+from conflictdb.cli.load_report import labels, moment_text, table_with_names
+from conflictdb.cli.output import out, print_json
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.formats.instants import format_moment
@@ -19,10 +20,12 @@ def history(args: argparse.Namespace) -> int:
     check(args, [(len(args.keys) > 2, "give the keys of two objects at most")])
     with database(args) as db:
         found = db.scene(args.scene).conflict_events(*args.keys, after=args.after)
-    if args.format == "json":
+        is_json = args.format == "json"
+        names = {} if is_json else db.scene(args.scene).names(*(key for one in found for key in (one.a_key, one.b_key)))
+    if is_json:
         print_json([_facts(event) for event in found])
     else:
-        out(_table(found) if found else "no events")
+        out(_table(found, names) if found else "no events")
     return DONE
 
 
@@ -31,15 +34,17 @@ def acknowledge(args: argparse.Namespace) -> int:
     check(args, [(args.undo and (args.until, args.by) != (None, None), "--until and --by go with --reason")])
     a_key, b_key = args.keys
     with database(args) as db:
+        scene = db.scene(args.scene)
         if args.undo:
-            out("taken back" if db.scene(args.scene).unacknowledge(a_key, b_key) else "was not acknowledged")
+            done = "taken back" if scene.unacknowledge(a_key, b_key) else "was not acknowledged"
         else:
-            db.scene(args.scene).acknowledge(a_key, b_key, args.reason, args.until, by=args.by)
-            out("acknowledged")
+            scene.acknowledge(a_key, b_key, args.reason, args.until, by=args.by)
+            done = "acknowledged"
+        out(f"{done}: {labels(scene.names(a_key, b_key), (a_key, b_key))}")
     return DONE
 
 
-def _table(events: list[ConflictEvent]) -> str:
+def _table(events: list[ConflictEvent], names: Mapping[str, str]) -> str:
     header = ["EVENT", "AT (UTC)", "WHAT", "A", "B", "VERDICT", "FIRST CONTACT (UTC)", "LAST CONTACT (UTC)"]
     rows = [
         [
@@ -54,7 +59,9 @@ def _table(events: list[ConflictEvent]) -> str:
         ]
         for event in events
     ]
-    return table(header, rows, right=["EVENT"])
+    return table_with_names(
+        header, rows, [(names.get(event.a_key), names.get(event.b_key)) for event in events], right=["EVENT"]
+    )
 
 
 def _facts(event: ConflictEvent) -> dict[str, object]:

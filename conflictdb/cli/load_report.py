@@ -3,7 +3,7 @@
 import argparse
 import shlex
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, tzinfo
 from typing import TYPE_CHECKING, Any, Final
@@ -16,7 +16,7 @@ from conflictdb.formats.conflict_gpx import position_of
 from conflictdb.formats.conflict_text import MoreColumn
 from conflictdb.formats.contents import Remark
 from conflictdb.formats.writing import lines_of, write_geoparquet
-from conflictdb.model.results import Approach, Conflict, SceneState
+from conflictdb.model.results import Approach, Conflict, SceneState, labelled
 from conflictdb.session.loading import Loaded
 
 if TYPE_CHECKING:
@@ -158,15 +158,31 @@ def _pair_table(
     columns = [*((one.name.upper(), one.text) for one in more), *columns]
     if len({pair.scene for pair in pairs}) > 1:
         columns.insert(0, ("SCENE", lambda one: one.scene))
-    names = _NAMES if any(pair.a_name or pair.b_name for pair in pairs) else []
-    columns += names
-    extra = [name for name, _ in names]
-    return table(
-        [name for name, _ in columns], [[cell(pair) for _, cell in columns] for pair in pairs], right, extra=extra
-    )
+    rows = [[cell(pair) for _, cell in columns] for pair in pairs]
+    return table_with_names([name for name, _ in columns], rows, [(pair.a_name, pair.b_name) for pair in pairs], right)
 
 
-def _shortened(name: str | None) -> str | None:
+def table_with_names(
+    header: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    names: Sequence[tuple[str | None, str | None]],
+    right: Sequence[str],
+) -> str:
+    """Return a table of pairs; if they have names, these are the last columns, which a narrow terminal cuts first."""
+    if not any(one for row in names for one in row):
+        return table(header, rows, right)
+    shown = ([*row, *map(shortened, some)] for row, some in zip(rows, names, strict=True))
+    titles = ["A NAME", "B NAME"]
+    return table([*header, *titles], shown, right, extra=titles)
+
+
+def labels(names: Mapping[str, str], keys: Iterable[str]) -> str:
+    """Return objects in a message or a cell: their keys, each with its name, if it has one."""
+    return ", ".join(labelled(key, shortened(names.get(key))) for key in keys)
+
+
+def shortened(name: str | None) -> str | None:
+    """Return a name for a table, cut to its most characters."""
     return name if name is None or len(name) <= _NAME else f"{name[: _NAME - 1]}…"
 
 
@@ -178,10 +194,6 @@ def _verdict_text(pair: Conflict | Approach) -> str:
 
 
 _PAIR: Final[list[_Column]] = [("A", lambda one: one.a_key), ("B", lambda one: one.b_key), ("VERDICT", _verdict_text)]
-_NAMES: Final[list[_Column]] = [
-    ("A NAME", lambda one: _shortened(one.a_name)),
-    ("B NAME", lambda one: _shortened(one.b_name)),
-]
 
 
 def _degrees(conflict: Conflict, axis: int) -> str | None:

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from datetime import UTC
 
 from conflictdb.cli.codes import DONE, LEFT_OUT
-from conflictdb.cli.load_report import Shown, loaded_text, remark_loaded, scene_table
+from conflictdb.cli.load_report import Shown, labels, loaded_text, remark_loaded, scene_table
 from conflictdb.cli.output import binary, data, out, print_json, table
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database, load_files
@@ -73,8 +73,9 @@ def rename(args: argparse.Namespace) -> int:
     """Rename a scene, or an object."""
     with database(args) as db:
         if args.key is not None:
+            names = db.scene(args.scene).names(args.key)
             db.scene(args.scene).rename_object(args.key, args.new)
-            out(f"{args.scene}: {args.key} is now {args.new}")
+            out(f"{args.scene}: {labels(names, [args.key])} is now {args.new}")
         else:
             db.scene(args.scene).rename(args.new)
             out(f"{args.scene} is now {args.new}")
@@ -99,6 +100,7 @@ def delete(args: argparse.Namespace) -> int:
             db.scene(args.scene).delete()
             out(f"{args.scene}: deleted")
         else:
+            names = db.scene(args.scene).names(*args.keys)
             db.scene(args.scene).delete_objects(*args.keys)
-            out(f"{args.scene}: {len(args.keys)} deleted")
+            out(f"{args.scene}: {len(args.keys)} deleted: {labels(names, args.keys)}")
     return DONE

@@ -363,7 +363,11 @@ def _refresh_conflicts(
     """Recompute the pairs with a changed member, on the snapshot of the open transaction, and commit."""
     funnel = Funnel(pieces_s=record.counted["pieces_s"])
 
+    is_last = True
+
     def solving(done: int, of: int) -> None:
+        nonlocal is_last
+        is_last = done == of
         options.phase("solving pairs", done, of)
         if options.progress is not None:
             options.progress(done, of)
@@ -373,15 +377,16 @@ def _refresh_conflicts(
     progress = solving if is_watched else None
     chunks = run_scene(settings, plane_of(settings), source, jobs=options.jobs, progress=progress)
     for found, of_chunk in chunks:
+        # Between chunks the phase of solving goes on, with an estimate for the whole scene.
+        writing = options.phase if is_last else _silent
         staged = begun()
-        options.phase("writing conflicts", 0, len(found))
+        writing("writing conflicts", 0, len(found))
         for part in store.differing(staged, found):
             store.stage(conn, staged, part, found.where(part.rows))
-            options.phase("writing conflicts", int(part.rows[-1]) + 1, len(found))
+            writing("writing conflicts", int(part.rows[-1]) + 1, len(found))
         funnel.add(of_chunk)
         # Free before the next chunk is allocated.
         del found, of_chunk
-        options.phase("comparing objects", 0, 0)
     options.phase("writing conflicts", 0, 0)
     counted = funnel.counted()
     kept = {**record.settings, **funnel.without_column()}

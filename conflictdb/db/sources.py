@@ -5,6 +5,7 @@ through its index. If few pieces are involved, it also runs stage 2.
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -53,16 +54,19 @@ class SceneSource:
         ids, pieces, boxes = store.boxes(self._conn, self._scene_id, self._memory.boxes)
         if not len(ids):
             for found in store.candidates(self._conn, self._scene_id, self._memory.pairs):
-                yield from pairs_of_rows(found, self._read, self._memory)
+                for chunk in pairs_of_rows(found, self._read, self._memory):
+                    yield chunk._replace(share=None)
             return
         memory = self._memory.beside(len(ids))
         if pieces.sum() > memory.pieces:
             for found in joined(ids, pieces, boxes, memory.pairs):
-                yield from pairs_of_rows(found, self._read, memory)
+                for chunk in pairs_of_rows(found, self._read, memory):
+                    yield chunk._replace(share=found.share)
             return
         bundles, place = self._read(ids)
         for found in joined(ids, pieces, boxes, memory.pairs):
-            yield from _pairs_of(bundles, place, found.a, found.b, memory.pairs)
+            for chunk in _pairs_of(bundles, place, found.a, found.b, memory.pairs):
+                yield chunk._replace(share=found.share)
 
     def _read(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
         found = store.bundles(self._conn, self._scene_id, ids)
@@ -120,11 +124,19 @@ def joined(
     _, first, number = np.unique(boxes.object, return_index=True, return_inverse=True)
     place = np.empty(len(first), np.int64)
     place[np.argsort(first)] = np.arange(len(first))
+    found: store.Candidates | None = None
     for a, b, _ in box_pairs(boxes, np.argsort(place[number], kind="stable"), at_once):
-        objects = place[number[a]] * len(place) + number[b]
+        if found is not None:
+            yield found
+        first_place = place[number[a]]
+        objects = first_place * len(place) + number[b]
         together = np.argsort(objects, kind="stable")
         a, b = a[together], b[together]
-        yield store.Candidates(ids[a], ids[b], pieces[a], pieces[b], objects[together])
+        share = float(first_place.max() + 1) / len(place)
+        found = store.Candidates(ids[a], ids[b], pieces[a], pieces[b], objects[together], share)
+    if found is not None:
+        # Further objects may have no pairs.
+        yield replace(found, share=1.0)
 
 
 def pairs_of_rows(found: store.Candidates, read: Read, memory: Memory) -> Iterator[Chunk]:

@@ -35,7 +35,7 @@ from conflictdb.errors import InvalidInput, printable
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.notebook import bound_text
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
-from conflictdb.model.results import Conflict, Verdict
+from conflictdb.model.results import Conflict, Verdict, distinct_labels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -120,7 +120,7 @@ def plot_pair(
         ratios = (6.0, 3.0, 1.5) if is_height_drawn else (6.0, 3.0)
         figure = mpl.figure.Figure(figsize=(9.0, sum(ratios)), layout="constrained")
         above, below, *lowest = figure.subplots(len(ratios), 1, height_ratios=ratios)
-        names = [name_of(key) for key in sketch.keys]
+        names = [name_of(label) for label in sketch.labels]
         objects: list[Area | Track] = [*areas, *tracks]
         first, second = objects
         verdict = "no conflict is known" if conflict is None else str(conflict.verdict)
@@ -209,7 +209,7 @@ def _draw_scene(panel: Any, sketch: Sketch, conflicts: Sequence[Conflict]) -> No
     if len(sketch.keys) <= _MOST_NAMES:
         places = {number: tuple(way[0]) for number, way in ways.items()}
         places |= {number: area.representative_point().coords[0] for number, area in areas.items()}
-        page.names(panel, {name_of(sketch.keys[number]): place for number, place in sorted(places.items())})
+        page.names(panel, [(name_of(sketch.labels[number]), place) for number, place in sorted(places.items())])
 
 
 def _draw_place(panel: Any, sketch: Sketch, conflict: Conflict) -> None:
@@ -248,7 +248,7 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None) -> None:
                 markersize=3,
                 scalex=False,
                 scaley=False,
-                label=f"{name_of(sketch.keys[number])}: way and sweep of its haven",
+                label=f"{name_of(sketch.labels[number])}: way and sweep of its haven",
             )
         else:
             page.polygons(
@@ -258,7 +258,7 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None) -> None:
                 edgecolors=colour,
                 linewidths=1.0,
             )
-            panel.fill([], [], facecolor=colour + "24", edgecolor=colour, label=name_of(sketch.keys[number]))
+            panel.fill([], [], facecolor=colour + "24", edgecolor=colour, label=name_of(sketch.labels[number]))
     if len(regions):
         page.polygons(
             panel,
@@ -456,7 +456,9 @@ def _draw_timeline(mpl: Any, panel: Any, conflicts: Sequence[Conflict]) -> None:
                 edgecolor="white",
                 linewidth=0,
             )
-    panel.set_yticks(range(len(conflicts)), [f"{name_of(one.a_key)}, {name_of(one.b_key)}" for one in conflicts])
+    names = {one.a_key: one.a_name for one in conflicts} | {one.b_key: one.b_name for one in conflicts}
+    labels = {key: name_of(label) for key, label in distinct_labels(names).items()}
+    panel.set_yticks(range(len(conflicts)), [f"{labels[one.a_key]} and {labels[one.b_key]}" for one in conflicts])
     panel.set_ylim(len(conflicts) - 0.4, -0.6)
     panel.tick_params(axis="y", length=0)
     time_axis(mpl, panel, first, last)

@@ -1,5 +1,6 @@
 """A map as a panel of a figure: the scene's own plane, so that its tracks and edges are straight; degrees around it."""
 
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
@@ -96,11 +97,11 @@ def polygons(panel: Any, shapes: NDArray[np.object_], **look: Any) -> None:
         panel.plot(*shapely.get_coordinates(points).T, ".", color=edge["colors"], scalex=False, scaley=False)
 
 
-def names(panel: Any, places: dict[str, tuple[float, float]]) -> None:
+def names(panel: Any, places: Iterable[tuple[str, tuple[float, float]]]) -> None:
     """Write names next to places on the map; names that would overlap are stacked."""
     taken: list[tuple[float, float]] = []
     right = panel.get_window_extent().x1 * 72.0 / panel.figure.dpi
-    for name, place in places.items():
+    for name, place in places:
         x, above = panel.transData.transform(place) * 72.0 / panel.figure.dpi
         y = above
         while any(abs(x - left) < _NAME_WIDTH and abs(y - low) < _NAME_HEIGHT for left, low in taken):

@@ -15,7 +15,7 @@ from conflictdb.arrays.pieces import PieceRows
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.results import Kind
+from conflictdb.model.results import Kind, distinct_labels
 from conflictdb.stages.pieces.covers import COVER, pieces_of
 from conflictdb.stages.published.stage3_projection import windows
 from conflictdb.stages.stage1_broad_phase import candidates, hulls_of
@@ -36,6 +36,9 @@ class Sketch:
         self.scene = centred(scene, areas, tracks)
         self.plane = plane_of(self.scene)
         self.keys = [*(area.key for area in areas), *(track.key for track in tracks)]
+        objects: list[Area | Track] = [*areas, *tracks]
+        labels = distinct_labels({one.key: one.name for one in objects})
+        self.labels = [labels[key] for key in self.keys]
         self._areas, self._tracks = areas, tracks
         self.pieces = pieces_of(self.scene, self.plane, AreaBatch.of(areas), TrackBatch.of(tracks))
         self._owner = self.pieces.object_id + np.where(self.pieces.kind == Kind.TRACK.code, len(areas), 0)

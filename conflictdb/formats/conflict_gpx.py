@@ -1,8 +1,8 @@
 """Conflicts as GPX 1.1, for plotters: a waypoint where each pair first touches."""
 
 from collections.abc import Callable, Iterable, Iterator
+from html import escape
 from typing import Final
-from xml.sax.saxutils import escape
 
 from conflictdb.errors import printable
 from conflictdb.formats.conflict_text import interval_text
@@ -41,4 +41,4 @@ def position_of(one: Conflict) -> Position | None:
 
 def _text(text: str) -> str:
     """Return a text for XML, which cannot contain all characters."""
-    return escape(printable(text))
+    return escape(printable(text), quote=False)

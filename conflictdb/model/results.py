@@ -4,7 +4,8 @@ Verdicts and kinds are names here and in files, codes in arrays. Instants are aw
 microsecond; None where a period is unbounded. Positions are (longitude, latitude) in degrees.
 """
 
-from collections.abc import Generator, Iterable, Iterator
+from collections import Counter
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from datetime import datetime
 from enum import StrEnum
@@ -105,6 +106,16 @@ def labelled(key: str, name: str | None) -> str:
     return key if name is None or name in ("", key) else f"{key} ({name})"
 
 
+def distinct_labels(objects: Mapping[str, str | None]) -> dict[str, str]:
+    """Return short labels of objects, by key: the name if no other object has it as name or key, else `labelled`.
+
+    objects : their names, by key; None if they have none
+    """
+    times = Counter(objects.keys())
+    times.update(name for key, name in objects.items() if name and name != key)
+    return {key: name if name and times[name] == 1 else labelled(key, name) for key, name in objects.items()}
+
+
 _SHARED: Final = tuple(one.name for one in fields(PairRecord))
 
 
@@ -139,7 +150,7 @@ class Conflict(Drawable):
     Objects with the verdict near only come near each other, and have no periods.
 
     a_key, b_key : the area first if there is one, else the smaller key in byte order
-    a_name, b_name : their names; None if they have none, in `conflicts_known_at`, and if Spark found it
+    a_name, b_name : their names (today, in `conflicts_known_at`); None if they have none, and if Spark found it
     periods : when, (start, end) inclusive, rounded outward to the microsecond, in order; None where unbounded
     time_error_s : bound on the error of every end of every period, seconds
     first_contact_deg : where they first touch; None if the method does not compute it

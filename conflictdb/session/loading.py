@@ -1,11 +1,11 @@
 """Load files into scenes of a database, all or nothing, for `Database.load_files`."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from conflictdb.stages.pieces.cutting import check_plane
 
 if TYPE_CHECKING:
     import psycopg
+
+# Objects whose places are checked between two reports of progress.
+_CHECKED_AT_ONCE: Final = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,21 +78,25 @@ def load_files(
         hints=hints,
         phase=phase,
     )
-    phase("checking places", 0, 0)
-    plans = [_with_settings(connection, plan, skip_invalid) for plan in gathered]
+    plans = [_with_settings(connection, plan, skip_invalid, phase) for plan in gathered]
     for plan, _ in plans:
         _require_objects(plan, replace)
     return [_loaded(connection, plan, settings, replace, phase) for plan, settings in plans]
 
 
-def _with_settings(connection: "psycopg.Connection[Any]", plan: Plan, skip_invalid: bool) -> tuple[Plan, Scene]:
+def _with_settings(
+    connection: "psycopg.Connection[Any]", plan: Plan, skip_invalid: bool, phase: Phase
+) -> tuple[Plan, Scene]:
     """Return a plan and the settings of its scene: the file's, else the stored ones; checks all objects.
 
     With `skip_invalid`, objects that do not fit the scene's plane are left out of the plan.
     """
+    count = len(plan.areas) + len(plan.tracks)
+    phase("checking places", 0, count)
     settings = centred(_own_settings(connection, plan.name, plan.settings), plan.areas, plan.tracks)
+    checked = partial(phase, "checking places")
     for source in plan.sources:
-        while (refused := _refused(settings, plan, source)) is not None:
+        while (refused := _refused(settings, plan, source, lambda done: checked(done, count))) is not None:
             if not skip_invalid:
                 raise refused
             plan.leave_out(source, refused)
@@ -217,12 +224,21 @@ def _require_objects(plan: Plan, replace: bool) -> None:
     raise without_objects(f"scene {plan.name!r}", plan.sources[0], plan.skipped, has_settings=plan.settings is not None)
 
 
-def _refused(settings: Scene, plan: Plan, source: str) -> InvalidInput | None:
-    """Return the error for an object of a file that does not fit the scene's plane, None if all fit."""
+def _refused(settings: Scene, plan: Plan, source: str, checked: Callable[[int], object]) -> InvalidInput | None:
+    """Return the error for an object of a file that does not fit the scene's plane, None if all fit.
+
+    checked : called with the number of objects checked so far
+    """
     areas = [area for area in plan.areas if plan.source_of[area.key] == source]
     tracks = [track for track in plan.tracks if plan.source_of[track.key] == source]
+    plane = plane_of(settings)
     try:
-        check_plane(plane_of(settings), areas, tracks)
+        for first in range(0, len(areas), _CHECKED_AT_ONCE):
+            check_plane(plane, areas[first : first + _CHECKED_AT_ONCE], [])
+            checked(min(first + _CHECKED_AT_ONCE, len(areas)))
+        for first in range(0, len(tracks), _CHECKED_AT_ONCE):
+            check_plane(plane, [], tracks[first : first + _CHECKED_AT_ONCE])
+            checked(len(areas) + min(first + _CHECKED_AT_ONCE, len(tracks)))
     except InvalidInput as refused:
         return refused.at(source)
     return None

@@ -521,6 +521,10 @@ class StoredScene:
         """Return the areas and tracks, by key: kind, name, times and heights."""
         return store.list_objects(self.connection, self.name)
 
+    def names(self, *keys: str) -> dict[str, str]:
+        """Return the names of objects, by key; objects without a name are left out."""
+        return store.names(self.connection, self.name, keys)
+
     def delayed(self, key: str, delay: timedelta) -> Area | Track:
         """Return an object of the scene, later by `delay` (negative: earlier), for `probe`; changes nothing.
 

@@ -13,10 +13,10 @@ _EMPTY_MB: Final = 160
 _PAIR_BYTES: Final = 3_000
 _PIECE_BYTES: Final = 3_000
 # Memory of the box of a row of pieces: while it is read (two copies), and until all pairs are found. Boxes may take
-# this share of the room, which leaves less for pairs.
+# this share of the room while nothing else is in memory; what stays of them leaves less for pairs.
 _BOX_BYTES: Final = 400
 _HELD_BOX_BYTES: Final = 150
-_ROOM_FOR_BOXES: Final = 1 / 2
+_ROOM_FOR_BOXES: Final = 0.85
 
 
 @dataclass(frozen=True, slots=True)

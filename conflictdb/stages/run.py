@@ -53,7 +53,7 @@ def run_scene(
         chunk = next(chunks, None)
         if chunk is None:
             return
-        pieces, a, b, candidate_pairs, stage2_s = chunk
+        pieces, a, b, candidate_pairs, stage2_s, share = chunk
         stage1_s = time.perf_counter() - clock - stage2_s
         clock = time.perf_counter()
         pairs = intersections(pieces, a, b, regions=METHODS[scene.method].needs_regions)
@@ -65,7 +65,7 @@ def run_scene(
             pairs,
             source.footprints,
             jobs=jobs,
-            progress=_after(decided, progress),
+            progress=_after(decided, share, progress),
         )
         funnel.candidate_pairs = len(a) if candidate_pairs is None else candidate_pairs
         funnel.intersecting_pairs = len(pairs)
@@ -77,11 +77,11 @@ def run_scene(
         del found, funnel
 
 
-def _after(decided: int, progress: Progress | None) -> Progress | None:
-    """Return a callback that adds `decided` earlier pairs to its counts."""
+def _after(decided: int, share: float | None, progress: Progress | None) -> Progress | None:
+    """Return a callback that adds `decided` earlier pairs, and extrapolates to all pairs from their share."""
     if progress is None:
         return None
-    return lambda done, of: progress(decided + done, decided + of)
+    return lambda done, of: progress(decided + done, round((decided + of) / share) if share else 0)
 
 
 def run_stages(

@@ -15,6 +15,7 @@ class Chunk(NamedTuple):
     candidate_pairs : number of pairs that stage 1 left, if the source has run stage 2 since (a, b may still contain
         pairs whose hulls are at most a micrometre apart); None: count a, b
     stage2_s : seconds of the source's stage 2
+    share : about which share of all pairs is found with this chunk; None: unknown
     """
 
     pieces: Pieces
@@ -22,6 +23,7 @@ class Chunk(NamedTuple):
     b: PieceRows
     candidate_pairs: int | None = None
     stage2_s: float = 0.0
+    share: float | None = 1.0
 
 
 class PairSource(Protocol):

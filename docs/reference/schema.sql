@@ -954,10 +954,10 @@ FUNCTION _ensure_centre(p_scene_id bigint, p_first geometry, OUT centre_lon doub
 FUNCTION _exact_numeric(p_number double precision)
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _explained_as_json(p_key text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
+FUNCTION _explained_as_json(p_key text, p_name text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _explained_object(p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT waits boolean, OUT pieces bigint, OUT is_covered boolean, OUT span tstzrange, OUT low_m double precision, OUT high_m double precision, OUT box geometry, OUT floor_m double precision, OUT ceiling_m double precision)
+FUNCTION _explained_object(p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT name text, OUT waits boolean, OUT pieces bigint, OUT is_covered boolean, OUT span tstzrange, OUT low_m double precision, OUT high_m double precision, OUT box geometry, OUT floor_m double precision, OUT ceiling_m double precision)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _explained_text(j jsonb)
@@ -1139,6 +1139,9 @@ FUNCTION _most_havens()
 
 FUNCTION _my_roles()
     RETURNS SETOF name LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _names(p_scene text, p_keys text[])
+    RETURNS TABLE(key text, name text) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _near_centre(p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;

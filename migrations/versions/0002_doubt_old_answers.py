@@ -9,7 +9,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "81e0745e210f20921d588a2e71deeaa83b1422a7c5678cd3e90bf5d38570bc50"
+routines_sha256 = "8c3e2ca33c83b5a46a711ad1792c1a8e641ae6be5ab68597290d34cf595e0c47"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = True

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from conflictdb import read
+from conflictdb import connect, read
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -196,7 +196,9 @@ def test_page_runs_as_printed(
     monkeypatch.setenv("DSN", empty_dsn)  # of the reader's own server
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
     monkeypatch.setenv("PGTZ", "UTC")
-    shell("./run psql -q -c 'DELETE FROM conflictdb.scene'", folder)
+    with connect() as db:
+        db.connection.execute("DELETE FROM conflictdb.scene")
+        db.connection.commit()
     background = []
     printed: str | None = None
     as_whom = " -U postgres" if "`./run psql -U postgres`" in (ROOT / page).read_text() else ""

@@ -62,13 +62,13 @@ def assert_covered(meetings: dict[Pair, oracle.Meeting], periods: dict[Pair, Ite
 
 @cases
 def test_stages_one_and_two_never_miss(
-    conn_of_scenes: psycopg.Connection[Any], workload: str, seed: int, earth: EarthModel
+    conn: psycopg.Connection[Any], workload: str, seed: int, earth: EarthModel
 ) -> None:
     """The SQL function `candidates` holds every pair that meets, and the time when it does."""
     scene, areas, tracks = thrown(workload, seed, earth)
-    store.replace_scene(conn_of_scenes, replace(scene, method=Method.SCREEN), areas, tracks, merge=False)
-    screened = detected(conn_of_scenes, scene)
-    rows = conn_of_scenes.execute(
+    store.replace_scene(conn, replace(scene, method=Method.SCREEN), areas, tracks, merge=False)
+    screened = detected(conn, scene)
+    rows = conn.execute(
         "SELECT a_key, b_key, lower(span), upper(span) FROM conflictdb.candidates(%s), unnest(spans) span",
         [scene.name],
     ).fetchall()
@@ -123,13 +123,11 @@ def joined(spans: list[tuple[float, float]]) -> list[Period]:
 
 
 @cases
-def test_stage_four_is_right(
-    conn_of_scenes: psycopg.Connection[Any], workload: str, seed: int, earth: EarthModel
-) -> None:
+def test_stage_four_is_right(conn: psycopg.Connection[Any], workload: str, seed: int, earth: EarthModel) -> None:
     """None missed, none false, times within the stated bound, bounds that excuse nothing; database or not."""
     scene, areas, tracks = thrown(workload, seed, earth)
-    store.replace_scene(conn_of_scenes, scene, areas, tracks, merge=False)
-    reported = detected(conn_of_scenes, scene)
+    store.replace_scene(conn, scene, areas, tracks, merge=False)
+    reported = detected(conn, scene)
     result = compared(scene, areas, tracks, reported, truth(workload, seed, earth))
     assert not result.wrong
     assert result.touching > 0, "a scene that tests nothing"

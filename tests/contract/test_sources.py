@@ -83,7 +83,7 @@ def member(opened: Opened, pieces: Pieces, row: int) -> Member:
 
 @every_source
 @every_scene
-def test_stages_1_and_2_find_what_brute_force_finds(own_scenes: str, open_source: Open, objects: Objects) -> None:
+def test_stages_1_and_2_find_what_brute_force_finds(dsn: str, open_source: Open, objects: Objects) -> None:
     """No candidate is missing, and all hulls that meet are found, each pair once; with regions where a member moves."""
     pieces, keys, must, may = brute_force(objects)
     hulls = hulls_of(pieces)
@@ -94,7 +94,7 @@ def test_stages_1_and_2_find_what_brute_force_finds(own_scenes: str, open_source
     surely = {frozenset((named[a], named[b])) for a, b in must[:, shared > ROUNDING_M].T}
     perhaps = {frozenset((named[a], named[b])) for a, b in may[:, apart <= ROUNDING_M].T}
     for regions in (True, False):
-        with open_source(own_scenes, *objects) as opened:
+        with open_source(dsn, *objects) as opened:
             chunks = list(opened.source.candidates())
             count = sum(len(one.a) if one.candidate_pairs is None else one.candidate_pairs for one in chunks)
             assert must.shape[1] <= count <= may.shape[1]
@@ -145,13 +145,11 @@ def rows_of_chunk(opened: Opened, found: Conflicts) -> dict[tuple[str, str], tup
 
 @every_source
 @every_scene
-def test_the_same_scene_has_the_same_rows_from_every_source(
-    own_scenes: str, open_source: Open, objects: Objects
-) -> None:
+def test_the_same_scene_has_the_same_rows_from_every_source(dsn: str, open_source: Open, objects: Objects) -> None:
     """To the bit, as from memory."""
-    with SOURCES["in memory"](own_scenes, *objects) as opened:
+    with SOURCES["in memory"](dsn, *objects) as opened:
         expected = rows(opened)
-    with open_source(own_scenes, *objects) as opened:
+    with open_source(dsn, *objects) as opened:
         found = rows(opened)
     assert found.keys() == expected.keys()
     for pair, row in found.items():
@@ -160,9 +158,9 @@ def test_the_same_scene_has_the_same_rows_from_every_source(
 
 @every_source
 @every_scene
-def test_pieces_come_in_the_order_of_their_objects(own_scenes: str, open_source: Open, objects: Objects) -> None:
+def test_pieces_come_in_the_order_of_their_objects(dsn: str, open_source: Open, objects: Objects) -> None:
     """Of kinds, keys, parts and turns: of contacts that begin together every source tells the same one as the first."""
-    with open_source(own_scenes, *objects) as opened:
+    with open_source(dsn, *objects) as opened:
         for pieces, *_ in opened.source.candidates():
             names = [member(opened, pieces, row) for row in range(len(pieces))]
             order = [(kind, key.encode(), part, -turn) for kind, key, part, turn in names]
@@ -170,9 +168,9 @@ def test_pieces_come_in_the_order_of_their_objects(own_scenes: str, open_source:
 
 
 @every_source
-def test_footprints_are_those_of_the_areas_asked_for(own_scenes: str, open_source: Open) -> None:
+def test_footprints_are_those_of_the_areas_asked_for(dsn: str, open_source: Open) -> None:
     scene, areas, tracks = THROWN["seam"]
-    with open_source(own_scenes, scene, areas, tracks) as opened:
+    with open_source(dsn, scene, areas, tracks) as opened:
         next(opened.source.candidates())
         numbers = [number for kind, number in opened.key if kind == 0][::-1]
         found = opened.source.footprints(np.array(numbers))

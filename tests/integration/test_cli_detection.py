@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from datetime import timedelta
 from io import StringIO
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -14,6 +15,7 @@ import pytest
 from commands import STRAIT, Run
 
 import conflictdb
+from conflictdb.stages.memory import Memory
 
 EXPECTED = {
     ("CABLE", "SUB-1"),
@@ -354,14 +356,19 @@ def test_nearest_m_prints_near_pairs_too_and_counts_no_conflict(run: Run, tmp_pa
 
 def test_history_is_printed_and_conflicts_acknowledged(strait: Run) -> None:
     told = strait("history", "FERRY", "DIVING")
-    assert re.fullmatch(r"EVENT .*\n +\d+  .* opened  DIVING  FERRY  conflict  2026-06-01 09:00:00 .*\n", told.out)
+    assert re.fullmatch(
+        r"EVENT .* A NAME +B NAME\n +\d+  .* opened  DIVING  FERRY  conflict  2026-06-01 09:00.*  Diving .*  Ferry\n",
+        told.out,
+    )
     events = strait("history", "--format", "json").json
     assert len(events) == len(EXPECTED)
     assert events[0]["periods"][0][0].startswith("2026-06-01T")
     last = str(events[-1]["event"])
     assert strait("history", "--after", last).out == "no events\n"
     pair = ("FERRY", "DIVING")
-    assert strait("acknowledge", *pair, "--reason", "agreed", "--until", "2100-01-01T00:00Z").out == "acknowledged\n"
+    assert strait("acknowledge", *pair, "--reason", "agreed", "--until", "2100-01-01T00:00Z").out == (
+        "acknowledged: FERRY (Ferry), DIVING (Diving on a wreck)\n"
+    )
     assert "conflict (acknowledged)" in strait("conflicts").out
     listed = ("conflicts", "--format")
     noted = next(row for row in strait(*listed, "json").json if row["acknowledged_by"])
@@ -373,14 +380,17 @@ def test_history_is_printed_and_conflicts_acknowledged(strait: Run) -> None:
     assert strait("acknowledge", *pair, "--reason", "=1+1").code == 0
     table = list(csv.DictReader(StringIO(strait(*listed, "csv").out)))
     assert [row["acknowledged_for"] for row in table if row["acknowledged_by"]] == ["'=1+1"]
-    assert strait("acknowledge", *pair, "--undo").out == "taken back\n"
-    assert strait("acknowledge", *pair, "--undo").out == "was not acknowledged\n"
+    assert strait("acknowledge", *pair, "--undo").out.startswith("taken back: FERRY (Ferry), DIVING")
+    assert strait("acknowledge", *pair, "--undo").out.startswith("was not acknowledged: FERRY (Ferry), ")
     assert strait("acknowledge", *pair, "--reason", "agreed", "--until", "2000-01-01T00:00Z").code != 0
     for wrong in (("acknowledge", *pair), ("acknowledge", *pair, "--undo", "--until", "2100-01-01T00:00Z")):
         assert strait(*wrong).code == 2
     assert strait("history", *pair, "CABLE").code == 2
     known = ("conflicts", "--known-at")
     assert len(strait(*known, "2100-01-01T00:00Z", "--format", "json").json) == len(EXPECTED)
+    assert re.search(
+        r"^DIVING  FERRY .*  Diving on a wreck +Ferry$", strait(*known, "2100-01-01T00:00Z").out, re.MULTILINE
+    )
     early = strait(*known, "2000-01-01T00:00Z")
     assert (early.code, early.out, "first detection" in early.err) == (4, "", True)
     assert strait(*known, "2000-01-01T00:00Z", "--at", "2000-01-01T00:00Z").code == 2
@@ -530,7 +540,8 @@ def test_explain_says_why(strait: Run) -> None:
     told = strait("explain", "FERRY", "DIVING")
     assert told.code == 0
     assert told.out.startswith(
-        '"DIVING" (area) and "FERRY" (track): conflict\n  they meet\n  from 2026-06-01 09:00:00Z'
+        '"DIVING" (area, "Diving on a wreck") and "FERRY" (track, "Ferry"): conflict\n'
+        "  they meet\n  from 2026-06-01 09:00:00Z"
     )
     facts = strait("explain", "SUB-1", "SUB-2", "--format", "json").json
     assert (facts["verdict"], facts["decided_by"]) == ("apart", {"stage": 1, "by": "height"})
@@ -578,7 +589,8 @@ def test_the_phases_of_a_detection_and_of_loading_are_reported(dsn: str) -> None
     with conflictdb.connect(dsn) as db:
         db.load_files([STRAIT], phase=lambda *phase: phases.append(phase))
         names = ["reading", "checking objects", "checking places", "sending objects", "storing objects"]
-        assert [phase[0] for phase in phases] == names
+        assert list(dict.fromkeys(phase[0] for phase in phases)) == names
+        assert [phase[1:] for phase in phases if phase[0] == "checking places"] == [(0, 11), (4, 11), (11, 11)]
         phases.clear()
         db.scene("strait").detect(full=True, phase=lambda *phase: phases.append(phase))
     names = list(dict.fromkeys(phase[0] for phase in phases))
@@ -586,6 +598,21 @@ def test_the_phases_of_a_detection_and_of_loading_are_reported(dsn: str) -> None
     assert ("preparing objects", 11, 0) in phases
     solved = [phase for phase in phases if phase[0] == "solving pairs"]
     assert solved[-1][1] == solved[-1][2] > 0
+
+
+def test_a_detection_in_several_chunks_is_one_phase_with_an_estimate(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its end is extrapolated from the objects whose pairs were found; conflicts are written in between."""
+    monkeypatch.setattr(Memory, "of", lambda memory_mb: Memory(pairs=4, pieces=1_000, boxes=1_000))
+    phases: list[tuple[str, int, int]] = []
+    with conflictdb.connect(dsn) as db:
+        db.load_files([STRAIT])
+        run = db.scene("strait").detect(full=True, phase=lambda *phase: phases.append(phase))
+    assert run.conflicts == len(EXPECTED)
+    names = [name for name, _ in groupby(phases, key=lambda phase: phase[0])]
+    assert names == ["preparing objects", "indexing", "comparing objects", "solving pairs", "writing conflicts"]
+    solved = [phase[1:] for phase in phases if phase[0] == "solving pairs"]
+    assert any(0 < done < of != solved[-1][1] for done, of in solved)
+    assert solved[-1][0] == solved[-1][1]
 
 
 def test_delays_say_when_tracks_could_depart_instead(run: Run) -> None:
@@ -600,38 +627,52 @@ def test_delays_say_when_tracks_could_depart_instead(run: Run) -> None:
     assert found[3]["blocked_by"] == ["CABLE"]
     told = run("delays", "--scene", "strait")
     assert (told.code, told.err) == (0, "")
-    assert re.search(r"^TOW +conflict +0:11:17\.\d+ +0:07:58\.\d+ +FERRY$", told.out, re.MULTILINE)
-    assert re.search(r"^CONVOY-1 +free +0:00:29\.\d+ +CONVOY-2$", told.out, re.MULTILINE)
+    assert re.search(
+        r"^TOW +conflict +0:11:17\.\d+ +0:07:58\.\d+ +Tug with .*… +FERRY \(Ferry\)$", told.out, re.MULTILINE
+    )
+    assert re.search(
+        r"^CONVOY-1 +free +0:00:29\.\d+ +First ship of a convoy +CONVOY-2 \(Second .*…\)$", told.out, re.MULTILINE
+    )
     assert told.out.splitlines()[-2:] == [
-        "SUB-1: no departure within 2:00:00 clears CABLE",
-        "SUB-2: no departure within 2:00:00 clears DIVING",
+        "SUB-1 (Submarine haven, deep): no departure within 2:00:00 clears CABLE (Cable works on the sea …)",
+        "SUB-2 (Submarine haven, shallow): no departure within 2:00:00 clears DIVING (Diving on a wreck)",
     ]
     alone = run("delays", "TOW", "--scene", "strait", "--within", "30m").out
-    assert re.search(r"^ *-0:07:58\.\d+ +\+0:11:17\.\d+ +0\.00000\d, 0\.00000\d +yes +FERRY$", alone, re.MULTILINE)
+    assert re.search(
+        r"^ *-0:07:58\.\d+ +\+0:11:17\.\d+ +0\.00000\d, 0\.00000\d +yes +FERRY \(Ferry\)$", alone, re.MULTILINE
+    )
     assert run("delays", "CONVOY-1", "--scene", "strait", "--within", "10s").out.splitlines()[1].split() == (
-        ["CONVOY-1", "free", "0:00:10", "or", "more"]
+        ["CONVOY-1", "free", "0:00:10", "or", "more", "First", "ship", "of", "a", "convoy"]
     )
     soon, late = (run("delays", "--scene", "strait", "--now", f"2026-06-01T{now}Z") for now in ("06:40", "06:46"))
-    assert re.search(r"^TOW +conflict +0:11:17\.\d+ +none +FERRY$", soon.out, re.MULTILINE)
-    assert re.search(r"^TOW +conflict +departed +departed +FERRY$", late.out, re.MULTILINE)
-    assert re.search(r"^CONVOY-1 +free +departed +departed +CONVOY-2$", late.out, re.MULTILINE)
-    assert "SUB-1:" not in late.out
+    assert re.search(r"^TOW +conflict +0:11:17\.\d+ +none +Tug.* FERRY \(Ferry\)$", soon.out, re.MULTILINE)
+    assert re.search(r"^TOW +conflict +departed +departed +Tug.* FERRY \(Ferry\)$", late.out, re.MULTILINE)
+    assert re.search(
+        r"^CONVOY-1 +free +departed +departed +First ship of a convoy +CONVOY-2 \(.*\)$", late.out, re.MULTILINE
+    )
+    assert "SUB-1 (" not in late.out
     assert "CLEAR BY" not in soon.out
     wide, narrow = (run("delays", "--scene", "strait", "--clear-within-m", metres) for metres in ("20000", "100"))
-    assert re.search(r"^CONVOY-1 +free +0:00:29\.\d+ +\d+\.\d m +CONVOY-2$", wide.out, re.MULTILINE)
-    assert re.search(r"^CONVOY-1 +free +0:00:29\.\d+ +100 m or more +CONVOY-2$", narrow.out, re.MULTILINE)
-    assert re.search(r"^TOW +conflict +0:11:17\.\d+ +0:07:58\.\d+ +FERRY$", wide.out, re.MULTILINE)
+    assert re.search(
+        r"^CONVOY-1 +free +0:00:29\.\d+ +\d+\.\d m +First ship of a convoy +CONVOY-2 \(.*\)$", wide.out, re.MULTILINE
+    )
+    assert re.search(
+        r"^CONVOY-1 +free +0:00:29\.\d+ +100 m or more +First ship of a convoy +CONVOY-2 \(.*\)$",
+        narrow.out,
+        re.MULTILINE,
+    )
+    assert re.search(r"^TOW +conflict +0:11:17\.\d+ +0:07:58\.\d+ +Tug.* FERRY \(Ferry\)$", wide.out, re.MULTILINE)
 
 
 def test_speeds_and_waits_say_what_else_a_track_could_do(run: Run) -> None:
     run("load", STRAIT)
     found = run("speeds", "--scene", "strait")
     assert (found.code, found.err) == (0, "")
-    assert re.search(r"^TOW +conflict +0\.938 +1\.045 +FERRY$", found.out, re.MULTILINE)
-    assert re.search(r"^CONVOY-1 +free +CONVOY-2$", found.out, re.MULTILINE)
-    assert "SUB-1: no speed from 0.5 to 2 times the planned one clears CABLE" in found.out.splitlines()
+    assert re.search(r"^TOW +conflict +0\.938 +1\.045 +Tug.* FERRY \(Ferry\)$", found.out, re.MULTILINE)
+    assert re.search(r"^CONVOY-1 +free +First ship of a convoy +CONVOY-2 \(.*\)$", found.out, re.MULTILINE)
+    assert "SUB-1 (Submarine haven, deep): no speed from 0.5 to 2 times the planned one clears CABLE (" in found.out
     alone = run("speeds", "TOW", "--scene", "strait", "--leg", "1")
-    assert re.search(r"^ *0\.93859\d+ +1\.04413\d+ +\S+e-\d+, \S+e-\d+ +yes +FERRY$", alone.out, re.MULTILINE)
+    assert re.search(r"^ *0\.93859\d+ +1\.04413\d+ +\S+e-\d+, \S+e-\d+ +yes +FERRY \(Ferry\)$", alone.out, re.MULTILINE)
     [tow] = run("speeds", "TOW", "--scene", "strait", "--format", "json").json
     assert (tow["key"], tow["leg"], tow["forbidden"][0]["by"]) == ("TOW", None, ["FERRY"])
     assert 0.5 < tow["slower"] < tow["forbidden"][0]["from_factor"]
@@ -639,7 +680,7 @@ def test_speeds_and_waits_say_what_else_a_track_could_do(run: Run) -> None:
     assert tow["slower"] >= 0.938
     assert tow["faster"] <= 1.045
     waits = run("delays", "TOW", "--waypoint", "2", "--scene", "strait")
-    assert waits.out.splitlines()[3] == "TOW: no wait at waypoint 2 within 2:00:00 clears FERRY"
+    assert waits.out.splitlines()[3].endswith("no wait at waypoint 2 within 2:00:00 clears FERRY (Ferry)")
     for args in (["--leg", "1"], ["TOW", "--leg", "9"], ["TOW", "--slowest", "2"]):
         refused = run("speeds", *args, "--scene", "strait")
         assert (refused.code, refused.out) == (4, "")

@@ -34,8 +34,8 @@ def test_a_scene_and_a_pair_are_drawn(run: Run, tmp_path: Path) -> None:
         assert (done.code, done.out, done.err) == (0, "", "")
     drawn = {path.stem: path.read_text() for path in tmp_path.iterdir()}
     assert "strait: 4 areas, 7 tracks, 7 conflicts" in drawn["scene"]
-    assert "TOW and FERRY: conflict" in drawn["pair"]
-    assert "RESERVE and FERRY: no conflict is known" in drawn["none"]
+    assert "Tug with a barge on a long … and Ferry: conflict" in drawn["pair"]
+    assert "Nature reserve, always clos… and Ferry: no conflict is known" in drawn["none"]
     names = re.findall(r">([A-Z]+(?:-\d)?)</text>", drawn["bars"])
     assert names == ["SUB-1", "FERRY", "SUB-2", "TOW", "SURVEY", "CONVOY-1", "CONVOY-2"]
     assert "FERRY 17 min 26 s earlier" in drawn["times"]

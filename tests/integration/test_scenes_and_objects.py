@@ -48,7 +48,7 @@ def test_a_scene_is_renamed_with_its_conflicts(run: Run) -> None:
 
 def test_an_object_is_renamed_and_waits_for_detection(run: Run) -> None:
     run("detect", STRAIT)
-    assert run("rename", "FERRY", "STENA", "--scene", "strait").out == "strait: FERRY is now STENA\n"
+    assert run("rename", "FERRY", "STENA", "--scene", "strait").out == "strait: FERRY (Ferry) is now STENA\n"
     outdated = run("conflicts", "FERRY", "--scene", "strait").out
     assert outdated.count("conflict (outdated)") == 3
     run("detect", "--scene", "strait")
@@ -82,7 +82,9 @@ def test_objects_are_deleted_all_or_none_and_scenes_only_by_name(run: Run) -> No
     run("detect", STRAIT)
     assert run("delete", "FERRY", "nobody", "--scene", "strait").code == 4
     assert "FERRY" in run("objects", "--scene", "strait").out
-    assert run("delete", "FERRY", "TOW", "--scene", "strait").out == "strait: 2 deleted\n"
+    assert run("delete", "FERRY", "TOW", "--scene", "strait").out == (
+        "strait: 2 deleted: FERRY (Ferry), TOW (Tug with a barge on a l…)\n"
+    )
     assert "conflict (outdated)" in run("conflicts", "FERRY", "--scene", "strait").out
     for unclear in (("delete",), ("delete", "--all"), ("delete", "--scene", "strait"), ("delete", "X", "--all")):
         assert run(*unclear).code == 2

@@ -13,7 +13,7 @@ import pytest
 import scenes
 import shapely
 from pyarrow import parquet
-from spark_answers import Job, answer_of_one_machine, answers, in_order
+from spark_answers import Job, Spark, answer_of_one_machine, in_order
 from workloads import GROWING, OCEAN, SEAM, throw
 
 from conflictdb.arrays.arrow.object_rows import of_objects
@@ -22,8 +22,10 @@ from conflictdb.formats.reading import read
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Track, rectangle_outline_m
 
+pytestmark = pytest.mark.xdist_group("spark")
 
-def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
+
+def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path, spark: Spark) -> None:
     """All columns that are not of a database alone: by few partitions and many, also where an executor is killed with
     what it held."""
     strait, areas, tracks, _ = read(str(files("conflictdb") / "scenes" / "strait.geojson"))
@@ -32,10 +34,8 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
     # A crowd, which is dealt into blocks.
     objects = closed, [*moving, *(replace(moving[0], key=f"version {i}") for i in range(50))]
     near = replace(near, nearest_m=20_000.0, separation_m=500.0)
-    jobs = [
-        Job("strait", strait, areas, tracks, 3),
-        Job("near at the seam", near, *objects, 5, kills=True),
-    ]
+    of_strait = Job("strait", strait, areas, tracks, 3)
+    of_near = Job("near at the seam", near, *objects, 5, kills=True)
     names = ("exported.parquet", "output", "refused.parquet", "twins.parquet", "strange.parquet", "around.parquet")
     nothing, metres = (str(tmp_path / name) for name in ("nothing.parquet", "metres.parquet"))
     exported, output, refused, twins, strange, around = (str(tmp_path / name) for name in names)
@@ -61,15 +61,17 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path) -> None:
     commands += [[*elsewhere, path] for path in (__file__, strange, twins)]
     commands += [[*elsewhere, around, "--motion", "great_circle", "--earth", "sphere"]]
     commands += [[*elsewhere, path] for path in (nothing, metres)]
-    found = answers(jobs, tmp_path, "local-cluster[2,1,1024]", commands)
-    assert (tmp_path / "near at the seam.killed").exists()
-    for job in jobs:
+    for directory in (tmp_path / "one", tmp_path / "two"):
+        directory.mkdir()
+    found = spark.found([of_strait], tmp_path / "one")
+    found |= spark.found([of_near], tmp_path / "two", "local-cluster[2,1,1024]")
+    for job in (of_strait, of_near):
         expected = answer_of_one_machine(job.scene, job.areas, job.tracks)
         assert expected.num_rows
         assert found[job.name].to_pylist() == expected.to_pylist(), job.name
 
     # The command has the settings of the file, and one line for what it refuses.
-    told = json.loads((tmp_path / "said.json").read_text())
+    told = spark.run(commands)
     refusal, done, twice, no_parquet, no_object, same_key, no_centre, empty, projected = told
     said = refusal, twice, no_parquet, no_object, same_key, no_centre, empty, projected
     assert all((code, text.count("\n")) == (4, 1) for code, text in said)
@@ -114,7 +116,7 @@ def test_without_java_one_line_says_what_to_install(tmp_path: Path, java: int | 
 
 
 @pytest.mark.slow
-def test_all_scenes_on_spark(tmp_path: Path) -> None:
+def test_all_scenes_on_spark(tmp_path: Path, spark: Spark) -> None:
     """All known scenes and random ones, by all methods, in 1, 3 and 16 partitions in turn; the centre is found too."""
     known = [(one.scene, one.areas, one.tracks) for one in scenes.known_scenes()]
     thrown = [throw(workload, 3, 10, 20) for workload in (SEAM, GROWING, OCEAN)]
@@ -124,7 +126,7 @@ def test_all_scenes_on_spark(tmp_path: Path) -> None:
             n = len(jobs)
             asked = replace(scene, method=method, centre=None if n % 2 else scene.centre)
             jobs.append(Job(f"{n:03}", asked, areas, tracks, (1, 3, 16)[n % 3]))
-    found = answers(jobs, tmp_path, master="local[2]")
+    found = spark.found(jobs, tmp_path)
     for job in jobs:
         expected = answer_of_one_machine(job.scene, job.areas, job.tracks)
         assert found[job.name].to_pylist() == expected.to_pylist(), (job.name, job.scene)

@@ -1,7 +1,6 @@
 """A scene of a database through Spark and back: read by workers or exported, its conflicts are those of `detect`."""
 
-import json
-import os
+import re
 import socket
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ import scenes
 from commands import STRAIT, Run, known, runner
 from own_server import own_server
 from psycopg import conninfo
-from spark_answers import answers
+from spark_answers import Spark
 
 from conflictdb import connect
 from conflictdb.arrays.arrow.object_rows import of_objects
@@ -26,6 +25,8 @@ from conflictdb.db import store
 from conflictdb.errors import StoreError
 from conflictdb.formats.parquet_writing import write_objects
 from conflictdb.model.results import Kind
+
+pytestmark = pytest.mark.xdist_group("spark")
 
 PASSWORD = "never-to-be-seen"  # noqa: S105
 # Objects without what `put_area` and `put_track` do for scenes of great circles.
@@ -75,9 +76,7 @@ def over_the_pole(path: Path) -> None:
         write_objects(stream, replace(one.scene, name="circles", centre=None), [of_objects(one.areas, one.tracks)])
 
 
-def test_a_scene_goes_through_spark_and_back(
-    networked: Networked, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scene_goes_through_spark_and_back(networked: Networked, run: Run, tmp_path: Path, spark: Spark) -> None:
     """Exported, read by workers and over a socket, what is written back is what `detect` finds; again, it is nothing.
 
     Of a row that was edited in the file nothing is written: that object waits for a detection. The password of a reader
@@ -103,20 +102,22 @@ def test_a_scene_goes_through_spark_and_back(
     pq.write_table(edited, tmp_path / "edited.parquet")
     ways.append(("strait", networked.owner, ["--input", str(tmp_path / "edited.parquet")]))
     outputs = [tmp_path / f"{number} {name}" for number, (name, _, _) in enumerate(ways)]
-    detect = [["--debug", "--dsn", dsn, "spark", "detect", *given, "--partitions", "2"] for _, dsn, given in ways]
-    commands = [[*command, "--output", str(output)] for command, output in zip(detect, outputs, strict=True)]
-    commands.append(["--dsn", networked.reader, "spark", "detect", "--scene", "no", "--output", str(tmp_path / "no")])
     events = tmp_path / "events"
     events.mkdir()
-    (tmp_path / "spark-defaults.conf").write_text(f"spark.eventLog.enabled true\nspark.eventLog.dir file:{events}\n")
-    monkeypatch.setitem(os.environ, "SPARK_CONF_DIR", str(tmp_path))
-    answers([], tmp_path, "local[2]", commands, reads_database=True)
-    *done, refused = json.loads((tmp_path / "said.json").read_text())
+    logged = ["--conf", "spark.eventLog.enabled=true", "--conf", f"spark.eventLog.dir=file:{events}"]
+    detect = [
+        ["--debug", "--dsn", dsn, "spark", "detect", *given, "--partitions", "2", *logged] for _, dsn, given in ways
+    ]
+    commands = [[*command, "--output", str(output)] for command, output in zip(detect, outputs, strict=True)]
+    commands.append(["--dsn", networked.reader, "spark", "detect", "--scene", "no", "--output", str(tmp_path / "no")])
+    *done, refused = spark.run(commands, is_alone=True)
     assert [code for code, _ in done] == [0] * len(done), done
     assert refused[0] == 4
     assert "is not in this database" in refused[1]
     logs = [path.read_text() for path in events.iterdir()]
-    assert sum("JDBCRelation" in text for text in logs) == 2
+    # The scenes `strait` and `circles`, and no other, were read by workers.
+    relations = [line for text in logs for line in text.splitlines() if "JDBCRelation" in line]
+    assert len({number for line in relations for number in re.findall(r"_read_tracks\((\d+), NULL\)", line)}) == 2
     assert not any(PASSWORD in text for text in [*logs, *(text for _, text in done)])
 
     written = run("spark", "write-back", "--scene", "strait", outputs.pop())

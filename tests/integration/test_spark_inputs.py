@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +12,13 @@ import pyarrow as pa
 import pytest
 import shapely
 from pyarrow import parquet
-from spark_answers import answer_of_one_machine, answers, descendants, in_order
+from spark_answers import SHORT_LIVED, Spark, answer_of_one_machine, await_workers, in_order
 
 from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.formats.parquet_writing import write_objects
 from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
+
+pytestmark = pytest.mark.xdist_group("spark")
 
 T0_US = 1_780_000_000_000_000
 HOUR_US = 3_600_000_000
@@ -41,7 +42,7 @@ def exported(path: Path, scene: Scene | None, table: pa.Table) -> None:
     parquet.write_table(table.replace_schema_metadata(said), path)
 
 
-def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path) -> None:
+def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path, spark: Spark) -> None:
     """A URI, a glob and another file system read as a path does; columns of all parts are read, or one is refused."""
     areas, tracks = (pa.table(of_objects(*some)) for some in ((AREAS, []), ([], TRACKS)))
     both = pa.concat_tables([tracks, areas])
@@ -95,7 +96,6 @@ def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path) ->
     same = [
         detect(f"file://{tmp_path}/whole/the part.parquet"),
         detect(str(tmp_path / "wh*" / "the*.parquet")),
-        detect("viewfs://lake/plans", "--conf", lake),
         detect(str(tmp_path / "parts")),
         detect(str(tmp_path / "untyped" / "[12].parquet")),
         detect(str(tmp_path / "of others"), "--separation-m", "5000", "--scene", "apart"),
@@ -103,6 +103,7 @@ def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path) ->
         # What is there is replaced, also where work had ended too early.
         detect(str(whole), "--overwrite", into=str(tmp_path / "out 0")),
     ]
+    of_lake = detect("viewfs://lake/plans", "--conf", lake)
     refused = [
         (detect(str(tmp_path / f"{name}.parquet")), said)
         for name, said in (
@@ -135,8 +136,9 @@ def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path) ->
         ),
     ]
     exported(tmp_path / "earlier" / "part-0.parquet", SCENE, both)
-    answers([], tmp_path, "local[2]", [*same, *(command for command, _ in refused)])
-    told = json.loads((tmp_path / "said.json").read_text())
+    told = spark.run([*same, *(command for command, _ in refused)])
+    same.insert(0, of_lake)
+    told = [*spark.run([of_lake], is_alone=True), *told]
 
     expected = answer_of_one_machine(SCENE, AREAS, TRACKS).to_pylist()
     assert [row["verdict"] for row in expected] == ["conflict"]
@@ -154,41 +156,45 @@ def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path) ->
     assert (tmp_path / "earlier" / "part-0.parquet").exists()
 
 
-@pytest.mark.parametrize("ends", [False, True])
-def test_a_worker_that_is_killed_is_replaced_and_an_interrupt_is_one_line(tmp_path: Path, ends: bool) -> None:
-    """On one machine, too, tasks are tried again; Ctrl-C ends all of it with 130, and leaves no traceback."""
-    pytest.importorskip("pyspark", reason="not run: pyspark is not here (`./run spark` adds it)")
+@pytest.fixture
+def crowd(tmp_path: Path) -> list[Track]:
+    """Ships, which are in `crowd.parquet` too."""
     rng = np.random.default_rng(1)
-    crowd = [Track(f"S{i:03}", rng.uniform(0, 0.02, (3, 2)), T0_US + np.arange(3) * HOUR_US, HAVEN) for i in range(150)]
+    crowd = [Track(f"S{i:03}", rng.uniform(0, 0.02, (3, 2)), T0_US + np.arange(3) * HOUR_US, HAVEN) for i in range(40)]
     with (tmp_path / "crowd.parquet").open("wb") as stream:
         write_objects(stream, Scene("crowd"), [of_objects([], crowd)])
-    command = [sys.executable, "-m", "conflictdb", "spark", "detect", "--master", "local[2]"]
-    command += ["--input", str(tmp_path / "crowd.parquet"), "--output", str(tmp_path / "out")]
+    return crowd
+
+
+def of_crowd(tmp_path: Path) -> list[str]:
+    return ["spark", "detect", "--input", str(tmp_path / "crowd.parquet"), "--output", str(tmp_path / "out")]
+
+
+def test_a_worker_that_is_killed_is_replaced(tmp_path: Path, crowd: list[Track], spark: Spark) -> None:
+    """On one machine, too, tasks are tried again."""
+    assert spark.run([of_crowd(tmp_path)], kills_worker=True) == [(0, "")]
+    expected = answer_of_one_machine(Scene("crowd"), [], crowd)
+    assert in_order(parquet.read_table(tmp_path / "out")).to_pylist() == expected.to_pylist()
+
+
+@pytest.mark.usefixtures("crowd")
+def test_an_interrupt_is_one_line(tmp_path: Path) -> None:
+    """Ctrl-C ends all of it with 130, and leaves no traceback."""
+    pytest.importorskip("pyspark", reason="not run: pyspark is not here (`./run spark` adds it)")
     # Not ignored, as it is in the background of a shell.
-    listening = ["env", "--default-signal=INT"]
-    running = subprocess.Popen([*listening, *command], stderr=subprocess.PIPE, text=True, start_new_session=True)
+    command = ["env", "--default-signal=INT", sys.executable, "-m", "conflictdb", *of_crowd(tmp_path)]
+    running = subprocess.Popen(
+        [*command, "--master", "local[2]"],
+        env={**os.environ, "JAVA_TOOL_OPTIONS": SHORT_LIVED},
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     try:
-        while not (workers := _workers(running.pid)) and running.poll() is None:
-            time.sleep(0.02)
-        assert workers, running.stderr and running.stderr.read()
-        if ends:
-            os.killpg(running.pid, signal.SIGINT)
-        else:
-            os.kill(workers[0], signal.SIGKILL)
+        assert await_workers(running), running.stderr and running.stderr.read()
+        os.killpg(running.pid, signal.SIGINT)
         _, said = running.communicate(timeout=300)
     finally:
         if running.poll() is None:
             running.kill()
-    if ends:
-        assert (running.returncode, said) == (130, "conflictdb: interrupted\n")
-    else:
-        assert (running.returncode, said) == (0, "")
-        expected = answer_of_one_machine(Scene("crowd"), [], crowd)
-        assert in_order(parquet.read_table(tmp_path / "out")).to_pylist() == expected.to_pylist()
-
-
-def _workers(pid: int) -> list[int]:
-    """Processes of Python that Spark's daemon has forked."""
-    of = descendants(pid)
-    daemons = {one for one, (_, command) in of.items() if "pyspark.daemon" in command}
-    return [one for one in daemons if of[one][0] in daemons]
+    assert (running.returncode, said) == (130, "conflictdb: interrupted\n")

@@ -18,7 +18,7 @@ from commands import STRAIT, Run, runner
 
 import conflictdb
 from conflictdb import Area, InvalidInput, Track
-from conflictdb.formats import scene_text, write_lines
+from conflictdb.formats import ogr, scene_text, write_lines
 
 geopandas = pytest.importorskip("geopandas")
 shapely = pytest.importorskip("shapely")
@@ -103,6 +103,30 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
             one.to_parquet(folder / f"{name}.parquet")
             one.to_file(folder / f"{name}.gpkg")
     return folder
+
+
+@pytest.fixture(scope="module")
+def layers() -> dict[Path, list[ogr.Layer] | InvalidInput]:
+    """Return what the OGR library made of each file."""
+    return {}
+
+
+@pytest.fixture(autouse=True)
+def _read_once(monkeypatch: pytest.MonkeyPatch, layers: dict[Path, list[ogr.Layer] | InvalidInput]) -> None:
+    """Let the OGR library read each file once, for all ways: its process takes half a second to start."""
+
+    def read_layers(path: Path, max_file_mb: float, read: Any = ogr.read_layers) -> list[ogr.Layer]:
+        if path not in layers:
+            try:
+                layers[path] = read(path, max_file_mb)
+            except InvalidInput as refused:
+                layers[path] = refused
+        found = layers[path]
+        if isinstance(found, InvalidInput):
+            raise found
+        return found
+
+    monkeypatch.setattr(ogr, "read_layers", read_layers)
 
 
 @pytest.fixture

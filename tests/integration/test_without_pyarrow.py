@@ -1,5 +1,6 @@
 """Commands where the extra `parquet` is not installed."""
 
+import json
 import os
 import subprocess
 import sys
@@ -7,36 +8,55 @@ from pathlib import Path
 
 from conflictdb import connect
 
+# Runs commands in a process without pyarrow, and prints the exit code and the messages of each.
+SCRIPT = """
+import contextlib, io, json, os, sys
+sys.modules["pyarrow"] = None
+from conflictdb.cli import main
+
+done = []
+for words, more in json.loads(sys.argv[1]):
+    os.environ.pop("CONFLICTDB_PROGRAM", None)
+    os.environ.update(more)
+    with contextlib.redirect_stderr(io.StringIO()) as err:
+        try:
+            code = main(words)
+        except SystemExit as ended:
+            code = ended.code
+    done.append([code, err.getvalue().splitlines()])
+print(json.dumps(done))
+"""
+
 
 def test_without_pyarrow_every_command_that_needs_it_names_the_extra(dsn: str, tmp_path: Path) -> None:
     """Reading, writing and writing back of Parquet end with the one command that brings what is missing."""
-    script = "import sys; sys.modules['pyarrow'] = None\nfrom conflictdb.cli import main\nsys.exit(main(sys.argv[1:]))"
     for name in ("file.parquet", "file.geoparquet"):
         (tmp_path / name).write_bytes(b"PAR1")
     with connect(dsn) as db:
         db.load_demo()
         db.scene("strait").detect()
-    environ = {name: value for name, value in os.environ.items() if name != "CONFLICTDB_PROGRAM"}
-    for command in (
+    commands = (
         "load file.parquet",
         "load file.geoparquet file.parquet",
         "detect file.parquet --scene strait",
         "export --scene strait out.parquet",
         "conflicts --scene strait --format geoparquet",
         "spark write-back --scene strait file.parquet",
-    ):
-        for more, remedy in (
-            ({}, "pip install 'conflictdb[parquet]'"),
-            ({"CONFLICTDB_PROGRAM": "./run"}, "./run extras"),
-        ):
-            done = subprocess.run(
-                [sys.executable, "-c", script, "--dsn", dsn, *command.split()],
-                env=environ | more,
-                capture_output=True,
-                text=True,
-                check=False,
-                timeout=60,
-                cwd=tmp_path,
-            )
-            told = f"conflictdb: Arrow and Parquet need pyarrow: {remedy}"
-            assert (done.returncode, done.stderr.splitlines()) == (1, [told]), command
+    )
+    remedies: tuple[tuple[dict[str, str], str], ...] = (
+        ({}, "pip install 'conflictdb[parquet]'"),
+        ({"CONFLICTDB_PROGRAM": "./run"}, "./run extras"),
+    )
+    cases = [(command, more, remedy) for command in commands for more, remedy in remedies]
+    runs = json.dumps([(["--dsn", dsn, *command.split()], more) for command, more, _ in cases])
+    found = subprocess.run(
+        [sys.executable, "-c", SCRIPT, runs],
+        env=os.environ,
+        stdout=subprocess.PIPE,
+        check=True,
+        timeout=60,
+        cwd=tmp_path,
+    )
+    for (command, _, remedy), done in zip(cases, json.loads(found.stdout), strict=True):
+        told = f"conflictdb: Arrow and Parquet need pyarrow: {remedy}"
+        assert done == [1, [told]], command

@@ -114,7 +114,11 @@ def test_server(run: str, worker: str) -> Iterator[TestServer]:
             pytest.fail(f"{error}\n  tests            export CONFLICTDB_TEST_DSN=... (a server to create databases on)")
     with embedded:
         dsn = conninfo.make_conninfo(embedded.admin_dsn, dbname="postgres")
-        yield TestServer(dsn, "conflictdb_test", embedded.status().description)
+        own = TestServer(dsn, "conflictdb_test", embedded.status().description)
+        # ANALYZE in the middle of a test would change its plans.
+        own.execute("ALTER SYSTEM SET autovacuum = off")
+        own.execute("SELECT pg_reload_conf()")
+        yield own
 
 
 test_server.__test__ = False  # type: ignore[attr-defined]

@@ -1,10 +1,11 @@
-"""Answers of Spark, and what they must be: run as a program, beside the tests, for Spark is one of its own.
+"""Answers of Spark, and what they must be: Spark runs in one program beside the tests, which all of them use.
 
-    python spark_answers.py DIRECTORY MASTER [reads-database]
+    python spark_answers.py
 
-takes every `*.job` of a directory, a pickled Job, through one session of Spark, and leaves the conflicts of each beside
-it; then runs the commands of conflictdb in `commands.json`, and leaves what they end with and say in `said.json`. Exits
-with 2 and one line where Spark does not run here.
+reads requests, one JSON object a line, and answers each with a line. `master`, `directory` take every `*.job` of a
+directory, a pickled Job, through a session of Spark, and leave the conflicts of each beside it. `commands` are run, and
+the answer is what they end with and say; they share one session, which begins at the first. With `is_alone` they have
+one of their own, and with `kills_worker` the first worker of Python that appears is killed meanwhile.
 """
 
 import json
@@ -13,14 +14,17 @@ import pickle
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Sequence
-from contextlib import redirect_stderr
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import Any, TextIO
+from unittest.mock import patch
 
 import numpy as np
 import pyarrow as pa
@@ -35,13 +39,17 @@ from conflictdb.errors import EngineMissing
 from conflictdb.in_memory import _InMemory
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
+from conflictdb.server.options import Settings
+from conflictdb.spark import engine
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_scene
 
 _ROOT = Path(__file__).parents[2]
-_LONGEST_S = 7_200.0
 # Java makes no best code of what runs for seconds.
-_SHORT_LIVED = "-XX:TieredStopAtLevel=1 -XX:+UseSerialGC"
+SHORT_LIVED = "-XX:TieredStopAtLevel=1 -XX:+UseSerialGC"
+_MASTER = "local[2]"
+_EVERY_S = 0.05
+_LONGEST_S = 120.0
 
 
 @dataclass(frozen=True)
@@ -76,30 +84,58 @@ def in_order(found: pa.Table) -> pa.Table:
     return found.drop_columns(["a_id", "b_id"]).sort_by([(name, "ascending") for name in ("a_kind", "a_key", "b_key")])
 
 
-def answers(
-    jobs: Sequence[Job],
-    directory: Path,
-    master: str,
-    commands: Sequence[Sequence[str]] = (),
-    *,
-    reads_database: bool = False,
-) -> dict[str, pa.Table]:
-    """What Spark finds, by the names of jobs; skips the test where Spark does not run and cannot be fetched.
+class Spark:
+    """The program, while it runs; the first request skips its test where Spark does not run."""
 
-    commands : of the command line, run after that
-    reads_database : whether one of them needs the driver of databases
-    """
+    def __init__(self, process: "subprocess.Popen[str]", said: TextIO) -> None:
+        self._process, self._said = process, said
+
+    def found(self, jobs: Sequence[Job], directory: Path, master: str = _MASTER) -> dict[str, pa.Table]:
+        """Return what Spark finds, by the names of jobs."""
+        for job in jobs:
+            (directory / f"{job.name}.job").write_bytes(pickle.dumps(job))
+        self._ask(directory=str(directory), master=master)
+        return {job.name: in_order(pq.read_table(directory / f"{job.name}.found")) for job in jobs}
+
+    def run(
+        self, commands: Sequence[Sequence[str]], *, is_alone: bool = False, kills_worker: bool = False
+    ) -> list[tuple[int, str]]:
+        """Return exit codes of commands of the command line, and what they say."""
+        answer = self._ask(commands=commands, is_alone=is_alone or kills_worker, kills_worker=kills_worker)
+        return [(code, text) for code, text in answer["said"]]
+
+    def _ask(self, **request: object) -> Any:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(json.dumps(request) + "\n")
+        self._process.stdin.flush()
+        line = self._process.stdout.readline()
+        self._said.seek(0)
+        assert line, self._said.read()
+        answer = json.loads(line)
+        if "missing" in answer:
+            pytest.skip(f"not run on Spark: {answer['missing']}")
+        assert "failed" not in answer, answer["failed"]
+        return answer
+
+
+@contextmanager
+def running_spark() -> Iterator[Spark]:
+    """Run the program until the end of the block."""
     _add_extra()
-    (directory / "commands.json").write_text(json.dumps(commands))
-    for job in jobs:
-        (directory / f"{job.name}.job").write_bytes(pickle.dumps(job))
-    command = [sys.executable, __file__, str(directory), master, *(["reads-database"] if reads_database else [])]
-    environ = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "JAVA_TOOL_OPTIONS": _SHORT_LIVED}
-    done = subprocess.run(command, env=environ, capture_output=True, text=True, timeout=_LONGEST_S, check=False)
-    if done.returncode == 2:
-        pytest.skip(f"not run on Spark: {done.stderr.strip()}")
-    assert done.returncode == 0, done.stderr
-    return {job.name: in_order(pq.read_table(directory / f"{job.name}.found")) for job in jobs}
+    environ = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "JAVA_TOOL_OPTIONS": SHORT_LIVED}
+    with (
+        tempfile.TemporaryFile("w+") as said,
+        subprocess.Popen(
+            [sys.executable, __file__],
+            env=environ,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=said,
+            text=True,
+        ) as process,
+    ):
+        yield Spark(process, said)
 
 
 def _add_extra() -> None:
@@ -109,55 +145,143 @@ def _add_extra() -> None:
         subprocess.run([_ROOT / "run", "spark", "--help"], env=environ, capture_output=True, check=False)
 
 
-def _main(directory: Path, master: str, *, reads_database: bool) -> int:
-    from conflictdb.cli import main
-    from conflictdb.server.options import Settings
-    from conflictdb.spark import engine
+def _main() -> None:
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what Java prints is no answer
+    missing = _begin()
+    for line in sys.stdin:
+        try:
+            answer = {"missing": missing} if missing else _answer(**json.loads(line))
+        except Exception:
+            answer = {"failed": traceback.format_exc()}
+        answers.write(json.dumps(answer) + "\n")
+        answers.flush()
+    _stop()
 
-    cache = Settings.from_environment().cache / "spark"
+
+def _begin() -> str | None:
+    """Start Java with all jars, also the driver of databases; return what is missing."""
     try:
-        with engine.session(master, cache, os.environ, is_quiet=False, reads_database=reads_database) as spark:
-            from conflictdb.spark.files import read_objects, write_conflicts
-            from conflictdb.spark.on_cluster import detect_on_spark
-
-            for path in sorted(directory.glob("*.job")):
-                job: Job = pickle.loads(path.read_bytes())  # noqa: S301 what the test wrote
-                objects = str(path.with_suffix(".objects"))
-                pq.write_table(pa.Table.from_batches([of_objects(job.areas, job.tracks)]), objects)
-                found = detect_on_spark(spark, read_objects(spark, [objects]), job.scene, partitions=job.partitions)
-                killer = Thread(target=_kill_an_executor, args=(spark.sparkContext.statusTracker(), job.partitions))
-                if job.kills:
-                    killer.start()
-                write_conflicts(found, str(path.with_suffix(".found")))
-                if job.kills:
-                    killer.join()
-                    path.with_suffix(".killed").touch()
+        with engine.session(_MASTER, _cache(), os.environ, is_quiet=False, reads_database=True):
+            return None
     except EngineMissing as error:
-        sys.stderr.write(f"{error}\n")
-        return 2
-    said = []
-    for command in json.loads((directory / "commands.json").read_text()):
-        with redirect_stderr(StringIO()) as errors:
-            said.append((main([*command, "--master", "local[2]"]), errors.getvalue()))
-    (directory / "said.json").write_text(json.dumps(said))
-    return 0
+        return str(error)
 
 
-def _kill_an_executor(tracker: Any, partitions: int) -> None:
-    """Kill one executor of this program's, once tasks of a shuffled stage have ended; raises if there is none."""
+def _answer(
+    *,
+    directory: str = "",
+    master: str = "",
+    commands: Sequence[Sequence[str]] = (),
+    is_alone: bool = False,
+    kills_worker: bool = False,
+) -> dict[str, object]:
+    if directory:
+        _stop()
+        _take(Path(directory), master)
+        return {}
+    if is_alone:
+        _stop()
+    killed: list[int] = []
+    killer = Thread(target=_kill, args=(_python_workers, killed))
+    if kills_worker:
+        killer.start()
+    said = [_run(command) for command in commands]
+    if kills_worker:
+        killer.join()
+        assert killed, "there was no worker to kill"
+    if is_alone:
+        _stop()
+    return {"said": said}
+
+
+def _run(command: Sequence[str]) -> tuple[int, str]:
+    """Run a command, and keep its session for the next."""
+    from pyspark.sql import SparkSession
+
+    from conflictdb.cli import main
+
+    with patch.object(SparkSession, "stop"), redirect_stderr(StringIO()) as errors:
+        return main([*command, "--master", _MASTER]), errors.getvalue()
+
+
+def _stop() -> None:
+    """End the session that commands share."""
+    from pyspark.sql import SparkSession
+
+    if (session := SparkSession.getActiveSession()) is not None:
+        session.stop()
+
+
+def _cache() -> Path:
+    return Settings.from_environment().cache / "spark"
+
+
+def _take(directory: Path, master: str) -> None:
+    """Take the jobs of a directory through a session."""
+    with engine.session(master, _cache(), os.environ, is_quiet=False) as spark:
+        from conflictdb.spark.files import read_objects, write_conflicts
+        from conflictdb.spark.on_cluster import detect_on_spark
+
+        for path in sorted(directory.glob("*.job")):
+            job: Job = pickle.loads(path.read_bytes())  # noqa: S301 what the test wrote
+            objects = str(path.with_suffix(".objects"))
+            pq.write_table(pa.Table.from_batches([of_objects(job.areas, job.tracks)]), objects)
+            found = detect_on_spark(spark, read_objects(spark, [objects]), job.scene, partitions=job.partitions)
+            killed: list[int] = []
+            tracker = spark.sparkContext.statusTracker()
+            killer = Thread(target=_kill_an_executor, args=(tracker, job.partitions, killed))
+            if job.kills:
+                killer.start()
+            write_conflicts(found, str(path.with_suffix(".found")))
+            if job.kills:
+                killer.join()
+                assert killed, "there was no executor to kill"
+
+
+def _kill_an_executor(tracker: Any, partitions: int, killed: list[int]) -> None:
+    """Kill one executor of this program's, once tasks of a shuffled stage have ended."""
+    until_s = time.monotonic() + _LONGEST_S
     while not any(
         (stage := tracker.getStageInfo(number)) and stage.numTasks == partitions and stage.numCompletedTasks
         for number in tracker.getActiveStageIds()
     ):
-        time.sleep(0.02)
-    for pid, (_, command) in descendants(os.getpid()).items():
-        if "CoarseGrainedExecutorBackend" in command:
-            os.kill(pid, signal.SIGKILL)
+        if time.monotonic() > until_s:
             return
-    raise AssertionError("there is no executor to kill")
+        time.sleep(_EVERY_S)
+    _kill(_executors, killed)
 
 
-def descendants(pid: int) -> dict[int, tuple[int, str]]:
+def _kill(which: Callable[[int], list[int]], killed: list[int]) -> None:
+    """Kill the first process of a kind that this one has, once there is one."""
+    until_s = time.monotonic() + _LONGEST_S
+    while not (found := which(os.getpid())):
+        if time.monotonic() > until_s:
+            return
+        time.sleep(_EVERY_S)
+    os.kill(found[0], signal.SIGKILL)
+    killed.append(found[0])
+
+
+def _executors(pid: int) -> list[int]:
+    return [one for one, (_, command) in _descendants(pid).items() if "CoarseGrainedExecutorBackend" in command]
+
+
+def _python_workers(pid: int) -> list[int]:
+    """Return the processes of Python that Spark's daemon has forked."""
+    of = _descendants(pid)
+    daemons = {one for one, (_, command) in of.items() if "pyspark.daemon" in command}
+    return [one for one in daemons if of[one][0] in daemons]
+
+
+def await_workers(process: "subprocess.Popen[str]") -> bool:
+    """Return whether a program of Spark comes to have workers of Python."""
+    while not (has_workers := bool(_python_workers(process.pid))) and process.poll() is None:
+        time.sleep(_EVERY_S)
+    return has_workers
+
+
+def _descendants(pid: int) -> dict[int, tuple[int, str]]:
     """Processes that one has started, and those started by them: the parent and the command of each."""
     parents = {int(path.name): _parent(path) for path in Path("/proc").iterdir() if path.name.isdigit()}
     found: dict[int, tuple[int, str]] = {}
@@ -183,4 +307,4 @@ def _command(pid: int) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(_main(Path(sys.argv[1]), sys.argv[2], reads_database="reads-database" in sys.argv[3:]))
+    _main()

@@ -185,7 +185,7 @@ def test_names_from_right_to_left_stand_in_their_place() -> None:
     ships = [track("\N{HEBREW LETTER ALEF}1", (0.0, 0.0), (0.1, 0.0)), track("<b>", (0.1, 0.0), (0.0, 0.0))]
     said = texts(plot_timeline(solve(ships, [], Scene("s"))))
     mark = "\N{LEFT-TO-RIGHT MARK}"
-    assert f"<b>, {mark}\N{HEBREW LETTER ALEF}1{mark}" in said
+    assert f"<b> and {mark}\N{HEBREW LETTER ALEF}1{mark}" in said
 
 
 def test_a_haven_is_drawn_where_it_is_and_only_while_it_is_there(strait: Any) -> None:
@@ -203,13 +203,24 @@ def test_a_scene_shows_all_objects_by_name_and_a_bar_for_each_period(strait: Any
     scene, areas, tracks, found = strait
     figure = plot_scene(scene, areas, tracks, found, remark="NOT COMPLETE: 3 objects wait")
     said = texts(figure)
-    assert {one.key for one in (*areas, *tracks)} <= set(said)
+    names = {one.name for one in (*areas, *tracks) if len(one.name) <= 28}
+    assert len(names) == 8
+    assert names <= set(said)
     assert "strait: 4 areas, 7 tracks, 7 conflicts" in said
     assert "NOT COMPLETE: 3 objects wait" in said
-    assert "CABLE, SUB-1" in said
+    assert "Cable works on the sea bed and Submarine haven, deep" in said
     bars = figure.axes[1].patches
     assert len(bars) == sum(len(one.periods) for one in found)
     assert len(plot_timeline(found).axes[0].patches) == len(bars)
+
+
+def test_a_figure_tells_two_objects_of_one_name_apart_by_their_keys(strait: Any) -> None:
+    scene, areas, tracks, found = strait
+    alike = {"FERRY": "Ferry", "TOW": "Ferry", "DIVING": "FIRING"}
+    some = [replace(one, name=alike.get(one.key)) for one in (*areas, *tracks)]
+    named = [replace(one, a_name=alike.get(one.a_key), b_name=alike.get(one.b_key)) for one in found]
+    said = texts(plot_scene(scene, some[: len(areas)], some[len(areas) :], named))
+    assert {"FERRY (Ferry)", "TOW (Ferry)", "FIRING", "DIVING (FIRING)", "FERRY (Ferry) and TOW (Ferry)"} <= set(said)
 
 
 def test_a_pair_shows_what_is_known_of_it(strait: Any, tmp_path: Path) -> None:
@@ -217,7 +228,7 @@ def test_a_pair_shows_what_is_known_of_it(strait: Any, tmp_path: Path) -> None:
     conflict = next(one for one in found if (one.a_key, one.b_key) == ("FIRING", "SURVEY"))
     figure = conflict.plot()
     said = " ".join(texts(figure))
-    assert "FIRING and SURVEY: conflict" in said
+    assert "Firing practice and Survey aircraft: conflict" in said
     assert "projected onto the way (stage 3)" in said
     assert "1 µs" in said
     # Three periods are shaded, beside the band of the bounds.
@@ -242,7 +253,7 @@ def test_a_pair_that_heights_keep_apart_says_so_and_shows_them(strait: Any) -> N
     """The submarines cross: the separation goes below zero, but is dashed, with a panel of heights below it."""
     figure = plot_pair(strait[0], *named(strait, "SUB-1", "SUB-2"))
     said = " ".join(texts(figure))
-    assert "SUB-1 and SUB-2: no conflict is known" in said
+    assert "Submarine haven, deep and Submarine haven, shallow: no conflict is known" in said
     assert "their heights never overlap: -300 to -100 m, and -100 to -20 m" in said.replace("\N{MINUS SIGN}", "-")
     assert np.isnan(solid_m(figure)).all()
     lines = [np.asarray(one.get_ydata(), dtype=float) for one in figure.axes[1].get_lines()]

@@ -93,6 +93,24 @@ def test_chunks_of_pairs_give_what_all_of_them_give_at_once(method: Method) -> N
     assert not told or told[-1] == (decided, decided)
 
 
+@pytest.mark.parametrize(("share", "more"), [(0.25, 4), (None, 0)])
+def test_progress_of_a_chunk_extrapolates_to_all_pairs_from_its_share(share: float | None, more: int) -> None:
+    """An unknown share tells no end."""
+
+    class Part:
+        def candidates(self) -> Iterator[Chunk]:
+            for chunk in source(1).candidates():
+                yield chunk._replace(share=share)
+
+        def footprints(self, area_ids: Any) -> Any:
+            return source(1).footprints(area_ids)
+
+    told: list[tuple[int, int]] = []
+    _, funnel = run(SCENE, Part(), progress=lambda *done: told.append(done))
+    decided = funnel.solved_pairs + funnel.effort.exact.closed_forms
+    assert told[-1] == (decided, more * decided)
+
+
 @pytest.mark.parametrize("method", Method)
 @pytest.mark.parametrize("separation_m", [0.0, 10.0])
 def test_stage_3_is_reported_for_the_pairs_that_it_decides(method: Method, separation_m: float) -> None:

@@ -51,6 +51,7 @@ from conflictdb.db.store.listing import (
     each_conflict,
     explain_conflict,
     explained_text,
+    names,
     runs,
     scene_state,
     wait_until_current,

@@ -1,6 +1,6 @@
 """Read conflicts, closest approaches and runs, and whether they are complete."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -10,7 +10,7 @@ from typing import Any, Final
 import psycopg
 from psycopg.types.json import Jsonb
 
-from conflictdb.db.store.connection import call, call_by_name, call_each_by_name, transaction
+from conflictdb.db.store.connection import call, call_by_name, call_each_by_name, call_many, transaction
 from conflictdb.model.methods import Method
 from conflictdb.model.results import Approach, Conflict, ConflictEvent, Kind, Listing, Period, SceneState, Verdict
 
@@ -163,12 +163,24 @@ def each_approach(
 
 
 def conflicts_known_at(conn: psycopg.Connection[Any], scene: str, at: datetime) -> list[Conflict]:
-    """Return the conflicts of a scene as they were known at an instant, earliest first.
+    """Return the conflicts of a scene as they were known at an instant, earliest first, with the names of today.
 
     Raises InvalidInput if the scene does not exist, had no detection by then, or its history begins later.
     """
     with transaction(conn):
-        return [Conflict(scene=scene, **_fields(row)) for row in call_by_name(conn, "_conflicts_known_at", scene, at)]
+        rows = call_by_name(conn, "_conflicts_known_at", scene, at)
+        known = names(conn, scene, (row[side] for row in rows for side in ("a_key", "b_key")))
+    for row in rows:
+        row |= {"a_name": known.get(row["a_key"]), "b_name": known.get(row["b_key"])}
+    return [Conflict(scene=scene, **_fields(row)) for row in rows]
+
+
+def names(conn: psycopg.Connection[Any], scene: str, keys: Iterable[str]) -> dict[str, str]:
+    """Return the names of the objects with these keys, by key; those without a name are left out."""
+    if not (some := sorted(set(keys))):
+        return {}
+    with transaction(conn):
+        return dict(call_many(conn, "_names", scene, some))
 
 
 def conflict_events(

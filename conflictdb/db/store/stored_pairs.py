@@ -40,6 +40,7 @@ class Candidates:
     a, b : (n,) ids of the rows
     a_pieces, b_pieces : (n,) numbers of pieces in each row
     objects : (n,) a number for the two objects
+    share : about which share of all pairs is found with these; None: unknown
     """
 
     a: NDArray[np.int64]
@@ -47,6 +48,7 @@ class Candidates:
     a_pieces: NDArray[np.int64]
     b_pieces: NDArray[np.int64]
     objects: NDArray[np.int64]
+    share: float | None = None
 
     def __len__(self) -> int:
         return len(self.a)
@@ -66,9 +68,10 @@ def candidates(
     """
     for sent in call_each(conn, "_candidates", scene_id, min(at_once, fit), rows_at_once=2):
         kinds = ("i8", "i8", "i4", "i4", "i8")
-        *found, ranks = (copy_binary.array_values([one], kind) for one, kind in zip(sent, kinds, strict=True))
-        order = np.argsort(ranks, kind="stable")
-        yield Candidates(*(column.astype(np.int64)[order] for column in (*found, ranks)))
+        columns = [copy_binary.array_values([one], kind) for one, kind in zip(sent, kinds, strict=True)]
+        order = np.argsort(columns[-1], kind="stable")
+        a, b, a_pieces, b_pieces, ranks = (column.astype(np.int64)[order] for column in columns)
+        yield Candidates(a, b, a_pieces, b_pieces, ranks)
 
 
 def boxes(

@@ -1,0 +1,205 @@
+"""A database that tests use in turn: all that a test leaves is removed, or else the database is replaced."""
+
+import time
+from itertools import count
+from typing import Any
+
+import psycopg
+from databases import TestServer
+from psycopg.rows import tuple_row
+
+# Catalogs that say all that a test may add, change or remove in a database.
+CATALOGS = (
+    "attrdef", "attribute", "cast", "class", "collation", "constraint", "conversion", "default_acl", "depend",
+    "description", "enum", "event_trigger", "extension", "foreign_data_wrapper", "foreign_server", "foreign_table",
+    "index", "inherits", "init_privs", "language", "largeobject_metadata", "namespace", "opclass", "operator",
+    "opfamily", "policy", "proc", "publication", "range", "rewrite", "seclabel", "statistic_ext", "trigger", "type",
+)  # fmt: skip
+# The schemas of temporary tables stay.
+PERMANENT = {"namespace": "r.nspname !~ '^pg_(toast_)?temp_'"}
+# Columns that change with the rows of a table, not with its definition.
+PASSING = {
+    "class": "{relfilenode,relpages,reltuples,relallvisible,relhasrules,relhastriggers,relfrozenxid,relminmxid}",
+    "index": "{indcheckxmin}",
+}
+# The number of rows of a catalog, and hashes of those written after a transaction.
+ROWS = """
+SELECT count(*), array_agg(hashtextextended({content}, 0))
+                     FILTER (WHERE age(r.xmin) < (SELECT age(%(since)s::text::xid)))
+FROM pg_catalog.pg_{catalog} r WHERE {condition}
+"""
+# What is dropped if a test made it, in this order.
+DROPPED = {
+    "event_trigger": "true",
+    "publication": "true",
+    "extension": "true",
+    "namespace": PERMANENT["namespace"],
+    "foreign_data_wrapper": "true",
+    "class": "r.relkind IN ('r', 'p', 'v', 'm', 'f', 'S')",
+    "proc": "true",
+    "type": "r.typtype IN ('d', 'e', 'r')",
+    "trigger": "NOT r.tgisinternal",
+    "policy": "true",
+}
+# Removed objects leave marks, so they come first.
+TABLES = """
+SELECT c.oid::regclass::text FROM pg_class c
+WHERE c.relnamespace IN ('conflictdb'::regnamespace, 'conflictdb_internal'::regnamespace) AND c.relkind = 'r'
+      AND c.relname <> 'alembic_version'
+ORDER BY c.relname NOT IN ('area', 'track'), 1
+"""
+RESTART = """
+SELECT setval(q.seqrelid, q.seqstart, false) FROM pg_sequence q JOIN pg_class c ON c.oid = q.seqrelid
+WHERE c.relnamespace = 'conflictdb'::regnamespace AND pg_sequence_last_value(q.seqrelid) IS NOT NULL
+"""
+STATISTICS = """
+SELECT c.oid::bigint, c.relpages, c.reltuples, c.relallvisible FROM pg_class c
+WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind IN ('r', 'i')
+"""
+FORGET = """
+DELETE FROM pg_statistic s USING pg_class c WHERE c.oid = s.starelid AND c.relnamespace = 'conflictdb'::regnamespace;
+UPDATE pg_class c SET relpages = v.relpages, reltuples = v.reltuples, relallvisible = v.relallvisible
+FROM (VALUES {rows}) v (oid, relpages, reltuples, relallvisible) WHERE c.oid = v.oid
+"""
+# Pages of indexes stay when their rows have gone.
+HAS_LARGE_INDEXES = """
+SELECT EXISTS (SELECT FROM pg_class c WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind = 'r'
+               AND pg_indexes_size(c.oid) > 256 * current_setting('block_size')::bigint)
+"""
+END_SESSIONS = """
+SELECT pg_terminate_backend(pid) FROM pg_stat_activity
+WHERE datname = current_database() AND pid <> pg_backend_pid() AND backend_type = 'client backend'
+"""
+# Owners, grants and settings, which the whole server keeps, and the version of the schema.
+SHARED = """
+SELECT ROW((SELECT array_agg(ROW(d.classid, d.objid, d.refobjid, d.deptype)
+                             ORDER BY d.classid, d.objid, d.refobjid, d.deptype)
+            FROM pg_shdepend d WHERE d.dbid = b.oid),
+           (SELECT array_agg(ROW(s.setrole, s.setconfig) ORDER BY s.setrole) FROM pg_db_role_setting s
+            WHERE s.setdatabase = b.oid),
+           b.datdba, b.datconnlimit, b.datallowconn, b.datacl, shobj_description(b.oid, 'pg_database'),
+           (SELECT array_agg(v.version_num) FROM conflictdb.alembic_version v))::text
+FROM pg_database b WHERE b.datname = current_database()
+"""
+WAIT_S = 30.0
+
+
+class ReusedDatabase:
+    """A clone of a template that tests use in turn.
+
+    server : where it is
+    template : name of the database to clone
+    prefix : what names of its clones begin with
+    """
+
+    def __init__(self, server: TestServer, template: str, prefix: str) -> None:
+        self._server, self._template, self._prefix = server, template, prefix
+        self._numbers = count(1)
+        self._name = ""
+        self._conn: psycopg.Connection[Any] | None = None
+        self._tables: list[str] = []
+        self._statistics: set[tuple[Any, ...]] = set()
+        self._counts: list[int] = []
+        self._rows: set[int] = set()
+        self._newest = 0
+        self._shared = self._since = ""
+
+    def dsn(self) -> str:
+        """Return how to connect to it; it is as the template."""
+        if self._conn is None:
+            self._name = f"{self._prefix}_{next(self._numbers)}"
+            dsn = self._server.clone(self._template, self._name)
+            self._conn = psycopg.connect(dsn, autocommit=True, row_factory=tuple_row)
+            self._conn.execute("SET session_replication_role = replica; SET client_min_messages = warning")
+            if not self._tables:
+                self._remember(self._conn)
+            self._shared = self._one(self._conn, SHARED)
+            self._since = self._one(self._conn, "SELECT pg_current_xact_id()::xid")
+        return self._server.database(self._name)
+
+    def clean(self) -> None:
+        """Remove what a test left; drop the database if anything remains."""
+        if self._conn is None:
+            return
+        try:
+            is_clean = self._is_cleaned(self._conn)
+        except psycopg.Error:  # the test ended all sessions, or changed the schema
+            is_clean = False
+        if not is_clean:
+            self.drop()
+
+    def drop(self) -> None:
+        """Drop it; the next test gets another clone."""
+        if self._conn is not None:
+            self._conn.close()
+            self._conn = None
+            self._server.drop(self._name)
+
+    def _remember(self, conn: psycopg.Connection[Any]) -> None:
+        self._tables = [table for (table,) in conn.execute(TABLES)]
+        self._statistics = set(conn.execute(STATISTICS))
+        self._newest = max(self._one(conn, f"SELECT max(oid::bigint) FROM pg_{catalog}") or 0 for catalog in DROPPED)
+        found = self._catalogs(conn, "3")  # the first transaction
+        self._counts = [rows for rows, _ in found]
+        self._rows = {row for _, written in found for row in written or ()}
+
+    def _is_cleaned(self, conn: psycopg.Connection[Any]) -> bool:
+        end = time.monotonic() + WAIT_S
+        while conn.execute(END_SESSIONS).rowcount > 0:
+            assert time.monotonic() < end, f"sessions of {self._name} do not end"
+            time.sleep(0.002)
+        self._drop_added(conn)
+        self._empty(conn)
+        found = self._catalogs(conn, self._since)
+        left = {row for _, written in found for row in written or ()} - self._rows
+        if left or [rows for rows, _ in found] != self._counts or self._one(conn, SHARED) != self._shared:
+            return False
+        # On other servers autovacuum counts the changes of one test, as in a clone of its own.
+        conn.execute("SELECT pg_stat_reset()")
+        self._since = self._one(conn, "SELECT pg_current_xact_id()::xid")
+        return not self._full(conn) and not self._one(conn, HAS_LARGE_INDEXES)
+
+    def _drop_added(self, conn: psycopg.Connection[Any]) -> None:
+        added = " UNION ALL ".join(
+            f"SELECT i.type, i.identity FROM pg_{catalog} r, pg_identify_object(r.tableoid, r.oid, 0) i "
+            f"WHERE r.oid > {self._newest} AND {condition}"
+            for catalog, condition in DROPPED.items()
+        )
+        for kind, identity in conn.execute(added).fetchall():
+            conn.execute(f"DROP {kind.replace('-', ' ')} IF EXISTS {identity} CASCADE")
+
+    def _empty(self, conn: psycopg.Connection[Any]) -> None:
+        emptied = set()
+        while full := [table for table in self._full(conn) if table not in emptied]:
+            conn.execute("; ".join(f"DELETE FROM {table}" for table in full))
+            emptied.update(full)
+        conn.execute(RESTART)
+        if emptied:  # its pages, too: rows come in the order in which a test inserts them
+            conn.execute(f"VACUUM (INDEX_CLEANUP ON, PARALLEL 0) {', '.join(emptied)}")
+        # Plans must not depend on earlier tests.
+        changed = self._statistics - set(conn.execute(STATISTICS))
+        if changed:
+            rows = ", ".join(f"({oid}, {pages}, {tuples}::real, {visible})" for oid, pages, tuples, visible in changed)
+            conn.execute(FORGET.format(rows=rows))
+
+    def _full(self, conn: psycopg.Connection[Any]) -> list[str]:
+        full = " UNION ALL ".join(f"SELECT '{table}' WHERE EXISTS (SELECT FROM {table})" for table in self._tables)
+        return [table for (table,) in conn.execute(full)]
+
+    @staticmethod
+    def _catalogs(conn: psycopg.Connection[Any], since: str) -> list[tuple[int, list[int] | None]]:
+        query = " UNION ALL ".join(
+            ROWS.format(
+                content=f"(to_jsonb(r) - '{PASSING[catalog]}'::text[])::text" if catalog in PASSING else "r::text",
+                catalog=catalog,
+                condition=PERMANENT.get(catalog, "true"),
+            )
+            for catalog in CATALOGS
+        )
+        return conn.execute(query, {"since": since}, prepare=True).fetchall()
+
+    @staticmethod
+    def _one(conn: psycopg.Connection[Any], query: str) -> Any:
+        row = conn.execute(query).fetchone()
+        assert row is not None
+        return row[0]
