@@ -30,15 +30,15 @@ FORMATS: Final = (*APPROACH_FORMATS, "gpx", "ics")
 _OF_ALL_COMMANDS: Final = ("--dsn", "--debug", "--version")
 # Options of several commands, for `add_options`: value, default, name of the value in help, help.
 _OPTIONS: Final[Mapping[str, tuple[Callable[[str], Any], object, str, str]]] = {
-    "--jobs": (count, None, "N", "threads (default: one per processor)"),
-    "--lock-timeout": (duration_s, None, "DURATION", "wait no longer for a lock (30s, 5m)"),
-    "--memory-mb": (memory_mb, MEMORY_MB, "N", f"memory limit, megabytes (default {MEMORY_MB})"),
+    "--jobs": (count, None, "N", "threads (default: all)"),
+    "--lock-timeout": (duration_s, None, "DURATION", "wait no longer for locks (30s, 5m)"),
+    "--memory-mb": (memory_mb, MEMORY_MB, "N", f"memory limit (default {MEMORY_MB})"),
     "--tz": (zone, None, "ZONE", "time zone of input and table, Europe/Copenhagen"),
-    "--wait": (duration_s, None, "DURATION", "wait for a worker to detect changes, else exit with 7"),
+    "--wait": (duration_s, None, "DURATION", "wait for a worker, else exit with 7"),
 }
 _FLAGS: Final = {
-    "--fail-on-conflict": "exit with 10 if there are conflicts",
-    "--no-region": "leave out the regions",
+    "--fail-on-conflict": "exit with 10 on conflicts",
+    "--no-region": "without regions",
     "--require-current": "exit with 7 unless current",
 }
 
@@ -179,7 +179,7 @@ def add_loading(parser: Parser, *, is_shown: bool = True) -> None:
     add("--replace", "remove objects that the files do not contain", action="store_true")
     add("--layer", "layer to read (GeoPackage, KML, S-57); repeatable (default: all)", action="append", metavar="NAME")
     add("--skip-invalid", "leave out refused objects, and exit with 6", action="store_true")
-    add("--haven", "of tracks without a size, metres", type=haven, metavar="FORE,AFT,PORT,STARBOARD")
+    add("--haven", "of tracks without one, metres", type=haven, metavar="FORE,AFT,PORT,STARBOARD")
     add("--time-zone", "of times without offset", type=zone, metavar="ZONE")
     add("--map", "other names, start=valid_from", type=mapping, metavar="FIELD=COLUMN,…")
     add("--max-speed-kn", "refuse faster tracks and fixes (default 2000, AIS 102.2)", type=speed_kn, metavar="KN")

@@ -20,7 +20,7 @@ def add(commands: Any) -> None:
     parser.add_argument("--log", choices=("text", "json"), default="text", help="default: text")
     parser.add_argument("--http", type=address, metavar="[HOST:]PORT", help="serve /healthz and /metrics")
     add_options(parser, "--jobs", "--memory-mb")
-    about = "wait no longer for another detection (30s, 5m)"
+    about = "wait no longer for another detection"
     parser.add_argument("--lock-timeout", type=duration_s, metavar="DURATION", help=about)
 
     parser = command(commands, "server", "embedded:server", "start, stop or show the embedded database")

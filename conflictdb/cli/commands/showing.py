@@ -24,7 +24,7 @@ def add(commands: Any) -> None:
     what.add_argument("--reason", metavar="TEXT", help="why")
     what.add_argument("--undo", action="store_true", help="withdraw it")
     parser.add_argument("--by", type=name, metavar="NAME", help="who, beside the database user")
-    parser.add_argument("--until", type=instant, metavar="TIME", help="its end (ISO 8601 with offset; default: none)")
+    parser.add_argument("--until", type=instant, metavar="TIME", help="its end (with offset; default: none)")
 
     more = "Prints the address of a page, and serves it until interrupted."
     parser = command(commands, "map", "pictures:show_map", "show a scene on a map, in a browser", more)
