@@ -2,7 +2,7 @@
 
 The server comes from the first of these that there is; without any the run fails, it never skips:
 
-1. CONFLICTDB_TEST_DSN: a server whose user may create databases, with PostGIS (nothing else is tried then)
+1. CONFLICTDB_TEST_DSN: a server whose user is a superuser, with PostGIS (nothing else is tried then)
 2. Docker, if CONFLICTDB_TEST_DB=docker asks for it
 3. PostgreSQL with PostGIS on this machine, or unpacked into the cache earlier: a server of this run's own
 4. Docker, if an engine answers within 3 s
