@@ -5,7 +5,51 @@
 DO $$
 DECLARE
     -- Name, parameters and columns of the result, e.g. 'conflicts_of(p_scene, p_key, a_key, b_key)'.
-    c_retired CONSTANT text[] := '{}';
+    c_retired CONSTANT text[] := ARRAY[
+        '_answer_probe(p_probe_id, p_error, p_found)',
+        '_approaches(p_scene, p_only_near, p_keys, a_key, a_kind, b_key, b_kind, closest_at, closest_m, '
+        'closest_error_m, a_lon_deg, a_lat_deg, b_lon_deg, b_lat_deg, verdict, is_current, run_id, '
+        'found_at, scene_is_current, method, time_error_s, a_id, a_version, b_id, b_version)',
+        '_begin_detection(p_scene, p_wait_s, p_few, p_try_again, scene_id, taken, is_behind, motion, '
+        'earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat, srid, area_ids, '
+        'track_ids, known_objects)',
+        '_conflicts(p_scene, p_at, p_with_region, p_keys, a_key, a_kind, b_key, b_kind, periods, verdict, '
+        'region, first_contact_lon_deg, first_contact_lat_deg, method, time_error_s, is_current, run_id, '
+        'found_at, closest_at, closest_m, closest_error_m, closest_a_lon_deg, closest_a_lat_deg, '
+        'closest_b_lon_deg, closest_b_lat_deg, scene_is_current, conflict_id, changed_at, '
+        'acknowledged_by, acknowledged_at, acknowledged_for, acknowledged_until, a_id, a_version, b_id, '
+        'b_version)',
+        '_explained_as_json(p_key, p_kind, p_waits, p_pieces, p_span, p_floor_m, p_ceiling_m)',
+        '_explained_object(p_scene_id, p_key, kind, id, key, waits, pieces, is_covered, span, floor_m, '
+        'ceiling_m, box)',
+        '_keys_of(p_scene_id, p_kinds, p_ids, kind, id, key)',
+        '_load(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
+        'p_centre_lon, p_centre_lat, p_merge, added, updated, removed, unchanged)',
+        '_pieces_meeting(p_scene_id, p_key, p_hulls, p_starts_us, p_ends_us, p_inclusive, p_floors_m, '
+        'p_ceilings_m, p_turns, n, piece_id, pieces, object_number)',
+        '_probe_request(p_probe_id, object_kind, key, footprint, start_us, end_us, path, outline, '
+        'grow_mps, floor_m, ceiling_m)',
+        '_put_pieces(p_scene_id, p_most, p_object_kind, p_object_id, p_version, p_pieces, p_part, p_turn, '
+        'p_hull, p_span, p_floor_m, p_ceiling_m, p_shape, p_shape_to, p_leg_start, p_leg_end, '
+        'p_start_lon_deg, p_start_lat_deg, p_end_lon_deg, p_end_lat_deg, p_bearing_deg, p_first, p_hulls, '
+        'p_shapes, p_parts, p_starts, p_leg_times, p_legs, piece_id, rank, object_kind, object_id, '
+        'version, pieces, part, turn, span_start, span_end, end_inclusive, floor_m, ceiling_m, leg_start, '
+        'leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg, bearing_deg, hull, shape, '
+        'shape_to, parts, cuts, leg_times, legs, met)',
+        '_refuse(p_state, p_who, p_field, p_rule, p_constraint, p_hint)',
+        '_scene(p_scene_id, name, motion, earth, method, tolerance_m, separation_m, nearest_m, '
+        'centre_lon, centre_lat)',
+        '_scene_named(p_scene, name, motion, earth, method, tolerance_m, separation_m, nearest_m, '
+        'centre_lon, centre_lat)',
+        '_scenes(scene_id, name, motion, earth, method, tolerance_m, separation_m, nearest_m, centre_lon, '
+        'centre_lat, areas, tracks, pending, conflicts, run_id, finished_at, error, is_current)',
+        '_set_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
+        'p_centre_lon, p_centre_lat)',
+        '_wait_for_probe(p_probe_id, p_timeout, key, kind, verdict, periods, time_error_s, lon_deg, '
+        'lat_deg, closest_at, closest_m, closest_error_m)',
+        'acknowledge(p_scene, p_a_key, p_b_key, p_reason, p_until)',
+        'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
+        'p_centre_lon, p_centre_lat)'];
     v_routine record;
 BEGIN
     FOR v_routine IN

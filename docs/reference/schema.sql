@@ -228,11 +228,11 @@ TABLE probe_request (
     grow_mps double precision NOT NULL DEFAULT 0,
     floor_m double precision,
     ceiling_m double precision,
-    horizon interval,
     answered_at timestamp with time zone,
     is_current boolean,
     error text,
     failures smallint NOT NULL DEFAULT 0,
+    horizon interval,
     delays jsonb
 );
 

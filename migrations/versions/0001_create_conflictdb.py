@@ -463,17 +463,13 @@ CREATE TABLE conflictdb.probe_request (
     grow_mps double precision NOT NULL DEFAULT 0,
     floor_m double precision,
     ceiling_m double precision,
-    horizon interval,
     answered_at timestamptz,
     is_current boolean,
     error text,
     failures smallint NOT NULL DEFAULT 0,
-    delays jsonb,
     CONSTRAINT probe_request_kind_known CHECK (object_kind IN (0, 1)),
     CONSTRAINT probe_request_plan_given CHECK (
-        CASE WHEN horizon IS NOT NULL THEN object_kind = 1 AND key IS NOT NULL AND path IS NULL
-             WHEN object_kind = 0 THEN num_nonnulls(footprint, active_span) = 2
-             ELSE num_nonnulls(path, outline) = 2 END
+        CASE object_kind WHEN 0 THEN num_nonnulls(footprint, active_span) = 2 ELSE num_nonnulls(path, outline) = 2 END
     )
 )
 """
@@ -511,6 +507,4 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    raise NotImplementedError(
-        "conflictdb does not downgrade; DROP SCHEMA conflictdb, conflictdb_internal CASCADE removes it"
-    )
+    raise NotImplementedError("conflictdb does not downgrade; DROP SCHEMA conflictdb CASCADE removes it")
