@@ -109,7 +109,7 @@ class ReusedDatabase:
         if self._conn is None:
             self._name = f"{self._prefix}_{next(self._numbers)}"
             dsn = self._server.clone(self._template, self._name)
-            self._conn = psycopg.connect(dsn, autocommit=True, row_factory=tuple_row)
+            self._conn = psycopg.connect(dsn, application_name="cleaner", autocommit=True, row_factory=tuple_row)
             self._conn.execute("SET session_replication_role = replica; SET client_min_messages = warning")
             if not self._tables:
                 self._remember(self._conn)
