@@ -107,7 +107,10 @@ def wait_until_alone(conn: psycopg.Connection[Any]) -> None:
     """Until the server has noticed that the other session is gone."""
     end = time.monotonic() + WAIT_S
     while time.monotonic() < end:
-        query = "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid()"
+        query = (
+            "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid() "
+            "AND application_name <> 'cleaner'"
+        )
         row = conn.execute(query).fetchone()
         conn.commit()
         if row == (0,):
