@@ -84,7 +84,8 @@ def sessions(conn: psycopg.Connection[Any]) -> list[tuple[str | None, str]]:
     """Return what the sessions of the command in this database wait for, and their last statements."""
     rows = conn.execute(
         "SELECT wait_event_type, query FROM pg_stat_activity WHERE datname = current_database() "
-        "AND backend_type = 'client backend' AND application_name NOT IN ('blocker', 'cleaner') AND pid <> pg_backend_pid()"
+        "AND backend_type = 'client backend' AND application_name NOT IN ('blocker', 'cleaner') "
+        "AND pid <> pg_backend_pid()"
     ).fetchall()
     conn.commit()
     return rows
