@@ -12,7 +12,7 @@ import pyarrow as pa
 import pytest
 import shapely
 from pyarrow import parquet
-from spark_answers import SHORT_LIVED, Spark, answer_of_one_machine, await_workers, in_order
+from spark_answers import SHORT_LIVED, Spark, answer_of_one_machine, await_workers, in_order, need_pyspark
 
 from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.formats.parquet_writing import write_objects
@@ -180,7 +180,7 @@ def test_a_worker_that_is_killed_is_replaced(tmp_path: Path, crowd: list[Track],
 @pytest.mark.usefixtures("crowd")
 def test_an_interrupt_is_one_line(tmp_path: Path) -> None:
     """Ctrl-C ends all of it with 130, and leaves no traceback."""
-    pytest.importorskip("pyspark", reason="not run: pyspark is not here (`./run spark` adds it)")
+    need_pyspark()
     # Not ignored, as it is in the background of a shell.
     command = ["env", "--default-signal=INT", sys.executable, "-m", "conflictdb", *of_crowd(tmp_path)]
     running = subprocess.Popen(

@@ -8,6 +8,7 @@ the answer is what they end with and say; they share one session, which begins a
 one of their own, and with `kills_worker` the first worker of Python that appears is killed meanwhile.
 """
 
+import importlib
 import json
 import os
 import pickle
@@ -20,6 +21,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass
+from functools import cache
 from io import StringIO
 from pathlib import Path
 from threading import Thread
@@ -138,6 +140,14 @@ def running_spark() -> Iterator[Spark]:
         yield Spark(process, said)
 
 
+def need_pyspark() -> None:
+    """Skip the test where the library of Spark is not here and cannot be fetched."""
+    _add_extra()
+    importlib.invalidate_caches()
+    pytest.importorskip("pyspark", reason="not run: pyspark is not here (`./run spark` adds it)")
+
+
+@cache
 def _add_extra() -> None:
     """Have ./run add Spark to the environment that it made, if this is one and there is Java."""
     if Path(sys.prefix, "made-from").exists():

@@ -17,7 +17,7 @@ import pytest
 import scenes
 import shapely
 import shapely.affinity
-from spark_answers import answer_of_one_machine, in_order
+from spark_answers import answer_of_one_machine, in_order, need_pyspark
 from workloads import GROWING, OCEAN, SEAM, Workload, throw
 
 from conflictdb import kernel
@@ -44,7 +44,7 @@ OBJECTS = [*((one.scene, one.areas, one.tracks) for one in scenes.known_scenes()
 
 def test_files_of_one_scene_say_the_same_settings() -> None:
     """Those of the first that says any; other settings are refused, whichever of the files says them."""
-    pytest.importorskip("pyspark", reason="not run: pyspark is not here (`./run spark` adds it)")
+    need_pyspark()
     from conflictdb.spark.files import settings_of
 
     def schema(scene: Scene | None) -> pa.Schema:
@@ -90,7 +90,7 @@ def test_options_of_the_user_go_before_ours(tmp_path: Path) -> None:
 
 def test_what_spark_cannot_do_is_one_line() -> None:
     """Not pages of Java, and not a mistake of this program: a full disk, a worker that ended, Java that is gone."""
-    pytest.importorskip("pyspark", reason="not run: pyspark is not here (`./run spark` adds it)")
+    need_pyspark()
     from py4j.protocol import Py4JError, Py4JNetworkError
     from pyspark.errors import PySparkException
 
