@@ -1,0 +1,22 @@
+"""Add separation in time, and the differences of departure times that scenes store."""
+
+revision = "0004"
+down_revision = "0003"
+branch_labels = None
+depends_on = None
+
+# SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
+routines_sha256 = "c1a2722783c493694b3e94dd69720737469c640de13e777f8d804e6dedcf189b"
+
+# Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
+changes_answers = False
+
+
+def upgrade() -> None:
+    pass
+
+
+def downgrade() -> None:
+    raise NotImplementedError(
+        "conflictdb does not downgrade; DROP SCHEMA conflictdb, conflictdb_internal CASCADE removes it"
+    )
