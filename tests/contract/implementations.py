@@ -40,6 +40,11 @@ MANY: Final = 1500
 SAMPLES: Final = 65
 
 
+def largest_size_m(track: Track) -> float:
+    """The largest distance of a vertex from the reference point, metres on the earth."""
+    return max(float(np.hypot(*outline.T).max()) for outline in oracle_motion.outlines(track))
+
+
 class Oracle(Protocol):
     """Where things are, by formulas that share nothing with the package."""
 
@@ -80,7 +85,7 @@ class RhumbOracle:
         """Latitudes of both ends are rounded to 2.2e-16: that turns a short leg, and what lies far from it."""
         (lon0, lat0), (lon1, lat1) = track.positions_deg
         length_m = self.course((lon0, lat0), near((lon0, lat0), (lon1, lat1)))[0]
-        size_m = max(float(np.hypot(*outline.T).max()) for outline in oracle_motion.outlines(track))
+        size_m = largest_size_m(track)
         # However short the leg, no vertex is farther off than on the other side of the waypoint.
         return min(4.5e-16 * self.globe.a / length_m, 2.0) * size_m if length_m > 0.0 else 0.0
 
@@ -108,7 +113,7 @@ class CircleOracle:
         return self._chart.plane(one.vertices(fraction))
 
     def rounding_m(self, track: Track) -> float:
-        size_m = max(float(np.hypot(*outline.T).max()) for outline in oracle_motion.outlines(track))
+        size_m = largest_size_m(track)
         angle = float(oracle_circle.legs(track)[0].angle)
         if angle == 0.0:  # what is too short for long double has any heading
             return 0.0 if np.array_equal(*track.positions_deg) else 2.0 * size_m
@@ -502,6 +507,7 @@ def extremes(row: MotionRow) -> Iterator[tuple[Moving]]:
         (row.rim, row.home, 100.0 * box, hours, 1e6),
         (row.rim, row.rim, 100.0 * box, 1, 0.0),
         (row.home, on, dents, hours, 0.0),
+        (row.rim, row.rim, np.array([(-4e6, -28801.0)]), 1, 0.0),  # eight times around the pole
     ):
         start_us = MIN_INSTANT_US if duration_us == ever else T0_US
 

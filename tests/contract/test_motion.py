@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 import shapely
-from implementations import MotionRow, Moving, every_motion, extremes, for_every_motion, moving
+from implementations import MotionRow, Moving, every_motion, extremes, for_every_motion, largest_size_m, moving
 
 from conflictdb.kernel.movement import Movement
 
@@ -29,6 +29,9 @@ EARTH_ROUNDING_M: Final = 1.5e-7
 def rounding_m(haven: Moving) -> float:
     """What places in the plane are rounded to, plane metres."""
     furthest = np.abs(haven.positions).max()
+    if haven.row.has_seam:
+        # Whole turns around the pole are taken off a place after its way along the parallel was rounded.
+        furthest = max(furthest, haven.scale * largest_size_m(haven.track))
     own = PLANE_ROUNDING * max(TURN_M, furthest) + (EARTH_ROUNDING_M + tip_rounding_m(haven)) * haven.scale
     return float(own + LATITUDE_ROUNDING * furthest * haven.scale)
 
