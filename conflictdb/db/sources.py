@@ -50,7 +50,10 @@ class SceneSource:
         self._conn, self._scene_id, self._memory, self._meanwhile = conn, scene_id, memory, meanwhile
 
     def candidates(self) -> Iterator[Chunk]:
-        """Implement `PairSource`; joins boxes here if all objects changed and the boxes fit the memory."""
+        """Implement `PairSource`; join boxes here if `store.boxes` returns them, else in the database.
+
+        It returns them if all objects changed and they fit the memory (`_row_boxes`, sql/20_stage1_broad_phase.sql).
+        """
         ids, pieces, boxes = store.boxes(self._conn, self._scene_id, self._memory.boxes)
         if not len(ids):
             for found in store.candidates(self._conn, self._scene_id, self._memory.pairs):

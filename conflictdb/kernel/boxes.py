@@ -1,4 +1,7 @@
-"""Broad phase in memory (stage 1 of a whole scene): rows whose boxes intersect in space, height and time."""
+"""Stage 1 at the client, for whole scenes of a database and for Spark: join rows whose boxes intersect.
+
+Boxes have space, height and time. `solve` uses `stages.stage1_broad_phase`.
+"""
 
 import ctypes
 from collections.abc import Iterator

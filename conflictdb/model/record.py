@@ -3,7 +3,8 @@
 The views `conflicts` and `approaches`, CSV, JSON, GeoJSON, data frames, Arrow and GeoParquet have these columns, by
 these names. To add a column: add a row here, a field to `Conflict` (model/results.py), and where it is computed a field
 to `Conflicts` (arrays/answers.py); a column to the table (a revision), to the views (sql/70_conflicts.sql), to the
-models (db/models.py), and to the rows that are written (sql/60_write_back.sql).
+models (db/models.py), to the rows that are written (sql/60_write_back.sql: MEASURED is in the order of its parameters)
+and to the rows that Python reads (sql/80_listing.sql; the former routines go into sql/06_retired.sql).
 """
 
 from dataclasses import dataclass, replace

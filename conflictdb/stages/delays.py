@@ -169,7 +169,7 @@ def differences_of(
     placed = AnyTime.of(pieces)
     number = placed.number
     mine = np.flatnonzero(np.isin(number, tracks))
-    first = mine[_waits(pieces, number, mine)] if waits else mine[:0]
+    first = mine[_first_leg_stands(pieces, number, mine)] if waits else mine[:0]
     moving = placed.pairs_within(mine, horizon_us, is_once=True)
     waiting = placed.pairs_within(first, horizon_us)
     a, b = (np.concatenate(both) for both in zip(moving, waiting, strict=True))
@@ -285,7 +285,10 @@ def forbidden_by(
 
 
 def least_later(forbidden: Spans, planned: int, most: int) -> int | None:
-    """Return the least value from the planned one on that is not forbidden; None beyond the most."""
+    """Return the least value from the planned one on that is not forbidden; None beyond the most.
+
+    In the unit of the spans, which are rounded outward already: after a forbidden interval, its end plus one unit.
+    """
     k = int(np.searchsorted(forbidden.low, planned, side="right")) - 1
     least = planned if k < 0 or forbidden.high[k] < planned else int(forbidden.high[k]) + 1
     return least if least <= most else None
@@ -300,7 +303,7 @@ def sorted_keys(keys: Mapping[int, str], numbers: list[int]) -> tuple[str, ...]:
     return tuple(sorted((keys[number] for number in numbers), key=str.encode))
 
 
-def _waits(pieces: Pieces, number: _Ints, rows: _Ints) -> NDArray[np.bool_]:
+def _first_leg_stands(pieces: Pieces, number: _Ints, rows: _Ints) -> NDArray[np.bool_]:
     """Return (m,) whether pieces (m,) are the first of a track whose first leg stands still."""
     first_us = np.full(len(rows), INFINITY_US)
     _, track = np.unique(number[rows], return_inverse=True)

@@ -125,7 +125,17 @@ def test_stepwise_upgrade_is_the_fresh_install(empty_dsn: str, other_dsn: str, n
         assert conn.execute("SELECT conflictdb.scene_note('0001')").fetchone() == ("none: 100% :x",)
 
 
-@pytest.mark.parametrize("revision", schema.revisions()[:-1])
+def answers_change_after(revision: str) -> bool:
+    return any(
+        one > revision and "\nchanges_answers = True\n" in file_of(one).read_text() for one in schema.revisions()
+    )
+
+
+def file_of(revision: str) -> Path:
+    return next((ROOT / "migrations" / "versions").glob(f"{revision}_*.py"))
+
+
+@pytest.mark.parametrize("revision", [one for one in schema.revisions() if answers_change_after(one)])
 def test_after_an_upgrade_that_changes_answers_everything_is_detected_again(
     empty_dsn: str, revision: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -319,7 +329,7 @@ def test_the_last_revision_before_the_squash_is_upgraded(empty_dsn: str, other_d
         assert conn.execute("SELECT name, method FROM conflictdb.scene").fetchall() == [("old", "exact")]
 
 
-@pytest.mark.parametrize("revision", ["0004", "0027"])
+@pytest.mark.parametrize("revision", ["0009", "0027"])
 def test_a_revision_from_before_the_first_release_is_refused(dsn: str, revision: str) -> None:
     """Revisions 0001 to 0028 of then are 0001 now; the message says how to go on."""
     with psycopg.connect(dsn) as conn:
@@ -328,7 +338,7 @@ def test_a_revision_from_before_the_first_release_is_refused(dsn: str, revision:
         schema.upgrade(dsn)
 
 
-@pytest.mark.parametrize("revision", ["0001", "0002", "0003"])
+@pytest.mark.parametrize("revision", schema.revisions())
 def test_a_former_revision_of_the_same_number_is_refused(dsn: str, revision: str) -> None:
     """It lacks tables that the present revision 0001 has."""
     with psycopg.connect(dsn) as conn:
