@@ -78,7 +78,7 @@ COMMENT ON COLUMN scenes.last_run_at IS 'When it ended; null if there was none.'
 COMMENT ON COLUMN scenes.last_error IS 'Why it failed; null if it succeeded, or if there was none.';
 COMMENT ON COLUMN scenes.is_current IS
 'Whether its conflicts are complete: nothing changed since the last successful detection, and changes of attached '
-'tables are recorded.';
+'tables are recorded (tables without triggers: up to their last comparison). Rows in unmapped are not included.';
 COMMENT ON COLUMN scenes.unmapped IS
 'Number of rows of attached tables whose current values do not make an object (view unmapped).';
 

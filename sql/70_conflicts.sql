@@ -48,7 +48,7 @@ COMMENT ON COLUMN conflicts.first_contact IS 'Start of the first period; null if
 COMMENT ON COLUMN conflicts.last_contact IS 'End of the last period; null if unbounded.';
 COMMENT ON COLUMN conflicts.verdict IS
 'conflict: they meet; grazing: within the tolerance of the limit; unresolved: neither proven apart nor decided, '
-'periods then say when they might meet.';
+'periods then say when they might meet: treat it as a conflict, or detect with exact after screen.';
 COMMENT ON COLUMN conflicts.region IS
 'Region of the conflict, longitude and latitude in degrees, split at the antimeridian. Two overlapping areas: their '
 'intersection. Otherwise a superset: intersection of the places swept during the contacts, extended by tolerance and '
@@ -57,7 +57,8 @@ COMMENT ON COLUMN conflicts.first_contact_point IS
 'First contact, longitude and latitude in degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.method IS 'Method of the detection that found it.';
 COMMENT ON COLUMN conflicts.time_error_s IS 'Error bound of every period''s start and end, seconds.';
-COMMENT ON COLUMN conflicts.is_current IS 'Whether neither the objects nor the scene''s settings changed since.';
+COMMENT ON COLUMN conflicts.is_current IS
+'Whether neither object nor the scene''s settings changed since; scene_is_current says whether pairs may be missing.';
 COMMENT ON COLUMN conflicts.run_id IS 'Run that found it; later runs confirmed it unchanged.';
 COMMENT ON COLUMN conflicts.found_at IS 'When the pair was first found in conflict.';
 COMMENT ON COLUMN conflicts.closest_at IS
@@ -78,7 +79,8 @@ COMMENT ON COLUMN conflicts.opened_at IS 'When it opened; equal to found_at.';
 COMMENT ON COLUMN conflicts.changed_at IS
 'When its verdict or a key last changed, or its periods by more than their error; null if they never did.';
 COMMENT ON COLUMN conflicts.acknowledged_by IS
-'User whose acknowledgement holds; null if there is none, or if it has ended, expired or been outgrown.';
+'User whose acknowledgement holds, after a name that the user gave, NAME (user); null if there is none, or if it has '
+'ended, expired or been outgrown.';
 COMMENT ON COLUMN conflicts.acknowledged_at IS 'When it was acknowledged; null if acknowledged_by is null.';
 COMMENT ON COLUMN conflicts.acknowledged_for IS 'Reason given; null if acknowledged_by is null.';
 COMMENT ON COLUMN conflicts.acknowledged_until IS
@@ -128,7 +130,8 @@ COMMENT ON COLUMN approaches.a_point IS 'Nearest point of the first object then,
 COMMENT ON COLUMN approaches.b_point IS 'Nearest point of the second object then, longitude and latitude in degrees.';
 COMMENT ON COLUMN approaches.verdict IS
 'near: no conflict; conflict, grazing, unresolved: as in the view conflicts.';
-COMMENT ON COLUMN approaches.is_current IS 'Whether neither the objects nor the scene''s settings changed since.';
+COMMENT ON COLUMN approaches.is_current IS
+'Whether neither object nor the scene''s settings changed since; scene_is_current says whether pairs may be missing.';
 COMMENT ON COLUMN approaches.run_id IS 'Run that found it; later runs confirmed it unchanged.';
 COMMENT ON COLUMN approaches.found_at IS 'When the pair was first found in conflict or near.';
 COMMENT ON COLUMN approaches.scene_is_current IS

@@ -95,7 +95,11 @@ COLUMNS: Final = (
         required=True,
         array="time_error_s",
     ),
-    Column("is_current", Type.TRUTH, "Whether neither the objects nor the scene's settings changed since."),
+    Column(
+        "is_current",
+        Type.TRUTH,
+        "Whether neither object nor the scene's settings changed since; scene_is_current says whether pairs may be missing.",
+    ),
     Column("run_id", Type.WHOLE, "Run that found it; later runs confirmed it unchanged."),
     Column("found_at", Type.INSTANT, "When the pair was first found in conflict."),
     Column(

@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "721588421e8090bec74cce1f1d9b6870520110a2bfd4915c9db4100142b9982a"
+routines_sha256 = "b3182be5fdc7c7f7a9eed9740b0bd6fb957eee3829cb4b9c67b03f91a9909253"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
