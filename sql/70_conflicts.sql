@@ -48,7 +48,7 @@ COMMENT ON COLUMN conflicts.first_contact IS 'Start of the first period; null if
 COMMENT ON COLUMN conflicts.last_contact IS 'End of the last period; null if unbounded.';
 COMMENT ON COLUMN conflicts.verdict IS
 'conflict: they meet; grazing: within the tolerance of the limit; unresolved: neither proven apart nor decided, '
-'periods then say when they might meet: treat it as a conflict, or detect with exact after screen.';
+'periods then say when they might meet. Treat unresolved as a conflict; after screen, detect with exact.';
 COMMENT ON COLUMN conflicts.region IS
 'Region of the conflict, longitude and latitude in degrees, split at the antimeridian. Two overlapping areas: their '
 'intersection. Otherwise a superset: intersection of the places swept during the contacts, extended by tolerance and '

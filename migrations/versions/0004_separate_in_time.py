@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "b3182be5fdc7c7f7a9eed9740b0bd6fb957eee3829cb4b9c67b03f91a9909253"
+routines_sha256 = "f6064e0b9f1cfc12a9ca7dfa634837b8ccc53d44c5c658ddaeed48d459ff0f1b"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
