@@ -79,8 +79,8 @@ COMMENT ON COLUMN conflicts.opened_at IS 'When it opened; equal to found_at.';
 COMMENT ON COLUMN conflicts.changed_at IS
 'When its verdict or a key last changed, or its periods by more than their error; null if they never did.';
 COMMENT ON COLUMN conflicts.acknowledged_by IS
-'User whose acknowledgement holds, after a name that the user gave, NAME (user); null if there is none, or if it has '
-'ended, expired or been outgrown.';
+'User whose acknowledgement holds; null if there is none, or if it has ended, expired or been outgrown. NAME (user) if '
+'the user gave a name; nothing checks it.';
 COMMENT ON COLUMN conflicts.acknowledged_at IS 'When it was acknowledged; null if acknowledged_by is null.';
 COMMENT ON COLUMN conflicts.acknowledged_for IS 'Reason given; null if acknowledged_by is null.';
 COMMENT ON COLUMN conflicts.acknowledged_until IS

@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "f6064e0b9f1cfc12a9ca7dfa634837b8ccc53d44c5c658ddaeed48d459ff0f1b"
+routines_sha256 = "a9e967e96803eb74b8006e9ddf6198483f9ac438212d92d45be415d5bd2f108e"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
