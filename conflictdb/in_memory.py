@@ -315,7 +315,8 @@ def _known(
     of_key = {keys[number]: number for number in numbers.tolist()}
     for key in given:
         if key not in of_key:
-            raise InvalidInput(f"scene {scene.name!r}", "track", f"{key!r} is not known")
+            problem = "is an area, which does not depart" if key in keys.values() else "is not known"
+            raise InvalidInput(f"scene {scene.name!r}", "track", f"{key!r} {problem}")
     return np.array(sorted({of_key[key] for key in given}), np.int64)
 
 

@@ -299,6 +299,8 @@ def test_a_horizon_that_is_none_is_refused(within_s: float) -> None:
 def test_other_input_is_refused() -> None:
     with pytest.raises(InvalidInput, match="'south' is not known"):
         delays([EAST], [], SCENE, "south")
+    with pytest.raises(InvalidInput, match="'closed' is an area, which does not depart"):
+        delays([EAST], [area("closed")], SCENE, "closed")
     with pytest.raises(InvalidInput, match="are they swapped"):
         delays([area("closed")], [EAST], SCENE)  # type: ignore[list-item]
     with pytest.raises(InvalidInput, match="occurs more than once"):
