@@ -18,7 +18,7 @@ NEAR_M = 20_000.0
 
 
 def answer(conn: psycopg.Connection[Any], scene: Scene) -> list[tuple[object, ...]]:
-    """All that the view says but for what names the run, in a fixed order."""
+    """All columns of the view except those that name the run, in a fixed order."""
     rows = store.conflicts(conn, scene.name, with_region=True)
     assert all(row.is_current for row in rows)
     found = [
@@ -107,7 +107,7 @@ def test_history_does_not_matter(conn: psycopg.Connection[Any], workload: Any, e
 
 
 def test_settings_change_everything(conn: psycopg.Connection[Any]) -> None:
-    """A larger separation, another earth: the next detection knows, and gives what a fresh scene gives."""
+    """A larger separation, another earth: the next detection notices, and gives the answer of a fresh scene."""
     scene, areas, tracks = throw(EQUATOR, 2, 4, 5)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)

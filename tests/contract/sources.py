@@ -1,7 +1,7 @@
-"""Where pairs come from, one row each: what `test_sources` runs on.
+"""Sources of pairs, one row each: the implementations that `test_sources` runs on.
 
-A further source is one row of SOURCES: what loads a scene into it and yields it, ready for stage 1, with the keys of
-its objects.
+A new source is one row of SOURCES: a function that loads a scene into it and yields it, ready for stage 1, with the
+keys of its objects.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -27,7 +27,7 @@ from conflictdb.stages.source import PairSource
 
 
 class InMemory(_InMemory):
-    """What `solve` takes pairs from, with the plane of its scene; objects are numbered in the order they are given."""
+    """The source of pairs of `solve`, with the plane of its scene; objects are numbered in their order in the batch."""
 
     plane: Plane
 

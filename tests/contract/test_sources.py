@@ -1,4 +1,4 @@
-"""What every source of pairs keeps (`stages.source.PairSource`): the pairs that brute force finds, the same rows."""
+"""The contract of every source of pairs (`stages.source.PairSource`): the pairs of brute force, the same rows."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -20,7 +20,7 @@ from conflictdb.stages.run import run_scene
 from conflictdb.stages.stage1_broad_phase import hulls_of
 from conflictdb.stages.stage2_intersection import intersections
 
-# Hulls are padded by more than a metre: by how much less they overlap or are apart decides no contact, plane metres.
+# Hulls are padded by more than a metre: a smaller overlap or gap decides no contact, plane metres.
 ROUNDING_M: Final = 1e-3
 
 Objects = tuple[Scene, Sequence[Area], Sequence[Track]]
@@ -70,7 +70,7 @@ def brute_force(objects: Objects) -> tuple[Pieces, list[str], np.ndarray, np.nda
     start, end = pieces.shared_span(a, b)
     box = shapely.bounds(hulls_of(pieces)) if len(pieces) else np.empty((0, 4))
     gap = np.maximum(box[a, :2] - box[b, 2:], box[b, :2] - box[a, 2:]).max(axis=1, initial=-np.inf)
-    # An instant that both have is a span where both hold it, which is another test's.
+    # Spans that share only an instant are tested elsewhere.
     must = differ & (start < end) & (gap <= 0.0)
     may = differ & (start <= end) & (gap <= 1.0)  # boxes of an index are rounded outward
     return pieces, keys, np.stack([a, b])[:, must], np.stack([a, b])[:, may]
@@ -120,7 +120,7 @@ def test_stages_1_and_2_find_what_brute_force_finds(dsn: str, open_source: Open,
 
 
 def rows(opened: Opened) -> dict[tuple[str, str], tuple[object, ...]]:
-    """What becomes of the pairs of a source, by the keys of the two objects."""
+    """The rows of all pairs of a source, by the keys of the two objects."""
     answer: dict[tuple[str, str], tuple[object, ...]] = {}
     for found, _ in run_scene(opened.scene, plane_of(opened.scene), opened.source):
         answer |= rows_of_chunk(opened, found)
@@ -159,7 +159,7 @@ def test_the_same_scene_has_the_same_rows_from_every_source(dsn: str, open_sourc
 @every_source
 @every_scene
 def test_pieces_come_in_the_order_of_their_objects(dsn: str, open_source: Open, objects: Objects) -> None:
-    """Of kinds, keys, parts and turns: of contacts that begin together every source tells the same one as the first."""
+    """By kind, key, part and turn: of contacts that begin together every source reports the same one as the first."""
     with open_source(dsn, *objects) as opened:
         for pieces, *_ in opened.source.candidates():
             names = [member(opened, pieces, row) for row in range(len(pieces))]

@@ -1,4 +1,4 @@
-"""What every write-back keeps: what was written is read, to the bit; nothing else changes; all of it or nothing."""
+"""Every store: it reads back rows to the bit, changes nothing else, and writes all rows or none."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -132,7 +132,7 @@ def by_pair(rows: Sequence[Conflict]) -> dict[tuple[str, str], Conflict]:
 
 
 def told(rows: Sequence[Conflict]) -> dict[tuple[str, str], Conflict]:
-    """What rows tell, without who found them when."""
+    """The rows by pair, without run and time of detection."""
     who = {"is_current": None, "scene_is_current": None, "run_id": None, "found_at": None, "conflict_id": None}
     return by_pair([replace(one, **who, changed_at=None) for one in rows])
 
@@ -155,7 +155,7 @@ def test_what_was_written_is_read(store: Store) -> None:
 
 @pytest.mark.parametrize("swapped", [False, True])
 def test_the_same_answer_again_changes_nothing(store: Store, swapped: bool) -> None:
-    """Whichever member of a pair is named first, and in which order: a row stays what it was, with its run."""
+    """For either order of a pair's members and of the rows: an equal row keeps its values, and its run."""
     before = by_pair(store.read())
     store.mark_all()
     assert store.write(answer(ROWS, swapped=swapped)) == (0, 0, 0)
@@ -163,7 +163,7 @@ def test_the_same_answer_again_changes_nothing(store: Store, swapped: bool) -> N
 
 
 def test_rows_of_pairs_that_are_not_marked_stay(store: Store) -> None:
-    """Only those of B are replaced: one is changed, one gone, one only near now, and one no longer only near."""
+    """Only rows of B are replaced: one changes, one is gone, one is only near now, and one is no longer only near."""
     before = by_pair(store.read())
     store.put([area("B", floor_m=1.0)], [])
     assert {(one.a_key, one.b_key) for one in store.read() if not one.is_current} == {
@@ -180,7 +180,7 @@ def test_rows_of_pairs_that_are_not_marked_stay(store: Store) -> None:
     assert {pair: one for pair, one in after.items() if "B" not in pair} == others
     assert told([one for pair, one in after.items() if "B" in pair]) == by_pair(changed)
     assert all(one.is_current and one.scene_is_current for one in after.values())
-    # A conflict that changes stays the one that was found; one that was only near is found now.
+    # A changed conflict keeps the time it was found; a near pair that becomes a conflict is found now.
     run_id = max(one.run_id or 0 for one in before.values())
     assert all((after[pair].run_id or 0) > run_id for pair in after.keys() - others.keys())
     assert after["B", "Ä"].found_at == before["B", "Ä"].found_at < after["B", "U"].found_at
@@ -194,7 +194,7 @@ def test_what_is_not_found_again_is_gone(store: Store) -> None:
 
 
 def test_a_crash_leaves_the_rows_and_marks_there_were(store: Store) -> None:
-    """And what comes after it finds them."""
+    """And a later write finds them."""
     store.put([area("B", floor_m=1.0)], [])
     before = by_pair(store.read())
     store.crash(answer([]))

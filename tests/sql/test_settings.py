@@ -41,7 +41,7 @@ def test_columns_have_the_types_and_sentences_of_the_table(conn: Conn, relation:
 
 
 def test_a_scene_has_the_settings_of_the_table_and_nothing_else(conn: Conn) -> None:
-    """What is not a setting is listed once, in _settings_of."""
+    """_settings_of lists, in one place, the columns that are not settings."""
     conn.execute("SELECT conflictdb.create_scene('s')")
     row = conn.execute("SELECT conflictdb_internal._settings_of(s) FROM conflictdb.scene s").fetchone()
     assert row is not None
