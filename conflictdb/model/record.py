@@ -98,7 +98,8 @@ COLUMNS: Final = (
     Column(
         "is_current",
         Type.TRUTH,
-        "Whether neither object nor the scene's settings changed since; scene_is_current says whether pairs may be missing.",
+        "Whether neither object nor the scene's settings changed since; scene_is_current says whether pairs may be "
+        "missing.",
     ),
     Column("run_id", Type.WHOLE, "Run that found it; later runs confirmed it unchanged."),
     Column("found_at", Type.INSTANT, "When the pair was first found in conflict."),
