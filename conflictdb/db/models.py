@@ -64,6 +64,7 @@ class Scene(Base):
     history_kept: Mapped[timedelta | None]
     owner: Mapped[str | None] = mapped_column(server_default=FetchedValue())
     vertical_separation_m: Mapped[float] = mapped_column(server_default=FetchedValue())
+    time_separation_s: Mapped[float] = mapped_column(server_default=FetchedValue())
 
 
 class Area(Base):
@@ -144,6 +145,7 @@ class Conflict(Base):
     first_contact_lat_deg: Mapped[float | None]
     a_name: Mapped[str | None]
     b_name: Mapped[str | None]
+    lacking_s: Mapped[float | None]
 
 
 class Approach(Base):
@@ -194,6 +196,7 @@ class SceneState(Base):
     is_current: Mapped[bool]
     unmapped: Mapped[int]
     vertical_separation_m: Mapped[float]
+    time_separation_s: Mapped[float]
 
 
 class ConflictEvent(Base):

@@ -19,7 +19,7 @@ from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model import inputs
 from conflictdb.model.methods import METHODS, REMOVED, Method
 from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
-from conflictdb.model.settings import MOST_M, NAMES, SETTINGS, Setting, Type
+from conflictdb.model.settings import MOST_M, MOST_S, NAMES, SETTINGS, Setting, Type
 from conflictdb.model.settings import EarthModel as EarthModel
 from conflictdb.model.settings import Motion as Motion
 from conflictdb.model.speeds import MAX_SPEED_KN, check_speed
@@ -32,6 +32,8 @@ MAX_RHUMB_LATITUDE_DEG: Final = 89.0  # the Mercator plane stretches without lim
 MAX_FROM_CENTRE_DEG: Final = 60.0  # the gnomonic plane stretches by 4 there, and without limit towards 90
 
 MAX_DISTANCE_M: Final = MOST_M
+# Decimal seconds of thirty days are doubles within this of whole microseconds.
+_ROUNDING_US: Final = 1e-3
 
 # Half round the equator; no haven reaches further from its reference point.
 MAX_HAVEN_M: Final = 20_037_508
@@ -70,6 +72,8 @@ class Scene:
         follows from the first objects
     vertical_separation_m : minimum distance wanted between heights, metres to the micrometre, >= 0 (0: they must
         overlap to conflict)
+    time_separation_s : two objects conflict if they use one place within so many seconds, whole microseconds, 0 (at the
+        same time) to 30 days; not with method nlp
     """
 
     name: str
@@ -81,6 +85,7 @@ class Scene:
     nearest_m: float = 0.0
     centre: tuple[float, float] | None = None
     vertical_separation_m: float = 0.0
+    time_separation_s: float = 0.0
 
     def __post_init__(self) -> None:
         who = f"scene {self.name!r}"
@@ -96,6 +101,9 @@ class Scene:
             raise InvalidInput(
                 who, "earth", f"must be 'sphere' with motion 'great_circle', or left out; got {self.earth.value!r}"
             )
+        if self.method == Method.NLP and self.time_separation_s > 0.0:
+            rule = "is not known to method 'nlp', whose program knows one time only: use 'exact', or 0"
+            raise InvalidInput(who, "time_separation_s", f"{rule}; got {self.time_separation_s!r}")
         if self.centre is not None:
             object.__setattr__(self, "centre", self._checked_centre(who))
 
@@ -121,6 +129,11 @@ class Scene:
         conflict_m = self.tolerance_m + self.separation_m
         return conflict_m if METHODS[self.method].solver is None else max(conflict_m, self.nearest_m)
 
+    @property
+    def time_separation_us(self) -> int:
+        """The separation in time, microseconds."""
+        return round(1e6 * self.time_separation_s)
+
 
 def _checked(who: str, setting: Setting, value: Any) -> StrEnum | float:
     """Return a choice or distance by the rule of its setting; raises InvalidInput."""
@@ -131,8 +144,15 @@ def _checked(who: str, setting: Setting, value: Any) -> StrEnum | float:
             removed = REMOVED.get(value) if setting.choices is Method and isinstance(value, str) else None
             rule = f"must be one of {', '.join(setting.choices)}; got {value!r}"
             raise InvalidInput(who, setting.name, f"{rule}, which {removed}" if removed else rule) from None
+    unit = "seconds" if setting.type is Type.SECONDS else "metres"
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < np.inf:
-        raise InvalidInput(who, setting.name, f"must be a finite number of metres, 0 or more; got {value!r}")
+        raise InvalidInput(who, setting.name, f"must be a finite number of {unit}, 0 or more; got {value!r}")
+    if setting.type is Type.SECONDS:
+        if value > MOST_S:
+            raise InvalidInput(who, setting.name, f"must be at most {MOST_S:.0f} seconds, 30 days; got {value!r}")
+        if abs(1e6 * value - round(1e6 * value)) > _ROUNDING_US:
+            raise InvalidInput(who, setting.name, f"must be whole microseconds; got {value!r}")
+        return round(1e6 * value) / 1e6
     if value > MAX_DISTANCE_M:
         rule = f"must be at most {MAX_DISTANCE_M:.0f} metres, half the way around the earth"
         raise InvalidInput(who, setting.name, f"{rule}; got {value!r} (is it in metres?)")

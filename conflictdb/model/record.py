@@ -168,6 +168,14 @@ COLUMNS: Final = (
     Column("first_contact_lat_deg", Type.NUMBER, "First contact: latitude, degrees; null if not computed.", "deg"),
     Column("a_name", Type.TEXT, "Name of the first object; null if it has none, or it is not known."),
     Column("b_name", Type.TEXT, "Name of the second object; null if it has none, or it is not known."),
+    Column(
+        "lacking_s",
+        Type.NUMBER,
+        "Separation in time: seconds by which it is missed, within time_error_s; null if none is required, or if the "
+        "verdict is unresolved.",
+        "s",
+        array="lacking_s",
+    ),
 )
 # The objects, and their states, that it was found of: columns of Arrow and GeoParquet only.
 STATES: Final = tuple(

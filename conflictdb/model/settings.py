@@ -32,11 +32,14 @@ class Type(Enum):
 
     CHOICE = auto()  # one of some names
     METRES = auto()  # a distance, 0 to MOST_M
+    SECONDS = auto()  # whole microseconds, 0 to MOST_S
     PLACE = auto()  # longitude and latitude in degrees; in the database two columns, `_lon` and `_lat`
 
 
 # Half the circumference of the earth, metres: the largest distance, and so the largest setting.
 MOST_M: Final = 20_000_000.0
+# Thirty days: spans that are widened by it stay within the instants of PostgreSQL.
+MOST_S: Final = 2_592_000.0
 
 Choices: TypeAlias = type[StrEnum]
 
@@ -129,7 +132,7 @@ SETTINGS: Final = (
         "Pairs without conflict that come within this distance (metres) are stored with their closest approach; "
         "0: none.",
         0.0,
-        "report pairs this near",
+        "report near pairs",
         label="Near is",
         says="within {:g} m",
         says_zero="not reported",
@@ -153,9 +156,22 @@ SETTINGS: Final = (
         says_zero="none: heights must overlap",
         is_stored_by_detect=True,
     ),
+    Setting(
+        "time_separation_s",
+        Type.SECONDS,
+        "Required separation in time, whole microseconds in seconds: two objects conflict if they use one place "
+        "within so many seconds; 0: at the same time.",
+        0.0,
+        "time apart",
+        label="Separation in time wanted",
+        says="{:g} s between two uses of a place",
+        says_zero="none: only the same time counts",
+        is_stored_by_detect=True,
+    ),
 )
 NAMES: Final = tuple(setting.name for setting in SETTINGS)
 METRES: Final = tuple(setting.name for setting in SETTINGS if setting.type is Type.METRES)
+NUMBERS: Final = tuple(setting.name for setting in SETTINGS if setting.type in (Type.METRES, Type.SECONDS))
 STORED_BY_DETECT: Final = tuple(setting for setting in SETTINGS if setting.is_stored_by_detect)
 
 
@@ -167,6 +183,7 @@ class Changes(TypedDict, total=False):
     separation_m: float | None
     nearest_m: float | None
     vertical_separation_m: float | None
+    time_separation_s: float | None
 
 
 def given(values: Any, settings: tuple[Setting, ...] = SETTINGS) -> dict[str, Any]:

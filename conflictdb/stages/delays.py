@@ -1,8 +1,9 @@
 """Which departures of tracks bring them into conflict: stages 1 and 2 without time, then differences of departure.
 
 A delay d of a track, in whole microseconds, is forbidden if the track, departing d later, comes within the scene's
-separation and tolerance of anything that departs as planned. Outer intervals contain all forbidden delays; inner
-intervals contain forbidden ones only.
+separation and tolerance of anything that departs as planned, or of where that is within the separation in time, T: so
+intervals reach T further at both ends. Outer intervals contain all forbidden delays; inner intervals contain forbidden
+ones only.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -170,8 +171,9 @@ def differences_of(
     number = placed.number
     mine = np.flatnonzero(np.isin(number, tracks))
     first = mine[_first_leg_stands(pieces, number, mine)] if waits else mine[:0]
-    moving = placed.pairs_within(mine, horizon_us, is_once=True)
-    waiting = placed.pairs_within(first, horizon_us)
+    reach_us = horizon_us + scene.time_separation_us
+    moving = placed.pairs_within(mine, reach_us, is_once=True)
+    waiting = placed.pairs_within(first, reach_us)
     a, b = (np.concatenate(both) for both in zip(moving, waiting, strict=True))
     prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
     every = delays_of_pairs(scene, prepared, number, *moving, horizon_us, threads=threads)
@@ -202,13 +204,14 @@ def waits_of(
     mine = np.flatnonzero((number == track) & (pieces.part != COVER))
     before, after = mine[pieces.end_us[mine] <= waypoint_us], mine[pieces.start_us[mine] >= waypoint_us]
     first = after[pieces.start_us[after] == waypoint_us]
-    planned = placed.pairs_within(before, 0)
-    moving, waiting = (placed.pairs_within(rows, horizon_us) for rows in (after, first))
+    within_us = scene.time_separation_us
+    planned = placed.pairs_within(before, within_us)
+    moving, waiting = (placed.pairs_within(rows, horizon_us + within_us) for rows in (after, first))
     a, b = (np.concatenate(both) for both in zip(planned, moving, waiting, strict=True))
     prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
     every = Differences.concatenate(
         [
-            of_cover(placed, track, horizon_us),
+            of_cover(placed, track, horizon_us + within_us),
             as_planned(delays_of_pairs(scene, prepared, number, *planned, 0, threads=threads)),
             delays_of_pairs(scene, prepared, number, *moving, horizon_us, threads=threads),
             _while_waiting(
@@ -361,7 +364,8 @@ def _of_some_pairs(
     threads: int,
 ) -> Differences:
     pieces = prepared.pieces
-    shifts, first, last = shifts_of(pieces, a, b, horizon_us, lasts=lasts)
+    within_us = scene.time_separation_us
+    shifts, first, last = shifts_of(pieces, a, b, horizon_us + within_us, lasts=lasts)
     zero = shifts.a_zero_us
     covered = is_covered(pieces, a, b)
     solved = np.flatnonzero(~covered)
@@ -375,10 +379,10 @@ def _of_some_pairs(
     return Differences(
         number[a[rows]],
         number[b[rows]],
-        _later(first, zero, np.floor(1e6 * found["outer_low"] - _ROUNDING_US)),
-        _later(last, zero, np.ceil(1e6 * found["outer_high"] + _ROUNDING_US)),
-        _later(first, zero, np.ceil(1e6 * found["inner_low"] + _ROUNDING_US)),
-        _later(last, zero, np.floor(1e6 * found["inner_high"] - _ROUNDING_US)),
+        _later(first, zero, np.floor(1e6 * found["outer_low"] - _ROUNDING_US) - within_us),
+        _later(last, zero, np.ceil(1e6 * found["outer_high"] + _ROUNDING_US) + within_us),
+        _later(first, zero, np.ceil(1e6 * found["inner_low"] + _ROUNDING_US) - within_us),
+        _later(last, zero, np.floor(1e6 * found["inner_high"] - _ROUNDING_US) + within_us),
     )
 
 
@@ -407,7 +411,7 @@ def shifts_of(
 
 
 def solved_shifts(
-    prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, threads: int
+    prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, threads: int, work: kernel.Work | None = None
 ) -> tuple[_Ints, NDArray[Any]]:
     """Return rows of pairs that something asked about brings into contact, and the answers.
 
@@ -416,7 +420,7 @@ def solved_shifts(
     """
     rows, done = np.arange(len(shifts)), []
     for split in range(_MOST_SPLITS + 1):
-        found = differences(prepared, shifts, reach_m, kernel.Work(), threads)
+        found = differences(prepared, shifts, reach_m, work or kernel.Work(), threads)
         known = (found["state"] == DifferenceState.NONE) | (found["state"] == DifferenceState.UNKNOWN)
         # A factor moves the end of a piece by as much more as it is later.
         loose = _LOOSE_S / np.maximum(shifts.a_end_s, _LOOSE_S) if shifts.is_factor else _LOOSE_S

@@ -1,6 +1,7 @@
 """The contract of every source of pairs (`stages.source.PairSource`): the pairs of brute force, the same rows."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -31,6 +32,10 @@ def known(scene: scenes.Known) -> Objects:
     return scene.scene, scene.areas, scene.tracks
 
 
+def within(time_s: float, objects: Objects) -> Objects:
+    return replace(objects[0], time_separation_s=time_s), objects[1], objects[2]
+
+
 def jagged(middle: tuple[float, float], corners: int) -> shapely.Polygon:
     """A star about a place, within 1 degree of it."""
     angle = np.linspace(0.0, 2.0 * np.pi, 2 * corners, endpoint=False)
@@ -51,6 +56,9 @@ THROWN: Final[dict[str, Objects]] = {
     "spans": known(scenes.spans(EarthModel.WGS84)),
     "circles over the pole": known(scenes.circles_over_the_pole()),
     "random": throw(LOW_LATITUDE, 7, 8, 8),
+    "spans apart in time": within(200.000001, known(scenes.spans(EarthModel.WGS84))),
+    "random apart in time": within(3600.0, throw(LOW_LATITUDE, 7, 8, 8)),
+    "seam apart in time": within(86_400.0, known(scenes.seam(EarthModel.WGS84))),
 }
 
 every_source = pytest.mark.parametrize("open_source", SOURCES.values(), ids=list(SOURCES))
@@ -67,7 +75,8 @@ def brute_force(objects: Objects) -> tuple[Pieces, list[str], np.ndarray, np.nda
     differ = (pieces.kind[a] != pieces.kind[b]) | (pieces.object_id[a] != pieces.object_id[b])
     differ &= (pieces.turn[a] == 0) | (pieces.turn[b] == 0)
     differ &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
-    start, end = pieces.shared_span(a, b)
+    within_us = scene.time_separation_us
+    start, end = pieces.longer(within_us, 0).shared_span(a, b)
     box = shapely.bounds(hulls_of(pieces)) if len(pieces) else np.empty((0, 4))
     gap = np.maximum(box[a, :2] - box[b, 2:], box[b, :2] - box[a, 2:]).max(axis=1, initial=-np.inf)
     # Spans that share only an instant are tested elsewhere.
@@ -135,7 +144,7 @@ def rows_of_chunk(opened: Opened, found: Conflicts) -> dict[tuple[str, str], tup
         periods = found.period_us[found.period_offset[k] : found.period_offset[k + 1]].tolist()
         row = (
             *(int(found.verdict[k]), periods, float(found.time_error_s[k]), found.first_contact_deg[k]),
-            *(found.closest_m[k], found.closest_us[k]),
+            *(found.closest_m[k], found.closest_us[k], found.lacking_s[k]),
         )
         assert all(MINUS_INFINITY_US <= start <= end <= INFINITY_US for start, end in periods)
         assert frozenset((a, b)) not in map(frozenset, answer)

@@ -44,7 +44,8 @@ def _random() -> list[Objects]:
     found = []
     for k, workload in enumerate(WORKLOADS):
         scene, areas, tracks = throw(workload, 31 + k, 6, 6)
-        found.append((replace(scene, name=f"random {k}", tolerance_m=0.0, separation_m=500.0 * (k % 2)), areas, tracks))
+        settings = {"separation_m": 500.0 * (k % 2), "time_separation_s": 1800.0 * (k % 3)}
+        found.append((replace(scene, name=f"random {k}", tolerance_m=0.0, **settings), areas, tracks))
     return found
 
 
@@ -111,12 +112,13 @@ def test_a_plan_that_is_not_stored_meets_the_same_pairs_both_ways(conn: Conn) ->
         refresh(conn, scene_id)
         store.begin_snapshot(conn)
         settings = store.read_settings(conn, scene_id)
+        within_us = settings.time_separation_us
         for plan in [*areas, *tracks]:
             is_area = isinstance(plan, Area)
             given = AreaBatch.of([plan] if is_area else []), TrackBatch.of([] if is_area else [plan])
             pieces = pieces_of(settings, plane_of(settings), *given)
             pair_of = (
-                list(_PlanSource(conn, scene_id, plan, plan.key, pieces, DEFAULT_MEMORY, most).candidates())
+                list(_PlanSource(conn, scene_id, plan, plan.key, pieces, DEFAULT_MEMORY, most, within_us).candidates())
                 for most in (ALWAYS, NEVER)
             )
             stored, at_client = pair_of

@@ -67,7 +67,7 @@ ROWS: Final = [
         first_contact_deg=(0.1, 50.0 + 1e-14),
         **closest(T0, 0.0, (0.1, 50.0 + 1e-14), (1.0 / 3.0, 50.0)),
     ),
-    row("a", "T", Verdict.GRAZING, periods=((FIRST, LAST),), first_contact_deg=(-180.0, -90.0)),
+    row("a", "T", Verdict.GRAZING, periods=((FIRST, LAST),), first_contact_deg=(-180.0, -90.0), lacking_s=1.0 / 3.0),
     row("Ä", "T", Verdict.UNRESOLVED, periods=((FIRST, None),), time_error_s=1e9),
     row("B", "U", Verdict.NEAR, **closest(None, 5e-324, (0.0, 0.0), (-0.5, 90.0))),
     row("T", "U", Verdict.NEAR, **closest(LAST, 12_345.678_9, (179.5, 1e-9), (-179.5, -1e-9))),
@@ -111,6 +111,7 @@ def answer(rows: Sequence[Conflict], *, swapped: bool = False) -> Answer:
             closest_error_m=np.array([one.closest_error_m for one in rows], np.float64),
             closest_a_deg=places([one.closest_a_deg for one in rows]),
             closest_b_deg=places([one.closest_b_deg for one in rows]),
+            lacking_s=np.array([one.lacking_s for one in rows], np.float64),
         )
 
     return numbered

@@ -175,6 +175,7 @@ ALTER TABLE conflictdb.scene ENABLE TRIGGER USER;
 DELETE FROM conflictdb.change;
 UPDATE conflictdb.alembic_version SET version_num = '0001';
 ALTER TABLE conflictdb.scene DROP COLUMN vertical_separation_m CASCADE;
+ALTER TABLE conflictdb.scene DROP COLUMN time_separation_s CASCADE;
 """
 
 

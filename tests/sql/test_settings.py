@@ -15,7 +15,7 @@ from conflictdb.model.settings import SETTINGS, Type
 
 Conn = psycopg.Connection[Any]
 COLUMNS = tuple(column for setting in SETTINGS for column in setting.columns)
-TYPES = {Type.CHOICE: "text", Type.METRES: "double precision", Type.PLACE: "double precision"}
+TYPES = dict.fromkeys(Type, "double precision") | {Type.CHOICE: "text"}
 
 
 def catalog(conn: Conn, relation: str) -> dict[str, tuple[str, str, str | None]]:
@@ -60,7 +60,7 @@ def test_defaults_are_those_of_the_table(conn: Conn) -> None:
 @pytest.mark.parametrize("motion", ["rhumb", "great_circle"])
 def test_a_copy_has_every_setting(conn: Conn, motion: str) -> None:
     """A copy without a separation would miss conflicts."""
-    distances = {one.name: 0.1 + k for k, one in enumerate(SETTINGS) if one.type is Type.METRES}
+    distances = {one.name: 0.1 + k for k, one in enumerate(SETTINGS) if one.name in settings.NUMBERS}
     place = {"centre": (10.1, 57.3)} if motion == "great_circle" else {}
     given = Scene("s", motion=motion, earth="sphere", method="screen", **distances, **place)  # type: ignore[arg-type]
     changed = {one.name for one in SETTINGS if getattr(given, one.name) != one.default}
