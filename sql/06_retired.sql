@@ -49,7 +49,9 @@ DECLARE
         'lat_deg, closest_at, closest_m, closest_error_m)',
         'acknowledge(p_scene, p_a_key, p_b_key, p_reason, p_until)',
         'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
-        'p_centre_lon, p_centre_lat)'];
+        'p_centre_lon, p_centre_lat)',
+        'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
+        'p_centre_lon, p_centre_lat, p_vertical_separation_m)'];
     v_routine record;
 BEGIN
     FOR v_routine IN

@@ -388,6 +388,11 @@ BEGIN
                                    '(is it in metres?)', v_metres), format('scene_%s_on_earth', left(v_name, -2)));
         END IF;
     END LOOP;
+    IF (NEW.delays_within_s BETWEEN 0 AND 2592000) IS NOT TRUE
+       OR abs(1e6 * NEW.delays_within_s - round(1e6 * NEW.delays_within_s)) > 1e-3 THEN
+        FOUND := _raise('ZC009', v_who, 'delays_within_s', format('must be whole microseconds, 0 to 2592000 seconds '
+                        '(30 days); got %s', NEW.delays_within_s), 'scene_delays_within_known');
+    END IF;
     RETURN NEW;
 END
 $$;

@@ -18,6 +18,7 @@ from conflictdb.cli.values import (
     metres,
     name,
     place,
+    seconds,
     speed_kn,
     zone,
 )
@@ -35,6 +36,12 @@ _OPTIONS: Final[Mapping[str, tuple[Callable[[str], Any], object, str, str]]] = {
     "--memory-mb": (memory_mb, MEMORY_MB, "N", f"memory limit (default {MEMORY_MB})"),
     "--tz": (zone, None, "ZONE", "time zone of input and table, Europe/Copenhagen"),
     "--wait": (duration_s, None, "DURATION", "wait for a worker, else exit with 7"),
+}
+# Values of settings, and their names in help.
+_VALUES: Final[Mapping[Type, tuple[Callable[[str], Any], str]]] = {
+    Type.METRES: (metres, "M"),
+    Type.SECONDS: (seconds, "DURATION"),
+    Type.PLACE: (place, "LON,LAT"),
 }
 _FLAGS: Final = {
     "--fail-on-conflict": "exit with 10 on conflicts",
@@ -156,7 +163,7 @@ def add_settings(parser: argparse.ArgumentParser, settings: Iterable[Setting]) -
             names = tuple(map(str, one.choices))  # plain strings: usage errors show each choice's repr
             parser.add_argument(one.option, type=method if one.choices is Method else str, choices=names, help=one.help)
         else:
-            value, metavar = (metres, "M") if one.type is Type.METRES else (place, "LON,LAT")
+            value, metavar = _VALUES[one.type]
             parser.add_argument(one.option, type=value, metavar=metavar, help=one.help)
 
 

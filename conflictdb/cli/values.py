@@ -142,6 +142,11 @@ def duration_s(text: str) -> float:
     return value_s
 
 
+def seconds(text: str) -> float:
+    """Return 0, or a duration in seconds."""
+    return 0.0 if re.fullmatch(r"0(\.0+)?\s*s?", text.strip()) else duration_s(text)
+
+
 def instant(text: str) -> datetime:
     """Return an ISO 8601 instant with offset."""
     from conflictdb.formats.instants import parse_instant

@@ -64,6 +64,7 @@ class Scene(Base):
     history_kept: Mapped[timedelta | None]
     owner: Mapped[str | None] = mapped_column(server_default=FetchedValue())
     vertical_separation_m: Mapped[float] = mapped_column(server_default=FetchedValue())
+    delays_within_s: Mapped[float] = mapped_column(server_default=FetchedValue())
 
 
 class Area(Base):
@@ -194,6 +195,7 @@ class SceneState(Base):
     is_current: Mapped[bool]
     unmapped: Mapped[int]
     vertical_separation_m: Mapped[float]
+    delays_within_s: Mapped[float]
 
 
 class ConflictEvent(Base):

@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
-from conflictdb.model.settings import METRES
+from conflictdb.model.settings import NUMBERS
 
 # Words at either end of a name that only qualify it: unit, datum, kind.
 _QUALIFIER: Final = re.compile(
@@ -36,13 +36,13 @@ SYNONYMS: Final = {
 }
 # Settings of a scene that a feature or column must not seem to set. `motion`, `earth`, `centre` and `method` are common
 # words, which objects may use freely.
-SETTINGS: Final = METRES
+SETTINGS: Final = NUMBERS
 SETTING_RULE: Final = 'is a setting of the whole scene: put it into the member "scene" of a scene file'
 RENAME_MEMBER: Final = 'Rename it, or name it in the file\'s member "foreign" if it means nothing here'
 RENAME_COLUMN: Final = "Rename the column"
 _INSTANTS: Final = frozenset({"start", "end", "times", "datetimes"})
 # Members that take numbers, or lists of them; members that are neither instants nor numbers accept any value.
-_NUMBERS: Final = re.compile(".*_(m|nmi|mps|kn)|lon|lat")
+_NUMBERS: Final = re.compile(".*_(m|nmi|mps|kn|s)|lon|lat")
 _WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 # Longest name compared, in characters: longer ones cost time and memory.
 _LONGEST: Final = 200

@@ -19,7 +19,7 @@ from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model import inputs
 from conflictdb.model.methods import METHODS, REMOVED, Method
 from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
-from conflictdb.model.settings import MOST_M, NAMES, SETTINGS, Setting, Type
+from conflictdb.model.settings import MOST_M, MOST_S, NAMES, SETTINGS, Setting, Type
 from conflictdb.model.settings import EarthModel as EarthModel
 from conflictdb.model.settings import Motion as Motion
 from conflictdb.model.speeds import MAX_SPEED_KN, check_speed
@@ -32,6 +32,8 @@ MAX_RHUMB_LATITUDE_DEG: Final = 89.0  # the Mercator plane stretches without lim
 MAX_FROM_CENTRE_DEG: Final = 60.0  # the gnomonic plane stretches by 4 there, and without limit towards 90
 
 MAX_DISTANCE_M: Final = MOST_M
+# Decimal seconds of thirty days are doubles within this of whole microseconds.
+_ROUNDING_US: Final = 1e-3
 
 # Half round the equator; no haven reaches further from its reference point.
 MAX_HAVEN_M: Final = 20_037_508
@@ -70,6 +72,9 @@ class Scene:
         follows from the first objects
     vertical_separation_m : minimum distance wanted between heights, metres to the micrometre, >= 0 (0: they must
         overlap to conflict)
+    delays_within_s : detections store the delays of each track that are in conflict, up to so many seconds, whole
+        microseconds, 0 (none) to 30 days. `delays` within these is computed with this horizon, so that the answer is
+        the stored one
     """
 
     name: str
@@ -81,6 +86,7 @@ class Scene:
     nearest_m: float = 0.0
     centre: tuple[float, float] | None = None
     vertical_separation_m: float = 0.0
+    delays_within_s: float = 0.0
 
     def __post_init__(self) -> None:
         who = f"scene {self.name!r}"
@@ -123,7 +129,7 @@ class Scene:
 
 
 def _checked(who: str, setting: Setting, value: Any) -> StrEnum | float:
-    """Return a choice or distance by the rule of its setting; raises InvalidInput."""
+    """Return a choice, distance or time by the rule of its setting; raises InvalidInput."""
     if setting.choices is not None:
         try:
             return setting.choices(value)
@@ -131,8 +137,15 @@ def _checked(who: str, setting: Setting, value: Any) -> StrEnum | float:
             removed = REMOVED.get(value) if setting.choices is Method and isinstance(value, str) else None
             rule = f"must be one of {', '.join(setting.choices)}; got {value!r}"
             raise InvalidInput(who, setting.name, f"{rule}, which {removed}" if removed else rule) from None
+    unit = "seconds" if setting.type is Type.SECONDS else "metres"
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < np.inf:
-        raise InvalidInput(who, setting.name, f"must be a finite number of metres, 0 or more; got {value!r}")
+        raise InvalidInput(who, setting.name, f"must be a finite number of {unit}, 0 or more; got {value!r}")
+    if setting.type is Type.SECONDS:
+        if value > MOST_S:
+            raise InvalidInput(who, setting.name, f"must be at most {MOST_S:.0f} seconds, 30 days; got {value!r}")
+        if abs(1e6 * value - round(1e6 * value)) > _ROUNDING_US:
+            raise InvalidInput(who, setting.name, f"must be whole microseconds; got {value!r}")
+        return round(1e6 * value) / 1e6
     if value > MAX_DISTANCE_M:
         rule = f"must be at most {MAX_DISTANCE_M:.0f} metres, half the way around the earth"
         raise InvalidInput(who, setting.name, f"{rule}; got {value!r} (is it in metres?)")

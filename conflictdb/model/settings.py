@@ -32,11 +32,14 @@ class Type(Enum):
 
     CHOICE = auto()  # one of some names
     METRES = auto()  # a distance, 0 to MOST_M
+    SECONDS = auto()  # whole microseconds, 0 to MOST_S
     PLACE = auto()  # longitude and latitude in degrees; in the database two columns, `_lon` and `_lat`
 
 
 # Half the circumference of the earth, metres: the largest distance, and so the largest setting.
 MOST_M: Final = 20_000_000.0
+# Thirty days: spans that are widened by it stay within the instants of PostgreSQL.
+MOST_S: Final = 2_592_000.0
 
 Choices: TypeAlias = type[StrEnum]
 
@@ -153,9 +156,18 @@ SETTINGS: Final = (
         says_zero="none: heights must overlap",
         is_stored_by_detect=True,
     ),
+    Setting(
+        "delays_within_s",
+        Type.SECONDS,
+        "Detections store which delays of each track, up to this many seconds either way, are in conflict; 0: none.",
+        0.0,
+        "store delays",
+        is_stored_by_detect=True,
+    ),
 )
 NAMES: Final = tuple(setting.name for setting in SETTINGS)
 METRES: Final = tuple(setting.name for setting in SETTINGS if setting.type is Type.METRES)
+NUMBERS: Final = tuple(setting.name for setting in SETTINGS if setting.type in (Type.METRES, Type.SECONDS))
 STORED_BY_DETECT: Final = tuple(setting for setting in SETTINGS if setting.is_stored_by_detect)
 
 
@@ -167,6 +179,7 @@ class Changes(TypedDict, total=False):
     separation_m: float | None
     nearest_m: float | None
     vertical_separation_m: float | None
+    delays_within_s: float | None
 
 
 def given(values: Any, settings: tuple[Setting, ...] = SETTINGS) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from conflictdb.model.settings import SETTINGS, Type
 
 Conn = psycopg.Connection[Any]
 COLUMNS = tuple(column for setting in SETTINGS for column in setting.columns)
-TYPES = {Type.CHOICE: "text", Type.METRES: "double precision", Type.PLACE: "double precision"}
+TYPES = {Type.CHOICE: "text"} | dict.fromkeys((Type.METRES, Type.SECONDS, Type.PLACE), "double precision")
 
 
 def catalog(conn: Conn, relation: str) -> dict[str, tuple[str, str, str | None]]:
@@ -60,7 +60,7 @@ def test_defaults_are_those_of_the_table(conn: Conn) -> None:
 @pytest.mark.parametrize("motion", ["rhumb", "great_circle"])
 def test_a_copy_has_every_setting(conn: Conn, motion: str) -> None:
     """A copy without a separation would miss conflicts."""
-    distances = {one.name: 0.1 + k for k, one in enumerate(SETTINGS) if one.type is Type.METRES}
+    distances = {one.name: 0.1 + k for k, one in enumerate(SETTINGS) if one.type in (Type.METRES, Type.SECONDS)}
     place = {"centre": (10.1, 57.3)} if motion == "great_circle" else {}
     given = Scene("s", motion=motion, earth="sphere", method="screen", **distances, **place)  # type: ignore[arg-type]
     changed = {one.name for one in SETTINGS if getattr(given, one.name) != one.default}
@@ -102,3 +102,11 @@ def test_each_distance_is_kept_to_the_last_digit_and_checked(conn: Conn, name: s
             conn.execute(f"SELECT conflictdb.create_scene('s', p_{name} => {wrong})".encode())
         assert refused.value.sqlstate == "ZC009"
         assert f"{name}: must be" in str(refused.value)
+
+
+@pytest.mark.parametrize("wrong", ["-1", "'NaN'", "'infinity'", "2592000.1", "1e-7"])
+def test_the_horizon_of_stored_delays_is_checked(conn: Conn, wrong: str) -> None:
+    with pytest.raises(psycopg.Error) as refused, conn.transaction():
+        conn.execute(f"SELECT conflictdb.create_scene('s', p_delays_within_s => {wrong})".encode())
+    assert refused.value.sqlstate == "ZC009"
+    assert "delays_within_s: must be whole microseconds, 0 to 2592000" in str(refused.value)
