@@ -26,8 +26,8 @@ _Ints = NDArray[np.int64]
 
 # Objects in the first batch; the size of later batches follows from the pieces.
 _FIRST_OBJECTS: Final = 500
-# Pieces take a quarter of the memory; about one in so many pairs of pieces, whose rows meet, is solved.
-_SHARE: Final = 4
+# Pieces take half of the memory; about one in so many pairs of pieces, whose rows meet, is solved.
+_SHARE: Final = 2
 _LOOKED_AT: Final = 16
 _ROWS_AT_ONCE: Final = 5_000
 
