@@ -148,7 +148,14 @@ SET extra_float_digits = 1 SET plan_cache_mode = force_generic_plan SET enable_s
 DECLARE
     v_within int8range := int8range(-p_horizon_us, p_horizon_us, '[]');
     v_beyond int8range := int8range(-p_horizon_us - 1, p_horizon_us + 1, '[]');
+    v_tracks bigint[];
 BEGIN
+    -- A condition for both would read all tracks.
+    IF p_key IS NULL THEN
+        v_tracks := ARRAY(SELECT t.track_id FROM track t WHERE t.scene_id = p_scene_id);
+    ELSE
+        v_tracks := ARRAY(SELECT t.track_id FROM track t WHERE t.scene_id = p_scene_id AND t.key = p_key);
+    END IF;
     RETURN QUERY
     SELECT t.key,
            CASE WHEN n.low_us IS NULL THEN 0 WHEN n.high_us < l.last_us THEN (n.high_us + 1) / 1e6::float END,
@@ -161,7 +168,8 @@ BEGIN
                    AND d.forbidden_us @> int8range(l.first_us, l.last_us, '[]')
                  ORDER BY 1),
            coalesce(f.forbidden, '[]'), l.waits, l.has_departed, l.first_us / 1e6::float, l.last_us / 1e6::float
-    FROM track t
+    FROM unnest(v_tracks) m
+    JOIN track t ON t.track_id = m
     CROSS JOIN LATERAL _leeway(t.path, p_horizon_us, p_now_us) l
     CROSS JOIN LATERAL (SELECT range_agg(r * v_within) AS forbidden
                         FROM difference d CROSS JOIN unnest(d.forbidden_us) r
@@ -189,7 +197,6 @@ BEGIN
                                          WHERE d.scene_id = p_scene_id AND d.track_id = t.track_id
                                            AND d.forbidden_us && i.span
                                          ORDER BY 1) AS keys) b) f
-    WHERE t.scene_id = p_scene_id AND (p_key IS NULL OR t.key = p_key)
     ORDER BY t.key;
 END
 $$;

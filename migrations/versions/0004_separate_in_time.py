@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "11491a5813f253563a3603ba0ab220cdb1ceabcbc415950e0f3e1a8ef378c924"
+routines_sha256 = "ea17d863f69bb24b3ebbe08e92f35dce1f279b77d78649782ae0bbedf5daf1fc"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
