@@ -30,6 +30,7 @@ from conflictdb.earth.registry import centred, plane_of
 from conflictdb.kernel.differences import DifferenceState
 from conflictdb.model.results import Kind as ObjectKind
 from conflictdb.stages import delays
+from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.object_pairs import object_numbers
 from conflictdb.stages.pieces.covers import pieces_of
 
@@ -169,9 +170,9 @@ def _row(name: str, made: Made, within_s: float) -> str:
     keys = dict.fromkeys(np.unique(object_numbers(pieces)).tolist(), "")
     leeway = delays.Leeway(False, False, -horizon_us, horizon_us)
     began = time.process_time()
-    ends = Ends(delays._solved)
-    with patch.object(delays, "differences", kernel), patch.object(delays, "_solved", ends):
-        every = delays.differences_of(scene, plane, pieces, numbers, horizon_us)
+    ends = Ends(delays.solved_shifts)
+    with patch.object(delays, "differences", kernel), patch.object(delays, "solved_shifts", ends):
+        every = delays.differences_of(scene, plane, AnyTime.of(pieces), numbers, horizon_us)
     for _, own in every.of_each_track():
         delays.delays_of("", keys, own, horizon_us, leeway)
     all_s = time.process_time() - began

@@ -116,21 +116,22 @@ def delays(
         The track, which needs a key then, waits at this waypoint, 1 the first and not the last, instead of departing
         later. Up to there all stays as planned; all later times are later.
     """
-    horizon_us = round(1e6 * inputs.seconds("delays", "within_s", within_s))
-    now_us = None if now is None else (inputs.moment("delays", "now", now) - inputs.EPOCH) // inputs.MICROSECOND
+    horizon_us, now_us = horizon_and_now(within_s, now)
     if clear_within_m is not None:
         clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
     scene, plane, pieces, keys, numbers, tracks = _numbered("delays", tracks, areas, scene)
     if waypoint is not None:
         number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
         waits_us = int(times_us[_place("delays", "waypoint", waypoint, len(times_us) - 1) - 1])
-        waits = waits_of(scene, plane, pieces, number, waits_us, horizon_us)
+        waits = waits_of(scene, plane, AnyTime.of(pieces), number, waits_us, horizon_us)
         asked = np.array([number], np.int64)
         answers = [delays_of(keys[number], keys, waits, horizon_us, Leeway.at(waits_us, horizon_us, now_us))]
     else:
         leeway = {track.key: Leeway.of(track, horizon_us, now_us) for track in tracks}
         asked = numbers if key is None else _known(scene, keys, numbers, [key] if isinstance(key, str) else key)
-        every = differences_of(scene, plane, pieces, asked, horizon_us)
+        # The answer is the one that a detection stores.
+        solved_us = max(horizon_us, round(1e6 * scene.delays_within_s))
+        every = differences_of(scene, plane, AnyTime.of(pieces), asked, solved_us)
         found = dict(every.of_each_track())
         nothing = every.take(np.empty(0, np.int64))
         answers = [
@@ -141,6 +142,12 @@ def delays(
         return answers
     batch = TrackBatch.of(tracks).take(kinds_and_ids(asked)[1])
     return _with_margins(answers, scene, plane, pieces, batch, clear_within_m)
+
+
+def horizon_and_now(within_s: float, now: inputs.Instant | None) -> tuple[int, int | None]:
+    """Return both in microseconds. Raises InvalidInput."""
+    now_us = None if now is None else (inputs.moment("delays", "now", now) - inputs.EPOCH) // inputs.MICROSECOND
+    return round(1e6 * inputs.seconds("delays", "within_s", within_s)), now_us
 
 
 def _with_margins(
@@ -283,7 +290,7 @@ def chances(
     tail = sum(one.tail for one in known.values())
     movable = set(numbers.tolist())
     pairs, any_of = {}, {keys[number]: (0.0, tail) for number in numbers.tolist()}
-    every = differences_of(scene, plane, pieces, numbers, horizon_us, waits=False)
+    every = differences_of(scene, plane, AnyTime.of(pieces), numbers, horizon_us, waits=False)
     for number, own in every.of_each_track():
         departure = known.get(number, stage.PLANNED)
         rivals = stage.rivals_of(own, horizon_us, lambda other: known.get(other, stage.PLANNED))

@@ -324,7 +324,7 @@ ROLES: Final = {
         [
             *("run", "conflict", "piece", "change", "object_key", "scene_lock"),
             *("attachment", "attached_change", "attached_object", "probe_request", "probe_reply"),
-            *("conflict_event", "acknowledgement", "history", "scene_share"),
+            *("difference", "conflict_event", "acknowledgement", "history", "scene_share"),
         ],
     ),
 }

@@ -158,6 +158,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._after_replicated_removal() RETUR
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     DELETE FROM conflict c WHERE c.scene_id = OLD.scene_id;
+    DELETE FROM difference d WHERE d.scene_id = OLD.scene_id;
     DELETE FROM conflict_event e WHERE e.scene_id = OLD.scene_id;
     DELETE FROM acknowledgement k WHERE k.scene_id = OLD.scene_id;
     DELETE FROM history h WHERE h.scene_id = OLD.scene_id;

@@ -99,6 +99,7 @@ LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflic
 BEGIN
     -- No foreign keys: they would cost more than writing a conflict or piece.
     DELETE FROM conflict c WHERE c.scene_id = OLD.scene_id;
+    DELETE FROM difference d WHERE d.scene_id = OLD.scene_id;
     DELETE FROM conflict_event e WHERE e.scene_id = OLD.scene_id;
     DELETE FROM piece p WHERE p.scene_id = OLD.scene_id;
     -- No foreign key: removal would wait for a running detection, and the detection then for the removal.
@@ -109,9 +110,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _after_scene_removal() IS
-'Trigger: deletes conflicts, events, pieces and the lock of a removed scene. Skips a lock that is held, which is '
-'harmless, as scene ids are never reused. Runs as its owner: editors cannot write these tables. Restricted to the '
-'scene that was removed.';
+'Trigger: deletes conflicts, differences, events, pieces and the lock of a removed scene. Skips a lock that is held, '
+'which is harmless, as scene ids are never reused. Runs as its owner: editors cannot write these tables. Restricted to '
+'the scene that was removed.';
 
 CREATE OR REPLACE TRIGGER scene_removed AFTER DELETE ON scene
     FOR EACH ROW EXECUTE FUNCTION _after_scene_removal();

@@ -251,6 +251,7 @@ DECLARE
     v_method text := p_run ->> 'method';
     v_scene_name text;
     v_plane text;
+    v_has_delays boolean;
     v_is_first boolean;
     v_marks bigint;
     v_at timestamptz;
@@ -261,8 +262,9 @@ DECLARE
     v_first_event bigint;
 BEGIN
     -- Any user may listen to notifications, so protected scenes are not named.
-    SELECT CASE WHEN NOT _is_protected() THEN s.name END, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)
-        INTO STRICT v_scene_name, v_plane
+    SELECT CASE WHEN NOT _is_protected() THEN s.name END, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat),
+           s.delays_within_s > 0
+        INTO STRICT v_scene_name, v_plane, v_has_delays
         FROM scene s WHERE s.scene_id = p_scene_id;
     run_id := coalesce(p_run_id, _begin_run(p_scene_id, p_run));
     -- Start of writing: the same for all parts of a run.
@@ -406,6 +408,9 @@ WITH member AS MATERIALIZED (
                        AND r.run_id < _write_run.run_id) INTO v_is_first;
     DELETE FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered;
     GET DIAGNOSTICS v_marks = ROW_COUNT;
+    IF NOT v_has_delays THEN
+        DELETE FROM difference d WHERE d.scene_id = p_scene_id;
+    END IF;
     IF v_is_first OR v_marks > c_few THEN
         SELECT n.conflicts, n.unresolved INTO conflicts, unresolved FROM _count_conflicts(p_scene_id) n;
     END IF;

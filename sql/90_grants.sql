@@ -116,7 +116,7 @@ GRANT EXECUTE ON FUNCTION acknowledge, unacknowledge, _end_acknowledgement, _not
     TO conflictdb_editor;
 
 -- Workers write the derived tables.
-GRANT INSERT, UPDATE, DELETE ON piece, conflict, change, run, history, probe_request, probe_reply
+GRANT INSERT, UPDATE, DELETE ON piece, conflict, difference, change, run, history, probe_request, probe_reply
     TO conflictdb_worker;
 GRANT INSERT, DELETE ON conflict_event TO conflictdb_worker;
 GRANT DELETE ON acknowledgement TO conflictdb_worker;

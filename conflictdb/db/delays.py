@@ -28,11 +28,17 @@ def delays(
     clear_within_m: float | None = None,
     waypoint: int | None = None,
 ) -> list[Delays]:
-    """Return the delays of a track, or of each track, from one state of the objects.
+    """Return the delays of a track, or of each track, from one state of the objects, or of the stored differences.
 
     Raises InvalidInput if the scene or the track does not exist.
     """
-    settings, areas, tracks = _read(conn, scene, key, lambda track: round(1e6 * within_s), clear_within_m or 0.0)
+    with store.snapshot(conn):
+        if waypoint is None and clear_within_m is None:
+            horizon_us, now_us = in_memory.horizon_and_now(within_s, now)
+            known = store.stored_delays(conn, store.scene_id(conn, scene), key, horizon_us, now_us)
+            if known:
+                return known
+        settings, areas, tracks = _read(conn, scene, key, lambda track: round(1e6 * within_s), clear_within_m or 0.0)
     return in_memory.delays(tracks, areas, settings, key, within_s, now, clear_within_m, waypoint)
 
 

@@ -27,6 +27,7 @@ import psycopg
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import follow_attached, store
+from conflictdb.db.differences import refresh_differences
 from conflictdb.db.sources import FewSource, SceneSource
 from conflictdb.earth.registry import plane_of
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
@@ -261,7 +262,7 @@ def _detect_few(
     record = replace(record, counted={"pieces_s": time.perf_counter() - clock})
     source = FewSource(conn, scene_id, options.memory, few.srid, pieces, within_us=settings.time_separation_us)
     staged = store.begin_write(conn, scene_id, record, few.numbers)
-    return _refresh_conflicts(conn, lambda: staged, source, settings, record, options, started)
+    return _refresh_conflicts(conn, lambda: staged, source, settings, record, options, started, few.numbers)
 
 
 def _recorded(settings: Scene) -> dict[str, Any]:
@@ -359,8 +360,12 @@ def _refresh_conflicts(
     record: store.RunRecord,
     options: _Options,
     started: float,
+    changed: list[int] | None = None,
 ) -> Run:
-    """Recompute the pairs with a changed member, on the snapshot of the open transaction, and commit."""
+    """Recompute the pairs with a changed member, on the snapshot of the open transaction, and commit.
+
+    changed : numbers of the changed objects, if these are few
+    """
     funnel = Funnel(pieces_s=record.counted["pieces_s"])
 
     is_last = True
@@ -387,6 +392,15 @@ def _refresh_conflicts(
         funnel.add(of_chunk)
         # Free before the next chunk is allocated.
         del found, of_chunk
+    refresh_differences(
+        conn,
+        source.scene_id,
+        settings,
+        changed,
+        options.memory,
+        jobs=options.jobs,
+        progress=partial(options.phase, "computing delays"),
+    )
     options.phase("writing conflicts", 0, 0)
     counted = funnel.counted()
     kept = {**record.settings, **funnel.without_column()}

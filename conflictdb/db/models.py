@@ -65,6 +65,7 @@ class Scene(Base):
     owner: Mapped[str | None] = mapped_column(server_default=FetchedValue())
     vertical_separation_m: Mapped[float] = mapped_column(server_default=FetchedValue())
     time_separation_s: Mapped[float] = mapped_column(server_default=FetchedValue())
+    delays_within_s: Mapped[float] = mapped_column(server_default=FetchedValue())
 
 
 class Area(Base):
@@ -197,6 +198,7 @@ class SceneState(Base):
     unmapped: Mapped[int]
     vertical_separation_m: Mapped[float]
     time_separation_s: Mapped[float]
+    delays_within_s: Mapped[float]
 
 
 class ConflictEvent(Base):

@@ -49,7 +49,7 @@ class SceneSource:
         meanwhile: Callable[[], None] = lambda: None,
         within_us: int = 0,
     ) -> None:
-        self._conn, self._scene_id, self._memory, self._meanwhile = conn, scene_id, memory, meanwhile
+        self._conn, self.scene_id, self._memory, self._meanwhile = conn, scene_id, memory, meanwhile
         self._within_us = within_us
 
     def candidates(self) -> Iterator[Chunk]:
@@ -57,10 +57,10 @@ class SceneSource:
 
         It returns them if all objects changed and they fit the memory (`_row_boxes`, sql/20_stage1_broad_phase.sql).
         """
-        ids, pieces, boxes = store.boxes(self._conn, self._scene_id, self._memory.boxes)
+        ids, pieces, boxes = store.boxes(self._conn, self.scene_id, self._memory.boxes)
         boxes = boxes.meeting_within(self._within_us)
         if not len(ids):
-            for found in store.candidates(self._conn, self._scene_id, self._memory.pairs):
+            for found in store.candidates(self._conn, self.scene_id, self._memory.pairs):
                 for chunk in pairs_of_rows(found, self._read, self._memory, self._within_us):
                     yield chunk._replace(share=None)
             return
@@ -76,7 +76,7 @@ class SceneSource:
                 yield chunk._replace(share=found.share)
 
     def _read(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
-        found = store.bundles(self._conn, self._scene_id, ids)
+        found = store.bundles(self._conn, self.scene_id, ids)
         self._meanwhile()
         return found
 
@@ -111,7 +111,7 @@ class FewSource(SceneSource):
             return
         # One more than fits shows that there are too many.
         most = self._memory.pairs // _SHARE_OF_FEW + 1
-        met = store.put_pieces(self._conn, self._scene_id, self._srid, self._pieces, most, self._most_compared)
+        met = store.put_pieces(self._conn, self.scene_id, self._srid, self._pieces, most, self._most_compared)
         if met.parts is not None:
             chunk = pairs_of_parts(met.bundles, met.place, met.a, met.b, met.parts)
             yield chunk._replace(candidate_pairs=met.candidate_pairs, stage2_s=met.stage2_s)

@@ -16,6 +16,7 @@ from conflictdb.model import inputs
 from conflictdb.model.departure_text import duration_text, least_text
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Conflict, Delays, Kind
+from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.coordination import contact_set
 from conflictdb.stages.delays import Leeway, delays_of, differences_of
 
@@ -99,7 +100,7 @@ def plot_coordination(
         origin_us = int(a.times_us[0])
         of_a = sketch.scene, sketch.plane, sketch.pieces
         outer, inner = contact_set(*of_a, number, horizon_us, origin_us, _SLICES)
-        every = differences_of(*of_a, np.array([number]), horizon_us)
+        every = differences_of(sketch.scene, sketch.plane, AnyTime.of(sketch.pieces), np.array([number]), horizon_us)
         others = dict.fromkeys(np.unique(every.other).tolist(), b.key)
         found = delays_of(a.key, others, every, horizon_us, Leeway.of(a, horizon_us))
         figure = mpl.figure.Figure(figsize=(7.0, 6.4), layout="constrained")

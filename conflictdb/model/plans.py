@@ -74,6 +74,9 @@ class Scene:
         overlap to conflict)
     time_separation_s : two objects conflict if they use one place within so many seconds, whole microseconds, 0 (at the
         same time) to 30 days; not with method nlp
+    delays_within_s : detections store the delays of each track that are in conflict, up to so many seconds, whole
+        microseconds, 0 (none) to 30 days. `delays` within these is computed with this horizon, so that the answer is
+        the stored one
     """
 
     name: str
@@ -86,6 +89,7 @@ class Scene:
     centre: tuple[float, float] | None = None
     vertical_separation_m: float = 0.0
     time_separation_s: float = 0.0
+    delays_within_s: float = 0.0
 
     def __post_init__(self) -> None:
         who = f"scene {self.name!r}"
@@ -136,7 +140,7 @@ class Scene:
 
 
 def _checked(who: str, setting: Setting, value: Any) -> StrEnum | float:
-    """Return a choice or distance by the rule of its setting; raises InvalidInput."""
+    """Return a choice, distance or time by the rule of its setting; raises InvalidInput."""
     if setting.choices is not None:
         try:
             return setting.choices(value)

@@ -168,6 +168,14 @@ SETTINGS: Final = (
         says_zero="none: only the same time counts",
         is_stored_by_detect=True,
     ),
+    Setting(
+        "delays_within_s",
+        Type.SECONDS,
+        "Detections store which delays of each track, up to this many seconds either way, are in conflict; 0: none.",
+        0.0,
+        "store delays",
+        is_stored_by_detect=True,
+    ),
 )
 NAMES: Final = tuple(setting.name for setting in SETTINGS)
 METRES: Final = tuple(setting.name for setting in SETTINGS if setting.type is Type.METRES)
@@ -184,6 +192,7 @@ class Changes(TypedDict, total=False):
     nearest_m: float | None
     vertical_separation_m: float | None
     time_separation_s: float | None
+    delays_within_s: float | None
 
 
 def given(values: Any, settings: tuple[Setting, ...] = SETTINGS) -> dict[str, Any]:

@@ -380,8 +380,9 @@ class StoredScene:
     ) -> list[Delays]:
         """Return when each track could depart instead: the departures in conflict, and the least that is not.
 
-        Computed from the objects as they are stored, whether they were detected or not. Delays are of one track at a
-        time: everything else departs as planned.
+        Looked up if the scene is current and stores them (`delays_within_s`); else computed from the objects as they
+        are stored, whether they were detected or not: the same answer. Delays are of one track at a time: everything
+        else departs as planned.
 
         Parameters
         ----------

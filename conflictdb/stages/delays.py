@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb import kernel
+from conflictdb.arrays.object_numbers import kinds_and_ids
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
 from conflictdb.kernel.differences import DifferenceState, Shifts, differences
@@ -34,7 +35,7 @@ _LOOSE_S: Final = 1.0
 _MOST_SPLITS: Final = 6
 # An inner interval ends this many units inside of what is proven: at its end two objects may share only the last
 # instant of one of them, which does not belong to it.
-_LAST_INSTANT: Final = 1
+LAST_INSTANT: Final = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +97,15 @@ class Differences:
         """Return the rows of all parts; at least one part."""
         return cls(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(cls)))
 
+    def mirrored(self) -> "Differences":
+        """Return the same delays as those of the other objects, which are tracks."""
+        return Differences(self.other, self.track, -self.high, -self.low, -self.inner_high, -self.inner_low)
+
     def forbidden(self, least: int, most: int) -> tuple[Spans, Spans]:
         """Return the outer and the inner intervals of all rows, from least to most."""
         outer = _within(self.low, self.high, least, most)
-        inner = _within(self.inner_low, self.inner_high, least - _LAST_INSTANT, most + _LAST_INSTANT)
-        low, high = inner.low + _LAST_INSTANT, inner.high - _LAST_INSTANT
+        inner = _within(self.inner_low, self.inner_high, least - LAST_INSTANT, most + LAST_INSTANT)
+        low, high = inner.low + LAST_INSTANT, inner.high - LAST_INSTANT
         return outer, Spans(low[low <= high], high[low <= high])
 
     def blocking(self, least: int, most: int) -> _Ints:
@@ -158,7 +163,14 @@ class Leeway:
 
 
 def differences_of(
-    scene: Scene, plane: Plane, pieces: Pieces, tracks: _Ints, horizon_us: int, threads: int = 1, *, waits: bool = True
+    scene: Scene,
+    plane: Plane,
+    placed: AnyTime,
+    tracks: _Ints,
+    horizon_us: int,
+    threads: int = 1,
+    *,
+    waits: bool = True,
 ) -> Differences:
     """Return the delays within the horizon that bring some tracks into contact with other objects.
 
@@ -167,40 +179,72 @@ def differences_of(
     threads : of the kernel; the answer does not depend on it
     waits : whether a track whose first leg stands still waits there before it departs
     """
-    placed = AnyTime.of(pieces)
-    number = placed.number
-    mine = np.flatnonzero(np.isin(number, tracks))
-    first = mine[_first_leg_stands(pieces, number, mine)] if waits else mine[:0]
+    every = differences_with(scene, plane, placed, tracks, horizon_us, threads, waits=waits)
+    return every.take(np.flatnonzero(np.isin(every.track, tracks)))
+
+
+def differences_with(
+    scene: Scene,
+    plane: Plane,
+    placed: AnyTime,
+    objects: _Ints,
+    horizon_us: int,
+    threads: int = 1,
+    *,
+    waits: bool = True,
+    but: _Ints | None = None,
+) -> Differences:
+    """Return the delays within the horizon that bring tracks into contact with some objects, or these with others.
+
+    Each row equals that of `differences_of` its track.
+
+    placed : all pieces of the objects, and of those that they may meet
+    objects : (m,) numbers of tracks and areas
+    but : (k,) numbers of objects that are left out
+    """
+    pieces, number = placed.pieces, placed.number
     reach_us = horizon_us + scene.time_separation_us
-    moving = placed.pairs_within(mine, reach_us, is_once=True)
-    waiting = placed.pairs_within(first, reach_us)
-    a, b = (np.concatenate(both) for both in zip(moving, waiting, strict=True))
+    a, b = placed.pairs_within(np.flatnonzero(np.isin(number, objects)), reach_us, is_once=True)
+    is_track = pieces.kind == Kind.TRACK.code
+    kept = is_track[a] | is_track[b]
+    if but is not None:
+        kept &= ~np.isin(number[b], but)
+    a, b = a[kept], b[kept]
+    # The area second, else the larger number: the last digits of an answer depend on the order.
+    turned = ~is_track[a] | (is_track[b] & (number[b] < number[a]))
+    a, b = PieceRows(np.where(turned, b, a)), PieceRows(np.where(turned, a, b))
+    stands = _first_leg_stands(pieces, number, np.flatnonzero(is_track)) if waits else np.zeros(len(pieces), np.bool_)
+    waits_a, waits_b = stands[a], stands[b]
+    still = PieceRows(np.concatenate([a[waits_a], b[waits_b]]))
+    passing = PieceRows(np.concatenate([b[waits_a], a[waits_b]]))
     prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
-    every = delays_of_pairs(scene, prepared, number, *moving, horizon_us, threads=threads)
-    # Two tracks that are both asked about are solved once.
-    mirrored = every.take(np.flatnonzero(np.isin(every.other, tracks)))
-    swapped = mirrored.other, mirrored.track, -mirrored.high, -mirrored.low, -mirrored.inner_high, -mirrored.inner_low
-    while_waiting = _while_waiting(
-        delays_of_pairs(scene, prepared, number, *waiting, horizon_us, lasts=False, threads=threads)
+    every = delays_of_pairs(scene, prepared, number, a, b, horizon_us, threads=threads)
+    of_tracks = every.take(np.flatnonzero(kinds_and_ids(every.other)[0] == Kind.TRACK.code))
+    every = Differences.concatenate(
+        [
+            every,
+            of_tracks.mirrored(),
+            _while_waiting(
+                delays_of_pairs(scene, prepared, number, still, passing, horizon_us, lasts=False, threads=threads)
+            ),
+        ]
     )
-    every = Differences.concatenate([every, Differences(*swapped), while_waiting])
     if waits:
         # Nobody knows whether what could not be cut waits first.
-        unknown = np.isin(every.track, number[mine[pieces.part[mine] == COVER]]) & (every.high >= 0)
+        unknown = np.isin(every.track, number[is_track & (pieces.part == COVER)]) & (every.high >= 0)
         every = replace(every, high=np.where(unknown, 2 * FOREVER_US, every.high))
     return every.take(np.flatnonzero((every.low <= horizon_us) & (every.high >= -horizon_us)))
 
 
 def waits_of(
-    scene: Scene, plane: Plane, pieces: Pieces, track: int, waypoint_us: int, horizon_us: int, threads: int = 1
+    scene: Scene, plane: Plane, placed: AnyTime, track: int, waypoint_us: int, horizon_us: int, threads: int = 1
 ) -> Differences:
     """Return the waits at a waypoint, up to the horizon, that bring a track into contact with other objects.
 
     track : its number
     waypoint_us : when it is there
     """
-    placed = AnyTime.of(pieces)
-    number = placed.number
+    pieces, number = placed.pieces, placed.number
     mine = np.flatnonzero((number == track) & (pieces.part != COVER))
     before, after = mine[pieces.end_us[mine] <= waypoint_us], mine[pieces.start_us[mine] >= waypoint_us]
     first = after[pieces.start_us[after] == waypoint_us]
@@ -220,7 +264,7 @@ def waits_of(
         ]
     )
     every = every.take(np.flatnonzero((every.low <= horizon_us) & (every.high >= 0)))
-    return replace(every, low=np.maximum(every.low, 0), inner_low=np.maximum(every.inner_low, -_LAST_INSTANT))
+    return replace(every, low=np.maximum(every.low, 0), inner_low=np.maximum(every.inner_low, -LAST_INSTANT))
 
 
 def of_cover(placed: AnyTime, track: int, horizon_us: int) -> Differences:
@@ -307,12 +351,14 @@ def sorted_keys(keys: Mapping[int, str], numbers: list[int]) -> tuple[str, ...]:
 
 
 def _first_leg_stands(pieces: Pieces, number: _Ints, rows: _Ints) -> NDArray[np.bool_]:
-    """Return (m,) whether pieces (m,) are the first of a track whose first leg stands still."""
+    """Return (n,) whether pieces, among rows (m,) of tracks, are the first of one whose first leg stands still."""
     first_us = np.full(len(rows), INFINITY_US)
     _, track = np.unique(number[rows], return_inverse=True)
     np.minimum.at(first_us, track, pieces.start_us[rows])
     stands = (pieces.leg_start_deg[rows] == pieces.leg_end_deg[rows]).all(axis=1) & (pieces.part[rows] != COVER)
-    return np.asarray(stands & (pieces.start_us[rows] == first_us[track]))
+    found = np.zeros(len(pieces), np.bool_)
+    found[rows] = stands & (pieces.start_us[rows] == first_us[track])
+    return found
 
 
 def _while_waiting(found: Differences) -> Differences:

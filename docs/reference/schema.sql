@@ -160,6 +160,15 @@ TABLE conflict_event (
     closest_error_m double precision
 );
 
+TABLE difference (
+    scene_id bigint NOT NULL,
+    track_id bigint NOT NULL,
+    other_kind smallint NOT NULL,
+    other_id bigint NOT NULL,
+    forbidden_us int8multirange NOT NULL,
+    proven_us int8multirange NOT NULL
+);
+
 TABLE history (
     scene_id bigint NOT NULL,
     first_run_id bigint,
@@ -278,7 +287,8 @@ TABLE scene (
     history_kept interval,
     owner name DEFAULT CURRENT_USER,
     vertical_separation_m double precision NOT NULL DEFAULT 0.0,
-    time_separation_s double precision NOT NULL DEFAULT 0.0
+    time_separation_s double precision NOT NULL DEFAULT 0.0,
+    delays_within_s double precision NOT NULL DEFAULT 0.0
 );
 
 TABLE scene_lock (
@@ -506,7 +516,8 @@ VIEW scenes (
     is_current boolean,
     unmapped bigint,
     vertical_separation_m double precision,
-    time_separation_s double precision
+    time_separation_s double precision,
+    delays_within_s double precision
 );
 
 VIEW shares (
@@ -606,6 +617,7 @@ CONSTRAINT run_scene_unique ON run: UNIQUE (scene_id, run_id);
 CONSTRAINT scene_centre_of_circles ON scene: CHECK (((motion = 'great_circle'::text) OR (num_nulls(centre_lon, centre_lat) = 2)));
 CONSTRAINT scene_centre_on_earth ON scene: CHECK (((num_nulls(centre_lon, centre_lat) = ANY (ARRAY[0, 2])) AND ((((centre_lon >= ('-180'::integer)::double precision) AND (centre_lon <= (180)::double precision)) AND ((centre_lat >= ('-90'::integer)::double precision) AND (centre_lat <= (90)::double precision))) IS NOT FALSE)));
 CONSTRAINT scene_circles_on_sphere ON scene: CHECK (((motion = 'rhumb'::text) OR (earth = 'sphere'::text)));
+CONSTRAINT scene_delays_within_known ON scene: CHECK (((delays_within_s >= (0)::double precision) AND (delays_within_s <= (2592000)::double precision)));
 CONSTRAINT scene_earth_known ON scene: CHECK ((earth = ANY (ARRAY['wgs84'::text, 'sphere'::text])));
 CONSTRAINT scene_history_kept_positive ON scene: CHECK ((history_kept >= '00:00:00'::interval));
 CONSTRAINT scene_holds_objects ON scene: TRIGGER DEFERRABLE INITIALLY DEFERRED;
@@ -646,6 +658,8 @@ CREATE INDEX conflict_b_btree ON conflictdb.conflict USING btree (b_kind, b_id);
 CREATE INDEX conflict_region_spgist ON conflictdb.conflict USING spgist (region) WHERE (verdict <> 'near'::text);
 CREATE INDEX conflict_scene_id_a_key_btree ON conflictdb.conflict USING btree (scene_id, a_key);
 CREATE INDEX conflict_scene_id_b_key_btree ON conflictdb.conflict USING btree (scene_id, b_key);
+CREATE INDEX difference_other_btree ON conflictdb.difference USING btree (other_kind, other_id);
+CREATE INDEX difference_scene_id_track_btree ON conflictdb.difference USING btree (scene_id, track_id);
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
 CREATE INDEX probe_request_scene_btree ON conflictdb.probe_request USING btree (scene_id, answered_at);
@@ -833,6 +847,9 @@ FUNCTION _check_haven_near_centre(p_who text, p_path geometry, p_outline geometr
 FUNCTION _check_heights(p_who text, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _check_horizon(p_key text, p_horizon interval, p_now timestamp with time zone)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _check_instants(p_from timestamp with time zone, p_to timestamp with time zone, p_step interval)
     RETURNS timestamp with time zone[] LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -876,6 +893,9 @@ FUNCTION _check_speed(p_who text, p_path geometry)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_times(p_who text, p_path geometry)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _check_track(p_scene_id bigint, p_key text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_track_probe(p_scene_id bigint, p_path geometry, p_outline geometry, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
@@ -935,6 +955,9 @@ FUNCTION _create_attached_triggers(p_attachment_id bigint, p_table regclass)
 FUNCTION _create_note(p_attachment_id bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
+FUNCTION _delays_if_stored(p_scene_id bigint, p_key text, p_horizon_us bigint, p_now_us bigint, OUT delays text)
+    RETURNS SETOF text LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
+
 FUNCTION _depends_on_settings_alone(p_name name, p_types oidvector)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -982,6 +1005,9 @@ FUNCTION _follow_attachment(p_attachment_id bigint, OUT is_done boolean, OUT map
 
 FUNCTION _footprints(p_area_ids bigint[])
     RETURNS TABLE(area_id bigint, footprint bytea) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _forget_differences(p_scene_id bigint, p_numbers bigint[])
+    RETURNS bytea LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _from_centre_deg(p_geometry geometry, p_lon double precision, p_lat double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1070,8 +1096,14 @@ FUNCTION _known_conflicts_among(p_scene_id bigint, p_is_all boolean, OUT a_kinds
 FUNCTION _known_conflicts_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[], OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_sort=off SET jit=off;
 
+FUNCTION _known_delays(p_scene_id bigint, p_key text, p_horizon_us bigint, p_now_us bigint)
+    RETURNS TABLE(key text, least_later_s double precision, least_earlier_s double precision, blocked_by text[], forbidden jsonb, waits boolean, has_departed boolean, earliest_s double precision, latest_s double precision) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1 SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
+
 FUNCTION _latitude(p_rectifying double precision, p_earth text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _leeway(p_path geometry, p_horizon_us bigint, p_now_us bigint, OUT waits boolean, OUT has_departed boolean, OUT first_us bigint, OUT last_us bigint)
+    RETURNS record LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _leg_havens(p_motion text, p_earth text, p_plane text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_leg integer, p_instants timestamp with time zone[])
     RETURNS TABLE(at timestamp with time zone, haven geometry) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1213,6 +1245,9 @@ FUNCTION _pieces_meeting(p_scene_id bigint, p_most_compared bigint, p_key text, 
 
 FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _pieces_near(p_scene_id bigint, p_numbers bigint[], p_horizon_us bigint, OUT piece_ids bytea, OUT pieces bigint, OUT compared bigint)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_material=off SET jit=off;
 
 FUNCTION _pieces_of(p_part integer, p_hull geometry, p_span tstzrange, p_shape geometry, p_parts integer[], p_hulls geometry, p_shapes geometry, p_cuts timestamp with time zone[])
     RETURNS TABLE(part integer, hull geometry, span tstzrange, shape geometry) LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1385,6 +1420,9 @@ FUNCTION _sphere_m()
 FUNCTION _staged_tracks(p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint)
     RETURNS TABLE(object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry, grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[], ceilings_m double precision[], properties jsonb) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _stored_horizon_us(p_scene_id bigint)
+    RETURNS bigint LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _stretch(p_from double precision, p_to double precision, p_earth text)
     RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1475,6 +1513,9 @@ FUNCTION _wrapped(p_geometry geometry)
 FUNCTION _writable_scenes()
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
+FUNCTION _write_differences(p_scene_id bigint, p_track_id bigint[], p_other_kind smallint[], p_other_id bigint[], p_forbidden_us int8multirange[], p_proven_us int8multirange[])
+    RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+
 FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean, p_a_kind smallint[], p_a_id bigint[], p_a_version bigint[], p_b_kind smallint[], p_b_id bigint[], p_b_version bigint[], p_place tid[], p_digest bigint[], p_verdict text[], p_periods tstzmultirange[], p_region bytea[], p_first_contact_point bytea[], p_time_error_s double precision[], p_closest_at timestamp with time zone[], p_closest_m double precision[], p_closest_error_m double precision[], p_closest_a_point bytea[], p_closest_b_point bytea[], p_lacking_s double precision[], OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint, OUT conflicts bigint, OUT unresolved bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_nestloop=off SET jit=off;
 
@@ -1508,8 +1549,11 @@ FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
 FUNCTION copy_scene(p_scene text, p_name text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision)
+FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
+
+FUNCTION delays_of(p_scene text, p_key text DEFAULT NULL::text, p_horizon interval DEFAULT NULL::interval, p_now timestamp with time zone DEFAULT NULL::timestamp with time zone)
+    RETURNS TABLE(key text, least_later_s double precision, least_earlier_s double precision, blocked_by text[], forbidden jsonb, waits boolean, has_departed boolean, earliest_s double precision, latest_s double precision) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION detach(p_scene text, p_table text, p_keep boolean DEFAULT false)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET lock_timeout=10s;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "ad66d42814d279286c296fe8fb69306e7783d737e208e07329e167e64a711936"
+routines_sha256 = "98aeaedf9abecb48b571ceed0574d0e50b1677740447ec379da607b8b65b794a"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -45,9 +45,27 @@ ALTER TABLE conflictdb.conflict ADD COLUMN IF NOT EXISTS lacking_s double precis
 ALTER TABLE conflictdb.probe_reply ADD COLUMN IF NOT EXISTS lacking_s double precision;
 """
 
+# As for conflicts, no foreign keys: they would cost more than writing a row.
+DIFFERENCES = """
+ALTER TABLE conflictdb.scene
+    ADD COLUMN IF NOT EXISTS delays_within_s double precision NOT NULL DEFAULT 0.0,
+    DROP CONSTRAINT IF EXISTS scene_delays_within_known,
+    ADD CONSTRAINT scene_delays_within_known CHECK (delays_within_s BETWEEN 0 AND 2592000);
+CREATE TABLE IF NOT EXISTS conflictdb.difference (
+    scene_id bigint NOT NULL,
+    track_id bigint NOT NULL,
+    other_kind smallint NOT NULL,
+    other_id bigint NOT NULL,
+    forbidden_us int8multirange NOT NULL,
+    proven_us int8multirange NOT NULL
+);
+CREATE INDEX IF NOT EXISTS difference_scene_id_track_btree ON conflictdb.difference (scene_id, track_id);
+CREATE INDEX IF NOT EXISTS difference_other_btree ON conflictdb.difference (other_kind, other_id);
+"""
+
 
 def upgrade() -> None:
-    for statement in (DROP_TRIGGERS, TIME):
+    for statement in (DROP_TRIGGERS, TIME, DIFFERENCES):
         op.execute(statement)
 
 

@@ -21,12 +21,15 @@ from patience import killed_after
 from verdicts import Pair, Reported, by_pair, solved
 from workloads import LOW_LATITUDE, throw
 
+from conflictdb import delays
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Conflict
 
 WAIT_S = 60.0
+# Differences of departures are stored up to this.
+WITHIN_S = 7200.0
 
 # Detects, reports its progress on standard output, then waits to be killed at the given place.
 VICTIM = """
@@ -51,7 +54,8 @@ def stopping(name, *, after):
     setattr(store, name, run)
 
 for name in (
-    "begin_detection", "changed_areas", "replace_pieces", "begin_write", "bundles", "put_pieces", "stage", "end_write"
+    "begin_detection", "changed_areas", "replace_pieces", "begin_write", "bundles", "put_pieces", "stage",
+    "pieces_near", "write_differences", "end_write"
 ):
     stopping(name, after=True)
 with store.connect(sys.argv[1]) as conn:
@@ -66,12 +70,15 @@ EVERYWHERE = [
     ("bundles", TWO_TRANSACTIONS),
     ("progress", TWO_TRANSACTIONS),
     ("stage", TWO_TRANSACTIONS),
+    ("pieces_near", TWO_TRANSACTIONS),
+    ("write_differences", TWO_TRANSACTIONS),
     ("end_write", TWO_TRANSACTIONS),
     ("begin_detection", ONE_TRANSACTION),
     ("put_pieces", ONE_TRANSACTION),
+    ("write_differences", ONE_TRANSACTION),
     ("end_write", ONE_TRANSACTION),
 ]
-SELDOM = {"begin_detection", "changed_areas", "begin_write", "stage"}
+SELDOM = {"begin_detection", "changed_areas", "begin_write", "stage", "pieces_near"}
 PLACES = [pytest.param(*at, marks=pytest.mark.slow) if at[0] in SELDOM else at for at in EVERYWHERE]
 
 
@@ -79,6 +86,7 @@ PLACES = [pytest.param(*at, marks=pytest.mark.slow) if at[0] in SELDOM else at f
 def changed() -> tuple[Scene, list[Area], list[Track], list[Area], list[Track]]:
     """A scene, and the same after a third of it was replaced by something else."""
     scene, areas, tracks = throw(LOW_LATITUDE, 2, 8, 8)
+    scene = replace(scene, delays_within_s=WITHIN_S)
     aside = np.array([0.3, 0.2])
     moved = [Track(t.key, t.positions_deg + aside, t.times_us + 3_600_000_000, t.outline_m) for t in tracks[:3]]
     return scene, areas, tracks, areas[4:], moved + tracks[3:]
@@ -119,6 +127,13 @@ def wait_until_alone(conn: psycopg.Connection[Any]) -> None:
     pytest.fail("the session of the killed process is still there")
 
 
+def differences(conn: psycopg.Connection[Any]) -> list[tuple[Any, ...]]:
+    """The stored rows; objects keep their ids."""
+    found = conn.execute("SELECT d::text FROM conflictdb.difference d ORDER BY 1").fetchall()
+    conn.commit()
+    return found
+
+
 def view(conn: psycopg.Connection[Any], scene: Scene) -> dict[Pair, Reported]:
     return by_pair(store.conflicts(conn, scene.name))
 
@@ -139,26 +154,36 @@ def assert_same_but_for_what_changed(
     assert all(pair in stale for pair in before if removed & set(pair)), "and say that they are not current"
 
 
-def begin(conn: psycopg.Connection[Any], changed: Any) -> tuple[dict[Pair, Reported], int]:
-    """Have a scene that was detected, and then changed; returns its conflicts, and how many runs there were."""
+def begin(conn: psycopg.Connection[Any], changed: Any) -> tuple[dict[Pair, Reported], int, list[tuple[Any, ...]]]:
+    """Have a scene that was detected, and then changed.
+
+    Returns its conflicts, how many runs there were, and the stored differences.
+    """
     scene, areas, tracks, areas_after, tracks_after = changed
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
     before = view(conn, scene)
     assert_equal(before, solved(scene, areas, tracks))
     runs_before = len(store.runs(conn, scene.name, 1000))
+    stored_before = differences(conn)
+    assert stored_before
     store.replace_scene(conn, scene, areas_after, tracks_after, merge=False)
     conn.commit()
-    return before, runs_before
+    return before, runs_before, stored_before
 
 
 def assert_nothing_lost(
-    conn: psycopg.Connection[Any], changed: Any, before: dict[Pair, Reported], runs_before: int
+    conn: psycopg.Connection[Any],
+    changed: Any,
+    before: dict[Pair, Reported],
+    runs_before: int,
+    stored_before: list[tuple[Any, ...]],
 ) -> None:
     scene, areas, _, areas_after, tracks_after = changed
     gone = {area.key for area in areas} - {area.key for area in areas_after}
     assert_same_but_for_what_changed(view(conn, scene), before, store.conflicts(conn, scene.name), gone)
     assert len(store.runs(conn, scene.name, 1000)) == runs_before, "a killed run is not a run"
+    assert differences(conn) == stored_before
 
     run = detect(conn, scene.name, jobs=1)
     after = view(conn, scene)
@@ -170,6 +195,8 @@ def assert_nothing_lost(
     anew = detect(conn, scene.name, jobs=1, full=True)
     assert (anew.opened, anew.changed, anew.closed) == (0, 0, 0)
     assert view(conn, scene) == after, "what changed only, or everything: the same to the last digit"
+    known = store.stored_delays(conn, store.scene_id(conn, scene.name), None, round(1e6 * WITHIN_S), None)
+    assert known == delays(tracks_after, areas_after, scene, within_s=WITHIN_S)
 
 
 @pytest.mark.parametrize(("place", "few"), PLACES)

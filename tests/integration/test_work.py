@@ -218,3 +218,24 @@ def test_work_does_not_grow(conn: Conn, traffic: Traffic, touched: Callable[[str
     run = detect(conn, scene.name, jobs=1)
     counted = {**asdict(run), **asdict(traffic.since(began)), "pieces": touched("piece")}
     assert not grown({**counted, "written": touched("conflict")}, ONE_CHANGE[name])
+
+
+@pytest.mark.parametrize("name", list(FIRST))
+def test_a_change_replaces_its_own_differences(
+    conn: Conn, traffic: Traffic, touched: Callable[[str], int], name: str
+) -> None:
+    """Of a scene that stores delays: with four statements more, and no row of a pair that did not change."""
+    scene, areas, tracks = scene_of(name)
+    store.replace_scene(conn, replace(scene, delays_within_s=3600.0), areas, tracks, merge=False)
+    detect(conn, scene.name, jobs=1)
+    assert touched("difference") > 500
+    delayed = replace(tracks[0], times_us=tracks[0].times_us + 60_000_000)
+    store.replace_scene(conn, replace(scene, delays_within_s=3600.0), [], [delayed], merge=True)
+    began = replace(traffic)
+    detect(conn, scene.name, jobs=1)
+    assert traffic.since(began).statements == ONE_CHANGE[name]["statements"] + 4
+    query = "SELECT count(*) FROM conflictdb.difference d JOIN conflictdb.track t ON t.key = %s "
+    query += "AND (d.track_id = t.track_id OR (d.other_kind, d.other_id) = (1, t.track_id))"
+    (own,) = conn.execute(query, [delayed.key]).fetchone() or (0,)
+    conn.rollback()
+    assert touched("difference") == own > 0

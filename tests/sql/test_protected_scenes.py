@@ -21,7 +21,7 @@ from conflictdb.db import detect, follow_attached
 Conn = psycopg.Connection[Any]
 
 HERS = """
-SELECT conflictdb.create_scene('hers', p_nearest_m => 50000);
+SELECT conflictdb.create_scene('hers', p_nearest_m => 50000, p_delays_within_s => 3600);
 SELECT conflictdb.put_area('hers', 'A', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 1, 0 0))');
 SELECT conflictdb.put_area('hers', 'B', 'SRID=4326;POLYGON((0.5 0, 1.5 0, 1.5 1, 0.5 1, 0.5 0))');
 SELECT conflictdb.put_area('hers', 'N', 'SRID=4326;POLYGON((1.6 0, 1.7 0, 1.7 1, 1.6 1, 1.6 0))');

@@ -102,3 +102,11 @@ def test_each_distance_is_kept_to_the_last_digit_and_checked(conn: Conn, name: s
             conn.execute(f"SELECT conflictdb.create_scene('s', p_{name} => {wrong})".encode())
         assert refused.value.sqlstate == "ZC009"
         assert f"{name}: must be" in str(refused.value)
+
+
+@pytest.mark.parametrize("wrong", ["-1", "'NaN'", "'infinity'", "2592000.1", "1e-7"])
+def test_the_horizon_of_stored_delays_is_checked(conn: Conn, wrong: str) -> None:
+    with pytest.raises(psycopg.Error) as refused, conn.transaction():
+        conn.execute(f"SELECT conflictdb.create_scene('s', p_delays_within_s => {wrong})".encode())
+    assert refused.value.sqlstate == "ZC009"
+    assert "delays_within_s: must be whole microseconds, 0 to 2592000" in str(refused.value)

@@ -38,3 +38,15 @@ def test_options_set_what_they_name() -> None:
 def test_distances_are_checked_by_one_rule(name: str, wrong: object) -> None:
     with pytest.raises(InvalidInput, match=f"scene 's': {name}: must be (a finite number|at most 20000000)"):
         Scene("s", **{name: wrong})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("wrong", [-1.0, float("nan"), float("inf"), 3.2e11, 2_592_001.0, 1e-7, True, "5", None])
+def test_the_horizon_of_stored_delays_is_checked(wrong: object) -> None:
+    rule = "must be (a finite number of seconds|at most 2592000 seconds|whole microseconds)"
+    with pytest.raises(InvalidInput, match=f"scene 's': delays_within_s: {rule}"):
+        Scene("s", delays_within_s=wrong)  # type: ignore[arg-type]
+
+
+def test_options_take_durations_and_none() -> None:
+    for text, value_s in (("2h", 7200.0), ("0", 0.0)):
+        assert build().parse_args(["detect", "--delays-within-s", text]).delays_within_s == value_s

@@ -41,9 +41,9 @@ def _add_tables(commands: Any) -> None:
     _add_table(parser)
     about = "a column or SQL expression for each field; repeatable"
     parser.add_argument("--map", required=True, action="append", type=mapping, metavar="FIELD=COLUMN,…", help=about)
-    parser.add_argument("--where", type=name, metavar="EXPRESSION", help="only rows for which this is true")
+    parser.add_argument("--where", type=name, metavar="EXPRESSION", help="only rows where this is true")
     parser.add_argument("--every", type=duration_s, metavar="DURATION", help="compare so often instead of triggers")
-    parser.add_argument("--dry-run", action="store_true", help="print the effect, and change nothing")
+    parser.add_argument("--dry-run", action="store_true", help="print the effect, change nothing")
 
     parser = command(commands, "detach", "admin:detach", "detach a table, and remove its objects")
     _add_table(parser)

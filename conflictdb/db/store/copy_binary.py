@@ -48,6 +48,7 @@ _OID: Final = {
     "tstzrange": 3910,
     "timestamptz": 1184,
     "tstzmultirange": 4534,
+    "int8multirange": 4536,
 }
 
 WKB_POINT: Final = 1
@@ -122,7 +123,19 @@ def spans(start_us: NDArray[np.int64], end_us: NDArray[np.int64], end_inclusive:
 
 def multispans(bounds_us: NDArray[np.int64], offset: Offsets) -> Ragged:
     """Return a column of tstzmultirange: row i contains the spans (m, 2) from offset[i] on, both ends included."""
-    one = spans(bounds_us[:, 0], bounds_us[:, 1], np.ones(len(bounds_us), dtype=np.bool_))
+    return _together(spans(bounds_us[:, 0], bounds_us[:, 1], np.ones(len(bounds_us), dtype=np.bool_)), offset)
+
+
+def multiranges(bounds: NDArray[np.int64], offset: Offsets) -> Ragged:
+    """Return a column of int8multirange: row i contains the ranges (m, 2) from offset[i] on, both ends included."""
+    length = fixed(np.full(len(bounds), 8), "i4")
+    inclusive = np.full((len(bounds), 1), 0x06, np.uint8)
+    whole = np.concatenate([inclusive, length, fixed(bounds[:, 0], "i8"), length, fixed(bounds[:, 1], "i8")], axis=1)
+    return _together(Ragged(whole.reshape(-1), whole.shape[1] * np.arange(len(bounds) + 1)), offset)
+
+
+def _together(one: Ragged, offset: Offsets) -> Ragged:
+    """Return a column of multiranges: row i contains the ranges from offset[i] on."""
     # Each span follows its length; the count of spans precedes the first span of a row.
     size = np.diff(one.offset)
     count = np.diff(offset)

@@ -1,0 +1,93 @@
+"""Store the differences of the changed objects of a scene, in the transaction of a detection.
+
+Pieces are read for some objects at a time, together with those of all objects that these may meet. So memory does not
+grow with the scene.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+import psycopg
+from numpy.typing import NDArray
+
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.db import store
+from conflictdb.earth.registry import plane_of
+from conflictdb.model.plans import Scene
+from conflictdb.stages.at_any_time import AnyTime
+from conflictdb.stages.delays import differences_with
+from conflictdb.stages.memory import Memory
+from conflictdb.stages.object_pairs import object_numbers
+from conflictdb.stages.pair_differences import PairDifferences
+
+_Ints = NDArray[np.int64]
+
+# Objects in the first batch; the size of later batches follows from the pieces.
+_FIRST_OBJECTS: Final = 500
+# Pieces take half of the memory; about one in so many pairs of pieces, whose rows meet, is solved.
+_SHARE: Final = 2
+_LOOKED_AT: Final = 16
+_ROWS_AT_ONCE: Final = 5_000
+
+
+def refresh_differences(
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    settings: Scene,
+    changed: list[int] | None,
+    memory: Memory,
+    *,
+    jobs: int = 1,
+    progress: Callable[[int, int], object] = lambda done, of: None,
+) -> None:
+    """Replace the stored differences of the changed objects of a scene, whose pieces are stored.
+
+    changed : numbers of the changed objects, if these are few; None: all objects whose marks are covered
+    progress : called with the numbers of objects done and to do
+    """
+    if not settings.delays_within_s:
+        return
+    plane, horizon_us = plane_of(settings), round(1e6 * settings.delays_within_s)
+    objects = store.forget_differences(conn, scene_id, changed)
+    most, done = _FIRST_OBJECTS, 0
+    while done < len(objects):
+        progress(done, len(objects))
+        some = objects[done : done + most]
+        ids, pieces, compared = store.pieces_near(conn, scene_id, some, horizon_us)
+        load = max(_SHARE * pieces / memory.pieces, compared / (_LOOKED_AT * memory.pairs))
+        if load > 1.0 and len(some) > 1:
+            most = max(1, int(len(some) / (2.0 * load)))
+            continue
+        bundles, place = store.bundles(conn, scene_id, ids)
+        pieces_by_key, numbers = _by_key(bundles.pieces.take(np.argsort(place)))
+        del bundles
+        of_key = object_numbers(pieces_by_key)
+        found = differences_with(
+            settings,
+            plane,
+            AnyTime.of(pieces_by_key),
+            np.unique(of_key[np.isin(numbers, some)]),
+            horizon_us,
+            jobs,
+            but=np.unique(of_key[np.isin(numbers, objects[:done])]),
+        )
+        _, row = np.unique(of_key, return_index=True)
+        known = of_key[row]
+        found = replace(
+            found,
+            track=numbers[row[np.searchsorted(known, found.track)]],
+            other=numbers[row[np.searchsorted(known, found.other)]],
+        )
+        for part in PairDifferences.of_each(found, horizon_us, _ROWS_AT_ONCE):
+            store.write_differences(conn, scene_id, part)
+        done += len(some)
+        most = max(1, min(4 * most, int(most / (2.0 * load)) if load else 4 * most))
+
+
+def _by_key(pieces: Pieces) -> tuple[Pieces, _Ints]:
+    """Return pieces, which are in the order of keys, with ids in this order, and the numbers (n,) of their objects."""
+    numbers = object_numbers(pieces)
+    place = np.cumsum(np.append(False, numbers[1:] != numbers[:-1])[: len(numbers)])
+    return replace(pieces, object_id=place), numbers

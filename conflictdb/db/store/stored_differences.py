@@ -1,0 +1,74 @@
+"""Write the differences that a scene stores, in the transaction of a detection; look delays up in them.
+
+forget_differences; for each chunk of objects: pieces_near, bundles, write_differences
+"""
+
+import json
+from typing import Any
+
+import numpy as np
+import psycopg
+from numpy.typing import NDArray
+
+from conflictdb.arrays.object_numbers import kinds_and_ids
+from conflictdb.db.store import copy_binary
+from conflictdb.db.store.connection import call, call_many
+from conflictdb.model.results import Delays, Forbidden
+from conflictdb.stages.pair_differences import PairDifferences
+
+_Ints = NDArray[np.int64]
+
+
+def forget_differences(conn: psycopg.Connection[Any], scene_id: int, changed: list[int] | None) -> _Ints:
+    """Delete the differences of changed objects; return their numbers, neighbours together.
+
+    changed : their numbers, if these are few; None: all objects whose marks are covered
+    """
+    return copy_binary.int8_array(call(conn, "_forget_differences", scene_id, changed)[0])
+
+
+def pieces_near(
+    conn: psycopg.Connection[Any], scene_id: int, objects: _Ints, horizon_us: int
+) -> tuple[_Ints, int, int]:
+    """Return the rows of all pieces of objects, and of those that they may meet, by their ids.
+
+    Also return the number of pieces, and of pairs of pieces whose rows meet.
+
+    horizon_us : how much earlier or later one of two objects may be
+    """
+    piece_ids, pieces, compared = call(conn, "_pieces_near", scene_id, objects.tolist(), horizon_us)
+    return copy_binary.int8_array(piece_ids), int(pieces), int(compared)
+
+
+def write_differences(conn: psycopg.Connection[Any], scene_id: int, found: PairDifferences) -> None:
+    """Write differences of pairs of objects."""
+    kind, other_id = kinds_and_ids(found.other)
+    columns: list[tuple[copy_binary.Column, str]] = [
+        (copy_binary.fixed(kinds_and_ids(found.track)[1], "i8"), "bigint"),
+        (copy_binary.fixed(kind, "i2"), "smallint"),
+        (copy_binary.fixed(other_id, "i8"), "bigint"),
+        (copy_binary.multiranges(found.forbidden_us, found.forbidden_offset), "int8multirange"),
+        (copy_binary.multiranges(found.proven_us, found.proven_offset), "int8multirange"),
+    ]
+    call(conn, "_write_differences", scene_id, *(copy_binary.array([column], of) for column, of in columns))
+
+
+def stored_delays(
+    conn: psycopg.Connection[Any], scene_id: int, key: str | None, horizon_us: int, now_us: int | None
+) -> list[Delays] | None:
+    """Return the delays of a track, or of each track, as `in_memory.delays` does, from stored differences.
+
+    None if they are not complete, or not within this horizon. Unknown tracks are left out.
+    """
+    rows = [row for (row,) in call_many(conn, "_delays_if_stored", scene_id, key, horizon_us, now_us)]
+    return None if None in rows else [_delays(**json.loads(row)) for row in rows]
+
+
+def _delays(forbidden: list[dict[str, Any]], blocked_by: list[str], **columns: Any) -> Delays:
+    numbers = {name: value if value is None else float(value) for name, value in columns.items() if name[-2:] == "_s"}
+    intervals = tuple(_forbidden(**one) for one in forbidden)
+    return Delays(**{**columns, **numbers, "forbidden": intervals, "blocked_by": tuple(blocked_by)})
+
+
+def _forbidden(is_proven: bool, by: list[str], **numbers: float) -> Forbidden:
+    return Forbidden(**{name: float(value) for name, value in numbers.items()}, is_proven=is_proven, by=tuple(by))
