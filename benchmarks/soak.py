@@ -205,7 +205,7 @@ class Soaked:
     errors: list[str]
 
 
-def soak(dsn: str, rate: float, editors: int, workers: int, seconds: float) -> Soaked:
+def soak(dsn: str, rate: float, editors: int, workers: int, seconds: float, warm_up_s: float = WARM_UP_S) -> Soaked:
     """Edit the scene, with workers at work, and wait until all is current."""
     with ExitStack() as stack:
         listener = stack.enter_context(psycopg.connect(dsn, autocommit=True))
@@ -216,7 +216,7 @@ def soak(dsn: str, rate: float, editors: int, workers: int, seconds: float) -> S
         }
         started = [stack.enter_context(worker(dsn)) for _ in range(workers)]
         _await_workers(listener, workers)
-        lags = Lags(time.monotonic() + WARM_UP_S)
+        lags = Lags(time.monotonic() + warm_up_s)
         crew = _crew(dsn, keys, rate, editors, lags.since + seconds, lags)
         _watch(listener, crew, lags)
         errors = [f"{type(one.error).__name__}: {one.error}" for one in crew if one.error]
