@@ -91,17 +91,17 @@ def connect(
 
         embedded = server.embedded(say=say)
         try:
-            return _opened(embedded.dsn, embedded.stop, create is not False, say, embedded.admin_dsn)
+            return _opened(embedded.dsn, [embedded.stop], create is not False, say, embedded.admin_dsn)
         except BaseException:
             embedded.stop()
             raise
     if isinstance(target, str):
-        return _opened(target, _nothing, bool(create), say)
+        return _opened(target, [], bool(create), say)
     return _borrowed(target)
 
 
 def _opened(
-    dsn: str, release: Callable[[], None], create: bool, say: Callable[[str], None], admin_dsn: str | None = None
+    dsn: str, release: list[Callable[[], None]], create: bool, say: Callable[[str], None], admin_dsn: str | None = None
 ) -> "Database":
     """Open a database; with `admin_dsn`, the embedded one, whose everyday user may not create the schema."""
     try:
@@ -125,7 +125,7 @@ def _opened(
     except BaseException:
         connection.close()
         raise
-    return Database(lambda: connection, [connection.close, release])
+    return Database(lambda: connection, [connection.close, *release])
 
 
 def _borrowed(target: "psycopg.Connection[Any] | Engine | Connection | Session") -> "Database":
@@ -141,10 +141,6 @@ def _borrowed(target: "psycopg.Connection[Any] | Engine | Connection | Session")
 def _check(connection: "psycopg.Connection[Any]") -> None:
     with store.transaction(connection):
         schema.check(connection)
-
-
-def _nothing() -> None:
-    """Release nothing: the connection belongs to the caller."""
 
 
 class Database:
