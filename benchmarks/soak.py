@@ -30,7 +30,7 @@ import numpy as np
 import psycopg
 from made_scenes import sea
 from measured import fresh_database, load, versions, write_csv
-from tables import markdown, put_into
+from tables import markdown, show
 
 import conflictdb
 from conflictdb import Scene
@@ -372,14 +372,12 @@ def main() -> None:
             with psycopg.connect(dsn) as conn:
                 told = versions(conn)
     text = f"{table(rows)}\n\n{told}."
-    print(text)
+    show(text, "soak", args.document)
     for row in rows:
         if row["told"]:
             print(row["told"], file=sys.stderr)
     if args.folder:
         write_csv(args.folder / "soak.csv", rows)
-    if args.document:
-        put_into(args.document, "soak", text)
 
 
 if __name__ == "__main__":
