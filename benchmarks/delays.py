@@ -169,8 +169,8 @@ def _row(name: str, made: Made, within_s: float) -> str:
     keys = dict.fromkeys(np.unique(object_numbers(pieces)).tolist(), "")
     leeway = delays.Leeway(False, False, -horizon_us, horizon_us)
     began = time.process_time()
-    ends = Ends(delays._solved)
-    with patch.object(delays, "differences", kernel), patch.object(delays, "_solved", ends):
+    ends = Ends(delays.solved_shifts)
+    with patch.object(delays, "differences", kernel), patch.object(delays, "solved_shifts", ends):
         every = delays.differences_of(scene, plane, pieces, numbers, horizon_us)
     for _, own in every.of_each_track():
         delays.delays_of("", keys, own, horizon_us, leeway)
