@@ -71,7 +71,9 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._some_areas(
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
 BEGIN
-    RETURN QUERY SELECT a.* FROM unnest(p_area_ids) n CROSS JOIN LATERAL _area_row(p_scene_id, n) a ORDER BY n;
+    -- OFFSET 0 forces a lookup by id.
+    RETURN QUERY SELECT a.* FROM unnest(p_area_ids) n
+        CROSS JOIN LATERAL (SELECT r.* FROM _area_row(p_scene_id, n) r OFFSET 0) a ORDER BY n;
 END
 $$;
 COMMENT ON FUNCTION _some_areas(bigint, bigint[]) IS
@@ -86,7 +88,9 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._some_tracks(
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
 BEGIN
-    RETURN QUERY SELECT t.* FROM unnest(p_track_ids) n CROSS JOIN LATERAL _track_row(p_scene_id, n) t ORDER BY n;
+    -- OFFSET 0 forces a lookup by id.
+    RETURN QUERY SELECT t.* FROM unnest(p_track_ids) n
+        CROSS JOIN LATERAL (SELECT r.* FROM _track_row(p_scene_id, n) r OFFSET 0) t ORDER BY n;
 END
 $$;
 COMMENT ON FUNCTION _some_tracks(bigint, bigint[]) IS
