@@ -8,7 +8,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._begin_detection(
     OUT area_ids bigint[], OUT track_ids bigint[], OUT known_objects bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     v_marks tid[];
     v_numbers bigint[];
@@ -69,7 +69,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._some_areas(
     OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET enable_seqscan = off SET jit = off AS $$
 BEGIN
     -- OFFSET 0 forces a lookup by id.
     RETURN QUERY SELECT a.* FROM unnest(p_area_ids) n
@@ -86,7 +86,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._some_tracks(
     OUT outlines bytea, OUT floors bytea, OUT ceilings bytea
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET enable_seqscan = off SET jit = off AS $$
 BEGIN
     -- OFFSET 0 forces a lookup by id.
     RETURN QUERY SELECT t.* FROM unnest(p_track_ids) n
@@ -114,7 +114,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._put_pieces(
     OUT candidate_pairs bigint, OUT stage2_us bigint
 ) RETURNS SETOF record
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET enable_seqscan = off SET jit = off AS $$
 #variable_conflict use_column
 DECLARE
     v_made bigint[];

@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "41411d45bc280bf4f48503b9e502c289af5fa0e3d8e297e98452a10f421d875b"
+routines_sha256 = "d8c8585c39b8923399b6269ccfb77138ab76db6fa3e42da14d3a0ff106620312"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
