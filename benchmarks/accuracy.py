@@ -39,7 +39,7 @@ import numpy as np
 import oracle
 from numpy.typing import NDArray
 from published import published_windows, whole_legs
-from tables import markdown, put_into
+from tables import markdown, show
 from verdicts import ROUNDING_S, TOUCH_M, Reported, compare
 from workloads import HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload, throw
 
@@ -403,9 +403,7 @@ def main() -> None:
     if args.results:
         args.results.write_text(json.dumps([asdict(row) for row in rows], indent=1))
     text = table(rows)
-    print(text)
-    if args.document:
-        put_into(args.document, "accuracy", text)
+    show(text, "accuracy", args.document)
     if args.figure:
         accuracy_figure.draw(rows, args.figure)
     wrong = [row for row in rows if row.method != PUBLISHED and row.wrong + row.missed]

@@ -34,7 +34,7 @@ from measured import (
     versions,
     write_csv,
 )
-from tables import markdown, put_into
+from tables import markdown, show
 
 import conflictdb
 from conflictdb import Scene
@@ -214,11 +214,9 @@ def main() -> None:
         if args.folder:  # large scenes take long: keep the results so far
             write_csv(args.folder / "growth.csv", rows)
     text = table(rows) + (f"\n\n{told}." if told else "")
-    print(text)
+    show(text, "growth", args.document)
     if args.folder:
         draw(rows, args.folder / "growth.svg")
-    if args.document:
-        put_into(args.document, "growth", text)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from typing import Any, Final
 
 from made_scenes import AT_ONCE, DEGREES_PER_ROOT, SEA, Kind
 from measured import fresh_database, in_fresh_process, peak_mb, server_pid, versions, write_csv
-from tables import markdown, put_into
+from tables import markdown, show
 from workloads import throw
 
 import conflictdb
@@ -213,17 +213,13 @@ def main() -> None:
                     told = versions(db.connection)
         if rows:
             text = f"{table(rows)}\n\n{told}."
-            print(text)
+            show(text, "loading", args.document)
             if args.folder:
                 write_csv(args.folder / "loading.csv", rows)
-            if args.document:
-                put_into(args.document, "loading", text)
         if args.record:
             with fresh_database(args.dsn) as dsn:
                 text = session(dsn, made_file(args.record, folder))
-            print(text)
-            if args.document:
-                put_into(args.document, "session", text)
+            show(text, "session", args.document)
 
 
 if __name__ == "__main__":

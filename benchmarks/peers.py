@@ -41,7 +41,7 @@ from measured import detect, fresh_database, load, processor_clock, versions, wr
 from numpy.typing import NDArray
 from paper_pipeline import Answers, solve_pieces
 from published import whole_legs
-from tables import markdown, put_into
+from tables import markdown, show
 
 import conflictdb
 from conflictdb import Area, EarthModel, Scene, Track
@@ -407,11 +407,9 @@ def main() -> None:
         with conflictdb.connect(dsn) as db:
             told = versions(db.connection)
     text = f"{table(rows)}\n\n{told}."
-    print(text)
+    show(text, "peers", args.document)
     if args.folder:
         write_csv(args.folder / "peers.csv", rows)
-    if args.document:
-        put_into(args.document, "peers", text)
 
 
 if __name__ == "__main__":

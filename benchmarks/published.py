@@ -42,7 +42,7 @@ import oracle
 import shapely
 from numpy.typing import NDArray
 from scenes import T0_US
-from tables import markdown, put_into
+from tables import markdown, show
 from workloads import convex_around
 
 from conflictdb import Area, Scene, Track, kernel, rectangle_outline_m
@@ -318,9 +318,7 @@ def main() -> None:
     parser.add_argument("--document", type=Path, help="put the table into its place in this document")
     args = parser.parse_args()
     text = report(args.pairs, args.checked, args.seed)
-    print(text)
-    if args.document:
-        put_into(args.document, "published", text)
+    show(text, "published", args.document)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ import numpy as np
 from measured import STAGES, WARM, Detection, detect, fresh_database, peak_mb, versions
 from skagerrak_ais import load_hour
 from swiss_flights import load_day
-from tables import markdown, put_into
+from tables import markdown, show
 
 import conflictdb
 from conflictdb import Method
@@ -128,9 +128,7 @@ def main() -> None:
             print(f"{name}: {runs[-1].holds}", flush=True)
         told = versions(db.connection)
     text = f"{table(runs)}\n\nMethod `{args.method}`. {told}."
-    print(text)
-    if args.document:
-        put_into(args.document, "real runs", text)
+    show(text, "real runs", args.document)
     if args.method is Method.EXACT and args.flights is None:
         other = [
             f"{run.name}: {run.verdicts}, known {KNOWN[run.name]}" for run in runs if run.verdicts != KNOWN[run.name]

@@ -32,7 +32,7 @@ import pyarrow.parquet as pq
 import quick_sea
 from measured import WARM, fresh_database, in_fresh_process, load, versions, write_csv
 from sparked import EXECUTOR_MEMORY, Watched, events, logged, operators
-from tables import markdown, put_into
+from tables import markdown, show
 
 import conflictdb
 from conflictdb import Scene
@@ -301,9 +301,7 @@ def main() -> None:
         if args.folder:
             write_csv(args.folder / "scale_out.csv", rows)
     text = f"{table(rows)}\n\n{told}."
-    print(text)
-    if args.document:
-        put_into(args.document, "scale out", text)
+    show(text, "scale out", args.document)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ import shapely
 from measured import in_fresh_process
 from scenes import T0_US
 from sparked import Watched, events, logged, operators
-from tables import markdown, put_into
+from tables import markdown, show
 
 from conflictdb import Area, Scene, Track, rectangle_outline_m
 from conflictdb.arrays.arrow.object_rows import of_objects, to_objects
@@ -158,9 +158,7 @@ def main() -> None:
         )
     heads = ("scene", "rows joined", "skew", "seconds", "rows solved", "skew", "seconds", "a worker, MB", "Java, MB")
     text = markdown(heads, lines)
-    print(text)
-    if args.document:
-        put_into(args.document, "skew on Spark", text)
+    show(text, "skew on Spark", args.document)
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ import numpy as np
 import psycopg
 from made_scenes import sea
 from measured import fresh_database, load, versions, write_csv
-from tables import markdown, put_into
+from tables import markdown, show
 
 import conflictdb
 from conflictdb import Scene
@@ -205,7 +205,7 @@ class Soaked:
     errors: list[str]
 
 
-def soak(dsn: str, rate: float, editors: int, workers: int, seconds: float) -> Soaked:
+def soak(dsn: str, rate: float, editors: int, workers: int, seconds: float, warm_up_s: float = WARM_UP_S) -> Soaked:
     """Edit the scene, with workers at work, and wait until all is current."""
     with ExitStack() as stack:
         listener = stack.enter_context(psycopg.connect(dsn, autocommit=True))
@@ -216,7 +216,7 @@ def soak(dsn: str, rate: float, editors: int, workers: int, seconds: float) -> S
         }
         started = [stack.enter_context(worker(dsn)) for _ in range(workers)]
         _await_workers(listener, workers)
-        lags = Lags(time.monotonic() + WARM_UP_S)
+        lags = Lags(time.monotonic() + warm_up_s)
         crew = _crew(dsn, keys, rate, editors, lags.since + seconds, lags)
         _watch(listener, crew, lags)
         errors = [f"{type(one.error).__name__}: {one.error}" for one in crew if one.error]
@@ -372,14 +372,12 @@ def main() -> None:
             with psycopg.connect(dsn) as conn:
                 told = versions(conn)
     text = f"{table(rows)}\n\n{told}."
-    print(text)
+    show(text, "soak", args.document)
     for row in rows:
         if row["told"]:
             print(row["told"], file=sys.stderr)
     if args.folder:
         write_csv(args.folder / "soak.csv", rows)
-    if args.document:
-        put_into(args.document, "soak", text)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from typing import Final
 import numpy as np
 from made_scenes import Kind, box
 from measured import STAGES, WARM, Detection, detect, fresh_database, load, medians, read_csv, versions, write_csv
-from tables import markdown, put_into
+from tables import markdown, show
 
 import conflictdb
 from conflictdb import Area, Method, Scene, Track, kernel
@@ -232,13 +232,11 @@ def main() -> None:
             with conflictdb.connect(dsn) as db:
                 told = versions(db.connection)
     text = table(rows) + (f"\n\n{told}." if told else "")
-    print(text)
+    show(text, "study", args.document)
     if args.folder and not args.redraw:
         write_csv(args.folder / "study.csv", rows)
     if args.folder:
         draw(rows, args.folder / "study.svg")
-    if args.document:
-        put_into(args.document, "study", text)
 
 
 if __name__ == "__main__":

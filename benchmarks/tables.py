@@ -10,6 +10,13 @@ def markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
 
 
+def show(text: str, name: str, document: Path | None) -> None:
+    """Print a text, and put it into a document if there is one."""
+    print(text)
+    if document:
+        put_into(document, name, text)
+
+
 def put_into(document: Path, name: str, text: str) -> None:
     """Replace the text between the two comments `benchmark NAME` and `end of NAME` of a document."""
     before, start, rest = document.read_text().partition(f"<!-- benchmark {name} -->\n")

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 from accuracy import Scenes
-from tables import markdown, put_into
+from tables import markdown, show
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload
 
 from conflictdb.arrays.pairs import Pairs
@@ -72,9 +72,7 @@ def main() -> None:
     args = parser.parse_args()
     heads = ("workload", "tolerance, m", "pairs", "only close", "us a pair", "a pair", "whole")
     text = markdown(heads, [row for workload in WORKLOADS for row in measured(workload, args.pairs)])
-    print(text)
-    if args.document:
-        put_into(args.document, "tolerance", text)
+    show(text, "tolerance", args.document)
 
 
 if __name__ == "__main__":

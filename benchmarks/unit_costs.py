@@ -32,7 +32,7 @@ import shapely
 from growth import count_pieces, fill
 from measured import WARM, detect, fresh_database, processor_clock, versions, write_csv
 from stage4 import Load
-from tables import markdown, put_into
+from tables import markdown, show
 
 import conflictdb
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -202,11 +202,9 @@ def main() -> None:
         with conflictdb.connect(dsn) as db:
             told = versions(db.connection)
     text = f"{table(rows)}\n\n{told}."
-    print(text)
+    show(text, "unit costs", args.document)
     if args.folder:
         write_csv(args.folder / "unit-costs.csv", rows)
-    if args.document:
-        put_into(args.document, "unit costs", text)
 
 
 if __name__ == "__main__":

@@ -149,7 +149,6 @@ _HOME: Final = {
             "Explanation",
             "Forbidden",
             "ForbiddenSpeeds",
-            "ForbiddenSpeeds",
             "Kind",
             "Listing",
             "Results",

@@ -82,12 +82,7 @@ BEGIN
         -- Within 180 degrees _to_plane does only this.
         AND ST_IsValidReason(ST_Transform(NEW.footprint, 3395)) = 'Valid Geometry')
        IS NOT TRUE THEN
-        IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
-            AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
-            AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
-            AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE) IS NOT TRUE THEN
-            PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties);
-        END IF;
+        PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties);
         -- PostGIS does not report a ring without points as empty, but does not dump it either.
         IF NEW.footprint IS NULL OR ST_IsEmpty(NEW.footprint) OR ST_NPoints(NEW.footprint) = 0
            OR (SELECT count(*) FROM ST_Dump(NEW.footprint) d WHERE ST_NPoints(d.geom) > 0)
@@ -129,15 +124,15 @@ BEGIN
                             'Leave out a bound if there is none.');
         END IF;
     END IF;
-    IF TG_OP = 'INSERT' THEN
-        NEW.version := _first_version(0::smallint, NEW.area_id);
-        -- A restore provides first_version, so that restored conflicts keep referring to this object.
-        IF (NEW.first_version BETWEEN 1 AND NEW.version) IS NOT TRUE THEN
-            NEW.first_version := NEW.version;
-        END IF;
-    ELSE
+    IF TG_OP = 'UPDATE' THEN
         -- Greater than the previous version, even if a restore set the sequence back.
         NEW.version := greatest(nextval('version_seq'), OLD.version + 1);
+        RETURN NEW;
+    END IF;
+    NEW.version := _first_version(0::smallint, NEW.area_id);
+    -- A restore provides first_version, so that restored conflicts keep referring to this object.
+    IF (NEW.first_version BETWEEN 1 AND NEW.version) IS NOT TRUE THEN
+        NEW.first_version := NEW.version;
     END IF;
     RETURN NEW;
 END
@@ -208,12 +203,7 @@ BEGIN
         AND ST_Length(ST_ExteriorRing(NEW.outline)) < 'infinity'
         AND 1e12 * abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) <= ST_Area(NEW.outline))
        IS NOT TRUE THEN
-        IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
-            AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
-            AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
-            AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE) IS NOT TRUE THEN
-            PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties);
-        END IF;
+        PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties);
         IF NEW.path IS NULL OR ST_NPoints(NEW.path) < 2 THEN
             FOUND := _raise('ZC001', v_who, 'path', 'needs at least two waypoints', 'path_of_two');
         END IF;
@@ -286,15 +276,15 @@ BEGIN
             PERFORM _check_haven(v_who, NEW.path, NEW.outline, v_scene.earth, NEW.grow_mps, NEW.outlines);
         END IF;
     END IF;
-    IF TG_OP = 'INSERT' THEN
-        NEW.version := _first_version(1::smallint, NEW.track_id);
-        -- A restore provides first_version, so that restored conflicts keep referring to this object.
-        IF (NEW.first_version BETWEEN 1 AND NEW.version) IS NOT TRUE THEN
-            NEW.first_version := NEW.version;
-        END IF;
-    ELSE
+    IF TG_OP = 'UPDATE' THEN
         -- Greater than the previous version, even if a restore set the sequence back.
         NEW.version := greatest(nextval('version_seq'), OLD.version + 1);
+        RETURN NEW;
+    END IF;
+    NEW.version := _first_version(1::smallint, NEW.track_id);
+    -- A restore provides first_version, so that restored conflicts keep referring to this object.
+    IF (NEW.first_version BETWEEN 1 AND NEW.version) IS NOT TRUE THEN
+        NEW.first_version := NEW.version;
     END IF;
     RETURN NEW;
 END

@@ -68,8 +68,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._load(
     OUT stored bigint, OUT next_page bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
--- No nested loops: for a scene newer than the last ANALYZE the planner expects few rows.
-SET enable_nestloop = off SET jit = off AS $$
+SET jit = off AS $$
 DECLARE
     v_max_speed_kn text := current_setting('conflictdb.max_speed_kn', true);
     v_scene_id bigint := _set_scene(p_name, p_settings);

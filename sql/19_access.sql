@@ -25,7 +25,7 @@ COMMENT ON COLUMN _accessible.is_owner IS 'Whether the role owns it.';
 -- running.
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._my_roles() RETURNS SETOF name
-LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 10 SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     RETURN QUERY SELECT m.role FROM _my_role m;
 END
@@ -33,7 +33,7 @@ $$;
 COMMENT ON FUNCTION _my_roles() IS 'Roles whose rights the current role has, and public.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._readable_scenes() RETURNS SETOF bigint
-LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 10 SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     RETURN QUERY SELECT a.scene_id FROM _accessible a;
 END
@@ -41,7 +41,7 @@ $$;
 COMMENT ON FUNCTION _readable_scenes() IS 'Ids of scenes that the current role owns or that are shared with it.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._writable_scenes() RETURNS SETOF bigint
-LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 10 SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     RETURN QUERY SELECT a.scene_id FROM _accessible a WHERE a.may_write;
 END
@@ -49,7 +49,7 @@ $$;
 COMMENT ON FUNCTION _writable_scenes() IS 'Ids of scenes that the current role owns or that are shared for writing.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._own_scenes() RETURNS SETOF bigint
-LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 10 SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     RETURN QUERY SELECT a.scene_id FROM _accessible a WHERE a.is_owner;
 END

@@ -8,7 +8,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._begin_detection(
     OUT area_ids bigint[], OUT track_ids bigint[], OUT known_objects bigint
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     v_marks tid[];
     v_numbers bigint[];
@@ -69,9 +69,11 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._some_areas(
     OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET enable_seqscan = off SET jit = off AS $$
 BEGIN
-    RETURN QUERY SELECT a.* FROM unnest(p_area_ids) n CROSS JOIN LATERAL _area_row(p_scene_id, n) a ORDER BY n;
+    -- OFFSET 0 forces a lookup by id.
+    RETURN QUERY SELECT a.* FROM unnest(p_area_ids) n
+        CROSS JOIN LATERAL (SELECT r.* FROM _area_row(p_scene_id, n) r OFFSET 0) a ORDER BY n;
 END
 $$;
 COMMENT ON FUNCTION _some_areas(bigint, bigint[]) IS
@@ -84,9 +86,11 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._some_tracks(
     OUT outlines bytea, OUT floors bytea, OUT ceilings bytea
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET enable_seqscan = off SET jit = off AS $$
 BEGIN
-    RETURN QUERY SELECT t.* FROM unnest(p_track_ids) n CROSS JOIN LATERAL _track_row(p_scene_id, n) t ORDER BY n;
+    -- OFFSET 0 forces a lookup by id.
+    RETURN QUERY SELECT t.* FROM unnest(p_track_ids) n
+        CROSS JOIN LATERAL (SELECT r.* FROM _track_row(p_scene_id, n) r OFFSET 0) t ORDER BY n;
 END
 $$;
 COMMENT ON FUNCTION _some_tracks(bigint, bigint[]) IS
@@ -110,7 +114,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._put_pieces(
     OUT candidate_pairs bigint, OUT stage2_us bigint
 ) RETURNS SETOF record
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET enable_seqscan = off SET jit = off AS $$
 #variable_conflict use_column
 DECLARE
     v_made bigint[];

@@ -118,9 +118,6 @@ COMMENT ON FUNCTION _create_note(bigint) IS
 'Creates the trigger function of an attachment. Runs as its owner: editors cannot create functions in this schema. '
 'Restricted to the columns of the attachment, which are quoted.';
 
--- Replaced by a trigger: an editor could call it with a number that is newer than the caller's snapshot.
-DROP FUNCTION IF EXISTS _drop_attachment(bigint);
-
 CREATE OR REPLACE FUNCTION conflictdb_internal._after_attachment_removal() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp
 SET client_min_messages = warning AS $$

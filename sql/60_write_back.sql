@@ -134,8 +134,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._known_conflicts_among(
     OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
--- Reads in storage order, whatever the statistics; planned once per session.
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_indexscan = off SET jit = off AS $$
+-- Reads in storage order, whatever the statistics.
+SET enable_seqscan = off SET enable_indexscan = off SET jit = off AS $$
 BEGIN
     SELECT array_send(coalesce(array_agg(k.a_kind), '{}')), array_send(coalesce(array_agg(k.a_id), '{}')),
            array_send(coalesce(array_agg(k.b_kind), '{}')), array_send(coalesce(array_agg(k.b_id), '{}')),
@@ -160,7 +160,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._known_conflicts(
     OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     -- Above this number of changed objects, reading all conflicts of the scene costs less than lookups.
     c_few CONSTANT integer := 1000;
@@ -195,7 +195,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._count_conflicts(
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 -- In storage order.
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_indexscan = off SET jit = off AS $$
+SET enable_seqscan = off SET enable_indexscan = off SET jit = off AS $$
 BEGIN
     SELECT count(*), count(*) FILTER (WHERE c.verdict = 'unresolved') INTO conflicts, unresolved
         FROM conflict c WHERE c.scene_id = p_scene_id AND c.verdict <> 'near';
@@ -447,7 +447,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._cover(
     p_scene_id bigint, p_kinds smallint[], p_ids bigint[]
 ) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_nestloop = off SET jit = off AS $$
+SET enable_nestloop = off SET jit = off AS $$
 BEGIN
     PERFORM _require_snapshot();
     UPDATE change c SET is_covered = false

@@ -9,7 +9,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._begin_new_rows(
     OUT first_versions bigint[]
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+SET enable_seqscan = off SET jit = off AS $$
 #variable_conflict use_column
 BEGIN
     -- COPY cannot write to a table whose row-level security applies to the caller (93_row_security.sql).

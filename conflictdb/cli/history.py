@@ -11,8 +11,7 @@ from conflictdb.cli.load_report import labels, moment_text, table_with_names
 from conflictdb.cli.output import out, print_json
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
-from conflictdb.formats.instants import format_moment
-from conflictdb.model.results import ConflictEvent
+from conflictdb.model.results import ConflictEvent, format_moment
 
 
 def history(args: argparse.Namespace) -> int:

@@ -14,8 +14,8 @@ from conflictdb.cli.parser import check
 from conflictdb.cli.session import connections, database
 from conflictdb.cli.watch import Metrics, served
 from conflictdb.db import store
-from conflictdb.formats.instants import format_moment
 from conflictdb.formats.json_text import dumped
+from conflictdb.model.results import format_moment
 from conflictdb.session.database import Status
 
 if TYPE_CHECKING:

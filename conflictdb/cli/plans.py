@@ -9,9 +9,9 @@ from conflictdb.cli.load_report import Shown, labels, loaded_text, remark_loaded
 from conflictdb.cli.output import binary, data, out, print_json, table
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database, load_files
-from conflictdb.formats.instants import format_moment
 from conflictdb.formats.reading import is_parquet
 from conflictdb.formats.writing import whole_file
+from conflictdb.model.results import format_moment
 
 
 def load(args: argparse.Namespace) -> int:

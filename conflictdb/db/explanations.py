@@ -7,11 +7,10 @@ from typing import Any
 import psycopg
 
 from conflictdb.db import store
-from conflictdb.formats.instants import format_moment
 from conflictdb.in_memory import counts, delays, solve
 from conflictdb.model.departure_text import departure_text
 from conflictdb.model.methods import Method
-from conflictdb.model.results import Conflict, Explanation, Position
+from conflictdb.model.results import Conflict, Explanation, Position, format_moment
 from conflictdb.model.settings import MOST_M
 
 

@@ -47,17 +47,6 @@ _FROM_BEFORE_RELEASE: Final = (
     "export its scenes with the program that made it, run DROP SCHEMA conflictdb CASCADE (of the extension: DROP "
     "EXTENSION conflictdb), then `conflictdb admin init`, and load them"
 )
-_HOLDERS: Final = """
-SELECT a.pid, a.application_name, coalesce(a.usename, '')::text, a.xact_start
-FROM pg_catalog.pg_stat_activity a
-WHERE a.pid <> pg_backend_pid()
-  AND EXISTS (SELECT FROM pg_catalog.pg_locks l LEFT JOIN pg_catalog.pg_class c ON c.oid = l.relation
-              WHERE l.pid = a.pid AND l.granted
-                AND l.database = (SELECT d.oid FROM pg_catalog.pg_database d WHERE d.datname = current_database())
-                AND (c.relnamespace = to_regnamespace('conflictdb')::oid
-                     OR l.locktype = 'advisory' AND l.classid = {high} AND l.objid = {low} AND l.objsubid = 1))
-ORDER BY a.xact_start, a.pid
-"""
 # Adds recreated routines to the extension, except the functions of single attached tables.
 _ADOPT: Final = """
 DO $$
@@ -482,9 +471,9 @@ def _lock_out_others(conn: psycopg.Connection[Any]) -> None:
 
 def _holders(conn: psycopg.Connection[Any]) -> str:
     """Return the holders of the upgrade lock or of a table of the schema, as text for people; may be empty."""
-    with conn.cursor(row_factory=tuple_row) as cursor:
-        cursor.execute(_HOLDERS.format(high=_UPGRADE_LOCK >> 32, low=_UPGRADE_LOCK & 0xFFFFFFFF).encode(), binary=True)
-        return " and ".join(str(store.Holder(*row)) for row in cursor)
+    high, low = _UPGRADE_LOCK >> 32, _UPGRADE_LOCK & 0xFFFFFFFF
+    ours = f"l.locktype = 'advisory' AND l.classid = {high} AND l.objid = {low} AND l.objsubid = 1"
+    return " and ".join(map(str, store.lock_holders(conn, f"{store.ON_OUR_TABLE} OR {ours}")))
 
 
 def apply_routines(conn: psycopg.Connection[Any]) -> None:

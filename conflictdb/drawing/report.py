@@ -94,9 +94,9 @@ def write(checked: Checked, file: str | Path, now: datetime | None = None) -> No
         part.write_bytes(content)
 
 
-def asked_about(conflicts: Iterable[Conflict]) -> list[str]:
+def asked_about(conflicts: Iterable[Conflict], most: int = _MOST_DELAYS) -> list[str]:
     """Return the keys of the tracks whose delays a report lists: the first ones in conflict."""
-    return departures.tracks_in_conflict(conflicts)[:_MOST_DELAYS]
+    return departures.tracks_in_conflict(conflicts)[:most]
 
 
 def check_name(file: str | Path) -> Path:

@@ -108,7 +108,7 @@ class Gnomonic:
         up -= (2.0 * np.abs((angle[of] + ahead) * across) * np.sin(widest[:, 0]) + across**2) / 8.0
         first = pieces.shape_offset[:-1]
         reach = np.maximum.reduceat(widest.max(axis=1), first)
-        fits = reach <= np.where(_changes(pieces), MAX_CHANGING_REACH, np.radians(MAX_FROM_CENTRE_DEG))
+        fits = reach <= np.where(pieces.changed(), MAX_CHANGING_REACH, np.radians(MAX_FROM_CENTRE_DEG))
         return np.asarray(fits & (np.minimum.reduceat(up, first) >= LEAST_UP))
 
     def _legs(self, pieces: Pieces) -> tuple[Floats, Floats, Floats]:
@@ -192,11 +192,3 @@ class Gnomonic:
         lon = np.asarray(lon_deg, dtype=np.float64)
         home = lon - 360.0 * np.round(lon / 360.0)  # exact
         return shorter_way_deg(np.where(home == -180.0, 180.0, home) - self.centre_lon_deg)
-
-
-def _changes(pieces: Pieces) -> NDArray[np.bool_]:
-    """Return (n,) whether a haven has a different outline at the end of its leg."""
-    if not pieces.changes:
-        return np.zeros(len(pieces), np.bool_)
-    differs = (pieces.shape_to_xy != pieces.shape_xy).any(axis=1)
-    return np.asarray(np.logical_or.reduceat(differs, pieces.shape_offset[:-1]))

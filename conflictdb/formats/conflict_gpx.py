@@ -5,9 +5,7 @@ from html import escape
 from typing import Final
 
 from conflictdb.errors import printable
-from conflictdb.formats.conflict_text import interval_text
-from conflictdb.formats.instants import format_moment
-from conflictdb.model.results import Conflict, Position
+from conflictdb.model.results import Conflict, Position, format_moment, interval_text
 
 _HEAD: Final = """<?xml version="1.0" encoding="UTF-8"?>
 <gpx version="1.1" creator="conflictdb" xmlns="http://www.topografix.com/GPX/1/1">

@@ -15,10 +15,9 @@ from math import isfinite
 from operator import attrgetter
 from typing import Any, Final
 
-from conflictdb.formats.instants import format_moment
 from conflictdb.formats.json_text import dumped, harmless
 from conflictdb.model import record
-from conflictdb.model.results import Approach, Conflict, Period, Position, SceneState
+from conflictdb.model.results import Approach, Conflict, Period, Position, SceneState, format_moment, interval_text
 
 # What ends a line decides which cells are quoted: a key may hold a line break of either kind.
 _LINE_END: Final = "\r\n"
@@ -123,11 +122,6 @@ def as_geojson(
 
 def _plain(value: object) -> object:
     return format_moment(value) if isinstance(value, datetime) else value
-
-
-def interval_text(periods: Sequence[Period]) -> str:
-    """Return periods as ISO 8601 intervals, separated by spaces; an unbounded end is two dots."""
-    return " ".join("/".join(format_moment(end) or ".." for end in period) for period in periods)
 
 
 @lru_cache(maxsize=64)  # half of the moments of a list are those of the run, or the row's own again

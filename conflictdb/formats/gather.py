@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Unpack
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats.contents import Contents, Phase, Remark, Skipped, left_out, name_of, unwatched, without_objects
 from conflictdb.formats.fields import key as checked_key
-from conflictdb.formats.hints import FileHints
-from conflictdb.formats.reading import read, stem
+from conflictdb.formats.reading import ReadOptions, read, stem
 from conflictdb.model.plans import Area, Scene, Track
 
 
@@ -46,12 +46,8 @@ def gather(
     paths: Sequence[str | Path],
     scene: str | None = None,
     *,
-    max_speed_kn: float | None = None,
-    layers: Sequence[str] = (),
-    skip_invalid: bool = False,
-    max_file_mb: float | None = None,
-    hints: FileHints | None = None,
     phase: Phase = unwatched,
+    **options: Unpack[ReadOptions],
 ) -> list[Plan]:
     """Return the scenes in some files, in order of first appearance.
 
@@ -61,7 +57,7 @@ def gather(
         Files of one scene are combined as if they were one file.
     scene : str, optional
         Name of the one scene of all files; default is the name in each file, else the name of the file.
-    max_speed_kn, layers, skip_invalid, max_file_mb, hints, phase : optional
+    phase, **options : optional
         See `conflictdb.formats.read`.
 
     Raises
@@ -76,15 +72,7 @@ def gather(
         with refusals:
             if path in paths[:i]:
                 raise InvalidInput("file", "", "is given twice", str(path))
-            contents = read(
-                path,
-                max_speed_kn=max_speed_kn,
-                layers=layers,
-                skip_invalid=skip_invalid,
-                max_file_mb=max_file_mb,
-                hints=hints,
-                phase=phase,
-            )
+            contents = read(path, phase=phase, **options)
             name = scene_name(path, contents.scene, scene)
             if contents.scene is None and not (contents.areas or contents.tracks):
                 raise without_objects("file", str(path), contents.skipped)

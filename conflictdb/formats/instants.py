@@ -80,12 +80,3 @@ def parse_plain(texts: Sequence[str]) -> tuple[NDArray[np.int64], NDArray[np.boo
 def format_instant(instant_us: int) -> str:
     """Return an instant (microseconds since 1970, years 1 to 9999) as the shortest exact ISO 8601 text in UTC."""
     return (EPOCH + instant_us * MICROSECOND).isoformat().removesuffix("+00:00") + "Z"
-
-
-def format_moment(moment: datetime | None) -> str | None:
-    """Return a moment as ISO 8601 UTC with microseconds, None for an unbounded end."""
-    if moment is None:
-        return None
-    if moment.tzinfo is not UTC:
-        moment = moment.astimezone(UTC)
-    return f"{moment.isoformat(timespec='microseconds')[:-6]}Z"

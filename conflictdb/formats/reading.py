@@ -20,7 +20,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Final, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,16 @@ MAX_FILE_MB: Final = 64.0
 _UTF_16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
 _JSON: Final = frozenset({".json", ".geojson", ".mfjson"})
 _ROWS: Final = frozenset({".csv", ".tsv"})
+
+
+class ReadOptions(TypedDict, total=False):
+    """Options of `read`, for functions that pass them on."""
+
+    max_speed_kn: float | None
+    layers: Sequence[str]
+    skip_invalid: bool
+    max_file_mb: float | None
+    hints: FileHints | None
 
 
 def read(

@@ -2,14 +2,14 @@
 
 import ctypes
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
+from conflictdb.kernel.header import structure
 from conflictdb.kernel.kernel_scene import HeldPairs, HeldWork, KernelScene, Work
-from conflictdb.kernel.library import Held, check, fields_of, library, shared
+from conflictdb.kernel.library import Held, check, library, shared
 
 _Ints = NDArray[np.int64]
 # Groups per slice of a thread: milliseconds of work, or one with a coarse accuracy.
@@ -87,5 +87,4 @@ def closest(
 class _HeldGroups(Held):
     """KernelGroups."""
 
-    types: ClassVar[dict[str, Any]] = {"offset": np.int64, "limit_m": np.float64, "accuracy_m": np.float64}
-    _fields_ = fields_of(types, "count")
+    _fields_, types = structure("KernelGroups")

@@ -6,29 +6,21 @@ Boxes have space, height and time. `solve` uses `stages.stage1_broad_phase`.
 import ctypes
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import halves, later
-from conflictdb.kernel.library import Held, check, fields_of, library
+from conflictdb.kernel.header import structure
+from conflictdb.kernel.library import Held, check, library
 
 
 class _Boxes(Held):
     """KernelBoxes."""
 
-    types: ClassVar = {
-        "boxes": np.float64,
-        "floor_m": np.float64,
-        "ceiling_m": np.float64,
-        "start_us": np.int64,
-        "end_us": np.int64,
-        "object": np.int64,
-        "is_copy": np.uint8,
-    }
-    _fields_: ClassVar = [*fields_of(types, "count")]
+    _fields_, types = structure("KernelBoxes")
 
 
 @dataclass(frozen=True, slots=True)

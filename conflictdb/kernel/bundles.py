@@ -2,7 +2,7 @@
 
 import ctypes
 from collections.abc import Sequence
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
 from conflictdb.arrays.ragged import offsets
-from conflictdb.kernel.library import Held, check, fields_of, library
+from conflictdb.kernel.header import structure
+from conflictdb.kernel.library import Held, check, library
 from conflictdb.model.results import Kind
 
 # First size of the result, pairs of pieces, and its growth factor: all pairs of two areas of a hundred thousand parts
@@ -22,14 +23,7 @@ _MORE_ROOM: Final = 8
 class _Bundled(Held):
     """KernelBundled."""
 
-    types: ClassVar = {
-        "offset": np.int64,
-        "boxes": np.float64,
-        "start_us": np.int64,
-        "end_us": np.int64,
-        "end_inclusive": np.uint8,
-    }
-    _fields_: ClassVar = [*fields_of(types, "count", "bundles")]
+    _fields_, types = structure("KernelBundled")
 
 
 def bundles(pieces: Pieces, run: NDArray[np.int64]) -> Bundles:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
 from conflictdb.arrays.answers import Contacts
+from conflictdb.kernel.header import record, structure
 from conflictdb.kernel.kernel_scene import HeldPairs, HeldWork, KernelScene, Work
 from conflictdb.kernel.library import check, library, shared
 from conflictdb.kernel.waiting import wait_for
@@ -20,14 +21,7 @@ from conflictdb.kernel.waiting import wait_for
 Guess = Callable[[int, float, float, bool], float]
 
 # KernelContact.
-CONTACT: Final = np.dtype(
-    [
-        ("pair", np.int64),
-        *((name, np.float64) for name in ("start_s", "end_s", "error_s")),
-        ("verdict", np.int32),
-        ("touches", np.int32),
-    ]
-)
+CONTACT: Final = record("KernelContact")
 _GUESS: Final = ctypes.CFUNCTYPE(
     ctypes.c_double, ctypes.c_void_p, ctypes.c_int64, ctypes.c_double, ctypes.c_double, ctypes.c_int32
 )
@@ -92,7 +86,7 @@ def contacts(
         asked = _Asked(guess, rows.start, is_over)
         question = _Question(separation_m, tolerance_m, beyond_s[rows].ctypes.data)
         question.pairs_of_objects = None if counts is None else counts[rows].ctypes.data
-        question.guess = _GUESS() if guess is None else asked.callback
+        question.guess = None if guess is None else ctypes.cast(asked.callback, ctypes.c_void_p)
         held, found, count, done = HeldPairs.of(pairs, rows), ctypes.c_void_p(), ctypes.c_int64(), HeldWork()
         check(
             library().kernel_contacts(
@@ -155,11 +149,4 @@ class _Asked:
 class _Question(ctypes.Structure):
     """KernelQuestion."""
 
-    _fields_ = (
-        ("separation_m", ctypes.c_double),
-        ("tolerance_m", ctypes.c_double),
-        ("beyond_s", ctypes.c_void_p),
-        ("pairs_of_objects", ctypes.c_void_p),
-        ("guess", _GUESS),
-        ("guess_of", ctypes.c_void_p),
-    )
+    _fields_ = structure("KernelQuestion")[0]

@@ -3,27 +3,22 @@
 import ctypes
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
+from conflictdb.kernel.header import record, structure
 from conflictdb.kernel.kernel_scene import HeldWork, KernelScene, Work
-from conflictdb.kernel.library import Held, check, fields_of, library, shared
+from conflictdb.kernel.library import Held, check, library, shared
 
 _Ints = NDArray[np.int64]
 # Pairs per slice of a thread: milliseconds of work.
 _SHARE: Final = 128
 
 # KernelDifference.
-DIFFERENCE: Final = np.dtype(
-    [
-        *((name, np.float64) for name in ("outer_low", "inner_low", "inner_high", "outer_high")),
-        ("state", np.int32),
-        ("_", np.int32),
-    ]
-)
+DIFFERENCE: Final = record("KernelDifference")
 
 
 class DifferenceState(IntEnum):
@@ -101,8 +96,4 @@ def differences(scene: KernelScene, shifts: Shifts, reach_m: float, work: Work, 
 class _HeldShifts(Held):
     """KernelShifts."""
 
-    types: ClassVar[dict[str, Any]] = {
-        **dict.fromkeys(("a", "b", "a_zero_us", "b_zero_us"), np.int64),
-        **dict.fromkeys(("a_start_s", "a_end_s", "b_start_s", "b_end_s", "least", "most"), np.float64),
-    }
-    _fields_ = fields_of(types, "count", "is_factor")
+    _fields_, types = structure("KernelShifts")

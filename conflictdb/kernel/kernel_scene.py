@@ -2,15 +2,16 @@
 
 import ctypes
 import weakref
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.kernel.library import Held, check, fields_of, library
+from conflictdb.kernel.header import structure
+from conflictdb.kernel.library import Held, check, library
 
 if TYPE_CHECKING:
     from conflictdb.earth.geodesy import Earth
@@ -23,19 +24,7 @@ _Ints = NDArray[np.int64]
 class KernelPlane(ctypes.Structure):
     """KernelPlane: the plane that a scene lies in."""
 
-    _fields_ = (
-        ("projection", ctypes.c_int32),
-        ("harmonics", ctypes.c_int32),
-        ("radius_m", ctypes.c_double),
-        ("rectifying_m", ctypes.c_double),
-        ("eccentricity", ctypes.c_double),
-        ("oblateness", ctypes.c_double),
-        ("to_rectifying", ctypes.c_double * 6),
-        ("to_conformal", ctypes.c_double * 6),
-        ("conformal_radius", ctypes.c_double * 7),
-        ("centre_lon_deg", ctypes.c_double),
-        ("centre_lat_deg", ctypes.c_double),
-    )
+    _fields_ = structure("KernelPlane")[0]
 
     @classmethod
     def mercator(cls, earth: "Earth") -> "KernelPlane":
@@ -122,17 +111,7 @@ class KernelScene:
 class HeldPieces(Held):
     """KernelPieces."""
 
-    types: ClassVar[dict[str, Any]] = {
-        "moves": np.int8,
-        "turn": np.int16,
-        **dict.fromkeys(("start_us", "end_us", "leg_start_us", "leg_end_us"), np.int64),
-        **dict.fromkeys(("leg_start_deg", "leg_end_deg", "bearing_deg"), np.float64),
-        "shape_offset": np.int64,
-        "shape": np.float64,
-        "shape_to": np.float64,
-        "used": np.int8,
-    }
-    _fields_ = fields_of(types, "count", "vertex_count")
+    _fields_, types = structure("KernelPieces")
 
     @classmethod
     def of(cls, pieces: Pieces, used: NDArray[np.bool_]) -> "HeldPieces":
@@ -159,11 +138,7 @@ class HeldPieces(Held):
 class HeldPairs(Held):
     """KernelPairs."""
 
-    types: ClassVar[dict[str, Any]] = {
-        **dict.fromkeys(("a", "b", "zero_us"), np.int64),
-        **dict.fromkeys(("low_s", "high_s"), np.float64),
-    }
-    _fields_ = fields_of(types, "count")
+    _fields_, types = structure("KernelPairs")
 
     @classmethod
     def arrays(cls, *columns: NDArray[Any]) -> dict[str, NDArray[Any]]:
@@ -187,6 +162,4 @@ class HeldPairs(Held):
 class HeldWork(ctypes.Structure):
     """KernelWork."""
 
-    _fields_ = tuple(
-        (column.name, ctypes.c_int64 if isinstance(column.default, int) else ctypes.c_double) for column in fields(Work)
-    )
+    _fields_ = structure("KernelWork")[0]

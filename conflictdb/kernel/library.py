@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
+from conflictdb.kernel.header import constant, functions
 from conflictdb.kernel.waiting import wait_for
 
-# KERNEL_ABI of kernel.h.
-ABI: Final = 22
 _STATUS: Final = {
     1: "out of memory",
     2: "a required array is missing",
@@ -24,41 +23,6 @@ _STATUS: Final = {
     6: "an index of a piece, area, bundle, hull or row is out of range",
     7: "a separation or tolerance is negative, NaN or infinite",
     8: "a range of pieces is out of range",
-}
-_POINTER, _NUMBER, _COUNT = ctypes.c_void_p, ctypes.c_double, ctypes.c_int64
-# Argument types of each function of kernel.h, which returns a status unless _RETURNS names another type.
-TAKES: Final[dict[str, tuple[Any, ...]]] = {
-    "kernel_abi": (),
-    "kernel_fingerprint": (),
-    "kernel_scene_make": (_POINTER,) * 3,
-    "kernel_scene_free": (_POINTER,),
-    "kernel_contacts": (_POINTER,) * 6,
-    "kernel_contacts_free": (_POINTER,),
-    "kernel_meetings": (_POINTER,) * 3,
-    "kernel_distances": (_POINTER,) * 3,
-    "kernel_approaches": (_POINTER,) * 10,
-    "kernel_differences": (_POINTER, _POINTER, _NUMBER, _POINTER, _POINTER),
-    "kernel_whole_depths": (_POINTER,) * 7,
-    "kernel_states": (_POINTER, _POINTER),
-    "kernel_positions": (_POINTER, _POINTER, _POINTER, _COUNT, _POINTER),
-    "kernel_references": (_POINTER,) * 4,
-    "kernel_bounds": (_POINTER,) * 5,
-    "kernel_interleave": (_POINTER, _COUNT, _COUNT, _POINTER, _COUNT),
-    "kernel_digests": (_POINTER, _COUNT, _COUNT, _POINTER, _POINTER),
-    "kernel_hulls": (_POINTER, _POINTER, _COUNT, _COUNT, _NUMBER, *[_POINTER] * 4),
-    "kernel_convex_parts": (_POINTER, _POINTER, _COUNT, *[_POINTER] * 3),
-    "kernel_apart": (_POINTER, _COUNT, _POINTER, _COUNT, _POINTER, _POINTER, _COUNT, _POINTER),
-    "kernel_bundles": (_POINTER,) * 3 + (_COUNT, _POINTER, _POINTER),
-    "kernel_wkb_rings": (_POINTER, _COUNT, _POINTER, _COUNT, _POINTER, _COUNT, _POINTER, _COUNT),
-    "kernel_bundled_pairs": (*[_POINTER] * 3, _COUNT, _POINTER, _POINTER, _COUNT, _POINTER),
-    "kernel_box_order": (_POINTER, _POINTER),
-    "kernel_box_pairs": (_POINTER, _POINTER, _COUNT, _POINTER, _POINTER, _COUNT, *[_POINTER] * 3),
-    "kernel_regions": (_POINTER, _POINTER, _NUMBER, *[_POINTER] * 3),
-    "kernel_joined": (_POINTER, _COUNT, _POINTER, _POINTER, _COUNT, *[_POINTER] * 4),
-}
-_RETURNS: Final[dict[str, Any]] = {
-    "kernel_fingerprint": ctypes.c_char_p,
-    **dict.fromkeys(("kernel_scene_free", "kernel_contacts_free"), None),
 }
 # Rows per slice of a thread: milliseconds of work.
 SHARE: Final = 2048
@@ -80,11 +44,11 @@ def library() -> Any:
     except OSError as error:
         raise KernelMissing(f"the kernel cannot be loaded ({error})") from error
     loaded.kernel_fingerprint.restype = ctypes.c_char_p
-    if loaded.kernel_abi() != ABI or loaded.kernel_fingerprint().decode() != build.fingerprint():
+    if loaded.kernel_abi() != constant("KERNEL_ABI") or loaded.kernel_fingerprint().decode() != build.fingerprint():
         raise KernelMissing(f"the kernel is not that of the sources beside it: {path}")
-    for name, types in TAKES.items():
+    for name, (result, takes) in functions().items():
         function = getattr(loaded, name)
-        function.argtypes, function.restype = types, _RETURNS.get(name, ctypes.c_int)
+        function.argtypes, function.restype = takes, result
     return loaded
 
 
@@ -96,18 +60,13 @@ def check(status: int) -> None:
         raise ValueError(f"kernel: {_STATUS.get(status, status)}")
 
 
-def fields_of(types: dict[str, Any], *counts: str) -> tuple[tuple[str, Any], ...]:
-    """Return the ctypes fields of a `Held` struct: counts, then pointers to arrays."""
-    return (*((name, _COUNT) for name in counts), *((name, _POINTER) for name in types))
-
-
 class Held(ctypes.Structure):
     """A C struct of counts and pointers to arrays, which it keeps alive.
 
-    types : element type of each array, in the order of the fields
+    types : element type of each array (`header.structure`)
     """
 
-    types: ClassVar[dict[str, Any]] = {}
+    types: ClassVar[dict[str, Any]]
 
     def hold(self, **arrays: Any) -> None:
         """Set pointers to arrays by name, copied if of another type or not contiguous; others stay NULL."""

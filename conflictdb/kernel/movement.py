@@ -1,15 +1,16 @@
 """Pieces of a scene as functions of time: vertices, reference points, and proven bounds on their motion."""
 
 import ctypes
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Final, Self
+from dataclasses import dataclass
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
+from conflictdb.kernel.header import structure
 from conflictdb.kernel.kernel_scene import KernelScene
-from conflictdb.kernel.library import Held, check, fields_of, library
+from conflictdb.kernel.library import Held, check, library
 
 _Ints = NDArray[np.int64]
 # Bisections until a fraction of the time is known to its last digit.
@@ -117,8 +118,7 @@ class Movement:
 class _Rows(Held):
     """KernelRows."""
 
-    types: ClassVar[dict[str, Any]] = {"piece": np.int64, "zero_us": np.int64, "origin": np.float64}
-    _fields_ = fields_of(types, "count")
+    _fields_, types = structure("KernelRows")
 
     @classmethod
     def of(cls, movement: Movement) -> "_Rows":
@@ -133,8 +133,7 @@ class _Rows(Held):
 class _Bounds(Held):
     """KernelBounds."""
 
-    types: ClassVar[dict[str, Any]] = {column.name: np.float64 for column in fields(Bounds)}
-    _fields_ = fields_of(types)
+    _fields_, types = structure("KernelBounds")
 
     @classmethod
     def of(cls, bounds: Bounds) -> "_Bounds":

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
 from conflictdb.arrays.ragged import offsets
+from conflictdb.kernel.header import constant
 from conflictdb.kernel.kernel_scene import HeldPairs, KernelScene
 from conflictdb.kernel.library import check, library, shared
 
-# KERNEL_REGION_PER_VERTEX and KERNEL_REGION_MORE of kernel.h: result vertices of a pair.
-_PER_VERTEX: Final = 8
-_MORE: Final = 8
+# Result vertices of a pair.
+_PER_VERTEX: Final = constant("KERNEL_REGION_PER_VERTEX")
+_MORE: Final = constant("KERNEL_REGION_MORE")
 _PAIRS_AT_ONCE: Final = 4096  # limits the memory of results
 
 _Ints = NDArray[np.int64]

@@ -2,11 +2,12 @@
 
 import ctypes
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.kernel.header import structure
 from conflictdb.kernel.library import check, library
 
 Bytes = NDArray[np.uint8]
@@ -17,12 +18,7 @@ Part = Bytes | tuple[Bytes, NDArray[np.int64]]
 class _HeldPart(ctypes.Structure):
     """KernelPart."""
 
-    _fields_: ClassVar = [
-        ("data", ctypes.c_void_p),
-        ("size", ctypes.c_int64),
-        ("offset", ctypes.c_void_p),
-        ("width", ctypes.c_int64),
-    ]
+    _fields_ = structure("KernelPart")[0]
 
 
 def interleaved(parts: Sequence[Part]) -> Bytes:

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import offsets
+from conflictdb.kernel.header import constant
 from conflictdb.kernel.kernel_scene import HeldPieces, KernelPlane
 from conflictdb.kernel.library import check, library, shared
 
-# KERNEL_HULL_PER_VERTEX and KERNEL_HULL_MORE of kernel.h: most vertices of a hull.
-_PER_VERTEX: Final = 6
-_MORE: Final = 5
+# Most vertices of a hull.
+_PER_VERTEX: Final = constant("KERNEL_HULL_PER_VERTEX")
+_MORE: Final = constant("KERNEL_HULL_MORE")
 
 
 @dataclass(frozen=True, slots=True)

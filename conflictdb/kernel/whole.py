@@ -3,14 +3,14 @@
 import ctypes
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
+from conflictdb.kernel.header import structure
 from conflictdb.kernel.kernel_scene import HeldPairs, KernelScene
-from conflictdb.kernel.library import Held, check, fields_of, library
+from conflictdb.kernel.library import Held, check, library
 
 _Ints = NDArray[np.int64]
 
@@ -71,13 +71,7 @@ def whole_depths(
 class _HeldAreas(Held):
     """KernelAreas."""
 
-    types: ClassVar[dict[str, Any]] = {
-        "ring": np.float64,
-        "ring_offset": np.int64,
-        "area_offset": np.int64,
-        "margin": np.float64,
-    }
-    _fields_ = fields_of(types, "count", "ring_count", "vertex_count")
+    _fields_, types = structure("KernelAreas")
 
     @classmethod
     def of(cls, areas: Areas) -> "_HeldAreas":

@@ -4,7 +4,7 @@ Needs the extra `pandas`: ``pip install 'conflictdb[pandas]'``. Nothing is impor
 """
 
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from importlib import import_module
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final
@@ -15,12 +15,13 @@ import shapely
 from conflictdb.errors import ConflictDBError
 from conflictdb.model import record
 from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.model.results import interval_text
 
 if TYPE_CHECKING:
     import geopandas
     import pandas as pd
 
-    from conflictdb.model.results import Approach, Conflict, Period
+    from conflictdb.model.results import Approach, Conflict
 
     Position = tuple[float, float]
 
@@ -69,7 +70,7 @@ def with_geometry(frame: "pd.DataFrame") -> "geopandas.GeoDataFrame":
             start = name.removesuffix(_POINT)
             columns |= {f"{start}_lon_deg": shapely.get_x(points), f"{start}_lat_deg": shapely.get_y(points)}
         else:
-            columns[name] = _texts([_intervals(one) for one in frame[name]]) if name == "periods" else frame[name]
+            columns[name] = _texts([interval_text(one) for one in frame[name]]) if name == "periods" else frame[name]
     return geopandas.GeoDataFrame(columns, index=frame.index, geometry="geometry", crs=CRS)
 
 
@@ -132,15 +133,6 @@ def _objects(values: list[Any]) -> Any:
     kept = np.empty(len(values), dtype=np.object_)
     kept[:] = values
     return kept
-
-
-def _intervals(periods: "Sequence[Period]") -> str:
-    """Return periods as ISO 8601 intervals, as in the CSV of conflicts."""
-    return " ".join("/".join(_moment(end) for end in period) for period in periods)
-
-
-def _moment(end: datetime | None) -> str:
-    return ".." if end is None else f"{end.astimezone(UTC).isoformat(timespec='microseconds')[:-6]}Z"
 
 
 def _place(one: "Conflict") -> Any:

@@ -5,9 +5,9 @@ microsecond; None where a period is unbounded. Positions are (longitude, latitud
 """
 
 from collections import Counter
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from datetime import datetime
+from datetime import UTC, datetime
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeAlias, TypeVar, cast
 
@@ -22,6 +22,20 @@ if TYPE_CHECKING:
 Period: TypeAlias = tuple[datetime | None, datetime | None]
 Position: TypeAlias = tuple[float, float]
 _Row = TypeVar("_Row")
+
+
+def format_moment(moment: datetime | None) -> str | None:
+    """Return a moment as ISO 8601 UTC with microseconds, None for an unbounded end."""
+    if moment is None:
+        return None
+    if moment.tzinfo is not UTC:
+        moment = moment.astimezone(UTC)
+    return f"{moment.isoformat(timespec='microseconds')[:-6]}Z"
+
+
+def interval_text(periods: Sequence[Period]) -> str:
+    """Return periods as ISO 8601 intervals, separated by spaces; an unbounded end is two dots."""
+    return " ".join("/".join(format_moment(end) or ".." for end in period) for period in periods)
 
 
 class Verdict(StrEnum):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self, Unpack
 
 import psycopg
 
@@ -24,6 +24,7 @@ from conflictdb.errors import (
 )
 from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.formats.hints import FileHints
+from conflictdb.formats.reading import ReadOptions
 from conflictdb.session import loading
 from conflictdb.session.lending import Borrowed, borrow
 from conflictdb.session.loading import Loaded
@@ -90,17 +91,17 @@ def connect(
 
         embedded = server.embedded(say=say)
         try:
-            return _opened(embedded.dsn, embedded.stop, create is not False, say, embedded.admin_dsn)
+            return _opened(embedded.dsn, [embedded.stop], create is not False, say, embedded.admin_dsn)
         except BaseException:
             embedded.stop()
             raise
     if isinstance(target, str):
-        return _opened(target, _nothing, bool(create), say)
+        return _opened(target, [], bool(create), say)
     return _borrowed(target)
 
 
 def _opened(
-    dsn: str, release: Callable[[], None], create: bool, say: Callable[[str], None], admin_dsn: str | None = None
+    dsn: str, release: list[Callable[[], None]], create: bool, say: Callable[[str], None], admin_dsn: str | None = None
 ) -> "Database":
     """Open a database; with `admin_dsn`, the embedded one, whose everyday user may not create the schema."""
     try:
@@ -124,7 +125,7 @@ def _opened(
     except BaseException:
         connection.close()
         raise
-    return Database(lambda: connection, [connection.close, release])
+    return Database(lambda: connection, [connection.close, *release])
 
 
 def _borrowed(target: "psycopg.Connection[Any] | Engine | Connection | Session") -> "Database":
@@ -140,10 +141,6 @@ def _borrowed(target: "psycopg.Connection[Any] | Engine | Connection | Session")
 def _check(connection: "psycopg.Connection[Any]") -> None:
     with store.transaction(connection):
         schema.check(connection)
-
-
-def _nothing() -> None:
-    """Release nothing: the connection belongs to the caller."""
 
 
 class Database:
@@ -242,32 +239,17 @@ class Database:
         scene: str | None = None,
         *,
         replace: bool = False,
-        max_speed_kn: float | None = None,
-        layers: Sequence[str] = (),
-        skip_invalid: bool = False,
-        max_file_mb: float | None = None,
-        hints: FileHints | None = None,
         phase: Phase = unwatched,
+        **options: Unpack[ReadOptions],
     ) -> list[Loaded]:
         """Load files as `load` does, files of one scene as if they were one; return the result for each scene.
 
         All files are read and checked before the first scene is changed; each scene is changed in one transaction. A
         single GeoParquet file is read and sent in batches within that transaction, unless objects may be skipped:
         memory does not grow with its size. `phase` is called with the name of each phase and the amounts done and to do
-        (0: unknown).
+        (0: unknown); the other options are those of `conflictdb.formats.read`.
         """
-        return loading.load_files(
-            self.connection,
-            paths,
-            scene,
-            replace=replace,
-            max_speed_kn=max_speed_kn,
-            layers=layers,
-            skip_invalid=skip_invalid,
-            max_file_mb=max_file_mb,
-            hints=hints,
-            phase=phase,
-        )
+        return loading.load_files(self.connection, paths, scene, replace=replace, phase=phase, **options)
 
     def attachments(self) -> list[store.Attachment]:
         """Return the tables attached to any scene, and their state."""

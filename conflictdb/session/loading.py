@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Unpack
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats import Remark, Skipped
 from conflictdb.formats.contents import Parts, Phase, without_objects
 from conflictdb.formats.gather import Plan, gather, scene_name
-from conflictdb.formats.hints import FileHints
-from conflictdb.formats.reading import is_parquet, read_parts
+from conflictdb.formats.reading import ReadOptions, is_parquet, read_parts
 from conflictdb.model.plans import Area, Motion, Scene, Track
 from conflictdb.stages.pieces.cutting import check_plane
 
@@ -25,6 +24,8 @@ if TYPE_CHECKING:
 
 # Objects whose places are checked between two reports of progress.
 _CHECKED_AT_ONCE: Final = 10_000
+# Options with which a file can be read in parts.
+_OF_PARTS: Final = ("max_speed_kn", "max_file_mb")
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,32 +54,21 @@ def load_files(
     scene: str | None,
     *,
     replace: bool,
-    max_speed_kn: float | None,
-    layers: Sequence[str],
-    skip_invalid: bool,
-    max_file_mb: float | None,
-    hints: FileHints | None,
     phase: Phase,
+    **options: Unpack[ReadOptions],
 ) -> list[Loaded]:
     """Load files, those of one scene as if they were one; return the result for each scene.
 
     replace : remove the objects of the scene that the files do not contain
     phase : called with the name of each phase and the amounts done and to do (0: unknown), and again as it advances
+    **options : of `conflictdb.formats.read`
     """
     phase("reading", 0, 0)
-    if len(paths) == 1 and not skip_invalid and not layers and hints is None and is_parquet(paths[0]):
-        return [_loaded_by_parts(connection, paths[0], scene, replace, max_speed_kn, max_file_mb, phase)]
-    gathered = gather(
-        paths,
-        scene,
-        max_speed_kn=max_speed_kn,
-        layers=layers,
-        skip_invalid=skip_invalid,
-        max_file_mb=max_file_mb,
-        hints=hints,
-        phase=phase,
-    )
-    plans = [_with_settings(connection, plan, skip_invalid, phase) for plan in gathered]
+    if len(paths) == 1 and is_parquet(paths[0]) and not any(v for name, v in options.items() if name not in _OF_PARTS):
+        limits = options.get("max_speed_kn"), options.get("max_file_mb")
+        return [_loaded_by_parts(connection, paths[0], scene, replace, *limits, phase)]
+    gathered = gather(paths, scene, phase=phase, **options)
+    plans = [_with_settings(connection, plan, options.get("skip_invalid", False), phase) for plan in gathered]
     for plan, _ in plans:
         _require_objects(plan, replace)
     return [_loaded(connection, plan, settings, replace, phase) for plan, settings in plans]

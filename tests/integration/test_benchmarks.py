@@ -79,13 +79,12 @@ def test_unit_costs_have_a_limit_each(server_dsn: str) -> None:
     assert unit_costs.table(rows).count("| box 200 |") == len(rows)
 
 
-def test_a_scene_that_is_edited_all_the_time_is_kept_current(server_dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scene_that_is_edited_all_the_time_is_kept_current(server_dsn: str) -> None:
     """Two editors and two workers at once: all becomes current, nobody fails, a detection in full finds the same."""
-    monkeypatch.setattr(soak, "WARM_UP_S", 0.5)
     with fresh_database(server_dsn) as dsn, conflictdb.connect(dsn) as db:
         load(db, Scene(soak.SCENE), sea(60, 1))
         found = db.scene(soak.SCENE).detect()
-        soaked = soak.soak(dsn, rate=20.0, editors=2, workers=2, seconds=3.0)
+        soaked = soak.soak(dsn, rate=20.0, editors=2, workers=2, seconds=3.0, warm_up_s=0.5)
         assert soaked.errors == []
         assert len(soaked.waited_s) > 10
         assert soaked.runs > 0

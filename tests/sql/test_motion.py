@@ -7,16 +7,12 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
+from havens_of_kernel import haven_deg
 from oracle_motion import grown
 from piecework import load
 from workloads import GROWING, HIGH_LATITUDE, LONG_LEGS, SEAM, throw
 
-from conflictdb import kernel
-from conflictdb.arrays.objects import TrackBatch
-from conflictdb.earth.registry import plane_of
-from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import EarthModel, Scene, Track, rectangle_outline_m
-from conflictdb.stages.pieces.cutting import track_pieces
 
 Conn = psycopg.Connection[Any]
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -34,17 +30,6 @@ def haven(conn: Conn, key: str, us: int) -> shapely.Geometry | None:
     row = conn.execute("SELECT conflictdb.haven_at('s', %s, %s)::text", [key, instant(us)]).fetchone()
     assert row is not None
     return None if row[0] is None else shapely.from_wkb(row[0])
-
-
-def wanted(scene: Scene, track: Track, us: int) -> np.ndarray:
-    """Vertices (degrees, not wrapped) by the package's motion model, at an instant inside a leg."""
-    plane = plane_of(scene)
-    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
-    row = np.flatnonzero((pieces.start_us <= us) & (us < pieces.end_us) & (pieces.turn == 0))[:1]
-    haven = Movement.of(kernel.KernelScene(plane.kernel_plane, pieces), row, np.array([us]))
-    x, y = haven.positions(np.zeros(1))[:, : haven.slots, 0]
-    lon, lat = plane.from_plane(x, y)
-    return np.stack([lon, lat], axis=1)
 
 
 def assert_same_polygon(found: shapely.Geometry | None, vertices: np.ndarray) -> None:
@@ -67,7 +52,7 @@ def test_random_tracks_are_where_the_motion_model_says(conn: Conn, workload: Any
     for track in tracks:
         first, last = int(track.times_us[0]), int(track.times_us[-1])
         for us in np.linspace(first, last, 7, dtype=np.int64)[:-1]:
-            assert_same_polygon(haven(conn, track.key, int(us)), wanted(scene, track, int(us)))
+            assert_same_polygon(haven(conn, track.key, int(us)), haven_deg(scene, track, int(us)))
 
 
 @pytest.mark.parametrize("earth", list(EarthModel))
@@ -80,7 +65,7 @@ def test_no_bearing_is_special(conn: Conn, earth: EarthModel, bearing: float) ->
     scene = Scene("s", earth=earth)
     load(conn, scene, [], [track])
     for us in (T0_US, T0_US + HOUR_US // 3, T0_US + HOUR_US - 1):
-        assert_same_polygon(haven(conn, "T", us), wanted(scene, track, us))
+        assert_same_polygon(haven(conn, "T", us), haven_deg(scene, track, us))
 
 
 @pytest.mark.parametrize("earth", list(EarthModel))

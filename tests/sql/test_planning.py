@@ -202,6 +202,29 @@ def test_one_change_reads_what_it_touches_while_the_statistics_know_of_many_mark
     assert conn.execute(objects).fetchall() == [(COUNT, COUNT)]
 
 
+def test_one_change_reads_what_it_touches_by_plans_of_a_small_scene(conn: Conn, plans: list[dict[str, Any]]) -> None:
+    """A worker's session keeps plans of few rows, which were analyzed, and nobody has analyzed what came since."""
+    for table in ("area", "change", "conflict", "piece", "scene"):
+        conn.execute(f"ALTER TABLE conflictdb.{table} SET (autovacuum_enabled = off)".encode())
+    scene_id = load(conn, Scene("small"), grid()[:3], [])
+    conn.commit()
+    detect(conn, "small", jobs=1)
+    conn.execute("ANALYZE")
+    conn.commit()
+    change = "UPDATE conflictdb.area SET ceiling_m = %s WHERE key = 'A1' AND scene_id = %s"
+    for height in range(1, 8):
+        conn.execute(change, [height, scene_id])
+        conn.commit()
+        detect(conn, "small", jobs=1)
+    refresh(conn, load(conn, Scene("large"), grid(), []))
+    conn.execute(change, [10, scene_id])
+    conn.commit()
+    plans.clear()
+    assert detect(conn, "small", jobs=1).candidate_pairs < 20
+    wasteful = [plan for plan in plans if max(plan["waste"], plan["read"]) > 50]
+    assert wasteful == []
+
+
 def test_more_changes_than_fit_a_table_of_hashes_are_looked_up(conn: Conn, plans: list[dict[str, Any]]) -> None:
     """A server with little work_mem and a scene of millions: a lookup of the conflicts to compute again."""
     scene_id = load(conn, Scene("s"), grid(), [])

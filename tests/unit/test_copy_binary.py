@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
+from conflictdb.arrays.ragged import offsets
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.copy_binary import Ragged
 from conflictdb.kernel.rows import interleaved
@@ -105,7 +106,7 @@ def test_polygons_are_wkb_that_shapely_reads(srid: int) -> None:
         [(5.0, 5.0), (6.0, 5.0), (6.0, 6.5), (5.5, 7.0), (5.0, 5.0)],
     ]
     xy = np.concatenate([np.array(ring) for ring in rings])
-    column = copy_binary.polygons(xy, copy_binary.offsets([4, 5]), srid)
+    column = copy_binary.polygons(xy, offsets([4, 5]), srid)
     polygons = shapely.from_wkb(strings(column))
     assert [list(polygon.exterior.coords) for polygon in polygons] == rings
     assert shapely.get_srid(polygons).tolist() == [srid, srid]
@@ -113,7 +114,7 @@ def test_polygons_are_wkb_that_shapely_reads(srid: int) -> None:
 
 def test_lines_with_m_are_wkb_and_come_back_to_the_bit() -> None:
     xym = np.array([[0.1, 0.2, 1.7e9 + 1e-6], [-179.999, 89.0, 1.8e9], [3.0, -0.0, 0.0], [4.0, 5.0, 6.0]])
-    column = copy_binary.lines_m(xym, copy_binary.offsets([2, 2]))
+    column = copy_binary.lines_m(xym, offsets([2, 2]))
     lines = shapely.from_wkb(strings(column))
     assert [line.has_m and not line.has_z for line in lines] == [True, True]
     back, offset = copy_binary.vertices(strings(column), copy_binary.WKB_LINESTRING_M)
@@ -129,7 +130,7 @@ def test_rings_close_and_open_again_also_points_and_lines() -> None:
         [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)],
     ]
     xy = np.concatenate([np.array(ring) for ring in rings])
-    offset = copy_binary.offsets([len(ring) for ring in rings])
+    offset = offsets([len(ring) for ring in rings])
     closed, closed_offset = copy_binary.closed_rings(xy, offset)
     assert np.diff(closed_offset).tolist() == [4, 4, 4, 5]
     assert closed[:4].tolist() == [[1, 2]] * 4

@@ -462,16 +462,13 @@ def test_figures_of_the_documents_are_small() -> None:
         assert (Path(__file__).parents[2] / "docs" / name).stat().st_size < 100_000
 
 
-def test_a_report_says_when_tracks_in_conflict_could_depart_instead(
-    strait: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_report_says_when_tracks_in_conflict_could_depart_instead(strait: Any, tmp_path: Path) -> None:
     """Of the first ones; the others are named."""
     scene, areas, tracks, found = strait
     state = SceneState("strait", 11, 0, None, None, True, None)
     every = report.asked_about(found)
     assert every == ["SUB-1", "FERRY", "SUB-2", "TOW", "SURVEY"]
-    monkeypatch.setattr(report, "_MOST_DELAYS", 3)
-    asked = report.asked_about(found)
+    asked = report.asked_about(found, most=3)
     assert asked == every[:3]
     later = delays(tracks, areas, scene, asked)
     report.write(

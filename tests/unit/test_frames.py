@@ -16,9 +16,9 @@ import pytest
 import shapely
 
 from conflictdb import ConflictDBError, InvalidInput, Results, Scene, read, solve
-from conflictdb.formats.conflict_text import APPROACH_COLUMNS, COLUMNS, interval_text
+from conflictdb.formats.conflict_text import APPROACH_COLUMNS, COLUMNS
 from conflictdb.model.plans import Area, Track
-from conflictdb.model.results import Approach, Conflict
+from conflictdb.model.results import Approach, Conflict, interval_text
 
 STRAIT = Path(__file__).resolve().parents[2] / "conflictdb/scenes/strait.geojson"
 HAVEN = {"fore_m": 60, "aft_m": 40, "port_m": 10, "starboard_m": 10}

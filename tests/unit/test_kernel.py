@@ -24,8 +24,9 @@ from conflictdb.earth.registry import plane_of
 from conflictdb.errors import InvalidInput, KernelMissing
 from conflictdb.kernel import KernelPlane, KernelScene, Questions, Work, build, contacts
 from conflictdb.kernel.approach import closest
+from conflictdb.kernel.header import functions
 from conflictdb.kernel.kernel_scene import HeldPairs, HeldPieces, State
-from conflictdb.kernel.library import LEAST_PART, SHARE, TAKES, library, shared
+from conflictdb.kernel.library import LEAST_PART, SHARE, library, shared
 from conflictdb.kernel.meeting import distances
 from conflictdb.model import plans
 from conflictdb.model.plans import MAX_HAVEN_CORNERS, Area, EarthModel, Track, rectangle_outline_m
@@ -328,9 +329,9 @@ def test_hostile_arrays_under_sanitizers(tmp_path: Path) -> None:
 def test_every_function_of_the_header_is_declared() -> None:
     """With as many arguments as it takes: a pointer passed as a plain number would lose its upper half."""
     header = re.sub(r"/\*.*?\*/", "", (build.HERE / "kernel.h").read_text(), flags=re.DOTALL)
-    functions = re.findall(r"\b(kernel_\w+)\(([^)]*)\);", header)
-    assert {name: 0 if takes == "void" else takes.count(",") + 1 for name, takes in functions} == {
-        name: len(types) for name, types in TAKES.items()
+    declared = re.findall(r"\b(kernel_\w+)\(([^)]*)\);", header)
+    assert {name: 0 if takes == "void" else takes.count(",") + 1 for name, takes in declared} == {
+        name: len(types) for name, (_, types) in functions().items()
     }
 
 
@@ -343,12 +344,12 @@ def test_only_functions_of_the_header_are_exported() -> None:
     exported = {line.split()[-1].split("@")[0] for line in listed.stdout.splitlines() if line.split()[-2] != "A"}
     # Linkers add names with an underscore in front, as does every C symbol on macOS.
     own = {name.removeprefix("_") if sys.platform == "darwin" else name for name in exported}
-    assert {name for name in own if not name.startswith("_")} == set(TAKES)
+    assert {name for name in own if not name.startswith("_")} == set(functions())
 
 
 def test_every_function_of_the_header_meets_hostile_arrays() -> None:
     driver = (Path(__file__).parents[1] / "support" / "hostile_kernel.c").read_text()
-    assert [name for name in TAKES if f"{name}(" not in driver] == ["kernel_abi", "kernel_fingerprint"]
+    assert [name for name in functions() if f"{name}(" not in driver] == ["kernel_abi", "kernel_fingerprint"]
 
 
 def test_structures_have_the_size_that_the_library_has() -> None:

@@ -17,10 +17,11 @@ from conflictdb.db.store.attached import (
 )
 from conflictdb.db.store.connection import (
     LOCK_WAIT_S,
-    Holder,
+    ON_OUR_TABLE,
     begin_snapshot,
     connect,
     join,
+    lock_holders,
     naming_grants,
     require_detecting,
     require_idle,

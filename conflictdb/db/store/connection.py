@@ -45,17 +45,20 @@ _INSTANT: Final = types["timestamptz"].oid
 LOCK_WAIT_S: Final = 300.0
 # Seconds that transactions begun on a connection wait for a lock.
 _WAITS: Final[WeakKeyDictionary[psycopg.Connection[Any], float]] = WeakKeyDictionary()
-# Sessions whose lock on a table of this schema blocks writers. Both sides of each operator have the same type.
+# Sessions that hold a lock. Both sides of each operator have the same type.
 _LOCK_HOLDERS: Final = """
 SELECT a.pid, a.application_name, coalesce(a.usename, ''::name)::text, a.xact_start
 FROM pg_catalog.pg_stat_activity a
 WHERE a.pid <> pg_backend_pid()
-  AND EXISTS (SELECT FROM pg_catalog.pg_locks l JOIN pg_catalog.pg_class c ON c.oid = l.relation
-              WHERE l.pid = a.pid AND l.granted AND c.relnamespace = to_regnamespace('conflictdb')::oid
-                AND l.database = (SELECT d.oid FROM pg_catalog.pg_database d WHERE d.datname = current_database())
-                AND l.mode IN ('ShareLock', 'ShareRowExclusiveLock', 'ExclusiveLock', 'AccessExclusiveLock'))
+  AND EXISTS (SELECT FROM pg_catalog.pg_locks l LEFT JOIN pg_catalog.pg_class c ON c.oid = l.relation
+              WHERE l.pid = a.pid AND l.granted AND ({which})
+                AND l.database = (SELECT d.oid FROM pg_catalog.pg_database d WHERE d.datname = current_database()))
 ORDER BY a.xact_start, a.pid
 """
+ON_OUR_TABLE: Final = "c.relnamespace = to_regnamespace('conflictdb')::oid"
+_BLOCKS_WRITERS: Final = (
+    f"{ON_OUR_TABLE} AND l.mode IN ('ShareLock', 'ShareRowExclusiveLock', 'ExclusiveLock', 'AccessExclusiveLock')"
+)
 
 # Characters that the encoding and PostgreSQL's type text cannot store.
 _TEXT_RULE: Final = "must have no NUL character and no unpaired surrogate"
@@ -158,7 +161,7 @@ def naming_grants(conn: psycopg.Connection[Any]) -> Iterator[None]:
             raise
         holders: list[Holder] = []
         with suppress(psycopg.Error):
-            holders = _lock_holders(conn)
+            holders = lock_holders(conn, _BLOCKS_WRITERS)
         if not holders:
             raise
         raise LockTimeout(f"{timeout}; locked by: {' and '.join(map(str, holders))}") from timeout.__cause__
@@ -199,12 +202,16 @@ def _missing_grant(conn: psycopg.Connection[Any], refusal: psycopg.Error, routin
     return user, f"GRANT TEMPORARY ON DATABASE {database} TO {user}"
 
 
-def _lock_holders(conn: psycopg.Connection[Any]) -> list[Holder]:
-    """Return the sessions with a lock on a table of this schema, as far as the server shows them."""
+def lock_holders(conn: psycopg.Connection[Any], which: str) -> list[Holder]:
+    """Return the other sessions that hold a lock, as far as the server shows them.
+
+    which : condition on the lock (l) and its table (c), SQL of this package
+    """
     if conn.info.transaction_status not in (TransactionStatus.IDLE, TransactionStatus.INTRANS):
         return []
     with conn.transaction(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
-        return [Holder(*row) for row in cursor.execute(_LOCK_HOLDERS.encode(), prepare=False, binary=True)]
+        query = _LOCK_HOLDERS.format(which=which).encode()
+        return [Holder(*row) for row in cursor.execute(query, prepare=False, binary=True)]
 
 
 def call(conn: psycopg.Connection[Any], routine: str, *arguments: object) -> tuple[Any, ...]:

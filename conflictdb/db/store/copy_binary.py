@@ -16,6 +16,7 @@ import psycopg
 from numpy.typing import ArrayLike, NDArray
 from psycopg.pq.abc import PGresult
 
+from conflictdb.arrays.ragged import offsets, ragged_rows
 from conflictdb.db.store.connection import call, query_of, translated
 from conflictdb.db.store.parameters import Array, ArrayDumper
 from conflictdb.kernel.rows import Part, interleaved
@@ -75,17 +76,12 @@ class Ragged:
 
     def take(self, rows: NDArray[np.int64]) -> "Ragged":
         """Return the strings of the given rows, in that order, repeats allowed."""
-        length = np.diff(self.offset)[rows]
         is_null = None if self.is_null is None else self.is_null[rows]
-        return Ragged(self.data[_rows_of(self.offset[:-1][rows], length)], offsets(length), is_null)
+        offset, index = ragged_rows(self.offset, rows)
+        return Ragged(self.data[index], offset, is_null)
 
 
 Column = Bytes | Ragged  # (n, width) bytes of a fixed-width type, or ragged
-
-
-def offsets(lengths: ArrayLike) -> Offsets:
-    """Return (n + 1,) offsets of n lengths."""
-    return np.concatenate([[0], np.cumsum(np.asarray(lengths, dtype=np.int64))]).astype(np.int64)
 
 
 def fixed(values: ArrayLike, dtype: str) -> Bytes:

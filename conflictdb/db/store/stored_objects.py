@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from psycopg.types.json import Jsonb
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.ragged import offsets
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many, require_writable, transaction
 from conflictdb.errors import InvalidInput
@@ -291,7 +292,7 @@ def decode_outlines(wkb: Sequence[bytes], way: NDArray[np.int64]) -> tuple[NDArr
             vertices = 1 if (closed[:, 0] == closed[:, 1]).all() else 2
         rings.append(closed[:, :vertices].reshape(-1, 2))
         count[i] = len(rings[-1])
-    return np.concatenate(rings), copy_binary.offsets(count)
+    return np.concatenate(rings), offsets(count)
 
 
 def decode_heights(sent: bytes, unbounded: float) -> NDArray[np.float64] | None:

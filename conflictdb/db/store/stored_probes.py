@@ -14,6 +14,7 @@ import shapely
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.object_numbers import kinds_and_ids
 from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.ragged import offsets
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_by_name, call_many, transaction
 from conflictdb.db.store.listing import decode_periods
@@ -147,8 +148,8 @@ def request_probe(conn: psycopg.Connection[Any], scene: str, plan: Area | Track)
             )
             raise InvalidInput(f"track {track.key!r}", "plan", rule)
         waypoints = np.column_stack([track.positions_deg, seconds])
-        path = copy_binary.lines_m(waypoints, copy_binary.offsets([len(waypoints)])).data.tobytes()
-        rings = copy_binary.closed_rings(track.outline_m, copy_binary.offsets([len(track.outline_m)]))
+        path = copy_binary.lines_m(waypoints, offsets([len(waypoints)])).data.tobytes()
+        rings = copy_binary.closed_rings(track.outline_m, offsets([len(track.outline_m)]))
         outline = copy_binary.polygons(*rings, 0).data.tobytes()
     with transaction(conn):
         (probe_id,) = call(

@@ -1,5 +1,5 @@
 // Where havens are at an instant: sql/75_motion.sql, 76_great_circle_motion.sql and 77_havens.sql, formula by formula, so
-// that the page can show any instant at once. Tests compare it with conflictdb.havens.
+// that the page can show any instant at once. Tests compare it with the kernel, and with conflictdb.havens.
 //
 // Rhumb lines: distance along the meridian is proportional to the rectifying latitude mu; a rhumb line is straight in
 // (longitude, psi), psi = asinh(tan chi), chi the conformal latitude, and its length is linear in mu.
