@@ -2,6 +2,7 @@
 
 from conflictdb.db.store.acknowledging import acknowledge, counted_conflicts, unacknowledge
 from conflictdb.db.store.attached import (
+    READ_WITHIN_S,
     Attachment,
     AttachmentPreview,
     Unmapped,
@@ -82,6 +83,7 @@ from conflictdb.db.store.scenes import (
     rename_scene,
 )
 from conflictdb.db.store.service import (
+    HEARD_WITHIN_S,
     WORKER_NAME,
     Service,
     listen,
