@@ -38,7 +38,7 @@ def main() -> None:
                 page.wait_for_selector("html[data-ready=true]", state="attached", timeout=120_000)
                 if name == "map.png":
                     page.get_by_role("button", name="FERRY and TOW").click()
-                    page.evaluate("conflictdbPage.view.map.jumpTo({center: [8.66, 57.97], zoom: 10.8})")
+                    page.evaluate("void conflictdbPage.view.map.jumpTo({center: [8.66, 57.97], zoom: 10.8})")
                 else:
                     page.locator("#slider").press("PageUp")
                 page.wait_for_timeout(1500)

@@ -17,6 +17,11 @@ from reused import ReusedDatabase
 
 from conflictdb.db import schema
 
+# Files that take longest come first, so that no worker is left with one of them in the end.
+_LONG = (
+    "spark", "documents", "map_pictures", "map_page", "server_cluster", "load_by_parts", "upgrade", "oracle",
+    "planning", "speeds", "shallow", "worker_faults", "attached_rights",
+)  # fmt: skip
 _RUN = pytest.StashKey[str]()
 _SERVERS = pytest.StashKey[set[str]]()
 _NUMBERS = count(1)
@@ -65,10 +70,25 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that need a database."""
+    """Mark the tests that need a database; take those of long files first."""
     for item in items:
         if "server_dsn" in getattr(item, "fixturenames", ()):
             item.add_marker("db")
+    items.sort(key=lambda item: not item.path.stem.startswith(tuple(f"test_{name}" for name in _LONG)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give a worker whole files, and groups of them: their tests share what is slow to make."""
+    from xdist.scheduler import LoadGroupScheduling
+
+    class Files(LoadGroupScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            group: str = super()._split_scope(nodeid)
+            return nodeid.split("::", 1)[0] if group == nodeid else group
+
+    config.option.loadscopereorder = False  # most tests are not most work
+    return Files(config, log) if config.option.dist == "loadgroup" else None
 
 
 def _seen_by_all() -> dict[str, object]:

@@ -17,7 +17,9 @@ _log = logging.getLogger(__name__)
 _ROUNDS: Final = 2
 
 
-def follow(conn: psycopg.Connection[Any], scene: str, *, again: bool) -> None:
+def follow(
+    conn: psycopg.Connection[Any], scene: str, *, again: bool, read_within_s: float = store.READ_WITHIN_S
+) -> None:
     """Update the objects of a scene from the tables that the connected role attached to it.
 
     A table that cannot be read keeps its objects; the view `attachments` gives the reason. It does not stop the others.
@@ -26,6 +28,7 @@ def follow(conn: psycopg.Connection[Any], scene: str, *, again: bool) -> None:
     ----------
     conn : psycopg connection without an open transaction
     again : try also tables that could not be read within the last minute
+    read_within_s : longest time to read a table, seconds
 
     Raises
     ------
@@ -40,7 +43,7 @@ def follow(conn: psycopg.Connection[Any], scene: str, *, again: bool) -> None:
             return
         for attachment_id in attachment_ids:
             try:
-                error = store.follow_attachment(conn, attachment_id)
+                error = store.follow_attachment(conn, attachment_id, read_within_s)
             except ConflictDBError as failure:  # a time limit ends the transaction
                 if conn.closed:
                     raise

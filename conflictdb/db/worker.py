@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 EVERY_S: Final = 0.5
 # Longest pause after a lost connection or a failed detection.
 _LONGEST_PAUSE_S: Final = 60.0
-# When to report who else detects a changed scene. With `once`, somebody waits and is told earlier (store.SAY_AFTER_S).
+# When to report who else detects a changed scene. With `once`, somebody waits and is told earlier (`say_after_s`).
 _SAY_BUSY_AFTER_S: Final = 60.0
 # Lower bound of the pause, however often attached tables are compared.
 _LEAST_PAUSE_S: Final = 0.1
@@ -107,6 +107,8 @@ class Worker:
         to `every_s` for a scene if that is longer
     busy_s : pause before it tries again a scene that another session detects, seconds
     unnotified_s : looks this often for changes of which no notification arrives, seconds
+    heard_within_s : waits this long for a test notification, where one may not arrive, seconds
+    say_after_s : `once` reports who else detects a changed scene after this time, seconds
     """
 
     connect: Connect
@@ -121,6 +123,8 @@ class Worker:
     retry_s: float = 1.0
     busy_s: float = 1.0
     unnotified_s: float = 0.25
+    heard_within_s: float = store.HEARD_WITHIN_S
+    say_after_s: float = store.SAY_AFTER_S
     _counted_at_s: float = -math.inf
     _failing: dict[str, _Failing] = field(default_factory=dict)
     _busy: dict[str, _Busy] = field(default_factory=dict)
@@ -133,7 +137,7 @@ class Worker:
         with self.connect() as connection:
             _check(connection)
             while True:
-                well &= self._round(connection, store.SAY_AFTER_S)
+                well &= self._round(connection, self.say_after_s)
                 for failing in self._failing.values():
                     failing.again_at_s = math.inf
                 if not self._busy and not self._has_requests:
@@ -203,7 +207,7 @@ class Worker:
     def _listen(self, connection: "psycopg.Connection[Any]") -> float:
         """Listen for changes; return how often to look for changes that are not notified, seconds."""
         unnotified_s = min(self.every_s, self.unnotified_s)
-        if store.listen(connection, self.connect):
+        if store.listen(connection, self.connect, self.heard_within_s):
             return self.every_s if store.writers_notify(connection) else unnotified_s
         if not self._deafness_is_said:
             self._deafness_is_said = True

@@ -8,6 +8,7 @@ safe ones.
 """
 
 import json
+import sys
 from typing import IO, Any, Final
 
 # Self-contained formats (a Shapefile and an S-57 chart: with the files of the same name beside them). Not VRT, GML,
@@ -15,6 +16,8 @@ from typing import IO, Any, Final
 FORMATS: Final = frozenset(
     {"ESRI Shapefile", "FlatGeobuf", "GPKG", "GPX", "KML", "LIBKML", "MapInfo File", "OpenFileGDB", "S57"}
 )
+# pyogrio imports these where they are installed, for functions that are not called here: most of a second.
+_NOT_NEEDED: Final = ("geopandas", "pandas", "pyarrow", "pyproj", "shapely")
 
 
 def main(stream: IO[bytes], most_bytes: int, arguments: list[str]) -> None:
@@ -22,6 +25,7 @@ def main(stream: IO[bytes], most_bytes: int, arguments: list[str]) -> None:
 
     Those are the formats that OGR knows besides `FORMATS`, for GDAL_SKIP.
     """
+    sys.modules.update(dict.fromkeys(_NOT_NEEDED))  # type: ignore[arg-type]  # None: not importable
     import pyogrio
 
     others = sorted(set(pyogrio.list_drivers()) - FORMATS)

@@ -1,4 +1,7 @@
-"""What README and docs print runs as printed: commands, SQL and Python, on an embedded database."""
+"""What README and docs print runs as printed: commands, SQL and Python, on an embedded database.
+
+The README's programs start as users start them; those of the pages are forked from one that has imported libraries.
+"""
 
 import json
 import os
@@ -8,9 +11,11 @@ import sys
 import tempfile
 import urllib.request
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from forked import forking
 
 from conflictdb import connect, read
 
@@ -53,20 +58,42 @@ def page_served(command: list[str], folder: Path) -> str:
             process.terminate()
 
 
-@pytest.fixture
-def folder() -> Iterator[Path]:
-    """Return a directory whose ./run is the program under test; the server's user may pass through it."""
+@contextmanager
+def folder_of(python: str, conflictdb: str) -> Iterator[Path]:
+    """Make a directory whose ./run is the program under test; the server's user may pass through it."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         folder.chmod(0o755)
-        script = folder / "run"
-        script.write_text(
-            f"""#!/bin/sh
-            if [ "$1" = python ]; then shift && exec "{sys.executable}" "$@"; fi
-            CONFLICTDB_PROGRAM=$0 exec "{sys.executable}" -m conflictdb "$@"
-            """
-        )
-        script.chmod(0o755)
+        scripts = {
+            "run": f"""if [ "$1" = python ]; then shift && exec {python} "$@"; fi
+                       CONFLICTDB_PROGRAM=$0 exec {conflictdb} "$@" """,
+            "bin/conflictdb": f'exec {conflictdb} "$@"',
+        }
+        (folder / "bin").mkdir()
+        for name, script in scripts.items():
+            (folder / name).write_text(f"#!/bin/sh\n{script}\n")
+            (folder / name).chmod(0o755)
+        yield folder
+
+
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    """Return a directory whose ./run starts programs as users do."""
+    with folder_of(sys.executable, f"{sys.executable} -m conflictdb") as folder:
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def forks() -> Iterator[str]:
+    """Return the words before a program that is forked."""
+    with tempfile.TemporaryDirectory() as name, forking(Path(name, "socket")) as words:
+        yield words
+
+
+@pytest.fixture
+def forked_folder(forks: str) -> Iterator[Path]:
+    """Return a directory whose ./run forks programs."""
+    with folder_of(forks, f"{forks} conflictdb") as folder:
         yield folder
 
 
@@ -189,12 +216,13 @@ def home(_server: object) -> Iterator[Path]:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_page_runs_as_printed(
-    page: str, folder: Path, home: Path, empty_dsn: str, monkeypatch: pytest.MonkeyPatch
+    page: str, forked_folder: Path, home: Path, empty_dsn: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Commands, SQL and Python of a page run in order on an empty database, and print what is below them."""
+    folder = forked_folder
     monkeypatch.setenv("CONFLICTDB_HOME", str(home))
     monkeypatch.setenv("DSN", empty_dsn)  # of the reader's own server
-    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    monkeypatch.setenv("PATH", f"{folder / 'bin'}:{Path(sys.executable).parent}:{os.environ['PATH']}")
     monkeypatch.setenv("PGTZ", "UTC")
     with connect() as db:
         db.connection.execute("DELETE FROM conflictdb.scene")

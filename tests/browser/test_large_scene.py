@@ -8,7 +8,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from browsing import Open
+from browsing import Open, go_to
 from map_page import served_page
 from piecework import load
 from playwright.sync_api import Page, expect
@@ -99,10 +99,10 @@ def test_a_large_scene_is_seen_from_afar_without_tiles(conn: Conn, dsn: str, ope
         expect(page.locator("#detail").get_by_role("heading")).to_have_text("HOLED and CROSSES")
         page.keyboard.press("Escape")
 
-        page.evaluate("conflictdbPage.view.map.jumpTo({center: [180.5, 3], zoom: conflictdbPage.view.detailZoom + 1})")
+        go_to(page, "{center: [180.5, 3], zoom: conflictdbPage.view.detailZoom + 1}")
         wait_until(page, lambda: alpha(page, 180.5, 3.0) == 0)
         assert [url for url in asked if "/tiles/areas/" in url] != []
-        page.evaluate("conflictdbPage.view.map.jumpTo({center: [180.5, 3], zoom: conflictdbPage.view.detailZoom - 3})")
+        go_to(page, "{center: [180.5, 3], zoom: conflictdbPage.view.detailZoom - 3}")
         wait_until(page, lambda: alpha(page, 180.5, 3.0) > 20)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from browsing import Open, rows, time_of, wait_until
+from browsing import Open, await_drawn, rows, time_of, wait_until
 from commands import runner
 from map_page import Serve
 from piecework import load
@@ -70,7 +70,7 @@ def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
     assert time_of(page) > T0_S + 7 * 3600 + 41 * 60
     slider.press("End")
     expect(page.locator("li.on")).to_have_count(0)
-    page.wait_for_timeout(300)
+    await_drawn(page)
     assert shown(page, "conflicts", "s.on") == 0
     slider.press("Home")
     start = time_of(page)
@@ -96,7 +96,7 @@ def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
     seen = page.evaluate("conflictdbPage.havens.shown.map(({track}) => track.key)")
     assert {"FERRY", "TOW"} <= set(seen)
     assert page.evaluate("conflictdbPage.view.map.getZoom()") > 9
-    page.wait_for_timeout(300)
+    await_drawn(page)
     assert shown(page, "conflicts", "s.chosen") == 1
     page.keyboard.press("j")
     expect(detail.get_by_role("heading")).to_have_text("FIRING and SURVEY")
@@ -117,8 +117,7 @@ def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
         const {x, y} = map.project([9.5, 57.7512]);
         return [box.x + x, box.y + y];
     })()""")
-    wait_until(page, "conflictdbPage.view.map.areTilesLoaded()")
-    page.wait_for_timeout(300)
+    await_drawn(page)
     page.mouse.click(*point)
     expect(detail.get_by_role("heading")).to_have_text("FIRING and FERRY")
 
@@ -129,7 +128,7 @@ def test_filters_leave_what_they_say(strait: str, open_page: Open) -> None:
     words.fill("ferry")
     assert rows(page) == ["FIRING and FERRY", "DIVING and FERRY", "FERRY and TOW"]
     expect(page.locator("#count")).to_have_text("3 of 7 conflicts")
-    page.wait_for_timeout(300)
+    await_drawn(page)
     assert shown(page, "conflicts", "!s.hidden") == 3
     page.get_by_text("Filter", exact=True).click()
     page.get_by_label("Above, m").fill("-5")
@@ -290,14 +289,14 @@ def test_a_scene_that_is_no_longer_shared_goes_from_the_page(
         page.get_by_role("button", name="FERRY and TOW").click()
         expect(page.locator("#detail")).to_contain_text("Decided by stage 4: their motion.")
         wait_until(page, "conflictdbPage.havens.shown.length > 0")
-        page.wait_for_timeout(1000)
+        await_drawn(page)
         before = [shown(page, layer) for layer in ("areas", "tracks", "conflicts")]
         assert min(before) > 0
         conn.execute("SELECT conflictdb.unshare_scene('strait', %s)", [guest])
         conn.commit()
         expect(page.locator("#list")).to_contain_text("The scene is no longer shown: ")
         expect(page.locator("#state")).to_have_class(re.compile("lost"))
-        page.wait_for_timeout(300)
+        await_drawn(page)
         assert [shown(page, layer) for layer in ("areas", "tracks", "conflicts", "first-contacts")] == [0, 0, 0, 0]
         assert page.evaluate("conflictdbPage.havens.shown.length") == 0
         assert page.evaluate("conflictdbPage.timeline.bars.length") == 0
@@ -306,7 +305,7 @@ def test_a_scene_that_is_no_longer_shared_goes_from_the_page(
         conn.execute("SELECT conflictdb.share_scene('strait', %s)", [guest])
         conn.commit()
         expect(page.locator(".row")).to_have_count(7)
-        page.wait_for_timeout(1000)
+        await_drawn(page)
         assert [shown(page, layer) for layer in ("areas", "tracks", "conflicts")] == before
         expect(page.locator("#state")).to_contain_text("4 areas")
     finally:
@@ -389,7 +388,7 @@ def test_date_line_and_poles_are_true(conn: Conn, dsn: str, serve: Serve, open_p
     expect(page.locator("#beyond")).to_contain_text("2 objects reach beyond")
     expect(page.locator(".row", has_text="POLE-1")).to_contain_text("near the pole")
     page.get_by_role("button", name="EAST and WEST").click()
-    page.wait_for_timeout(300)
+    await_drawn(page)
     seen = page.evaluate("conflictdbPage.havens.shown.map(({track, x}) => [track.key, x])")
     width = page.evaluate("document.getElementById('map').clientWidth")
     at = dict(seen)
@@ -445,7 +444,7 @@ def test_file_needs_nothing_else(dsn: str, tmp_path: Path, open_page: Open, caps
     page = open_page(file.as_uri(), offline=True)
     assert rows(page) == ORDER
     expect(page.locator("#state")).to_contain_text("changes since are not in this file")
-    page.wait_for_timeout(300)
+    await_drawn(page)
     assert (shown(page, "areas"), shown(page, "tracks")) == (4, 7)
     assert shown(page, "conflicts") >= 6
     assert shown(page, "near-land") >= 1
@@ -453,6 +452,6 @@ def test_file_needs_nothing_else(dsn: str, tmp_path: Path, open_page: Open, caps
     expect(page.locator("#detail")).to_contain_text("Decided by stage 4: their motion.")
     expect(page.locator("svg.plan path.plan-a")).to_have_count(1)
     expect(page.locator("#detail .acknowledge")).to_have_count(0)
-    page.wait_for_timeout(300)
+    await_drawn(page)
     assert shown(page, "conflicts", "s.chosen") == 1
     assert shown(page, "first-contacts", "s.chosen") == 1

@@ -7,7 +7,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from browsing import Open, rows, wait_until
+from browsing import Open, await_drawn, go_to, rows, wait_until
 from commands import runner
 from map_page import Serve
 from piecework import load
@@ -22,7 +22,6 @@ Conn = psycopg.Connection[Any]
 HOUR_US = 3_600_000_000
 T0_US = 1_780_272_000_000_000  # 2026-06-01 00:00 UTC
 T0_S = T0_US / 1e6
-DRAWN_MS = 500
 
 
 @pytest.fixture
@@ -35,7 +34,7 @@ def strait(dsn: str, serve: Serve) -> str:
 
 def states(page: Page, *layers: str) -> dict[str, dict[str, bool]]:
     """Return the state of each feature that layers of the map show, by the keys of its objects."""
-    page.wait_for_timeout(DRAWN_MS)
+    await_drawn(page)
     found = page.evaluate(
         """(layers) => conflictdbPage.view.map.queryRenderedFeatures({layers}).map(({properties: p, state}) => (
             [p.key ?? `${p.a_key} and ${p.b_key}`, state]))""",
@@ -48,7 +47,7 @@ def show_time(page: Page, t: float) -> None:
     script = """(t) => { const slider = document.getElementById('slider'); slider.value = t;
         slider.dispatchEvent(new Event('input', {bubbles: true})); }"""
     page.evaluate(script, t)
-    page.wait_for_timeout(DRAWN_MS)
+    await_drawn(page)
 
 
 def pixel(page: Page, lon: float, lat: float, of: str) -> list[int]:
@@ -135,7 +134,7 @@ def test_a_chosen_pair_stands_out(strait: str, open_page: Open, scheme: str) -> 
     """Its objects have two hues, all else is dimmed, and regions at heights where they are not are hidden."""
     page = open_page(strait, color_scheme=scheme)
     page.get_by_role("button", name="FERRY and TOW").click()
-    page.evaluate("conflictdbPage.view.map.jumpTo({center: [9.0, 57.93], zoom: 8})")
+    go_to(page, "{center: [9.0, 57.93], zoom: 8}")
     wait_until(page, "conflictdbPage.view.map.areTilesLoaded()")
     seen = states(page, "conflicts")
     assert seen["FERRY and TOW"]["chosen"]
@@ -156,8 +155,8 @@ def test_a_chosen_pair_stands_out(strait: str, open_page: Open, scheme: str) -> 
     plan = page.evaluate("['a', 'b'].map((one) => getComputedStyle(document.querySelector(`.plan-${one}`)).stroke)")
     assert len(set(plan)) == 2
     # Havens too, on the canvas.
-    page.evaluate("conflictdbPage.view.map.jumpTo({center: [8.6, 57.985], zoom: 12})")
-    page.wait_for_timeout(DRAWN_MS)
+    go_to(page, "{center: [8.6, 57.985], zoom: 12}")
+    await_drawn(page)
     middle = (
         "(key) => { const {motion} = conflictdbPage.model.objects.get(key); return motion.place(conflictdbPage.t); }"
     )
@@ -272,7 +271,7 @@ def test_a_file_shows_what_is_stale(
     assert runner(dsn, capsys)("map", "--html", file).code == 0
     page = open_page(file.as_uri(), offline=True)
     expect(page.locator("#stale")).to_contain_text("3 conflicts")
-    page.wait_for_timeout(DRAWN_MS)
+    await_drawn(page)
     count = (
         "(layer) => new Set(conflictdbPage.view.map.queryRenderedFeatures({layers: [layer]}).map(({id}) => id)).size"
     )
@@ -383,7 +382,7 @@ def test_what_is_chosen_near_a_pole_is_shown_about_it(about_the_pole: str, open_
     page.locator(".row", has_text="OVER").filter(has_text="ACROSS").click()
     expect(page.locator("#polar")).to_be_visible()
     wait_until(page, "conflictdbPage.polar.paths !== null")
-    page.wait_for_timeout(DRAWN_MS)
+    await_drawn(page)
     lon, lat = page.evaluate("""(() => {
         const pair = new Set(["OVER", "ACROSS"]), {conflicts} = conflictdbPage.model;
         const {lon, lat} = conflicts.find(({a, b}) => pair.has(a) && pair.has(b));

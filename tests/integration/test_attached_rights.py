@@ -57,9 +57,9 @@ def acting(conn: Conn, role: str) -> Iterator[None]:
     conn.commit()
 
 
-def follow(conn: Conn, role: str) -> None:
+def follow(conn: Conn, role: str, read_within_s: float = 600.0) -> None:
     with acting(conn, role):
-        follow_attached.follow(conn, "s", again=True)
+        follow_attached.follow(conn, "s", again=True, read_within_s=read_within_s)
 
 
 def keys(conn: Conn) -> list[str]:
@@ -380,14 +380,11 @@ def test_deletes_stay_in_the_scene_of_the_attachment(conn: Conn, roles: dict[str
     assert conn.execute("SELECT count(*) FROM conflictdb.area WHERE key IN ('A', '1')").fetchone() == (2,)
 
 
-def test_a_function_that_does_not_end_is_given_up(
-    conn: Conn, roles: dict[str, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("conflictdb.db.store.attached._READ_WITHIN", "200ms")
+def test_a_function_that_does_not_end_is_given_up(conn: Conn, roles: dict[str, str]) -> None:
     with acting(conn, roles["planner"]), connect(conn) as db:
         number = db.scene("s").attach("area", "mission.ops", MAP)
         conn.execute(WAYS["function that reads"].format(n=number).replace("mission.evil()", "pg_sleep(60)").encode())
-    follow(conn, roles["planner"])
+    follow(conn, roles["planner"], read_within_s=0.2)
     with connect(conn) as db:
         assert "statement timeout" in str(db.attachments()[0].error)
         assert list(store.waiting_scenes(conn)) == []

@@ -4,7 +4,6 @@ import os
 import shutil
 import socket
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -175,10 +174,7 @@ def test_a_connection_of_the_caller_works_as_it_is(pooled: str, how: str) -> Non
                 target.close()
 
 
-def test_a_worker_that_hears_nothing_says_so_once_and_looks_for_changes(
-    dsn: str, pooled: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys.modules["conflictdb.db.store.service"], "_HEARD_WITHIN_S", 0.5)
+def test_a_worker_that_hears_nothing_says_so_once_and_looks_for_changes(dsn: str, pooled: str) -> None:
     said, done = worked(pooled, dsn)
     assert done == ["first", "second"]
     assert said == [said[0]], "once, although it had to connect again"
@@ -211,7 +207,9 @@ def worked(through: str, dsn: str) -> tuple[list[str], list[str]]:
 
     def work() -> None:
         with suppress(KeyboardInterrupt):
-            Worker(opened, report, 600.0, jobs=1, say=said.append, retry_s=0.01, unnotified_s=0.1).run()
+            Worker(
+                opened, report, 600.0, jobs=1, say=said.append, retry_s=0.01, unnotified_s=0.1, heard_within_s=0.5
+            ).run()
 
     thread = threading.Thread(target=work, daemon=True)
     thread.start()

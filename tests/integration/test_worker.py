@@ -310,16 +310,15 @@ def worker(dsn: str, reports: list[tuple[str, object]], **more: Any) -> Worker:
     )
 
 
-def test_a_worker_passes_over_what_another_detects(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_passes_over_what_another_detects(dsn: str) -> None:
     """It does the next scene, waits for the first, says who has it, and does what the other one left."""
-    monkeypatch.setattr(store, "SAY_AFTER_S", 0.1)
     load(dsn, "first")
     load(dsn, "second")
     reports: list[tuple[str, object]] = []
     said: list[str] = []
     with store.connect(dsn) as other:
         store.begin_locked(other, store.scene_id(other, "first"), "first", 0.0, print)
-        one = worker(dsn, reports, say=said.append, busy_s=0.05)
+        one = worker(dsn, reports, say=said.append, busy_s=0.05, say_after_s=0.1)
         thread = threading.Thread(target=one.once)
         thread.start()
         until(lambda: bool(said))

@@ -4,6 +4,7 @@ The measure is the number of rows that plans threw away, not time: a nested loop
 """
 
 import json
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
+from databases import TestServer
 from piecework import load, mark_all, refresh, write_run
 
 from conflictdb.arrays.answers import Conflicts
@@ -279,9 +281,18 @@ def test_marks_that_are_gone_cost_the_list_of_conflicts_nothing(conn: Conn) -> N
 MANY = 20_000
 
 
-@pytest.fixture
-def with_many(conn: Conn) -> Conn:
-    """Two scenes of as many conflicts, each in a place and at a time of its own."""
+@pytest.fixture(scope="module")
+def with_many(_server: TestServer, template: str, worker_id: str) -> Iterator[Conn]:
+    """A database of two scenes of as many conflicts, each in a place and at a time of its own, for questions alone."""
+    name = f"{_server.prefix}_{worker_id}_many"
+    dsn = _server.clone(template, name)
+    with psycopg.connect(dsn, options="-c timezone=UTC") as conn:
+        add_many(conn)
+        yield conn
+    _server.drop(name)
+
+
+def add_many(conn: Conn) -> None:
     conn.execute("SELECT conflictdb.create_scene('many'), conflictdb.create_scene('more')")
     conn.execute(
         """INSERT INTO conflictdb.conflict (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version,
@@ -297,7 +308,6 @@ def with_many(conn: Conn) -> Conn:
     )
     conn.execute("ANALYZE")
     conn.commit()
-    return conn
 
 
 @pytest.mark.parametrize(
@@ -317,6 +327,7 @@ def with_many(conn: Conn) -> Conn:
 def test_questions_about_one_object_or_place_read_few_of_many_conflicts(
     with_many: Conn, query: str, found: int
 ) -> None:
+    with_many.rollback()
     with_many.execute("SET search_path = conflictdb, conflictdb_internal, public")
     with_many.execute("SET client_min_messages = warning")
     row = with_many.execute(f"EXPLAIN (ANALYZE, TIMING off, FORMAT json) SELECT * FROM {query}".encode()).fetchone()

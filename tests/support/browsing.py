@@ -12,6 +12,7 @@ Open = Callable[..., Page]
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
 # As root there is no sandbox. Without a graphics card Chromium renders in software, and WebGL if that is allowed.
 ARGUMENTS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+_DRAWN_MS = 5_000  # a map that never rests is looked at all the same
 
 
 def chromium() -> str | None:
@@ -35,3 +36,24 @@ def wait_until(page: Page, expression: str) -> None:
     while not page.evaluate(expression):
         assert time.monotonic() < until_s, expression
         page.wait_for_timeout(50)
+
+
+def go_to(page: Page, place: str) -> None:
+    """Move the map to a centre and zoom, as JavaScript; the map itself, which is returned there, is not read out."""
+    page.evaluate(f"void conflictdbPage.view.map.jumpTo({place})")
+
+
+def await_drawn(page: Page) -> None:
+    """Wait until the map has all its tiles and nothing more to draw, and what lies above it is drawn too."""
+    page.evaluate(
+        """async (longest_ms) => {
+            const {map} = conflictdbPage.view, next = () => new Promise((shown) => requestAnimationFrame(shown));
+            await next(); // what was just changed asks for its drawing
+            const idle = new Promise((reached) => map.once('idle', () => reached()));
+            map.triggerRepaint();
+            await Promise.race([idle, new Promise((reached) => setTimeout(reached, longest_ms))]);
+            await next();
+            await next();
+        }""",
+        _DRAWN_MS,
+    )

@@ -48,8 +48,8 @@ from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_scene
 
 _ROOT = Path(__file__).parents[2]
-# Java makes no best code of what runs for seconds.
-SHORT_LIVED = "-XX:TieredStopAtLevel=1 -XX:+UseSerialGC"
+# Java makes no best code of what runs for seconds, and nobody looks at pages of Spark.
+SHORT_LIVED = "-XX:TieredStopAtLevel=1 -XX:+UseSerialGC -Dspark.ui.enabled=false"
 _MASTER = "local[2]"
 _EVERY_S = 0.05
 _LONGEST_S = 120.0

@@ -1,6 +1,7 @@
 """Files that OGR opens: columns, layers, reference systems, tracks among areas, and clear refusals."""
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,13 @@ def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
     assert remark.text == f"2 areas without start or end: {rule}"
     known = {"start": HOURS[:1], "revised": HOURS[:1], "end": HOURS[1:2]}
     assert list(formats.read(write_layer(tmp_path / "known.gpkg", [SQUARE], **known)).remarks) == []
+
+
+def test_the_process_that_reads_imports_no_library_that_it_does_not_need() -> None:
+    """pyogrio would import pandas and others where they are installed, which takes longer than reading."""
+    script = "import io, sys; from conflictdb.formats import ogr_child; ogr_child.main(io.BytesIO(), 0, [])"
+    script += "; print([name for name in ('pandas', 'pyarrow', 'shapely') if sys.modules.get(name)])"
+    assert subprocess.run([sys.executable, "-c", script], capture_output=True, check=True).stdout == b"[]\n"
 
 
 KML = """<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>

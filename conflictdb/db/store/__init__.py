@@ -2,6 +2,7 @@
 
 from conflictdb.db.store.acknowledging import acknowledge, counted_conflicts, unacknowledge
 from conflictdb.db.store.attached import (
+    READ_WITHIN_S,
     Attachment,
     AttachmentPreview,
     Unmapped,
@@ -83,6 +84,7 @@ from conflictdb.db.store.scenes import (
     rename_scene,
 )
 from conflictdb.db.store.service import (
+    HEARD_WITHIN_S,
     WORKER_NAME,
     Service,
     listen,

@@ -20,7 +20,7 @@ from conflictdb.db.store.connection import (
 from conflictdb.errors import ConflictDBError, InvalidInput
 
 # Limits for running a map: it must end even if another session has locked the table.
-_READ_WITHIN: Final = "10min"
+READ_WITHIN_S: Final = 600.0
 _LOCK_WITHIN: Final = "10s"
 _WRONG_NAMES: Final = (
     psycopg.errors.UndefinedTable,
@@ -132,16 +132,18 @@ def attachments_to_follow(conn: psycopg.Connection[Any], scene: str, *, again: b
         return [number for (number,) in call_many(conn, "_attachments_to_follow", scene, again)]
 
 
-def follow_attachment(conn: psycopg.Connection[Any], attachment_id: int) -> str | None:
+def follow_attachment(
+    conn: psycopg.Connection[Any], attachment_id: int, read_within_s: float = READ_WITHIN_S
+) -> str | None:
     """Update the objects of an attached table's changed rows, in one transaction.
 
     Runs the table's map, so it does nothing for a table that another role attached. Returns the reason if the table
-    cannot be read, else None. Raises StoreError, and changes nothing, if that exceeds the time limits.
+    cannot be read, else None. Raises StoreError, and changes nothing, if that takes longer than `read_within_s`.
     """
     require_idle(conn, "following an attached table")
     with transaction(conn):
         limits = "SELECT set_config('statement_timeout', %s, true), set_config('lock_timeout', %s, true)"
-        conn.execute(limits.encode(), (_READ_WITHIN, _LOCK_WITHIN), prepare=False)
+        conn.execute(limits.encode(), (f"{1000.0 * read_within_s:.0f}ms", _LOCK_WITHIN), prepare=False)
         error = call(conn, "_follow_attachment", attachment_id)[-1]
     return None if error is None else str(error)
 

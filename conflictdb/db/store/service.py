@@ -23,7 +23,7 @@ _LIVELY: Final = {
 }
 
 # Notifications arrive in milliseconds. Where none can, a worker starts this much later.
-_HEARD_WITHIN_S: Final = 2.0
+HEARD_WITHIN_S: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,17 +67,21 @@ def _named_dsn(dsn: str, name: str) -> str:
         return make_conninfo("", **{**_LIVELY, **conninfo_to_dict(dsn), "application_name": name})
 
 
-def listen(conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Connection[Any]]) -> bool:
+def listen(
+    conn: psycopg.Connection[Any],
+    connect: Callable[[], psycopg.Connection[Any]],
+    heard_within_s: float = HEARD_WITHIN_S,
+) -> bool:
     """Listen for changes and requests on this session; return whether notifications arrive. Commits.
 
     A pooler that changes sessions between transactions forwards no notifications. If the session is not the
-    connection's own, a test notification from another connection, opened by `connect`, must arrive.
+    connection's own, a test notification from another connection, opened by `connect`, must arrive in `heard_within_s`.
     """
     with translated():
         conn.execute("LISTEN conflictdb_request", prepare=False)
         row = conn.execute("SELECT pg_backend_pid()", prepare=False).fetchone()
         conn.commit()
-        if row != (conn.info.backend_pid,) and not _is_heard(conn, connect):
+        if row != (conn.info.backend_pid,) and not _is_heard(conn, connect, heard_within_s):
             # It may still be the same session: do not notify its next user.
             conn.execute("UNLISTEN conflictdb_request", prepare=False)
             conn.commit()
@@ -96,13 +100,15 @@ def writers_notify(conn: psycopg.Connection[Any]) -> bool:
     return row == (True,)
 
 
-def _is_heard(conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Connection[Any]]) -> bool:
+def _is_heard(
+    conn: psycopg.Connection[Any], connect: Callable[[], psycopg.Connection[Any]], heard_within_s: float
+) -> bool:
     """Return whether a notification sent by another connection arrives at an idle connection."""
     token = f"heard {uuid.uuid4()}"
     with connect() as other:
         other.execute("SELECT pg_notify('conflictdb_request', %s)", [token], prepare=False)
         other.commit()
-        return any(notify.payload == token for notify in conn.notifies(timeout=_HEARD_WITHIN_S))
+        return any(notify.payload == token for notify in conn.notifies(timeout=heard_within_s))
 
 
 def wait_for_change(conn: psycopg.Connection[Any], timeout_s: float) -> bool:

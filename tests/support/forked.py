@@ -1,0 +1,116 @@
+"""Programs forked from one process that has imported the libraries of others, so that each starts in milliseconds.
+
+They are processes of their own in all other respects: arguments, environment, directory, streams, exit code, signals.
+Each imports conflictdb by itself, so an import that is missing there fails as it does for users.
+
+    python forked.py ADDRESS    forks programs until its standard input ends; run_forked.py runs one
+"""
+
+import atexit
+import gc
+import importlib
+import os
+import runpy
+import shlex
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from select import select
+from typing import Final, NoReturn
+
+_LIBRARIES: Final = (
+    "alembic.command", "fpdf", "geoalchemy2", "geopandas", "matplotlib.backends.backend_agg",
+    "matplotlib.backends.backend_svg", "matplotlib.pyplot", "pandas", "psycopg", "pyarrow.parquet", "pyogrio",
+    "scipy.optimize", "shapely", "sqlalchemy.orm", "starlette.applications", "uvicorn",
+)  # fmt: skip
+
+
+@contextmanager
+def forking(address: Path) -> Iterator[str]:
+    """Fork programs until the end of the block; yield the words of a shell that come before one and its arguments."""
+    command = [sys.executable, __file__, address]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline(), "nothing forks programs"
+        yield shlex.join([sys.executable, "-I", "-S", str(Path(__file__).with_name("run_forked.py")), str(address)])
+
+
+def _serve(address: str) -> None:
+    for library in _LIBRARIES:
+        importlib.import_module(library)
+    gc.freeze()  # what all have in common is neither searched for garbage nor copied
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(address)
+        listening.listen()
+        os.write(1, b"ready\n")
+        signal.signal(signal.SIGCHLD, _reap)
+        while listening in select([0, listening], [], [])[0]:
+            connection, _ = listening.accept()
+            with connection:
+                if os.fork() == 0:
+                    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+                    listening.close()
+                    _fork(connection)
+
+
+def _reap(*_: object) -> None:
+    with suppress(ChildProcessError):
+        while os.waitpid(-1, os.WNOHANG)[0]:
+            pass
+
+
+def _fork(connection: socket.socket) -> NoReturn:
+    """Fork one program, and return its number and its exit code to who started it."""
+    size, streams, _, _ = socket.recv_fds(connection, 4, 3)
+    with connection.makefile("rb") as stream:
+        message = stream.read(int.from_bytes(size, "big")).decode("utf-8", "surrogateescape")
+    if pid := os.fork():
+        connection.sendall(b"%d\n" % pid)
+        _, status = os.waitpid(pid, 0)
+        connection.sendall(b"%d\n" % (os.waitstatus_to_exitcode(status) % 256))
+        os._exit(0)
+    connection.close()
+    for number, stream_of in enumerate(streams):
+        os.dup2(stream_of, number)
+        os.close(stream_of)
+    sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")
+    sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace")
+    directory, count, *rest = message.split("\0")
+    words, environ = rest[: int(count)], rest[int(count) :]
+    os.chdir(directory)
+    os.environ.clear()
+    os.environ.update(variable.split("=", 1) for variable in environ)
+    _be(words)
+
+
+def _be(words: list[str]) -> NoReturn:
+    """Run the program that this process is."""
+    sys.argv = words
+    code = 0
+    try:
+        if words[0] == "conflictdb":
+            from conflictdb.cli import main
+
+            sys.exit(main())
+        sys.path[0] = str(Path(words[0]).resolve().parent)
+        runpy.run_path(words[0], run_name="__main__")
+    except SystemExit as ended:
+        code = int(ended.code or 0)
+    except BaseException:
+        traceback.print_exc()
+        code = 1
+    # As Python ends; but it would take all modules apart, which lasts longer than most programs.
+    threading._shutdown()  # type: ignore[attr-defined]
+    atexit._run_exitfuncs()
+    sys.stdout.flush()
+    os._exit(code)
+
+
+if __name__ == "__main__":
+    _serve(sys.argv[1])
