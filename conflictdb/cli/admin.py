@@ -8,9 +8,10 @@ from typing import Final
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import moment_text, remark_incomplete
-from conflictdb.cli.output import note, out, remark, table
+from conflictdb.cli.output import note, out, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
+from conflictdb.cli.tables import table
 from conflictdb.db import schema, store
 from conflictdb.model.plans import Scene
 from conflictdb.session.database import Database, connect
@@ -156,7 +157,7 @@ def _share_table(shares: list[store.Share]) -> str:
         [one.role, one.access, one.shared_by or "", moment_text(one.shared_at, up=False) if one.shared_at else ""]
         for one in shares
     ]
-    return table(["ROLE", "ACCESS", "SHARED BY", "AT (UTC)"], rows)
+    return table(["ROLE", "ACCESS", "SHARED BY", "AT (UTC)"], rows, whole=["AT (UTC)"])
 
 
 @contextmanager

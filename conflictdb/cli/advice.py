@@ -8,8 +8,9 @@ from typing import Any
 from conflictdb.advice.advise import Advice
 from conflictdb.advice.estimates import Count, Share, duration
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.output import out, print_json, table
+from conflictdb.cli.output import out, print_json
 from conflictdb.cli.session import database
+from conflictdb.cli.tables import table, wrapped
 
 
 def advise(args: argparse.Namespace) -> int:
@@ -52,11 +53,11 @@ def advice_text(advice: Advice) -> str:
     return "\n".join(
         [
             f"{scene.name}: {scene.method} on {scene.earth} at {scene.tolerance_m:g} m",
-            f"{sample}{undecided}; seed {advice.seed}",
+            wrapped(f"{sample}{undecided}; seed {advice.seed}"),
             "",
-            table(header, rows, right=header[1:]),
+            table(header, rows, right=header[1:], extra=["DATABASE", "TOO LONG: MEDIAN"]),
             "",
-            advice.recommendation,
+            wrapped(advice.recommendation),
         ]
     )
 

@@ -5,9 +5,10 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.load_report import labels, shortened
-from conflictdb.cli.output import out, print_json, table
+from conflictdb.cli.load_report import labels
+from conflictdb.cli.output import out, print_json
 from conflictdb.cli.session import database
+from conflictdb.cli.tables import table, wrapped
 from conflictdb.model.results import Delays, Forbidden, Speeds
 
 
@@ -66,7 +67,7 @@ def delays_text(found: Sequence[Delays], within_s: float, names: Mapping[str, st
             shift = f"{_duration(within_s)} or more" if slack is None else _duration(math.floor(1e3 * slack) / 1e3)
             clears = ["free", "", "", shift]
         meets = labels(names, nearest.by) if nearest else ""
-        rows.append([one.key, *clears, _clear(one), shortened(names.get(one.key)), meets])
+        rows.append([one.key, *clears, _clear(one), names.get(one.key), meets])
     if all(one.clear_within_m is None for one in found):
         header, rows = [*header[:-3], *header[-2:]], [[*row[:-3], *row[-2:]] for row in rows]
     lines = [
@@ -74,8 +75,8 @@ def delays_text(found: Sequence[Delays], within_s: float, names: Mapping[str, st
         for one in found
         if one.blocked_by and not one.has_departed
     ]
-    text = table(header, rows, right=header[2:-2])
-    return "\n".join([text, "", *lines] if lines else [text])
+    text = table(header, rows, right=header[2:-2], extra=["NAME"])
+    return "\n".join([text, "", *map(wrapped, lines)] if lines else [text])
 
 
 def speeds_text(found: Sequence[Speeds], slowest: float, fastest: float, names: Mapping[str, str]) -> str:
@@ -88,15 +89,15 @@ def speeds_text(found: Sequence[Speeds], slowest: float, fastest: float, names: 
         nearby = ["", ""] if is_free else [_factor(one, one.slower, -1), _factor(one, one.faster, 1)]
         meets = labels(names, nearest.by) if nearest else ""
         verdict = "free" if is_free else "conflict"
-        rows.append([one.key, verdict, *nearby, shortened(names.get(one.key)), meets])
+        rows.append([one.key, verdict, *nearby, names.get(one.key), meets])
     limits = f"from {slowest:g} to {fastest:g} times the planned one"
     lines = [
         f"{labels(names, [one.key])}: no speed {limits} clears {labels(names, one.blocked_by)}"
         for one in found
         if one.blocked_by
     ]
-    text = table(header, rows, right=header[2:4])
-    return "\n".join([text, "", *lines] if lines else [text])
+    text = table(header, rows, right=header[2:4], extra=["NAME"])
+    return "\n".join([text, "", *map(wrapped, lines)] if lines else [text])
 
 
 def _factor(one: Speeds, factor: float | None, sign: int) -> str:

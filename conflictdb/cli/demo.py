@@ -8,8 +8,9 @@ from typing import Final
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import conflict_table
 from conflictdb.cli.meter import shown_phases
-from conflictdb.cli.output import out, program, show_table, table
+from conflictdb.cli.output import out, program
 from conflictdb.cli.session import database
+from conflictdb.cli.tables import show_table, table, wrapped
 from conflictdb.db.detect import Run
 from conflictdb.session.database import DEMO_SCENE
 
@@ -30,8 +31,9 @@ def demo(args: argparse.Namespace) -> int:
         found = db.scene(DEMO_SCENE).conflicts()
         args.scene = DEMO_SCENE  # the last one used
         (state,) = (scene for scene in db.scenes() if scene.scene.name == DEMO_SCENE)
-    out(f"Your own plans: {command} detect my.geojson (or positions in .csv, GPX, KML, GeoPackage, GeoParquet)")
-    out(f"Here, a strait on 1 June 2026: {state.areas} closed areas, {state.tracks} moving havens.")
+    others = "(or positions in .csv, GPX, KML, GeoPackage, GeoParquet)"
+    out(wrapped(f"Your own plans: {command} detect my.geojson {others}"))
+    out(wrapped(f"Here, a strait on 1 June 2026: {state.areas} closed areas, {state.tracks} moving havens."))
     out()
     show_table(conflict_table(found))
     out()
@@ -39,13 +41,14 @@ def demo(args: argparse.Namespace) -> int:
     out()
     pairs = {(conflict.a_key, conflict.b_key) for conflict in found}
     if _FALSE_ALARM not in pairs:
-        out("CONVOY-1 and CONVOY-2 passed every stage but the last: one follows the other and they never touch.")
+        told = "passed every stage but the last: one follows the other and they never touch."
+        out(wrapped(f"CONVOY-1 and CONVOY-2 {told}"))
     if _BELOW not in pairs:
-        out("SUB-1 and SUB-2 cross, but one passes below the other: the first stage told them apart.")
+        out(wrapped("SUB-1 and SUB-2 cross, but one passes below the other: the first stage told them apart."))
     out()
     out("Try next:")
-    out(f"  {command} conflicts --scene {DEMO_SCENE} --format geojson > conflicts.geojson   # for a map")
-    out(f"  {command} export --scene {DEMO_SCENE} {DEMO_SCENE}.geojson   # change it, then:")
+    out(f"  {command} conflicts --format geojson > conflicts.geojson   # for a map")
+    out(f"  {command} export {DEMO_SCENE}.geojson   # change it, then:")
     out(f"  {command} detect {DEMO_SCENE}.geojson")
     out(f"  {command} status")
     out(f"  {command} psql   # the view conflictdb.conflicts, and what else SQL can ask")

@@ -19,9 +19,10 @@ from conflictdb.cli.load_report import (
     run_text,
 )
 from conflictdb.cli.meter import shown_phases
-from conflictdb.cli.output import data, note, out, remark, show_table
+from conflictdb.cli.output import data, note, out, remark
 from conflictdb.cli.parser import check, resolve_times
 from conflictdb.cli.session import database, load_files, wait
+from conflictdb.cli.tables import show_table, wrapped
 from conflictdb.model.settings import STORED_BY_DETECT, given
 
 # Options that need files.
@@ -116,7 +117,7 @@ def explain(args: argparse.Namespace) -> int:
     if args.format == "json":
         data([json.dumps(found.facts, indent=2), "\n"], is_json=True)
     else:
-        out(found.text)
+        out(wrapped(found.text))
     return DONE
 
 

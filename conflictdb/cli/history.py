@@ -45,6 +45,7 @@ def acknowledge(args: argparse.Namespace) -> int:
 
 def _table(events: list[ConflictEvent], names: Mapping[str, str]) -> str:
     header = ["EVENT", "AT (UTC)", "WHAT", "A", "B", "VERDICT", "FIRST CONTACT (UTC)", "LAST CONTACT (UTC)"]
+    names_of = [(names.get(event.a_key), names.get(event.b_key)) for event in events]
     rows = [
         [
             event.event,
@@ -58,9 +59,8 @@ def _table(events: list[ConflictEvent], names: Mapping[str, str]) -> str:
         ]
         for event in events
     ]
-    return table_with_names(
-        header, rows, [(names.get(event.a_key), names.get(event.b_key)) for event in events], right=["EVENT"]
-    )
+    times = [name for name in header if "UTC" in name]
+    return table_with_names(header, rows, names_of, right=["EVENT"], whole=times)
 
 
 def _facts(event: ConflictEvent) -> dict[str, object]:

@@ -9,7 +9,8 @@ from datetime import UTC, datetime, timedelta, tzinfo
 from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.cli.codes import DONE, NOT_CURRENT
-from conflictdb.cli.output import as_called, binary, coloured, data, out, remark, show_table, table
+from conflictdb.cli.output import as_called, binary, data, out, remark
+from conflictdb.cli.tables import coloured, show_table, table
 from conflictdb.errors import MOST_TOLD, NotCurrent
 from conflictdb.formats import Skipped
 from conflictdb.formats.conflict_gpx import position_of
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from conflictdb.db.store import SceneStatus
 
 _SECOND = timedelta(seconds=1)
-_NAME: Final = 24  # characters of a name in a table; the other formats have all
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,10 +123,11 @@ _Column = tuple[str, Callable[[Any], object]]
 
 def conflict_table(conflicts: Sequence[Conflict], more: Sequence[MoreColumn] = (), *, shown: Shown = _PLAIN) -> str:
     """Return a table of conflicts, one line per pair, times rounded outward to the second."""
+    times = [shown.header(text) for text in ("FIRST CONTACT", "LAST CONTACT", "AT", "UNTIL")]
     columns: list[_Column] = [
         *_PAIR,
-        (shown.header("FIRST CONTACT"), lambda one: shown.moment(one.first_contact, up=False)),
-        (shown.header("LAST CONTACT"), lambda one: shown.moment(one.last_contact, up=True)),
+        (times[0], lambda one: shown.moment(one.first_contact, up=False)),
+        (times[1], lambda one: shown.moment(one.last_contact, up=True)),
         ("PERIODS", lambda one: len(one.periods)),
     ]
     if any(one.lacking_s is not None for one in conflicts):
@@ -136,11 +137,12 @@ def conflict_table(conflicts: Sequence[Conflict], more: Sequence[MoreColumn] = (
     if "acknowledged" in shown.more:
         columns += [
             ("ACKNOWLEDGED BY", lambda one: one.acknowledged_by),
-            (shown.header("AT"), lambda one: one.acknowledged_by and shown.moment(one.acknowledged_at, up=False)),
-            (shown.header("UNTIL"), lambda one: one.acknowledged_by and shown.moment(one.acknowledged_until, up=False)),
+            (times[2], lambda one: one.acknowledged_by and shown.moment(one.acknowledged_at, up=False)),
+            (times[3], lambda one: one.acknowledged_by and shown.moment(one.acknowledged_until, up=False)),
             ("REASON", lambda one: one.acknowledged_for),
         ]
-    return _pair_table(conflicts, columns, more, right=["PERIODS", "LACKING S", "LATITUDE", "LONGITUDE"])
+    right = ["PERIODS", "LACKING S", "LATITUDE", "LONGITUDE"]
+    return _pair_table(conflicts, columns, more, right=right, whole=times)
 
 
 def approach_table(approaches: Sequence[Approach | Conflict], more: Sequence[MoreColumn] = ()) -> str:
@@ -150,18 +152,23 @@ def approach_table(approaches: Sequence[Approach | Conflict], more: Sequence[Mor
         ("CLOSEST (UTC)", lambda one: moment_text(one.closest_at, up=False)),
         ("METRES", lambda one: None if one.closest_m is None else f"{one.closest_m:.1f}"),
     ]
-    return _pair_table(approaches, columns, more, right=["METRES"])
+    return _pair_table(approaches, columns, more, right=["METRES"], whole=["CLOSEST (UTC)"])
 
 
 def _pair_table(
-    pairs: Sequence[Approach | Conflict], columns: list[_Column], more: Sequence[MoreColumn], right: Sequence[str]
+    pairs: Sequence[Approach | Conflict],
+    columns: list[_Column],
+    more: Sequence[MoreColumn],
+    right: Sequence[str],
+    whole: Sequence[str],
 ) -> str:
     """Return a table with further columns before its own, before these the scene if there are several, names last."""
     columns = [*((one.name.upper(), one.text) for one in more), *columns]
     if len({pair.scene for pair in pairs}) > 1:
         columns.insert(0, ("SCENE", lambda one: one.scene))
     rows = [[cell(pair) for _, cell in columns] for pair in pairs]
-    return table_with_names([name for name, _ in columns], rows, [(pair.a_name, pair.b_name) for pair in pairs], right)
+    names = [(pair.a_name, pair.b_name) for pair in pairs]
+    return table_with_names([name for name, _ in columns], rows, names, right, whole)
 
 
 def table_with_names(
@@ -169,23 +176,19 @@ def table_with_names(
     rows: Iterable[Sequence[object]],
     names: Sequence[tuple[str | None, str | None]],
     right: Sequence[str],
+    whole: Sequence[str],
 ) -> str:
-    """Return a table of pairs; if they have names, these are the last columns, which a narrow terminal cuts first."""
+    """Return a table of pairs; if they have names, these are the last columns, which a narrow table can do without."""
     if not any(one for row in names for one in row):
-        return table(header, rows, right)
-    shown = ([*row, *map(shortened, some)] for row, some in zip(rows, names, strict=True))
+        return table(header, rows, right=right, whole=whole)
+    shown = ([*row, *some] for row, some in zip(rows, names, strict=True))
     titles = ["A NAME", "B NAME"]
-    return table([*header, *titles], shown, right, extra=titles)
+    return table([*header, *titles], shown, right=right, whole=whole, extra=titles)
 
 
 def labels(names: Mapping[str, str], keys: Iterable[str]) -> str:
     """Return objects in a message or a cell: their keys, each with its name, if it has one."""
-    return ", ".join(labelled(key, shortened(names.get(key))) for key in keys)
-
-
-def shortened(name: str | None) -> str | None:
-    """Return a name for a table, cut to its most characters."""
-    return name if name is None or len(name) <= _NAME else f"{name[: _NAME - 1]}…"
+    return ", ".join(labelled(key, names.get(key)) for key in keys)
 
 
 def _verdict_text(pair: Conflict | Approach) -> str:
@@ -215,7 +218,7 @@ def scene_table(scenes: Sequence["SceneStatus"]) -> str:
         ]
         for one in scenes
     ]
-    return table(header, rows, right=header[1:6])
+    return table(header, rows, right=header[1:6], whole=["FINISHED (UTC)"])
 
 
 def _result(scene: "SceneStatus") -> str:

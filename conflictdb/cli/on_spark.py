@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any, Final
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import conflict_table
 from conflictdb.cli.meter import shown
-from conflictdb.cli.output import note, out, remark, show_table
+from conflictdb.cli.output import note, out, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
+from conflictdb.cli.tables import show_table
 from conflictdb.errors import ConflictDBError, StoreError
 from conflictdb.formats.contents import without_objects
 from conflictdb.formats.reading import read

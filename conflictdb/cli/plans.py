@@ -6,9 +6,10 @@ from datetime import UTC
 
 from conflictdb.cli.codes import DONE, LEFT_OUT
 from conflictdb.cli.load_report import Shown, labels, loaded_text, remark_loaded, scene_table
-from conflictdb.cli.output import binary, data, out, print_json, table
+from conflictdb.cli.output import binary, data, out, print_json
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database, load_files
+from conflictdb.cli.tables import table
 from conflictdb.formats.reading import is_parquet
 from conflictdb.formats.writing import whole_file
 from conflictdb.model.results import format_moment
@@ -65,7 +66,7 @@ def objects(args: argparse.Namespace) -> int:
         ]
         for one in found
     ]
-    out(table(header, lines, right=header[-2:]) if found else "no objects")
+    out(table(header, lines, right=header[-2:], whole=header[3:5]) if found else "no objects")
     return DONE
 
 

@@ -14,9 +14,10 @@ from conflictdb.cli.load_report import (
     remark_read,
     require_current,
 )
-from conflictdb.cli.output import out, show_table
+from conflictdb.cli.output import out
 from conflictdb.cli.parser import Parser, check
 from conflictdb.cli.session import database
+from conflictdb.cli.tables import show_table
 from conflictdb.cli.values import duration_s
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.conflict_text import MoreColumn

@@ -13,6 +13,7 @@ from conflictdb.cli.output import note, remark
 from conflictdb.db import store
 from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.formats.hints import FileHints
+from conflictdb.formats.instants import OFFSET_RULE
 from conflictdb.server import EmbeddedServer, embedded
 from conflictdb.session.database import Database, connect
 from conflictdb.session.loading import Loaded
@@ -90,7 +91,7 @@ def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
     if any(one is not None for one in given):
         haven_m = None if args.haven is None else tuple(args.haven.values())
         hints = FileHints(args.map or {}, args.time_zone and str(args.time_zone), haven_m)
-    with shown_phases() as phase:
+    with shown_phases() as phase, _advice_on_time_zone(args):
         loaded = db.load_files(
             args.files,
             args.scene,
@@ -104,6 +105,17 @@ def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
         )
     remember(_name(db), loaded[-1].scene)
     return loaded
+
+
+@contextmanager
+def _advice_on_time_zone(args: argparse.Namespace) -> Iterator[None]:
+    """Print which option helps, if a file is refused for times without offset."""
+    try:
+        yield
+    except InvalidInput as error:
+        if args.time_zone is None and OFFSET_RULE in str(error):
+            remark("times lack an offset: --time-zone ZONE says where they are local, such as UTC or Europe/Copenhagen")
+        raise
 
 
 @contextmanager

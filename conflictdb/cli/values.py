@@ -168,7 +168,11 @@ def time(text: str) -> datetime:
     if re.search(r"(Z|[+-]\d\d(:?\d\d)?)$", text.strip(), re.IGNORECASE) and len(text.strip()) > 10:
         return instant(text)
     text = text.strip()
-    return instant(f"{text}T00:00Z" if re.fullmatch(r"\d{4}-\d\d-\d\d", text) else f"{text}Z").replace(tzinfo=None)
+    try:
+        return instant(f"{text}T00:00Z" if re.fullmatch(r"\d{4}-\d\d-\d\d", text) else f"{text}Z").replace(tzinfo=None)
+    except argparse.ArgumentTypeError:
+        rule = "must be a date, or a date and time, in ISO 8601, such as 2026-03-01 or 2026-03-01T06:00"
+        raise argparse.ArgumentTypeError(f"{rule}; got {text!r:.60}") from None
 
 
 def time_or_age(text: str) -> datetime:

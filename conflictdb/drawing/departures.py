@@ -1,6 +1,6 @@
 """Figures of departures: bars of free and forbidden ones of tracks, and the coordination diagram of a pair."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -15,7 +15,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.model import inputs
 from conflictdb.model.departure_text import duration_text, least_text
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.results import Conflict, Delays, Kind
+from conflictdb.model.results import Conflict, Delays, Kind, distinct_labels
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.coordination import contact_set
 from conflictdb.stages.delays import Leeway, delays_of, differences_of
@@ -35,12 +35,19 @@ _LEAST_S: Final = 60.0
 _SLICES: Final = 100
 
 
-def plot_delays(found: Sequence[Delays], *, remark: str | None = None, left_out: int = 0) -> "Figure":
+def plot_delays(
+    found: Sequence[Delays],
+    *,
+    remark: str | None = None,
+    left_out: int = 0,
+    names: Mapping[str, str | None] | None = None,
+) -> "Figure":
     """Return a figure of free and forbidden departures: a bar for each track, its least delays marked.
 
     found : from `delays`; the first 40 are drawn
     remark : a warning to print on the figure
     left_out : how many tracks were not asked about
+    names : names of the tracks, by key; bars show the keys of others
 
     Raises InvalidInput where there are none, and ConflictDBError where there is no matplotlib.
     """
@@ -55,7 +62,8 @@ def plot_delays(found: Sequence[Delays], *, remark: str | None = None, left_out:
         for row, one in enumerate(shown):
             _draw_bar(panel, row, one)
         panel.axvline(0.0, color=INK, linewidth=0.8, zorder=4)
-        panel.set_yticks(range(len(shown)), [name_of(one.key) for one in shown])
+        labels = distinct_labels({one.key: (names or {}).get(one.key) for one in shown})
+        panel.set_yticks(range(len(shown)), [name_of(labels[one.key]) for one in shown])
         panel.set_ylim(len(shown) - 0.4, -0.6)
         panel.tick_params(axis="y", length=0)
         _delay_axis(panel, horizon_s)

@@ -202,7 +202,8 @@ def _delays(checked: Checked, conflicts: Sequence[Conflict]) -> list[Section]:
         more = ", …" if len(left_out) > _MOST_LEFT_OUT else ""
         text += f" {len(left_out):,} of {len(keys):,} are left out: {', '.join(left_out[:_MOST_LEFT_OUT])}{more}."
     first = [by_key[key] for key in keys if key in by_key]
-    figure = departures.plot_delays(first, left_out=len(left_out))
+    names = {track.key: track.name for track in checked.tracks}
+    figure = departures.plot_delays(first, left_out=len(left_out), names=names)
     caption = "Departures that are free and in conflict; the least delays are marked."
     return [Section("When they could depart instead", text, rows=rows, figures=[(caption, figure)])]
 

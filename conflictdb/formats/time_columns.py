@@ -7,7 +7,7 @@ from typing import Any, Final
 from conflictdb.formats.contents import Remark
 from conflictdb.model.plans import Area
 
-_INSTANT: Final = re.compile(r"\s*\d{4}[-/]\d\d[-/]\d\d(?:[T ]\d\d:\d\d.*)?\s*")
+_INSTANT: Final = re.compile(r"\s*(?:\d{4}[-/]\d\d[-/]\d\d|\d\d?[-/.]\d\d?[-/.]\d{4})(?:[T ]\d\d:\d\d.*)?\s*")
 _WORDS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 # Words of a name that make a number an instant.
 _TIME_WORDS: Final = frozenset(

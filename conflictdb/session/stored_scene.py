@@ -674,7 +674,8 @@ class StoredScene:
         asked = list(dict.fromkeys([*asked, *sorted(every, key=str.encode)]))[: figures.MOST_ROWS]
         of_key = {one.key: one for one in in_memory.delays(tracks, areas, settings, asked, within_s)}
         left_out = len(tracks) - len(asked)
-        return departures.plot_delays([of_key[key] for key in asked], remark=remark, left_out=left_out)
+        names = {track.key: track.name for track in tracks}
+        return departures.plot_delays([of_key[key] for key in asked], remark=remark, left_out=left_out, names=names)
 
     def plot_conflict(self, conflict: Conflict) -> "Figure":
         """Return the figure of a conflict of the scene; `conflict.plot()` calls this."""

@@ -337,6 +337,9 @@ def test_files_of_others_are_loaded_with_hints(run: Run, tmp_path: Path) -> None
     assert (row["key"], row["start_at"]) == ("TUG", "2026-06-01T09:00:00.000000Z")
     feature = run("export", "--scene", "s", "-").json["features"][0]
     assert feature["properties"]["fore_m"] == 500.0
+    unzoned = run("load", tmp_path / "tug.csv", *hints[:2], *hints[4:])
+    assert unzoned.code == 4
+    assert unzoned.err.startswith("conflictdb: times lack an offset: --time-zone ZONE says where they are local")
     for wrong in (("--map", "id"), ("--time-zone", "Mars"), ("--haven", "1,2")):
         assert run("load", tmp_path / "tug.csv", *wrong).code == 2
     assert run("detect", "--scene", "s", "--haven", "1,2,3,4").code == 2

@@ -83,7 +83,7 @@ def test_objects_are_deleted_all_or_none_and_scenes_only_by_name(run: Run) -> No
     assert run("delete", "FERRY", "nobody", "--scene", "strait").code == 4
     assert "FERRY" in run("objects", "--scene", "strait").out
     assert run("delete", "FERRY", "TOW", "--scene", "strait").out == (
-        "strait: 2 deleted: FERRY (Ferry), TOW (Tug with a barge on a l…)\n"
+        "strait: 2 deleted: FERRY (Ferry), TOW (Tug with a barge on a long line)\n"
     )
     assert "conflict (outdated)" in run("conflicts", "FERRY", "--scene", "strait").out
     for unclear in (("delete",), ("delete", "--all"), ("delete", "--scene", "strait"), ("delete", "X", "--all")):

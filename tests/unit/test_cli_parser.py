@@ -77,6 +77,10 @@ def test_a_wrong_choice_is_told_with_the_right_ones(capsys: pytest.CaptureFixtur
         ("--dns x status", "conflictdb: unknown command 'x' (see conflictdb --help)"),
         ("detct f.geojson", "conflictdb: unknown command 'detct'; did you mean detect? (see conflictdb --help)"),
         ("share bob", "conflictdb: unknown command 'share'; did you mean admin share? (see conflictdb --help)"),
+        (
+            "conflicts --from 01/06/2026",
+            "in ISO 8601, such as 2026-03-01 or 2026-03-01T06:00; got '01/06/2026' (see conflictdb conflicts --help)",
+        ),
         ("admin servce cron", "conflictdb admin: unknown command 'servce'; did you mean service? (see"),
     ],
 )

@@ -428,6 +428,8 @@ def test_bars_are_as_long_as_departures_are_forbidden(strait: Any) -> None:
     said = texts(figure)
     assert {"TOW", "51 min", "11 min 18 s", "as planned", "+2 h"} <= set(said)
     assert "Departures, earlier and later than planned (the first 7 of 10)" in said
+    names = {track.key: track.name for track in tracks}
+    assert {"Ferry", "Tug with a barge on a long …", "Survey aircraft"} <= set(texts(plot_delays(found, names=names)))
     with pytest.raises(InvalidInput, match="there are none"):
         plot_delays([])
 

@@ -2,7 +2,7 @@
 
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from io import StringIO
@@ -10,7 +10,7 @@ from io import StringIO
 import pytest
 
 from conflictdb import Conflict
-from conflictdb.cli import meter, output
+from conflictdb.cli import meter, output, tables
 from conflictdb.cli.load_report import conflict_table
 from conflictdb.model.methods import Method
 from conflictdb.model.results import Kind, Verdict
@@ -91,11 +91,11 @@ def test_tables_fit_a_terminal_and_stay_whole_in_a_pipe(
     whole = conflict_table([conflict("K" * 100)])
     assert max(map(len, whole.splitlines())) > 150
     out, _ = terminal(100)
-    output.show_table(conflict_table([conflict("K" * 100), conflict()]))
+    tables.show_table(conflict_table([conflict("K" * 100), conflict()]))
     lines = re.sub(r"\033\[\d+m", "", out.getvalue()).splitlines()
     assert max(map(len, lines)) == 100
     assert lines[1].startswith("KKKKKKKKKKKK")
-    assert "…  FERRY" in lines[1]
+    assert "…KKKKKKKKKK  FERRY" in lines[1]
     assert lines[1].endswith("2026-06-01 09:00:00  2026-06-01 09:00:00        1")
     assert lines[0].index("VERDICT") == lines[1].index("conflict") == lines[2].index("conflict")
 
@@ -103,26 +103,74 @@ def test_tables_fit_a_terminal_and_stay_whole_in_a_pipe(
 def test_names_are_the_last_columns_and_give_way_first(
     terminal: Callable[[int], tuple[Terminal, Terminal]],
 ) -> None:
-    """On a terminal with some room they are cut, with none they are left out; keys and times stay whole."""
+    """On a terminal with some room they are cut, with none they are left out, and said to be; the rest stays whole."""
     named = replace(conflict("PIER"), a_name="Pier, out of order", b_name="The ferry to the north and back")
     wide = conflict_table([named, conflict()]).splitlines()
-    assert wide[1].endswith("  1  Pier, out of order  The ferry to the north …")
+    assert wide[1].endswith("  1  Pier, out of order  The ferry to the north and back")
     assert "NAME" not in conflict_table([conflict()])
-    for width, end in ((100, "  1  Pier, out o…  The ferry t…"), (92, "  1  Pier, o…  The fer…"), (91, "  1")):
+    for width, end in ((100, "  1  Pier, ou…der  The ferr…ack"), (96, "  1  Pier, …der  The fe…ack"), (95, "  1")):
         out, _ = terminal(width)
-        output.show_table(conflict_table([named, conflict()]))
-        line = re.sub(r"\033\[\d+m", "", out.getvalue()).splitlines()[1]
+        tables.show_table(conflict_table([named, conflict()]))
+        lines = re.sub(r"\033\[\d+m", "", out.getvalue()).splitlines()
+        line = lines[1]
+        assert (lines[-1] == "(no room for A NAME, B NAME)") == (width == 95)
         assert len(line) <= width
         assert line.startswith("PIER")
         assert "2026-06-01 09:00:00  2026-06-01 09:00:00" in line
         assert line.endswith(end)
 
 
+def shown(width: int, terminal: Callable[[int], tuple[Terminal, Terminal]], **options: Sequence[str]) -> list[str]:
+    """Return the lines of a table with a name, a time and a number."""
+    terminal(width)
+    header = ["KEY", "AT THIS TIME", "NAME", "METRES"]
+    rows = [["K1", "2026-06-01 09:00:00", "Øresund, 水道 east of the island", 12]]
+    return tables.table(header, rows, right=["METRES"], whole=["AT THIS TIME"], **options).splitlines()
+
+
+def test_a_table_loses_the_least_that_makes_it_fit(terminal: Callable[[int], tuple[Terminal, Terminal]]) -> None:
+    """Text is shortened before times wrap; before either would be too narrow, each row is a block that has it all."""
+    assert shown(80, terminal)[1:] == ["K1   2026-06-01 09:00:00  Øresund, 水道 east of the island      12"]
+    assert shown(56, terminal)[1:] == ["K1   2026-06-01 09:00:00  Øresund, 水道 … island      12"]
+    assert shown(36, terminal) == [
+        "KEY  AT THIS     NAME         METRES",
+        "     TIME",
+        "K1   2026-06-01  Øresund…and      12",
+        "     09:00:00",
+    ]
+    assert shown(30, terminal) == [
+        "KEY           K1",
+        "AT THIS TIME  2026-06-01",
+        "              09:00:00",
+        "NAME          Øresund, 水道",
+        "              east of the",
+        "              island",
+        "METRES        12",
+    ]
+    assert shown(36, terminal, extra=["NAME"])[-1] == "(no room for NAME)"
+
+
+@pytest.mark.parametrize("width", [26, 27, 28, 33, 40, 60])
+def test_no_line_is_wider_than_the_terminal(
+    width: int, terminal: Callable[[int], tuple[Terminal, Terminal]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also if words are longer than the room, and if characters are two columns wide."""
+    for options in ({}, {"extra": ["NAME"]}):
+        assert max(map(tables._width, shown(width, terminal, **options))) <= width
+    terminal(width)
+    lines = tables.table(["KEY", "NAME"], [["K" * 99, "水" * 99]], whole=["KEY", "NAME"]).splitlines()
+    assert max(map(tables._width, lines)) <= width
+    assert "".join(lines).count("水") == 99
+    assert max(map(len, tables.wrapped(f"  {'word ' * 40}{'w' * 100}").splitlines())) <= width
+    monkeypatch.setattr("sys.stdout", StringIO())
+    assert tables.table(["KEY"], [["K" * 99]]) == f"KEY\n{'K' * 99}"
+
+
 def test_verdicts_have_colours_on_a_terminal(
     terminal: Callable[[int], tuple[Terminal, Terminal]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, _ = terminal(120)
-    output.show_table(conflict_table([conflict(verdict=one) for one in Verdict]))
+    tables.show_table(conflict_table([conflict(verdict=one) for one in Verdict]))
     text = out.getvalue()
     assert f"{RED}conflict{RESET}" in text
     assert len(set(re.findall(r"\033\[\d+m", text))) == 5
@@ -136,7 +184,7 @@ def test_verdicts_have_colours_on_a_terminal(
 
 def test_a_key_cannot_colour_anything(terminal: Callable[[int], tuple[Terminal, Terminal]]) -> None:
     out, _ = terminal(120)
-    output.show_table(conflict_table([conflict("\ue000evil\ue00f\033[2J")]))
+    tables.show_table(conflict_table([conflict("\ue000evil\ue00f\033[2J")]))
     assert "\\ue000evil\\ue00f\\x1b[2J" in out.getvalue()
     assert out.getvalue().count(RED) == 1
     assert "\033[2J" not in out.getvalue()
