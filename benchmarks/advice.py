@@ -23,7 +23,7 @@ from workloads import LOW_LATITUDE, throw
 
 import conflictdb
 from conflictdb import Method
-from conflictdb.advice.estimates import Setting
+from conflictdb.advice.estimates import Trial
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
 from conflictdb.earth.registry import plane_of
@@ -75,7 +75,7 @@ def compare(db, scene, areas, tracks, repeat) -> None:
             made_s.append((time.perf_counter() - started) / len(pieces))
             detect(db, scene.name, method=other, jobs=1)
             runs.append(detect(db, scene.name, method=method, jobs=1))
-        run, one = medians(runs), foretold[Setting(method, scene.tolerance_m)]
+        run, one = medians(runs), foretold[Trial(method, scene.tolerance_m)]
         seconds = run.cpu_s or run.total_s
         print(
             ROW.format(

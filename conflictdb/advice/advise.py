@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.advice.estimates import Count, Estimate, Setting, Share, duration, recommendation
+from conflictdb.advice.estimates import Count, Estimate, Proportion, Trial, duration, recommendation
 from conflictdb.arrays import Floats
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -34,11 +34,11 @@ from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_stages
 from conflictdb.stages.stage2_intersection import intersections
 
-__all__ = ["Advice", "Estimate", "Setting", "advise"]
+__all__ = ["Advice", "Estimate", "Trial", "advise"]
 
 TRIED: Final = (Method.SCREEN, Method.EXACT)
 TOLERANCES_M: Final = (0.0, 1.0, 10.0)  # besides the scene's own
-REFERENCE: Final = Setting(Method.EXACT, 0.0)
+REFERENCE: Final = Trial(Method.EXACT, 0.0)
 # Default number of drawn pairs of objects: shares within 5 %, and an answer within seconds.
 SAMPLE: Final = 500
 # Average number of pairs of pieces in a sample: one pair of areas with coastlines has thousands.
@@ -112,7 +112,7 @@ def advise(
         return Advice(scene, seed, count, 0, 0, 0, (), why)
     truth = drawn.solved(REFERENCE).answer
     tolerances = sorted({scene.tolerance_m, *TOLERANCES_M})
-    estimates = [drawn.estimate(Setting(method, m), truth) for method in TRIED for m in tolerances]
+    estimates = [drawn.estimate(Trial(method, m), truth) for method in TRIED for m in tolerances]
     said, undecided = recommendation(estimates, scene.method, scene.tolerance_m), int(truth["open"].sum())
     return Advice(scene, seed, count, drawn.pairs, len(drawn.keys), undecided, tuple(estimates), said)
 
@@ -171,7 +171,7 @@ class _Sample:
         """Return seconds of the database for units of work: per piece of the scene, and others."""
         return FIXED_S + self._piece_s * (per_piece * self._pieces + other)
 
-    def estimate(self, setting: Setting, truth: NDArray[Any]) -> Estimate:
+    def estimate(self, setting: Trial, truth: NDArray[Any]) -> Estimate:
         """Return the cost and error of a setting, against an answer of the reference."""
         done, n = self.solved(setting), len(self.keys)
         scale, fraction, found = self.pairs / n, n / self.pairs, done.answer
@@ -182,7 +182,7 @@ class _Sample:
             + WRITE_PER_CONFLICT * scale * reported
             + REGION_PER_CONFLICT * scale * done.without_region,
         )
-        share, too_long_s = Share.sampled(reported, n, fraction), _too_long_s(found, truth)
+        share, too_long_s = Proportion.sampled(reported, n, fraction), _too_long_s(found, truth)
         # Pairs that the reference leaves open are not false. The reference has no errors against itself.
         false = int((found["found"] & ~truth["found"]).sum())
         return Estimate(
@@ -192,14 +192,14 @@ class _Sample:
             candidate_pairs=scale * done.candidates,
             intersecting_pairs=scale * done.intersecting,
             conflicts=Count(scale * reported, self.pairs * share.low, self.pairs * share.high),
-            false_share=Share.sampled(false, reported, 1.0 if setting == REFERENCE else fraction),
-            unresolved_share=Share.sampled(int(found["open"].sum()), reported, fraction),
+            false_share=Proportion.sampled(false, reported, 1.0 if setting == REFERENCE else fraction),
+            unresolved_share=Proportion.sampled(int(found["open"].sum()), reported, fraction),
             too_long_median_s=float(np.median(too_long_s)) if len(too_long_s) else np.nan,
             too_long_worst_s=float(np.max(too_long_s)) if len(too_long_s) else np.nan,
             time_error_s=float(found["error_s"].max()),
         )
 
-    def solved(self, setting: Setting) -> _Solved:
+    def solved(self, setting: Trial) -> _Solved:
         """Solve the drawn pairs with a setting, as a detection does."""
         scene = replace(self._scene, method=setting.method, tolerance_m=setting.tolerance_m)
         pieces, a, b = self._drawn(scene)

@@ -24,7 +24,7 @@ _UNITS: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class Trial:
     """A method and a tolerance (metres); all else is as in the scene."""
 
     method: Method
@@ -32,7 +32,7 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
+class Proportion:
     """The number of sampled pairs with a property, and the 95 % interval of their share among all pairs of the scene.
 
     Without sampled pairs (`of` is 0) the interval is [0, 1]; if all pairs were sampled it is the share itself.
@@ -44,7 +44,7 @@ class Share:
     high: float
 
     @classmethod
-    def sampled(cls, count: int, of: int, fraction: float) -> "Share":
+    def sampled(cls, count: int, of: int, fraction: float) -> "Proportion":
         """Return the share of `count` pairs among `of`, drawn without repetition; `fraction` of all pairs are drawn.
 
         The exact interval of a binomial share (Clopper and Pearson 1934) with finite population correction. It contains
@@ -94,14 +94,14 @@ class Estimate:
     time_error_s : widest error bound in the answer, seconds
     """
 
-    setting: Setting
+    setting: Trial
     seconds: float
     database_s: float
     candidate_pairs: float
     intersecting_pairs: float
     conflicts: Count
-    false_share: Share
-    unresolved_share: Share
+    false_share: Proportion
+    unresolved_share: Proportion
     too_long_median_s: float
     too_long_worst_s: float
     time_error_s: float
@@ -110,7 +110,7 @@ class Estimate:
 def recommendation(estimates: Sequence[Estimate], method: Method, tolerance_m: float) -> str:
     """Return one or two sentences of advice for a scene with these settings."""
     at = {one.setting: one for one in estimates}
-    exact, screen = (at[Setting(one, tolerance_m)] for one in (Method.EXACT, Method.SCREEN))
+    exact, screen = (at[Trial(one, tolerance_m)] for one in (Method.EXACT, Method.SCREEN))
     if exact.seconds > max(PATIENCE_S, 2.0 * screen.seconds):
         advice = "look with screen whether there is trouble, and use exact for what goes into an order"
     else:

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from conflictdb.advice.advise import Advice
-from conflictdb.advice.estimates import Count, Share, duration
+from conflictdb.advice.estimates import Count, Proportion, duration
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import out, print_json
 from conflictdb.cli.session import database
@@ -67,7 +67,7 @@ def _count(count: Count) -> str:
     return f"{count.value:,.0f}" if low == high else f"{count.value:,.0f} ({low}-{high})"
 
 
-def _share(share: Share) -> str:
+def _share(share: Proportion) -> str:
     """Return a count, and its share of all in percent or its bound; only 0 if the share is certainly 0."""
     if share.high == 0.0:
         return "0"

@@ -27,7 +27,7 @@ from conflictdb.in_memory import solve
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
 from conflictdb.model.settings import NUMBERS, given
-from conflictdb.model.speeds import MAX_SPEED_KN
+from conflictdb.model.speed_limits import MAX_SPEED_KN
 from conflictdb.server.options import Settings
 from conflictdb.session.database import DEMO_SCENE
 from conflictdb.spark import engine

@@ -23,7 +23,7 @@ from conflictdb.cli.values import (
     zone,
 )
 from conflictdb.model.methods import Method
-from conflictdb.model.settings import Setting, Type
+from conflictdb.model.settings import Setting, SettingType
 from conflictdb.stages.memory import MEMORY_MB
 
 APPROACH_FORMATS: Final = ("table", "json", "csv", "geojson")
@@ -38,10 +38,10 @@ _OPTIONS: Final[Mapping[str, tuple[Callable[[str], Any], object, str, str]]] = {
     "--wait": (duration_s, None, "DURATION", "wait for a worker, else exit with 7"),
 }
 # Values of settings, and their names in help.
-_VALUES: Final[Mapping[Type, tuple[Callable[[str], Any], str]]] = {
-    Type.METRES: (metres, "M"),
-    Type.SECONDS: (seconds, "DURATION"),
-    Type.PLACE: (place, "LON,LAT"),
+_VALUES: Final[Mapping[SettingType, tuple[Callable[[str], Any], str]]] = {
+    SettingType.METRES: (metres, "M"),
+    SettingType.SECONDS: (seconds, "DURATION"),
+    SettingType.PLACE: (place, "LON,LAT"),
 }
 _FLAGS: Final = {
     "--fail-on-conflict": "exit with 10 on conflicts",

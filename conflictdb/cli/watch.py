@@ -15,7 +15,7 @@ from conflictdb.errors import ConflictDBError
 
 if TYPE_CHECKING:
     from conflictdb.db.detect import Run
-    from conflictdb.db.worker import Report, State
+    from conflictdb.db.worker import Report, WorkerState
 
 # A worker is stuck if it is this much late in looking for changes, and not detecting.
 _STUCK_S: Final = 60.0
@@ -24,7 +24,7 @@ _CLIENT_S: Final = 10.0
 _BUCKETS_S: Final = (0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 300.0, 1800.0)
 
 
-def health(state: "State", every_s: float) -> tuple[bool, dict[str, object]]:
+def health(state: "WorkerState", every_s: float) -> tuple[bool, dict[str, object]]:
     """Return whether a worker that looks for changes every `every_s` seconds is healthy, and its activity."""
     looked_s_ago = time.monotonic() - state.looked_at_s
     is_stuck = state.scene is None and looked_s_ago > every_s + _STUCK_S
@@ -36,7 +36,7 @@ def health(state: "State", every_s: float) -> tuple[bool, dict[str, object]]:
 class Metrics:
     """The metrics of a worker; raises ConflictDBError without prometheus_client."""
 
-    def __init__(self, state: "State") -> None:
+    def __init__(self, state: "WorkerState") -> None:
         try:
             from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
             from prometheus_client.core import GaugeMetricFamily
@@ -69,7 +69,7 @@ class Metrics:
         for name, (text, value) in shown.items():
             Gauge(f"conflictdb_{name}", text, registry=self._registry).set_function(value)
 
-        class Conflicts(Collector):
+        class ConflictCollector(Collector):
             def collect(self) -> Iterator[GaugeMetricFamily]:
                 """Yield the numbers of conflicts that the worker counted last."""
                 labels = ["scene", "verdict", "acknowledged"]
@@ -78,7 +78,7 @@ class Metrics:
                     family.add_metric([scene, verdict, "yes" if is_acknowledged else "no"], number)
                 yield family
 
-        self._registry.register(Conflicts())
+        self._registry.register(ConflictCollector())
 
     def counted(self, report: "Report") -> "Report":
         """Return a function that counts a detection and then calls `report`."""
@@ -98,7 +98,7 @@ class Metrics:
 
 
 @contextmanager
-def served(address: tuple[str, int], state: "State", metrics: Metrics, every_s: float) -> Iterator[int]:
+def served(address: tuple[str, int], state: "WorkerState", metrics: Metrics, every_s: float) -> Iterator[int]:
     """Serve HTTP at (host, port) during the context; yields the port, which port 0 leaves to the system.
 
     Raises ConflictDBError if it cannot listen.
@@ -127,7 +127,7 @@ def served(address: tuple[str, int], state: "State", metrics: Metrics, every_s: 
         def log_message(self, format: str, *arguments: Any) -> None:  # noqa: A002
             """Print nothing: the log is for the worker's own work."""
 
-    class Server(ThreadingTCPServer):
+    class HealthServer(ThreadingTCPServer):
         allow_reuse_address = True
         daemon_threads = True
         address_family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
@@ -136,7 +136,7 @@ def served(address: tuple[str, int], state: "State", metrics: Metrics, every_s: 
             """Ignore a client that has disconnected."""
 
     try:
-        server = Server(address, Handler)
+        server = HealthServer(address, Handler)
     except OSError as error:
         raise ConflictDBError(f"--http: cannot listen on {address[0]}, port {address[1]}: {error}") from error
     with server:

@@ -27,7 +27,7 @@ import psycopg
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import follow_attached, store
-from conflictdb.db.differences import refresh_differences
+from conflictdb.db.difference_rows import refresh_differences
 from conflictdb.db.sources import FewSource, SceneSource
 from conflictdb.earth.registry import plane_of
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError

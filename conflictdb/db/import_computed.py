@@ -24,7 +24,7 @@ from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.db import store
 from conflictdb.db.detect import refresh_pieces
-from conflictdb.db.differences import refresh_differences
+from conflictdb.db.difference_rows import refresh_differences
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Scene
 from conflictdb.stages.memory import MEMORY_MB, Memory

@@ -19,7 +19,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db import store
-from conflictdb.db.delays import delays
+from conflictdb.db.free_departures import delays
 from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput

@@ -68,7 +68,7 @@ class _Busy:
 
 
 @dataclass(slots=True)
-class State:
+class WorkerState:
     """The present activity of a worker, for an observer in another thread.
 
     is_connected : whether its connection works, as far as it knows
@@ -118,7 +118,7 @@ class Worker:
     lock_timeout_s: float | None = None
     say: store.Say = _log.warning
     memory_mb: int = MEMORY_MB
-    state: State = field(default_factory=State)
+    state: WorkerState = field(default_factory=WorkerState)
     counts: bool = False
     retry_s: float = 1.0
     busy_s: float = 1.0

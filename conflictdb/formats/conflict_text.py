@@ -166,22 +166,22 @@ def _between(a_deg: Position, b_deg: Position) -> str:
 
 
 # What a value, never None, looks like in JSON, and in CSV where that differs.
-_JSON: Final[dict[record.Type, Callable[[Any], str]]] = {
-    record.Type.TEXT: encode_basestring,
-    record.Type.NAME: encode_basestring,
-    record.Type.INSTANT: _quoted,
-    record.Type.PERIODS: _periods,
-    record.Type.NUMBER: _number,
-    record.Type.WHOLE: str,
-    record.Type.TRUTH: _truth,
-    record.Type.POINT: _point,
-    record.Type.REGION: str,  # JSON already
+_JSON: Final[dict[record.ColumnType, Callable[[Any], str]]] = {
+    record.ColumnType.TEXT: encode_basestring,
+    record.ColumnType.NAME: encode_basestring,
+    record.ColumnType.INSTANT: _quoted,
+    record.ColumnType.PERIODS: _periods,
+    record.ColumnType.NUMBER: _number,
+    record.ColumnType.WHOLE: str,
+    record.ColumnType.TRUTH: _truth,
+    record.ColumnType.POINT: _point,
+    record.ColumnType.REGION: str,  # JSON already
 }
-_CSV: Final[dict[record.Type, Callable[[Any], str]]] = _JSON | {
-    record.Type.TEXT: cell,
-    record.Type.NAME: str,
-    record.Type.INSTANT: _moment,
-    record.Type.PERIODS: interval_text,
+_CSV: Final[dict[record.ColumnType, Callable[[Any], str]]] = _JSON | {
+    record.ColumnType.TEXT: cell,
+    record.ColumnType.NAME: str,
+    record.ColumnType.INSTANT: _moment,
+    record.ColumnType.PERIODS: interval_text,
 }
 
 
@@ -212,7 +212,7 @@ class _Form:
 
 _CONFLICT: Final = _Form(record.COLUMNS)
 _APPROACH: Final = _Form(record.APPROACH_COLUMNS)
-_PROPERTIES: Final = _Form([column for column in record.COLUMNS if column.type is not record.Type.REGION])
+_PROPERTIES: Final = _Form([column for column in record.COLUMNS if column.type is not record.ColumnType.REGION])
 
 
 def _form(one: Conflict | Approach) -> _Form:

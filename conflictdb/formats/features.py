@@ -27,7 +27,7 @@ _MOST_NAMED: Final = 10
 
 
 def area_of_polygon(
-    where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.Setting
+    where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.FileContext
 ) -> Area:
     """Return the area of a feature; `number` is its key if it has none. Raises InvalidInput with all errors."""
     key, values = _keyed(where, number, values, file_objects.AREA_MEMBERS)
@@ -46,7 +46,7 @@ def area_of_polygon(
 
 
 def area_of_circle(
-    where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.Setting
+    where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.FileContext
 ) -> Area:
     """Return the area of a point with a radius; `number` is its key if it has none. Raises InvalidInput."""
     key, values = _keyed(where, number, values, file_objects.AREA_MEMBERS | {"radius_m"})
@@ -55,7 +55,7 @@ def area_of_circle(
 
 
 def track_of_line(
-    where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.Setting
+    where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.FileContext
 ) -> Track | TrackAtSpeed:
     """Return the track of a feature; `number` is its key if it has none. Raises InvalidInput with all errors."""
     key, values = _keyed(where, number, values, file_objects.TRACK_MEMBERS)

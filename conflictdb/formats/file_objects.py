@@ -20,7 +20,7 @@ from conflictdb.formats.reference import Systems, ToDegrees
 from conflictdb.formats.track_times import TrackAtSpeed
 from conflictdb.model.inputs import all_certain, certain
 from conflictdb.model.plans import METRES_PER_NMI, Area, Scene, Track, rectangle_outline_m
-from conflictdb.model.speeds import MPS_PER_KNOT
+from conflictdb.model.speed_limits import MPS_PER_KNOT
 
 SIDES: Final = ("fore", "aft", "port", "starboard")
 TIMES: Final = ("times", "datetimes")
@@ -46,7 +46,7 @@ TRACK_ELSEWHERE: Final = _SETTINGS | {
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class FileContext:
     """Context of a file for reading its objects.
 
     scene : its settings, or defaults
@@ -65,7 +65,7 @@ class Setting:
     corners: Corners = field(default_factory=Corners)
 
 
-def area(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) -> Area:
+def area(key: str, geometry: dict[str, Any], fields: Fields, setting: FileContext) -> Area:
     """Return the area of a feature; raises InvalidInput with all errors."""
     with fields.refusals:
         footprint = _footprint(geometry, fields, setting)
@@ -74,7 +74,7 @@ def area(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) -
     return Area(key, footprint, **members)
 
 
-def _footprint(geometry: dict[str, Any], fields: Fields, setting: Setting) -> shapely.MultiPolygon:
+def _footprint(geometry: dict[str, Any], fields: Fields, setting: FileContext) -> shapely.MultiPolygon:
     """Return the polygon of an area, or one that contains its circle."""
     if geometry["type"] in AREA_TYPES:
         footprint = multipolygon(fields.who, geometry)
@@ -91,7 +91,7 @@ def _footprint(geometry: dict[str, Any], fields: Fields, setting: Setting) -> sh
     return disc(fields.who, float(place[0, 0]), float(place[0, 1]), radius_m, setting.scene, setting.corners)
 
 
-def area_members(fields: Fields, setting: Setting) -> dict[str, Any]:
+def area_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
     """Return the members of an area besides key and footprint; errors are added to the fields' refusals."""
     members = {
         "name": fields.text("name"),
@@ -107,7 +107,7 @@ def area_members(fields: Fields, setting: Setting) -> dict[str, Any]:
     return members
 
 
-def track(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) -> Track | TrackAtSpeed:
+def track(key: str, geometry: dict[str, Any], fields: Fields, setting: FileContext) -> Track | TrackAtSpeed:
     """Return the track of a feature; raises InvalidInput with all errors.
 
     Its times are given, one per waypoint (`times`, or `datetimes` as OGC Moving Features calls them), or follow from
@@ -144,7 +144,7 @@ def track(key: str, geometry: dict[str, Any], fields: Fields, setting: Setting) 
     return TrackAtSpeed(key, positions, start_us, speed, speed_mps, members)
 
 
-def track_members(fields: Fields, setting: Setting) -> dict[str, Any]:
+def track_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
     """Return the members of a track besides key, positions and times: haven, name, heights, properties.
 
     Errors are added to the fields' refusals.

@@ -11,7 +11,7 @@ from conflictdb.earth import geodesy
 from conflictdb.formats.contents import FileRefusals, Skipped
 from conflictdb.model.inputs import all_certain
 from conflictdb.model.plans import EarthModel, Track, rectangle_outline_m
-from conflictdb.model.speeds import MPS_PER_KNOT
+from conflictdb.model.speed_limits import MPS_PER_KNOT
 
 SIDES: Final = ("fore_m", "aft_m", "port_m", "starboard_m")
 LENGTH_WIDTH: Final = ("length_m", "width_m")

@@ -36,7 +36,9 @@ def as_feature(document: dict[str, Any], stem: str) -> dict[str, Any]:
     return {"id": stem, **document}
 
 
-def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any], setting: file_objects.Setting) -> Track:
+def track(
+    key: str, feature: Mapping[str, Any], properties: Mapping[str, Any], setting: file_objects.FileContext
+) -> Track:
     """Return the track of a feature with a temporalGeometry; raises InvalidInput with all errors."""
     fields = Fields(f"track {key!r}", properties)
     with fields.refusals:
@@ -55,7 +57,7 @@ def track(key: str, feature: Mapping[str, Any], properties: Mapping[str, Any], s
 
 
 def _course(
-    fields: Fields, moving: Any, setting: file_objects.Setting
+    fields: Fields, moving: Any, setting: file_objects.FileContext
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the positions and instants of a temporal geometry."""
     where = "temporalGeometry"

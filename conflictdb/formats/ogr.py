@@ -215,7 +215,7 @@ def _features(
     if layer.crs is None:
         rule = "is unknown: the file must say its reference system (a Shapefile needs its .prj)"
         raise InvalidInput(who, "reference system", rule)
-    setting = file_objects.Setting(scene, (), of_name(who, layer.crs), RENAME_COLUMN)
+    setting = file_objects.FileContext(scene, (), of_name(who, layer.crs), RENAME_COLUMN)
     has_times = not TIMES_OR_SPEED.isdisjoint(name.lower() for name in layer.fields)
     others: dict[str, list[int]] = defaultdict(list)
     is_kml = set(layer.fields) >= _KML_FIELDS

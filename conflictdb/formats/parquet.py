@@ -65,7 +65,7 @@ from conflictdb.formats.time_columns import is_time_like, without_times
 from conflictdb.formats.track_times import MAX_DURATION_S, TrackAtSpeed, timed
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
-from conflictdb.model.speeds import MAX_SPEED_KN
+from conflictdb.model.speed_limits import MAX_SPEED_KN
 
 # Limit on a file in Arrow format; as objects it takes five times that memory, JSON thirty times.
 MAX_PARQUET_MB: Final = 400.0
@@ -213,7 +213,7 @@ def _bounded(batches: "Iterator[pa.RecordBatch]", most_mb: float) -> "Iterator[p
 
 def _read_rows(found: _Found, batches: "Iterator[pa.RecordBatch]", layout: Layout) -> Iterator[None]:
     """Read rows, one object each, in batches."""
-    setting = file_objects.Setting(found.scene, (), layout.to_degrees, RENAME_COLUMN)
+    setting = file_objects.FileContext(found.scene, (), layout.to_degrees, RENAME_COLUMN)
     row = 0
     for batch in batches:
         _add_rows(found, batch, row, layout, setting)
@@ -285,7 +285,9 @@ def _from_first_rows(batches: "Iterator[pa.RecordBatch]") -> "tuple[pa.RecordBat
     return None, iter(())
 
 
-def _add_rows(found: _Found, batch: "pa.RecordBatch", row: int, layout: Layout, setting: file_objects.Setting) -> None:
+def _add_rows(
+    found: _Found, batch: "pa.RecordBatch", row: int, layout: Layout, setting: file_objects.FileContext
+) -> None:
     """Add the objects of a batch whose first row has number `row`."""
     shapes = layout.shapes(batch.column(layout.geometry), row)
     names, columns = _values(batch, {layout.geometry, *layout.aside})

@@ -25,7 +25,7 @@ from conflictdb.formats.file_objects import (
     TRACK_ELSEWHERE,
     TRACK_GUARDED,
     TRACK_MEMBERS,
-    Setting,
+    FileContext,
 )
 from conflictdb.formats.geometry import TRACK_TYPE
 from conflictdb.formats.hints import are_applied
@@ -79,7 +79,7 @@ _Made = TypeVar("_Made", Area, Track)
 _Make: TypeAlias = Callable[[Sequence[_One]], list[_Made | None] | None]
 
 
-def objects(features: Sequence[Any], setting: Setting) -> list[Area | Track | None]:
+def objects(features: Sequence[Any], setting: FileContext) -> list[Area | Track | None]:
     """Return the objects of plain features, None for all others."""
     found: list[Area | Track | None] = [None] * len(features)
     if setting.to_degrees is not None or are_applied():
@@ -102,7 +102,7 @@ def objects(features: Sequence[Any], setting: Setting) -> list[Area | Track | No
     return found
 
 
-def _plain(row: int, feature: Any, setting: Setting) -> _PlainArea | _PlainTrack:
+def _plain(row: int, feature: Any, setting: FileContext) -> _PlainArea | _PlainTrack:
     _require(type(feature) is dict and feature.keys() == _FEATURE and feature["type"] == "Feature")
     geometry, properties = feature["geometry"], feature["properties"]
     _require(type(geometry) is dict and geometry.keys() == _GEOMETRY and type(properties) is dict)

@@ -28,7 +28,7 @@ from conflictdb.formats.hints import renamed
 from conflictdb.formats.instants import parse_instant
 from conflictdb.formats.json_text import check_text
 from conflictdb.formats.names import RENAME_COLUMN, SETTING_RULE, SETTINGS, misnamed
-from conflictdb.model.speeds import AIS_MAX_SPEED_KN, MAX_SPEED_KN
+from conflictdb.model.speed_limits import AIS_MAX_SPEED_KN, MAX_SPEED_KN
 
 # Column of this package -> accepted names, in lower case; the first is the package's own.
 COLUMNS: Final = {

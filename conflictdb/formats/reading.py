@@ -33,7 +33,7 @@ from conflictdb.formats.scene_file import read_scene
 from conflictdb.formats.summary import Summary
 from conflictdb.formats.time_columns import TimeColumns
 from conflictdb.model.plans import Area, Track, rectangle_outline_m
-from conflictdb.model.speeds import MAX_SPEED_KN
+from conflictdb.model.speed_limits import MAX_SPEED_KN
 
 # Limit on a file's unpacked size: JSON takes up to thirty times that memory. Some 150,000 simple objects fit, and a
 # scene may have many files.

@@ -115,7 +115,7 @@ def _read(text: str, stem: str, max_speed_kn: float, source: str, phase: Phase, 
         refusals.raise_found()
         raise AssertionError
     in_scene = scene or Scene(stem)
-    setting = file_objects.Setting(in_scene, foreign, to_degrees, systems=systems)
+    setting = file_objects.FileContext(in_scene, foreign, to_degrees, systems=systems)
     of_objects = FileRefusals()
     items: dict[int, Area | Track | TrackAtSpeed] = {}
     for first in range(0, len(features), _AT_ONCE):
@@ -183,7 +183,7 @@ def _feature(item: Area | Track) -> dict[str, Any]:
     return {"type": "Feature", "id": item.key, "geometry": geometry, "properties": properties}
 
 
-def _object(i: int, feature: Any, setting: file_objects.Setting) -> Area | Track | TrackAtSpeed:
+def _object(i: int, feature: Any, setting: file_objects.FileContext) -> Area | Track | TrackAtSpeed:
     who = f"features[{i}]"
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
         raise InvalidInput(who, "type", "must be a GeoJSON Feature")
@@ -219,7 +219,7 @@ def _object(i: int, feature: Any, setting: file_objects.Setting) -> Area | Track
 
 
 def _plain(
-    key: str, geometry: Any, properties: dict[str, Any], setting: file_objects.Setting
+    key: str, geometry: Any, properties: dict[str, Any], setting: file_objects.FileContext
 ) -> Area | Track | TrackAtSpeed:
     """Return the object of a feature with a geometry of plain GeoJSON."""
     kind = geometry_type(f"feature {key!r}", geometry)

@@ -11,7 +11,7 @@ from conflictdb.earth import geodesy
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model.inputs import all_certain
 from conflictdb.model.plans import MAX_LATITUDE_DEG, MAX_RHUMB_LATITUDE_DEG, Area, EarthModel, Motion, Scene, Track
-from conflictdb.model.speeds import MPS_PER_KNOT, SPEED_SLACK, leg_refused, legs_too_fast, too_fast
+from conflictdb.model.speed_limits import MPS_PER_KNOT, SPEED_SLACK, leg_refused, legs_too_fast, too_fast
 
 # A longer plan leaves the years 1 to 9999 anyway; below this limit, microseconds fit 64 bits.
 MAX_DURATION_S: Final = 3.2e11

@@ -68,7 +68,7 @@ class Work:
     contacts_s: float = field(default=0.0, compare=False)
 
 
-class State(IntEnum):
+class PieceState(IntEnum):
     """State of a piece of a scene (KernelState)."""
 
     INVALID = 0  # or not used
@@ -102,7 +102,7 @@ class KernelScene:
         return np.asarray(self.vertex_count.take(a, mode="clip") + self.vertex_count.take(b, mode="clip"))
 
     def states(self) -> NDArray[np.int8]:
-        """Return the `State` of each piece."""
+        """Return the `PieceState` of each piece."""
         found = np.empty(len(self.pieces), np.int8)
         check(library().kernel_states(self.handle, found.ctypes.data))
         return found

@@ -21,7 +21,7 @@ from conflictdb.errors import ConflictDBError, InvalidInput, NotPermitted
 from conflictdb.map import content, land
 from conflictdb.map.content import Pair, to_json
 from conflictdb.map.guard import Access, Guard
-from conflictdb.map.live import Changes
+from conflictdb.map.live import SceneChanges
 
 Connection = psycopg.Connection[Any]
 Connect = Callable[[], Connection]
@@ -92,7 +92,7 @@ class Answers:
     """Request handlers for the page of one scene; they run in threads, except `events`."""
 
     def __init__(self, scene: str, connect: Connect, access: Access) -> None:
-        self.changes = Changes(scene, connect)
+        self.changes = SceneChanges(scene, connect)
         self.connections = Connections(connect)
         self._scene = scene
         self._connect = connect

@@ -9,7 +9,7 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb.db import store
-from conflictdb.model.settings import SETTINGS, Type
+from conflictdb.model.settings import SETTINGS, SettingType
 
 _LENGTH: Final = struct.Struct("<I")
 # A conflict in the numbers of routine _map_conflicts, without its periods, each of which is two 8-byte numbers.
@@ -49,7 +49,7 @@ def settings(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
         state = store.scene_state(conn, scene)
     return {
         "scene": scene,
-        **{one.name: getattr(own, one.name) for one in SETTINGS if one.type is not Type.PLACE},
+        **{one.name: getattr(own, one.name) for one in SETTINGS if one.type is not SettingType.PLACE},
         "objects": state.objects,
         "is_current": state.is_current,
         "remark": state.remark,

@@ -18,7 +18,7 @@ _log = logging.getLogger(__name__)
 
 # Delay until an end is noticed, and before reconnecting.
 _PAUSE_S: Final = 0.5
-# Changes within this time are sent as one.
+# SceneChanges within this time are sent as one.
 _TOGETHER_S: Final = 0.1
 # How often to check whether the scene is still visible, of which the database sends no notification.
 _LOOK_S: Final = 1.0
@@ -29,7 +29,7 @@ OBJECTS: Final = "objects"
 CONFLICTS: Final = "conflicts"
 
 
-class Changes:
+class SceneChanges:
     """Listens in its own thread, and sends each subscriber the kind of change: OBJECTS, CONFLICTS.
 
     version : grows with each change; data read before it are out of date

@@ -37,7 +37,7 @@ def conflict_frame(rows: "Sequence[Conflict]") -> "pd.DataFrame":
     `geometry` is a conflict's region, where that was read, else its first contact, else the line between the nearest
     points.
     """
-    return _frame(rows, [_GEOMETRY if one.type is record.Type.REGION else one for one in record.COLUMNS], _place)
+    return _frame(rows, [_GEOMETRY if one.type is record.ColumnType.REGION else one for one in record.COLUMNS], _place)
 
 
 def approach_frame(rows: "Sequence[Approach]") -> "pd.DataFrame":
@@ -92,9 +92,9 @@ def _kept(column: record.Column, rows: Sequence[Any], place: Callable[[Any], Any
     if column is _GEOMETRY:
         return _objects([place(row) for row in rows])
     values = list(map(attrgetter(column.field), rows))
-    if column.type is record.Type.POINT:
+    if column.type is record.ColumnType.POINT:
         return _objects([_point(value) for value in values])
-    if column.type in (record.Type.TEXT, record.Type.NAME):
+    if column.type in (record.ColumnType.TEXT, record.ColumnType.NAME):
         return _texts(values)
     return _KEPT[column.type](values)
 
@@ -156,11 +156,11 @@ def _between(a_deg: "Position", b_deg: "Position") -> Any:
     return kind([a_deg, b_deg])
 
 
-_GEOMETRY: Final = record.Column("geometry", record.Type.REGION, "Where it is.")
-_KEPT: Final[dict[record.Type, Callable[[list[Any]], Any]]] = {
-    record.Type.NUMBER: _numbers,
-    record.Type.WHOLE: _whole,
-    record.Type.TRUTH: _truths,
-    record.Type.INSTANT: _instants,
-    record.Type.PERIODS: _objects,
+_GEOMETRY: Final = record.Column("geometry", record.ColumnType.REGION, "Where it is.")
+_KEPT: Final[dict[record.ColumnType, Callable[[list[Any]], Any]]] = {
+    record.ColumnType.NUMBER: _numbers,
+    record.ColumnType.WHOLE: _whole,
+    record.ColumnType.TRUTH: _truths,
+    record.ColumnType.INSTANT: _instants,
+    record.ColumnType.PERIODS: _objects,
 }

@@ -19,10 +19,10 @@ from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model import inputs
 from conflictdb.model.methods import METHODS, REMOVED, Method
 from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
-from conflictdb.model.settings import MOST_M, MOST_S, NAMES, SETTINGS, Setting, Type
+from conflictdb.model.settings import MOST_M, MOST_S, NAMES, SETTINGS, Setting, SettingType
 from conflictdb.model.settings import EarthModel as EarthModel
 from conflictdb.model.settings import Motion as Motion
-from conflictdb.model.speeds import MAX_SPEED_KN, check_speed
+from conflictdb.model.speed_limits import MAX_SPEED_KN, check_speed
 
 METRES_PER_NMI: Final = 1852.0  # exact, by definition
 
@@ -99,7 +99,7 @@ class Scene:
             is_round = self.motion == Motion.GREAT_CIRCLE
             object.__setattr__(self, "earth", EarthModel.SPHERE if is_round else EarthModel.WGS84)
         for setting in SETTINGS:
-            if setting.type is not Type.PLACE:
+            if setting.type is not SettingType.PLACE:
                 object.__setattr__(self, setting.name, _checked(who, setting, getattr(self, setting.name)))
         if self.motion == Motion.GREAT_CIRCLE and self.earth != EarthModel.SPHERE:
             raise InvalidInput(
@@ -148,10 +148,10 @@ def _checked(who: str, setting: Setting, value: Any) -> StrEnum | float:
             removed = REMOVED.get(value) if setting.choices is Method and isinstance(value, str) else None
             rule = f"must be one of {', '.join(setting.choices)}; got {value!r}"
             raise InvalidInput(who, setting.name, f"{rule}, which {removed}" if removed else rule) from None
-    unit = "seconds" if setting.type is Type.SECONDS else "metres"
+    unit = "seconds" if setting.type is SettingType.SECONDS else "metres"
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < np.inf:
         raise InvalidInput(who, setting.name, f"must be a finite number of {unit}, 0 or more; got {value!r}")
-    if setting.type is Type.SECONDS:
+    if setting.type is SettingType.SECONDS:
         if value > MOST_S:
             raise InvalidInput(who, setting.name, f"must be at most {MOST_S:.0f} seconds, 30 days; got {value!r}")
         if abs(1e6 * value - round(1e6 * value)) > _ROUNDING_US:

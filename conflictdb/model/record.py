@@ -12,7 +12,7 @@ from enum import Enum, auto
 from typing import Final
 
 
-class Type(Enum):
+class ColumnType(Enum):
     """Type of a column; what a cell looks like follows from it in each output."""
 
     TEXT = auto()  # text of a user: keys, names, reasons
@@ -39,7 +39,7 @@ class Column:
     """
 
     name: str
-    type: Type
+    type: ColumnType
     meaning: str
     unit: str = ""
     required: bool = False
@@ -52,44 +52,44 @@ class Column:
 
 
 COLUMNS: Final = (
-    Column("scene", Type.TEXT, "Name of the scene.", required=True),
-    Column("a_key", Type.TEXT, "Key of the first object.", required=True),
-    Column("a_kind", Type.NAME, "area or track.", required=True),
-    Column("b_key", Type.TEXT, "Key of the second object.", required=True),
-    Column("b_kind", Type.NAME, "area or track.", required=True),
+    Column("scene", ColumnType.TEXT, "Name of the scene.", required=True),
+    Column("a_key", ColumnType.TEXT, "Key of the first object.", required=True),
+    Column("a_kind", ColumnType.NAME, "area or track.", required=True),
+    Column("b_key", ColumnType.TEXT, "Key of the second object.", required=True),
+    Column("b_kind", ColumnType.NAME, "area or track.", required=True),
     Column(
         "periods",
-        Type.PERIODS,
+        ColumnType.PERIODS,
         "When they conflict: bounds inclusive, rounded outward to the microsecond; a missing bound is unbounded.",
         required=True,
     ),
-    Column("first_contact", Type.INSTANT, "Start of the first period; null if unbounded."),
-    Column("last_contact", Type.INSTANT, "End of the last period; null if unbounded."),
+    Column("first_contact", ColumnType.INSTANT, "Start of the first period; null if unbounded."),
+    Column("last_contact", ColumnType.INSTANT, "End of the last period; null if unbounded."),
     Column(
         "verdict",
-        Type.NAME,
+        ColumnType.NAME,
         "conflict: they meet; grazing: within the tolerance of the limit; unresolved: neither proven apart "
         "nor decided, periods then say when they might meet.",
         required=True,
     ),
     Column(
         "region",
-        Type.REGION,
+        ColumnType.REGION,
         "Region of the conflict, longitude and latitude in degrees, split at the antimeridian.",
         "deg",
     ),
     Column(
         "first_contact_point",
-        Type.POINT,
+        ColumnType.POINT,
         "First contact, longitude and latitude in degrees; null if not computed.",
         "deg",
         field="first_contact_deg",
         array="first_contact_deg",
     ),
-    Column("method", Type.NAME, "Method of the detection that found it.", required=True),
+    Column("method", ColumnType.NAME, "Method of the detection that found it.", required=True),
     Column(
         "time_error_s",
-        Type.NUMBER,
+        ColumnType.NUMBER,
         "Error bound of every period's start and end, seconds.",
         "s",
         required=True,
@@ -97,35 +97,35 @@ COLUMNS: Final = (
     ),
     Column(
         "is_current",
-        Type.TRUTH,
+        ColumnType.TRUTH,
         "Whether neither object nor the scene's settings changed since; scene_is_current says whether pairs may be "
         "missing.",
     ),
-    Column("run_id", Type.WHOLE, "Run that found it; later runs confirmed it unchanged."),
-    Column("found_at", Type.INSTANT, "When the pair was first found in conflict."),
+    Column("run_id", ColumnType.WHOLE, "Run that found it; later runs confirmed it unchanged."),
+    Column("found_at", ColumnType.INSTANT, "When the pair was first found in conflict."),
     Column(
         "closest_at",
-        Type.INSTANT,
+        ColumnType.INSTANT,
         "Closest approach: its time, the first if several; null if not computed, or for areas that are always active.",
         array="closest_us",
     ),
     Column(
         "closest_m",
-        Type.NUMBER,
+        ColumnType.NUMBER,
         "Closest approach: least distance of the polygons, metres on the earth, 0 if they touch; null if not computed.",
         "m",
         array="closest_m",
     ),
     Column(
         "closest_error_m",
-        Type.NUMBER,
+        ColumnType.NUMBER,
         "Closest approach: error bound of closest_m, metres; null if not computed.",
         "m",
         array="closest_error_m",
     ),
     Column(
         "closest_a_point",
-        Type.POINT,
+        ColumnType.POINT,
         "Closest approach: nearest point of the first object, longitude and latitude in degrees; null if not computed.",
         "deg",
         field="closest_a_deg",
@@ -133,7 +133,7 @@ COLUMNS: Final = (
     ),
     Column(
         "closest_b_point",
-        Type.POINT,
+        ColumnType.POINT,
         "Closest approach: nearest point of the second object, longitude and latitude in degrees; null "
         "if not computed.",
         "deg",
@@ -142,35 +142,41 @@ COLUMNS: Final = (
     ),
     Column(
         "scene_is_current",
-        Type.TRUTH,
+        ColumnType.TRUTH,
         "Whether the conflicts of the scene are complete: nothing waits for detection (see the view scenes).",
     ),
-    Column("conflict_id", Type.WHOLE, "Id of the conflict, the same from opening to closing (see conflict_events)."),
-    Column("opened_at", Type.INSTANT, "When it opened; equal to found_at."),
+    Column(
+        "conflict_id", ColumnType.WHOLE, "Id of the conflict, the same from opening to closing (see conflict_events)."
+    ),
+    Column("opened_at", ColumnType.INSTANT, "When it opened; equal to found_at."),
     Column(
         "changed_at",
-        Type.INSTANT,
+        ColumnType.INSTANT,
         "When its verdict or a key last changed, or its periods by more than their error; null if they never did.",
     ),
     Column(
         "acknowledged_by",
-        Type.TEXT,
+        ColumnType.TEXT,
         "User whose acknowledgement holds; null if there is none, or if it has ended, expired or been outgrown.",
     ),
-    Column("acknowledged_at", Type.INSTANT, "When it was acknowledged; null if acknowledged_by is null."),
-    Column("acknowledged_for", Type.TEXT, "Reason given; null if acknowledged_by is null."),
+    Column("acknowledged_at", ColumnType.INSTANT, "When it was acknowledged; null if acknowledged_by is null."),
+    Column("acknowledged_for", ColumnType.TEXT, "Reason given; null if acknowledged_by is null."),
     Column(
         "acknowledged_until",
-        Type.INSTANT,
+        ColumnType.INSTANT,
         "Expiry of the acknowledgement; null: valid while the conflict lasts, or acknowledged_by is null.",
     ),
-    Column("first_contact_lon_deg", Type.NUMBER, "First contact: longitude, degrees; null if not computed.", "deg"),
-    Column("first_contact_lat_deg", Type.NUMBER, "First contact: latitude, degrees; null if not computed.", "deg"),
-    Column("a_name", Type.TEXT, "Name of the first object; null if it has none, or it is not known."),
-    Column("b_name", Type.TEXT, "Name of the second object; null if it has none, or it is not known."),
+    Column(
+        "first_contact_lon_deg", ColumnType.NUMBER, "First contact: longitude, degrees; null if not computed.", "deg"
+    ),
+    Column(
+        "first_contact_lat_deg", ColumnType.NUMBER, "First contact: latitude, degrees; null if not computed.", "deg"
+    ),
+    Column("a_name", ColumnType.TEXT, "Name of the first object; null if it has none, or it is not known."),
+    Column("b_name", ColumnType.TEXT, "Name of the second object; null if it has none, or it is not known."),
     Column(
         "lacking_s",
-        Type.NUMBER,
+        ColumnType.NUMBER,
         "Separation in time: seconds by which it is missed, within time_error_s; null if none is required, or if the "
         "verdict is unresolved.",
         "s",
@@ -179,7 +185,7 @@ COLUMNS: Final = (
 )
 # The objects, and their states, that it was found of: columns of Arrow and GeoParquet only.
 STATES: Final = tuple(
-    Column(f"{side}_{name}", Type.WHOLE, meaning, array=f"{side}_{name}")
+    Column(f"{side}_{name}", ColumnType.WHOLE, meaning, array=f"{side}_{name}")
     for side, which in (("a", "first"), ("b", "second"))
     for name, meaning in (
         ("id", f"Number of the {which} object; null where it is not known."),

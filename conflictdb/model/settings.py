@@ -27,7 +27,7 @@ class EarthModel(StrEnum):
     SPHERE = "sphere"
 
 
-class Type(Enum):
+class SettingType(Enum):
     """Type of a setting; its rules, its option and its column follow from it."""
 
     CHOICE = auto()  # one of some names
@@ -57,7 +57,7 @@ class Setting:
     """
 
     name: str
-    type: Type
+    type: SettingType
     meaning: str
     default: StrEnum | float | None
     help: str
@@ -75,14 +75,14 @@ class Setting:
     @property
     def columns(self) -> tuple[str, ...]:
         """The columns of the table `scene` and the view `scenes`."""
-        return (f"{self.name}_lon", f"{self.name}_lat") if self.type is Type.PLACE else (self.name,)
+        return (f"{self.name}_lon", f"{self.name}_lat") if self.type is SettingType.PLACE else (self.name,)
 
 
 # In the order of the fields of `Scene`.
 SETTINGS: Final = (
     Setting(
         "motion",
-        Type.CHOICE,
+        SettingType.CHOICE,
         "Shape of tracks and edges between their points: rhumb or great_circle.",
         Motion.RHUMB,
         "default: rhumb",
@@ -90,7 +90,7 @@ SETTINGS: Final = (
     ),
     Setting(
         "earth",
-        Type.CHOICE,
+        SettingType.CHOICE,
         "Figure of the earth: wgs84, or sphere (mean radius 6371008.771415 m).",
         None,
         "default: wgs84; great circles: sphere",
@@ -98,7 +98,7 @@ SETTINGS: Final = (
     ),
     Setting(
         "method",
-        Type.CHOICE,
+        SettingType.CHOICE,
         "Where a detection stops: screen (who might meet), exact (certified times), "
         "nlp (certified times, found by the published program).",
         Method.EXACT,
@@ -108,7 +108,7 @@ SETTINGS: Final = (
     ),
     Setting(
         "tolerance_m",
-        Type.METRES,
+        SettingType.METRES,
         "Tolerance, metres: pairs whose clearance is within it may be reported as grazing.",
         1.0,
         "too close to call",
@@ -118,7 +118,7 @@ SETTINGS: Final = (
     ),
     Setting(
         "separation_m",
-        Type.METRES,
+        SettingType.METRES,
         "Required separation between polygons, metres; 0: they conflict if they touch.",
         0.0,
         "required separation",
@@ -128,7 +128,7 @@ SETTINGS: Final = (
     ),
     Setting(
         "nearest_m",
-        Type.METRES,
+        SettingType.METRES,
         "Pairs without conflict that come within this distance (metres) are stored with their closest approach; "
         "0: none.",
         0.0,
@@ -140,14 +140,14 @@ SETTINGS: Final = (
     ),
     Setting(
         "centre",
-        Type.PLACE,
+        SettingType.PLACE,
         "great_circle: the centre, degrees; all objects lie within 60 degrees of it.",
         None,
         "default: the middle",
     ),
     Setting(
         "vertical_separation_m",
-        Type.METRES,
+        SettingType.METRES,
         "Required vertical separation, metres to the micrometre: objects whose heights are that far apart do not "
         "conflict; 0: height bands that touch are apart.",
         0.0,
@@ -158,7 +158,7 @@ SETTINGS: Final = (
     ),
     Setting(
         "time_separation_s",
-        Type.SECONDS,
+        SettingType.SECONDS,
         "Required separation in time, whole microseconds in seconds: two objects conflict if they use one place "
         "within so many seconds; 0: at the same time.",
         0.0,
@@ -170,7 +170,7 @@ SETTINGS: Final = (
     ),
     Setting(
         "delays_within_s",
-        Type.SECONDS,
+        SettingType.SECONDS,
         "Detections store which delays of each track, up to this many seconds either way, are in conflict; 0: none.",
         0.0,
         "store delays",
@@ -178,8 +178,10 @@ SETTINGS: Final = (
     ),
 )
 NAMES: Final = tuple(setting.name for setting in SETTINGS)
-METRES: Final = tuple(setting.name for setting in SETTINGS if setting.type is Type.METRES)
-NUMBERS: Final = tuple(setting.name for setting in SETTINGS if setting.type in (Type.METRES, Type.SECONDS))
+METRES: Final = tuple(setting.name for setting in SETTINGS if setting.type is SettingType.METRES)
+NUMBERS: Final = tuple(
+    setting.name for setting in SETTINGS if setting.type in (SettingType.METRES, SettingType.SECONDS)
+)
 STORED_BY_DETECT: Final = tuple(setting for setting in SETTINGS if setting.is_stored_by_detect)
 
 

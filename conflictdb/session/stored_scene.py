@@ -404,9 +404,9 @@ class StoredScene:
         if clear_within_m is not None:
             clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
         # Imported here: the stages are slow to import.
-        from conflictdb.db import delays
+        from conflictdb.db import free_departures
 
-        return delays.delays(self.connection, self.name, key, within_s, now, clear_within_m, waypoint)
+        return free_departures.delays(self.connection, self.name, key, within_s, now, clear_within_m, waypoint)
 
     def speeds(
         self, key: str | None = None, slowest: float = 0.5, fastest: float = 2.0, leg: int | None = None
@@ -428,9 +428,9 @@ class StoredScene:
         Raises InvalidInput for an unknown scene, track or leg.
         """
         # Imported here: the stages are slow to import.
-        from conflictdb.db import delays
+        from conflictdb.db import free_departures
 
-        return delays.speeds(self.connection, self.name, key, slowest, fastest, leg)
+        return free_departures.speeds(self.connection, self.name, key, slowest, fastest, leg)
 
     def wait_until_current(self, timeout_s: float = 60.0) -> None:
         """Wait until no change waits for detection; a worker or another program has to detect.

@@ -23,7 +23,7 @@ from conflictdb.arrays.arrow.object_rows import OBJECTS
 from conflictdb.earth.registry import middle_deg, summed_directions
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Motion, Scene
-from conflictdb.model.speeds import MAX_SPEED_KN
+from conflictdb.model.speed_limits import MAX_SPEED_KN
 from conflictdb.spark import cut_objects, joining, solving
 from conflictdb.spark.crowding import blocks_for
 from conflictdb.spark.engine import with_sedona

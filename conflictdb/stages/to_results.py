@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
-from conflictdb.model.record import MEASURED, Type
+from conflictdb.model.record import MEASURED, ColumnType
 from conflictdb.model.results import Conflict, Kind, Position, Verdict
 
 
@@ -68,8 +68,8 @@ def _position(position_deg: NDArray[np.float64]) -> Position | None:
 
 
 # How a value of an array becomes that of a `Conflict`.
-_VALUE: Final[dict[Type, Callable[[Any], Any]]] = {
-    Type.INSTANT: _instant,
-    Type.NUMBER: _number,
-    Type.POINT: _position,
+_VALUE: Final[dict[ColumnType, Callable[[Any], Any]]] = {
+    ColumnType.INSTANT: _instant,
+    ColumnType.NUMBER: _number,
+    ColumnType.POINT: _position,
 }

@@ -25,7 +25,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import plane_of
 from conflictdb.errors import InvalidInput
-from conflictdb.kernel.kernel_scene import State
+from conflictdb.kernel.kernel_scene import PieceState
 from conflictdb.kernel.movement import Bounds, Movement
 from conflictdb.model.plans import MAX_INSTANT_US, MIN_INSTANT_US, EarthModel, Motion, Scene, Track, rectangle_outline_m
 from conflictdb.stages.pieces.cutting import check_plane, track_pieces
@@ -405,8 +405,8 @@ class Moving:
     @property
     def is_convex(self) -> bool:
         state = self.prepared.states()[self.piece]
-        assert state in (State.CONVEX, State.NONCONVEX), "what is accepted can be"
-        return bool(state == State.CONVEX)
+        assert state in (PieceState.CONVEX, PieceState.NONCONVEX), "what is accepted can be"
+        return bool(state == PieceState.CONVEX)
 
     @cached_property
     def bounds(self) -> Bounds:

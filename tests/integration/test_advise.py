@@ -26,7 +26,7 @@ from conflictdb.advice.advise import (
     Estimate,
     advise,
 )
-from conflictdb.advice.estimates import Setting
+from conflictdb.advice.estimates import Trial
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
 from conflictdb.earth.registry import plane_of
@@ -47,7 +47,7 @@ def contents(dsn: str) -> list[Any]:
 
 
 def of(advice: Advice, method: Method, tolerance_m: float) -> Estimate:
-    (found,) = (one for one in advice.estimates if one.setting == Setting(method, tolerance_m))
+    (found,) = (one for one in advice.estimates if one.setting == Trial(method, tolerance_m))
     return found
 
 
@@ -161,7 +161,7 @@ def test_screen_and_exact_are_compared_at_each_tolerance(earth: EarthModel) -> N
     scene, areas, tracks = throw(LONG_LEGS, 2, 14, 14, earth, tolerance_m=50.0)
     advice = advise(scene, areas, tracks, sample=80)
     tolerances = {50.0, *TOLERANCES_M}
-    assert {one.setting for one in advice.estimates} == {Setting(method, m) for method in TRIED for m in tolerances}
+    assert {one.setting for one in advice.estimates} == {Trial(method, m) for method in TRIED for m in tolerances}
     truth = of(advice, Method.EXACT, 0.0)
     assert (str(truth.false_share), truth.too_long_worst_s) in (("none", 0.0), ("-", 0.0))
     screen = of(advice, Method.SCREEN, 50.0)

@@ -32,7 +32,7 @@ from conflictdb.db import store
 from conflictdb.errors import ConflictDBError
 from conflictdb.map import land
 from conflictdb.map.guard import local_hosts
-from conflictdb.map.live import CONFLICTS, Changes
+from conflictdb.map.live import CONFLICTS, SceneChanges
 from conflictdb.model.plans import Area, EarthModel, Motion, Scene
 
 VENDOR = Path(str(files("conflictdb"))) / "map" / "vendor"
@@ -375,7 +375,7 @@ def test_names_of_this_machine() -> None:
 
 def test_a_notification_that_is_nested_deeply_is_ignored() -> None:
     """Any role may notify: an unreadable message must not end the listening thread."""
-    changes = Changes("s", lambda: pytest.fail("it does not connect"))
+    changes = SceneChanges("s", lambda: pytest.fail("it does not connect"))
     assert changes._meaning("[" * 7_900) is None
     assert changes._meaning('{"scene": "s"}') == CONFLICTS
 

@@ -15,7 +15,7 @@ from workloads import EQUATOR, GROWING_CIRCLES, HARBOUR, OCEAN, SEAM, Workload, 
 
 import conflictdb
 from conflictdb import InvalidInput, connect
-from conflictdb.db import differences, import_computed, probes, schema, store
+from conflictdb.db import import_computed, probes, schema, store
 from conflictdb.db.detect import detect
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.session.stored_scene import StoredScene
@@ -144,7 +144,7 @@ def test_after_random_edits_the_rows_are_those_of_a_full_computation(
             for number in range(100):
                 done.append(edit(conn, rng, scene, spare))
                 if rng.uniform() < 0.6:
-                    monkeypatch.setattr(differences, "_FIRST_OBJECTS", int(rng.integers(1, 9)))
+                    monkeypatch.setattr(difference_rows, "_FIRST_OBJECTS", int(rng.integers(1, 9)))
                     monkeypatch.setattr(pair_differences, "_AXIS", int(rng.integers(1, 9)) * 10_000_000_008)
                     known.detect()
                     found = rows(db.connection, scene.name)
@@ -398,7 +398,7 @@ def test_memory_bounds_the_batches(dsn: str, monkeypatch: pytest.MonkeyPatch) ->
                 db.connection.execute("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ")
                 number = store.scene_id(db.connection, scene.name)
                 store.cover_all(db.connection, number)
-                differences.refresh_differences(db.connection, number, known.settings(), None, memory)
+                difference_rows.refresh_differences(db.connection, number, known.settings(), None, memory)
             assert rows(db.connection, scene.name) == expected
             assert max(count for count, _ in read) > 1
             assert len(read) > 10

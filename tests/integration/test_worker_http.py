@@ -19,7 +19,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from conflictdb import connect
 from conflictdb.cli.watch import Metrics, served
 from conflictdb.db import store
-from conflictdb.db.worker import State, Worker
+from conflictdb.db.worker import Worker, WorkerState
 from conflictdb.errors import ConflictDBError
 
 WAIT_S = 30.0
@@ -54,7 +54,7 @@ def test_health_tells_whether_it_does_its_work(
     is_connected: bool, idle_s: float, scene: str | None, code: int, status: str
 ) -> None:
     """A detection may take as long as it takes."""
-    state = State(is_connected=is_connected, looked_at_s=time.monotonic() - idle_s, scene=scene)
+    state = WorkerState(is_connected=is_connected, looked_at_s=time.monotonic() - idle_s, scene=scene)
     with served((HERE, 0), state, Metrics(state), 60.0) as port:
         found, text, headers = get(port, "/healthz")
         assert (found, headers["Content-Type"], headers["Content-Length"]) == (code, "application/json", str(len(text)))
@@ -109,7 +109,7 @@ def test_metrics_count_conflicts_by_scene_verdict_and_acknowledgement(dsn: str) 
 
 
 def test_who_says_nothing_keeps_nobody_waiting_and_a_port_in_use_is_told() -> None:
-    state = State(is_connected=True)
+    state = WorkerState(is_connected=True)
     with served((HERE, 0), state, Metrics(state), 60.0) as port, socket.create_connection((HERE, port)):
         assert get(port, "/healthz")[0] == 200
         with (

@@ -8,18 +8,18 @@ from commands import STRAIT
 
 from conflictdb import connect, read, solve
 from conflictdb.model import record
-from conflictdb.model.record import Column, Type
+from conflictdb.model.record import Column, ColumnType
 
 TYPES = {
-    Type.TEXT: "text",
-    Type.NAME: "text",
-    Type.INSTANT: "timestamp with time zone",
-    Type.PERIODS: "tstzmultirange",
-    Type.NUMBER: "double precision",
-    Type.WHOLE: "bigint",
-    Type.TRUTH: "boolean",
-    Type.POINT: "geometry(Point,4326)",
-    Type.REGION: "geometry(Geometry,4326)",
+    ColumnType.TEXT: "text",
+    ColumnType.NAME: "text",
+    ColumnType.INSTANT: "timestamp with time zone",
+    ColumnType.PERIODS: "tstzmultirange",
+    ColumnType.NUMBER: "double precision",
+    ColumnType.WHOLE: "bigint",
+    ColumnType.TRUTH: "boolean",
+    ColumnType.POINT: "geometry(Point,4326)",
+    ColumnType.REGION: "geometry(Geometry,4326)",
 }
 
 

@@ -11,11 +11,11 @@ import pytest
 from conflictdb.db import models, store
 from conflictdb.model import settings
 from conflictdb.model.plans import Scene
-from conflictdb.model.settings import SETTINGS, Type
+from conflictdb.model.settings import SETTINGS, SettingType
 
 Conn = psycopg.Connection[Any]
 COLUMNS = tuple(column for setting in SETTINGS for column in setting.columns)
-TYPES = dict.fromkeys(Type, "double precision") | {Type.CHOICE: "text"}
+TYPES = dict.fromkeys(SettingType, "double precision") | {SettingType.CHOICE: "text"}
 
 
 def catalog(conn: Conn, relation: str) -> dict[str, tuple[str, str, str | None]]:
@@ -37,7 +37,7 @@ def test_columns_have_the_types_and_sentences_of_the_table(conn: Conn, relation:
         for column in setting.columns:
             kind, comment, _ = said[column]
             assert kind == TYPES[setting.type], column
-            assert setting.type is Type.PLACE or comment == setting.meaning
+            assert setting.type is SettingType.PLACE or comment == setting.meaning
 
 
 def test_a_scene_has_the_settings_of_the_table_and_nothing_else(conn: Conn) -> None:

@@ -17,7 +17,7 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.earth.registry import plane_of
-from conflictdb.kernel.kernel_scene import State
+from conflictdb.kernel.kernel_scene import PieceState
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Motion, Scene
 from conflictdb.stages.pieces.cutting import check_plane, track_pieces
@@ -101,8 +101,8 @@ def test_corners_may_dent_alike_whether_they_grow_or_shrink_and_however_they_are
     def may_dent(first: np.ndarray, last: np.ndarray) -> np.ndarray:
         pieces = replace(legs, shape_xy=first * RADIUS_M, shape_to_xy=last * RADIUS_M)
         states = kernel.KernelScene(plane_of(SCENE).kernel_plane, pieces).states()
-        assert (states != State.INVALID).all()
-        return states == State.NONCONVEX
+        assert (states != PieceState.INVALID).all()
+        return states == PieceState.NONCONVEX
 
     found = may_dent(start, end)
     assert 0.1 < found.mean() < 0.9

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from conflictdb.advice import advise
-from conflictdb.advice.estimates import Count, Estimate, Setting, Share, duration, recommendation
+from conflictdb.advice.estimates import Count, Estimate, Proportion, Trial, duration, recommendation
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Method
 
 
@@ -38,7 +38,7 @@ def test_intervals_of_shares_contain_the_truth(rate: float, n: int) -> None:
     rng = np.random.default_rng(5)
     population = rng.random(400) < rate
     population[0] = True
-    shares = [Share.sampled(int(rng.permutation(population)[:n].sum()), n, n / 400) for _ in range(600)]
+    shares = [Proportion.sampled(int(rng.permutation(population)[:n].sum()), n, n / 400) for _ in range(600)]
     true = population.mean()
     assert all(one.low <= one.count / one.of <= one.high for one in shares)
     assert np.mean([not one.low <= true <= one.high for one in shares]) < 0.06
@@ -59,32 +59,32 @@ def test_intervals_of_shares_contain_the_truth(rate: float, n: int) -> None:
     ],
 )
 def test_interval_of_a_share_is_the_exact_one(count: int, of: int, low: float, high: float) -> None:
-    share = Share.sampled(count, of, 0.0)
+    share = Proportion.sampled(count, of, 0.0)
     assert (share.low, share.high) == pytest.approx((low, high), abs=1e-4)
-    narrow = Share.sampled(count, of, 0.75)
+    narrow = Proportion.sampled(count, of, 0.75)
     assert narrow.high - narrow.low == pytest.approx(0.5 * (high - low), abs=1e-4)
-    assert Share.sampled(count, of, 1.0) == Share(count, of, count / of, count / of)
+    assert Proportion.sampled(count, of, 1.0) == Proportion(count, of, count / of, count / of)
 
 
 def test_the_share_of_nothing_may_be_any() -> None:
     for fraction in (0.0, 1.0):
-        share = Share.sampled(0, 0, fraction)
+        share = Proportion.sampled(0, 0, fraction)
         assert (share.low, share.high, str(share)) == (0.0, 1.0, "-")
 
 
 @pytest.mark.parametrize(
     ("share", "text"),
     [
-        (Share.sampled(0, 5, 1.0), "none"),
-        (Share.sampled(5, 5, 1.0), "all"),
-        (Share.sampled(1, 8, 1.0), "12 %"),
-        (Share.sampled(0, 100, 0.0), "at most 3.6 %"),
-        (Share.sampled(100, 100, 0.0), "at least 96 %"),
-        (Share.sampled(1, 100, 0.0), "0.025-5.4 %"),
-        (Share.sampled(999, 1000, 0.0), "99-99.99 %"),
+        (Proportion.sampled(0, 5, 1.0), "none"),
+        (Proportion.sampled(5, 5, 1.0), "all"),
+        (Proportion.sampled(1, 8, 1.0), "12 %"),
+        (Proportion.sampled(0, 100, 0.0), "at most 3.6 %"),
+        (Proportion.sampled(100, 100, 0.0), "at least 96 %"),
+        (Proportion.sampled(1, 100, 0.0), "0.025-5.4 %"),
+        (Proportion.sampled(999, 1000, 0.0), "99-99.99 %"),
     ],
 )
-def test_shares_in_words(share: Share, text: str) -> None:
+def test_shares_in_words(share: Proportion, text: str) -> None:
     """Never rounded to none or all where that is not certain."""
     assert str(share) == text
 
@@ -114,9 +114,9 @@ def test_durations(seconds: float, text: str) -> None:
 def estimate(
     method: Method, tolerance_m: float, seconds: float, reported: int, false_pairs: int, fraction: float = 1.0
 ) -> Estimate:
-    shares = [Share.sampled(count, reported, fraction) for count in (false_pairs, 0)]
+    shares = [Proportion.sampled(count, reported, fraction) for count in (false_pairs, 0)]
     count = Count(reported, reported, reported)
-    return Estimate(Setting(method, tolerance_m), seconds, 0.0, 10.0, 10.0, count, *shares, 60.0, 600.0, 0.0)
+    return Estimate(Trial(method, tolerance_m), seconds, 0.0, 10.0, 10.0, count, *shares, 60.0, 600.0, 0.0)
 
 
 def said(exact_s: float, screen_s: float, own: Method = Method.EXACT) -> str:

@@ -16,7 +16,7 @@ from scene_strategies import assert_same, scenes
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import plain_features
 from conflictdb.formats.contents import Contents
-from conflictdb.formats.file_objects import Setting
+from conflictdb.formats.file_objects import FileContext
 from conflictdb.formats.instants import parse_instant, parse_plain
 from conflictdb.formats.scene_file import read_scene, scene_text
 from conflictdb.model.plans import Area, Scene, Track
@@ -124,7 +124,7 @@ def test_exported_objects_are_plain(content: tuple[Scene, list[Area], list[Track
     scene, areas, tracks = content
     features = json.loads("".join(scene_text(scene, areas, tracks)))["features"]
     constant = [t.outlines_m is None and not t.grow_mps and t.floors_m is None and t.ceilings_m is None for t in tracks]
-    found = plain_features.objects(features, Setting(scene))
+    found = plain_features.objects(features, FileContext(scene))
     assert all(found[: len(areas)])
     for track, is_constant, one in zip(tracks, constant, found[len(areas) :], strict=True):
         assert not is_constant or one is not None or len(track.outline_m) > 2
@@ -137,7 +137,7 @@ def test_a_strange_feature_leaves_the_others_plain() -> None:
         for i in range(9)
     ]
     features[4] = {**features[4], "geometry": {"type": "Polygon", "coordinates": [[*ring[:2], [5, "58"], ring[3]]]}}
-    found = plain_features.objects(features, Setting(Scene("s")))
+    found = plain_features.objects(features, FileContext(Scene("s")))
     assert [one is None for one in found] == [i == 4 for i in range(9)]
 
 

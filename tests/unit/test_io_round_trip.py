@@ -15,7 +15,7 @@ from conflictdb.earth import geodesy
 from conflictdb.formats.instants import format_instant, parse_instant
 from conflictdb.formats.scene_file import read_scene, scene_text
 from conflictdb.model.plans import METRES_PER_NMI, Area, EarthModel, Scene, Track
-from conflictdb.model.speeds import MPS_PER_KNOT
+from conflictdb.model.speed_limits import MPS_PER_KNOT
 
 
 @settings(suppress_health_check=[HealthCheck.too_slow])  # a busy machine takes its time

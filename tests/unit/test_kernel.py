@@ -25,7 +25,7 @@ from conflictdb.errors import InvalidInput, KernelMissing
 from conflictdb.kernel import KernelPlane, KernelScene, Questions, Work, build, contacts
 from conflictdb.kernel.approach import closest
 from conflictdb.kernel.header import functions
-from conflictdb.kernel.kernel_scene import HeldPairs, HeldPieces, State
+from conflictdb.kernel.kernel_scene import HeldPairs, HeldPieces, PieceState
 from conflictdb.kernel.library import LEAST_PART, SHARE, library, shared
 from conflictdb.kernel.meeting import distances
 from conflictdb.model import plans
@@ -234,7 +234,7 @@ def test_havens_of_too_many_vertices_cannot_be(more: int, is_taken: bool) -> Non
     plane, pieces, (_, b, *_) = batch(HIGH_LATITUDE)
     moving = int(b[pieces.kind[b] == 1][0])
     state = KernelScene(plane, wide(pieces, (moving, moving), MAX_HAVEN_CORNERS + more)).states()
-    assert (state[0] != State.INVALID) == is_taken
+    assert (state[0] != PieceState.INVALID) == is_taken
     angle = 2.0 * np.pi * np.arange(MAX_HAVEN_CORNERS + more) / (MAX_HAVEN_CORNERS + more)
     given = np.array([(0.0, 0.0), (1.0, 1.0)]), np.array([0, 10**9]), np.stack([np.cos(angle), np.sin(angle)], 1) * 1e5
     if is_taken:

@@ -30,25 +30,25 @@ from conflictdb.arrays.polygons import Polygons
 from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
-from conflictdb.model.record import COLUMNS, MEASURED, STATES, Column, Type
+from conflictdb.model.record import COLUMNS, MEASURED, STATES, Column, ColumnType
 from conflictdb.model.results import Conflict, Kind, Position, Verdict
 
 _PERIOD: Final = pa.struct([pa.field("start", INSTANT), pa.field("end", INSTANT)])
 _TYPES: Final = {
-    Type.TEXT: pa.string(),
-    Type.NAME: pa.string(),
-    Type.INSTANT: INSTANT,
-    Type.PERIODS: pa.list_(_PERIOD),
-    Type.NUMBER: pa.float64(),
-    Type.WHOLE: pa.int64(),
-    Type.TRUTH: pa.bool_(),
-    Type.POINT: pa.binary(),
-    Type.REGION: pa.binary(),
+    ColumnType.TEXT: pa.string(),
+    ColumnType.NAME: pa.string(),
+    ColumnType.INSTANT: INSTANT,
+    ColumnType.PERIODS: pa.list_(_PERIOD),
+    ColumnType.NUMBER: pa.float64(),
+    ColumnType.WHOLE: pa.int64(),
+    ColumnType.TRUTH: pa.bool_(),
+    ColumnType.POINT: pa.binary(),
+    ColumnType.REGION: pa.binary(),
 }
 # Whoever reads conflicts back knows these of the scene.
 _MAY_LACK: Final = ("scene", "method")
 _COLUMNS: Final = (*COLUMNS, *STATES)
-GEOMETRIES: Final = tuple(one.name for one in _COLUMNS if one.type in (Type.REGION, Type.POINT))
+GEOMETRIES: Final = tuple(one.name for one in _COLUMNS if one.type in (ColumnType.REGION, ColumnType.POINT))
 FOUND: Final = Form.of(
     "found",
     1,
@@ -148,14 +148,14 @@ def of_rows(rows: Sequence[Conflict]) -> "pa.RecordBatch":
     columns: dict[str, Array] = {}
     for one in _COLUMNS:
         values: list[Any] = [getattr(row, one.field) for row in rows]
-        if one.type is Type.PERIODS:
+        if one.type is ColumnType.PERIODS:
             values = [[{"start": _us(start), "end": _us(end)} for start, end in periods] for periods in values]
-        elif one.type is Type.REGION:
+        elif one.type is ColumnType.REGION:
             shapes = shapely.from_geojson(np.array(values, dtype=object))
             values = list(shapely.to_wkb(shapes, byte_order=1, include_srid=False))
-        elif one.type is Type.POINT:
+        elif one.type is ColumnType.POINT:
             values = [_point(value) for value in values]
-        elif one.type is Type.INSTANT:
+        elif one.type is ColumnType.INSTANT:
             values = [_us(value) for value in values]
         columns[one.name] = pa.array(values, _TYPES[one.type])
     return FOUND.batch(columns)
@@ -186,11 +186,11 @@ def _of_points(places_deg: NDArray[np.float64]) -> Array:
 
 def _array(column: Column, stored: Array) -> NDArray[Any]:
     """Return a column as the array that `Conflicts` has of it."""
-    if column.type is Type.POINT:
+    if column.type is ColumnType.POINT:
         return _places(stored, column.name)
-    if column.type is Type.INSTANT:
+    if column.type is ColumnType.INSTANT:
         return instants(stored, MINUS_INFINITY_US)
-    return measures(stored, np.nan) if column.type is Type.NUMBER else numbers(stored)
+    return measures(stored, np.nan) if column.type is ColumnType.NUMBER else numbers(stored)
 
 
 def _places(column: Array, name: str) -> NDArray[np.float64]:
@@ -225,9 +225,9 @@ def _codes(columns: dict[str, Array], name: str, names: Array) -> NDArray[np.int
 
 
 # Columns from the arrays of `Conflicts`.
-_OF_ARRAY: Final[dict[Type, Callable[[NDArray[Any]], Array]]] = {
-    Type.NUMBER: lambda values: of_measures(values, np.nan),
-    Type.INSTANT: lambda values_us: of_instants(values_us, MINUS_INFINITY_US),
-    Type.WHOLE: of_numbers,
-    Type.POINT: _of_points,
+_OF_ARRAY: Final[dict[ColumnType, Callable[[NDArray[Any]], Array]]] = {
+    ColumnType.NUMBER: lambda values: of_measures(values, np.nan),
+    ColumnType.INSTANT: lambda values_us: of_instants(values_us, MINUS_INFINITY_US),
+    ColumnType.WHOLE: of_numbers,
+    ColumnType.POINT: _of_points,
 }

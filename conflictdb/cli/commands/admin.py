@@ -12,11 +12,11 @@ def add(commands: Any) -> None:
     about = "schema, attached tables, rights, services"
     parser: Parser = commands.add_parser("admin", help=about, description=f"Commands for operators: the {about}.")
     below = parser.add_subparsers(title="commands", dest="admin_command", required=True, metavar="COMMAND")
-    command(below, "init", "admin:upgrade", "create the schema `conflictdb`", "May run again.")
-    command(below, "upgrade", "admin:upgrade", "upgrade the schema to this program's", "May run again.")
+    command(below, "init", "administration:upgrade", "create the schema `conflictdb`", "May run again.")
+    command(below, "upgrade", "administration:upgrade", "upgrade the schema to this program's", "May run again.")
 
     about = "write the files of the extension conflictdb for a server"
-    parser = command(below, "extension", "admin:extension", about)
+    parser = command(below, "extension", "administration:extension", about)
     about = "default: that of the server of --pg-config"
     parser.add_argument("directory", nargs="?", type=Path, metavar="DIRECTORY", help=about)
     parser.add_argument("--pg-config", metavar="PROGRAM", default="pg_config", help="default: the one on PATH")
@@ -36,7 +36,7 @@ def add(commands: Any) -> None:
 
 def _add_tables(commands: Any) -> None:
     more = "They follow the table, by triggers, until `detach`."
-    parser = command(commands, "attach", "admin:attach", "make rows of a table objects of a scene", more)
+    parser = command(commands, "attach", "administration:attach", "make rows of a table objects of a scene", more)
     parser.add_argument("kind", choices=("area", "track"), metavar="KIND", help="area or track")
     _add_table(parser)
     about = "a column or SQL expression for each field; repeatable"
@@ -45,11 +45,11 @@ def _add_tables(commands: Any) -> None:
     parser.add_argument("--every", type=duration_s, metavar="DURATION", help="compare so often instead of triggers")
     parser.add_argument("--dry-run", action="store_true", help="print the effect, change nothing")
 
-    parser = command(commands, "detach", "admin:detach", "detach a table, and remove its objects")
+    parser = command(commands, "detach", "administration:detach", "detach a table, and remove its objects")
     _add_table(parser)
     parser.add_argument("--keep", action="store_true", help="keep its objects")
 
-    parser = command(commands, "attachments", "admin:attachments", "show attached tables and rows left out")
+    parser = command(commands, "attachments", "administration:attachments", "show attached tables and rows left out")
     parser.add_argument("--scene", type=name, metavar="NAME", help="of this scene only")
 
 
@@ -60,12 +60,12 @@ def _add_table(parser: Parser) -> None:
 
 def _add_rights(commands: Any) -> None:
     about = "share a scene, or give it away"
-    parser = command(commands, "share", "admin:share", about, "For the scene's owner.")
+    parser = command(commands, "share", "administration:share", about, "For the scene's owner.")
     parser.add_argument("role", nargs="?", metavar="ROLE", help="role, or public (default: list them)")
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")
     about = "default: read; own: make it the owner"
     parser.add_argument("--access", choices=("read", "write", "own", "none"), help=about)
 
     about = "show scenes to their owners and shares only"
-    parser = command(commands, "protect", "admin:protect", about, "For the owner of schema conflictdb.")
+    parser = command(commands, "protect", "administration:protect", about, "For the owner of schema conflictdb.")
     parser.add_argument("--off", action="store_true", help="show all scenes to all")

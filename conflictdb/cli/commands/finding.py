@@ -39,33 +39,35 @@ def add(commands: Any) -> None:
 
 def _add_plans(commands: Any) -> None:
     more = "Does not detect. If one object is refused, nothing changes."
-    parser = command(commands, "load", "plans:load", "load plans from files", more)
+    parser = command(commands, "load", "scene_objects:load", "load plans from files", more)
     parser.add_argument("files", nargs="+", metavar="FILE", help="scene files, moving features, positions or areas")
     parser.add_argument("--scene", type=name, metavar="NAME", help="scene (default: named by the file)")
     add_loading(parser)
 
-    command(commands, "scenes", "plans:scenes", "list scenes")
+    command(commands, "scenes", "scene_objects:scenes", "list scenes")
 
-    parser = command(commands, "objects", "plans:objects", "list the objects of a scene")
+    parser = command(commands, "objects", "scene_objects:objects", "list the objects of a scene")
     add_scene(parser)
     add_options(parser, "--tz")
     add_format(parser, "table", "json")
 
-    parser = command(commands, "rename", "plans:rename", "rename a scene, or an object")
+    parser = command(commands, "rename", "scene_objects:rename", "rename a scene, or an object")
     parser.add_argument("key", nargs="?", metavar="KEY", help="key of an object")
     parser.add_argument("new", type=name, metavar="NEW", help="new name or key")
     add_scene(parser)
 
-    parser = command(commands, "copy", "plans:copy", "copy a scene, without its conflicts")
+    parser = command(commands, "copy", "scene_objects:copy", "copy a scene, without its conflicts")
     parser.add_argument("new", type=name, metavar="NEW", help="name of the copy")
     add_scene(parser)
 
-    parser = command(commands, "delete", "plans:delete", "delete objects, or a scene")
+    parser = command(commands, "delete", "scene_objects:delete", "delete objects, or a scene")
     parser.add_argument("keys", nargs="*", metavar="KEY", help="keys of objects")
     add_scene(parser)
     parser.add_argument("--all", action="store_true", help="the whole scene, which --scene must name")
 
-    parser = command(commands, "export", "plans:export", "write a scene file", "Loading it gives the same objects.")
+    parser = command(
+        commands, "export", "scene_objects:export", "write a scene file", "Loading it gives the same objects."
+    )
     parser.add_argument("file", metavar="FILE", help="file (.gz: compressed; -: stdout)")
     add_scene(parser)
     parser.add_argument(

@@ -9,7 +9,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.polygons import SRID, Polygons
 from conflictdb.db.store import copy_binary
 from conflictdb.model.plans import MINUS_INFINITY_US
-from conflictdb.model.record import MEASURED, STATES, Column, Type
+from conflictdb.model.record import MEASURED, STATES, Column, ColumnType
 from conflictdb.model.results import Verdict
 
 Columns = dict[str, copy_binary.Column]
@@ -30,11 +30,11 @@ def columns_of(found: Conflicts, region: Polygons) -> Columns:
 
 def _column(column: Column, values: NDArray[Any]) -> copy_binary.Column:
     """Return an array of `Conflicts` as a column; what is not known is null."""
-    if column.type is Type.POINT:
+    if column.type is ColumnType.POINT:
         return copy_binary.points(values, SRID)
-    if column.type is Type.INSTANT:
+    if column.type is ColumnType.INSTANT:
         return copy_binary.nullable(copy_binary.instants(values), values == MINUS_INFINITY_US)
-    if column.type is Type.WHOLE:
+    if column.type is ColumnType.WHOLE:
         return copy_binary.fixed(values, "i8")
     stored = copy_binary.fixed(values, "f8")
     return stored if column.required else copy_binary.nullable(stored, np.isnan(values))

@@ -21,7 +21,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.model.inputs import all_certain, certain
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
-from conflictdb.model.settings import SETTINGS, Type
+from conflictdb.model.settings import SETTINGS, SettingType
 
 # Areas, and tracks, that are encoded at once: bounds memory.
 _SENT_AT_ONCE = 10_000
@@ -407,7 +407,7 @@ def _settings(scene: Scene) -> Jsonb:
     for setting in SETTINGS:
         value = getattr(scene, setting.name)
         if value is not None:
-            columns.update(zip(setting.columns, value if setting.type is Type.PLACE else (value,), strict=True))
+            columns.update(zip(setting.columns, value if setting.type is SettingType.PLACE else (value,), strict=True))
     return Jsonb(columns)
 
 

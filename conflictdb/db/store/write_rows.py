@@ -30,7 +30,7 @@ from conflictdb.db.store.known_pairs import DIGEST_KEY_BYTES, KnownPairs, digest
 from conflictdb.db.store.new_rows import NewRows, begin_new, copy_new, finish_new
 from conflictdb.db.store.parameters import Array
 from conflictdb.kernel.waiting import run_in_thread, wait_for
-from conflictdb.model.record import MEASURED, STATES, Type
+from conflictdb.model.record import MEASURED, STATES, ColumnType
 from conflictdb.model.results import Verdict
 from conflictdb.stages.conflict_regions import EDITION
 
@@ -38,7 +38,7 @@ from conflictdb.stages.conflict_regions import EDITION
 _ROWS_AT_ONCE: Final = 5_000
 # From this many new rows on, COPY pays for its four statements.
 _MANY_NEW: Final = 300
-_SENT_AS: Final = {Type.POINT: "bytea", Type.NUMBER: "double precision", Type.INSTANT: "timestamptz"}
+_SENT_AS: Final = {ColumnType.POINT: "bytea", ColumnType.NUMBER: "double precision", ColumnType.INSTANT: "timestamptz"}
 # What _write_run takes of a row, in its order.
 _TYPES: Final = {
     "a_kind": "smallint",
@@ -273,11 +273,11 @@ def _digests(found: Conflicts, key: bytes) -> NDArray[np.int64]:
         copy_binary.fixed(kind, "i2") for kind in (found.a_kind, found.b_kind, found.verdict)
     ]
     # By type: the order of columns is part of the digests that databases hold.
-    of_type = {kind: [getattr(found, one.array) for one in MEASURED if one.type is kind] for kind in Type}
-    for numbers in (*(getattr(found, one.array) for one in STATES), *of_type[Type.INSTANT]):
+    of_type = {kind: [getattr(found, one.array) for one in MEASURED if one.type is kind] for kind in ColumnType}
+    for numbers in (*(getattr(found, one.array) for one in STATES), *of_type[ColumnType.INSTANT]):
         columns.append(copy_binary.fixed(numbers, "i8"))
-    columns += [_digested(measures[:, None]) for measures in of_type[Type.NUMBER]]
-    columns += [_digested(places) for places in of_type[Type.POINT]]
+    columns += [_digested(measures[:, None]) for measures in of_type[ColumnType.NUMBER]]
+    columns += [_digested(places) for places in of_type[ColumnType.POINT]]
     # Alone of no fixed width: so no two rows are the same bytes.
     columns.append(
         copy_binary.Ragged(copy_binary.fixed(found.period_us.ravel(), "i8").ravel(), 16 * found.period_offset)
