@@ -15,7 +15,7 @@ from workloads import EQUATOR, GROWING_CIRCLES, HARBOUR, OCEAN, SEAM, Workload, 
 
 import conflictdb
 from conflictdb import InvalidInput, connect
-from conflictdb.db import import_computed, probes, schema, store
+from conflictdb.db import difference_rows, import_computed, probes, schema, store
 from conflictdb.db.detect import detect
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.session.stored_scene import StoredScene
