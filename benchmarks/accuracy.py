@@ -1,25 +1,25 @@
-"""Speed against accuracy: what each method and tolerance costs, and how wrong its answer is, held to brute force.
+"""Speed against accuracy: the cost and the error of each method and tolerance, compared with brute force.
 
     ./.venv/bin/python benchmarks/accuracy.py [--document docs/explanation/accuracy.md] [--figure FILE.svg]
 
-Workloads at low and at high latitudes and of long legs (tests/support/workloads.py), on the sphere and on WGS84,
-through every method at tolerances of 1000, 10, 1 and 0 m; and, on the sphere, the paper's formulas of stage 3 as
-printed (benchmarks/published.py), on whole legs as in the paper.
+Workloads at low and at high latitudes and of long legs (tests/support/workloads.py), on the sphere and on WGS84, by
+every method at tolerances of 1000, 10, 1 and 0 m. On the sphere also the paper's formulas of stage 3 as printed
+(benchmarks/published.py), on whole legs as in the paper.
 
-Cost: processor time of stages 3 and 4, up to the row per pair of objects, over the pairs of pieces with a track that
-stages 1 and 2 leave at that tolerance: the same number for every method, so that costs compare. All scenes of a
-workload are solved together, as one large scene would be; the methods take turns, and the median of the turns counts.
-What takes milliseconds a pair has one turn, on the scenes held to brute force: it works pair by pair, so that their
-number does not matter. Read the ratios, not the microseconds.
+Cost: processor time of stages 3 and 4, up to the row per pair of objects, divided by the pairs of pieces with a track
+that stages 1 and 2 leave at that tolerance. The divisor is the same for every method, so costs compare. All scenes of a
+workload are solved together, as one large scene would be. The methods take turns; the result is the median of the
+turns. A method that takes milliseconds per pair has one turn, on the scenes compared with brute force: its cost per
+pair does not depend on their number. Read the ratios, not the microseconds.
 
-Error: in the first of the scenes (--true), every pair of objects with a track is held to tests/support/oracle.py, which
-knows no tolerance. An end is the first or the last contact of a pair that meets. It is *unsafe* by how much contact
-there is before the reported start or after the reported end, and *slack* by how much reported time there is before the
-first or after the last contact. False is a pair that is called a conflict although the objects never meet, or grazing
-although they stay further apart than the tolerance; `screen` calls the pairs that it reports unresolved.
+Error: in the first scenes (--true), every pair of objects with a track is compared with tests/support/oracle.py, which
+has no tolerance. An end is the first or the last contact of a pair that meets. *Unsafe* is the contact time before the
+reported start or after the reported end. *Slack* is the reported time before the first or after the last contact. A
+pair is false if it is reported as a conflict and never meets, or as grazing and stays further apart than the tolerance;
+`screen` reports its pairs as unresolved.
 
-Brute force takes minutes: --truth FILE keeps what it found and reads it next time. --results FILE keeps the numbers;
-with --redraw, they are read from there and nothing is measured. The figure needs matplotlib (CONTRIBUTING.md).
+Brute force takes minutes: --truth FILE stores its answers and reads them next time. --results FILE stores the numbers;
+--redraw reads them from there and measures nothing. The figure needs matplotlib (CONTRIBUTING.md).
 """
 
 import argparse
@@ -61,7 +61,7 @@ WORKLOADS: Final = (LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS)
 TOLERANCES_M: Final = (1000.0, 10.0, 1.0, 0.0)
 PUBLISHED: Final = "published"
 UNBOUNDED: Final = (Method.SCREEN, PUBLISHED)  # state no bound on times
-# What takes longer than this for a pair, seconds, is timed once, and on the scenes held to brute force only.
+# Slower methods, seconds per pair, are timed once, and only on the scenes compared with brute force.
 QUICK_S: Final = 2e-3
 # Brute force resolves least separations up to this, plane metres: the largest tolerance at the largest scale.
 CARE_M: Final = 15.0 * max(TOLERANCES_M)
@@ -88,17 +88,19 @@ HEADS: Final = (
 
 @dataclass(frozen=True)
 class Row:
-    """What one method at one tolerance cost, and how wrong it was.
+    """Cost and error of one method at one tolerance.
 
     pair_us : microseconds of processor time of stages 3 and 4 per pair of pieces that stages 1 and 2 leave
-    pieces : such pairs
-    pairs, meet : pairs of objects held to brute force, and those of them that meet
-    missed, apart, false, unresolved : pairs that meet and are not reported; that are reported and do not meet; that
-        are called a conflict or grazing and are not; that are left open
-    wrong : disagreements with what the method guarantees (see tests/support/verdicts.py); 0 for all but `published`
-    unsafe_s, slack_s, end_s : 95 % and worst over the ends of all pairs that meet and are reported, seconds; end_s is
-        the larger of the two
-    bound_s : the widest bound that was stated with a conflict, seconds
+    pieces : number of these pairs
+    pairs, meet : pairs of objects compared with brute force; pairs of these that meet
+    missed : pairs that meet and are not reported
+    apart : pairs that are reported and do not meet
+    false : pairs reported as a conflict or grazing that are neither
+    unresolved : pairs reported as unresolved
+    wrong : disagreements with the method's guarantee (see tests/support/verdicts.py); 0 for all but `published`
+    unsafe_s, slack_s : 95 % and worst over the ends of all pairs that meet and are reported, seconds
+    end_s : the larger of the two
+    bound_s : the widest bound reported with a conflict, seconds
     """
 
     workload: str
@@ -129,7 +131,7 @@ class Scenes:
 
     @classmethod
     def of(cls, workload: Workload, earth: EarthModel, scenes: int, objects: int) -> "Scenes":
-        """Return so many random scenes of as many areas as tracks."""
+        """Return random scenes, each of as many areas as tracks."""
         found = [throw(workload, seed, objects, objects, earth) for seed in range(scenes)]
         return cls(replace(found[0][0], tolerance_m=0.0), [(areas, tracks) for _, areas, tracks in found])
 
@@ -162,7 +164,7 @@ class Scenes:
         return self._footprints[numbers]
 
     def truth(self, count: int) -> dict[Pair, oracle.Meeting]:
-        """Return what brute force says of every pair with a track in the first scenes."""
+        """Return the brute-force answer for every pair with a track in the first scenes."""
         found = {}
         for k, (areas, tracks) in enumerate(self.thrown[:count]):
             first = k * len(areas)
@@ -212,7 +214,7 @@ def published_answer(scenes: Scenes) -> tuple[Answer, float]:
 def rows_of(
     workload: Workload, scenes: Scenes, truth: dict[Pair, oracle.Meeting], true_count: int, turns: int
 ) -> list[Row]:
-    """Return the rows of one workload and earth; what is slow is timed once, on the scenes held to brute force."""
+    """Return the rows of one workload and earth; slow methods are timed once, on the scenes of brute force."""
     few = replace(scenes, thrown=scenes.thrown[:true_count])
     rows: list[Row] = []
     for tolerance_m in TOLERANCES_M:
@@ -253,7 +255,7 @@ def row_of(
     seconds: Sequence[float],
     pieces: int,
 ) -> Row:
-    """Return a row: what was measured, and the answer against the truth."""
+    """Return a row: the measured cost, and the answer compared with the truth."""
     unsafe: list[float] = []
     slack: list[float] = []
     apart = false = missed = 0
@@ -341,7 +343,7 @@ def number(value: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a time in words; 0 is what rounding to microseconds leaves."""
+    """Return a time in words; 0 if it is below the rounding to microseconds."""
     if seconds <= ROUNDING_S:
         return "0"
     unit, name = next(((unit, name) for unit, name in UNITS if seconds >= unit), (1e-6, "us"))
@@ -349,7 +351,7 @@ def duration(seconds: float) -> str:
 
 
 def kept_truth(path: Path | None, scenes: dict[str, Scenes], count: int) -> dict[str, dict[Pair, oracle.Meeting]]:
-    """Return what brute force says, by workload and earth; from a file where there is one, else kept in it."""
+    """Return the brute-force answers, by workload and earth; from a file if it exists, else stored in it."""
     if path and path.exists():
         held = json.loads(path.read_text())
     else:
@@ -369,7 +371,7 @@ def kept_truth(path: Path | None, scenes: dict[str, Scenes], count: int) -> dict
 
 
 def main() -> None:
-    """Measure, or read what was measured; print the table, and write what is asked for."""
+    """Measure, or read stored numbers; print the table, and write the requested files."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--objects", type=int, default=10, help="areas, and as many tracks, per scene")
     parser.add_argument("--scenes", type=int, default=80, help="per workload and earth")
@@ -382,7 +384,7 @@ def main() -> None:
     parser.add_argument("--figure", type=Path, help="draw the figure into this file (needs matplotlib)")
     args = parser.parse_args()
     if args.figure:
-        import accuracy_figure  # says what to install where matplotlib is not there, before anything is measured
+        import accuracy_figure  # reports how to install a missing matplotlib before anything is measured
     if args.redraw:
         rows = [Row(**row) for row in json.loads(args.results.read_text())]
     else:

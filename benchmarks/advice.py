@@ -2,11 +2,11 @@
 
     ./run server start; ./.venv/bin/python benchmarks/advice.py [--dsn DSN] [--objects 40 300 1500] [--repeat 3]
 
-Random scenes of so many areas and as many tracks, in a window that grows with them. Every detection follows one by
-another method, so that it changes every row; the median of processor seconds of client and server counts. Below each
-scene: what the database took for a row, in units of what making a piece takes in memory, as the constants of
-`conflictdb.advice.advise` are given; a row of a conflict includes the regions that the kernel leaves to the database.
-The scenes stay in the database, named `advice 40` and so on.
+Random scenes of N areas and N tracks, in a window that grows with N. Before every detection runs one by another method,
+so that every row changes. The result is the median of processor seconds of client and server. Below each scene: the
+time of the database per row, in units of the time to make a piece in memory, like the constants of
+`conflictdb.advice.advise`. A row of a conflict includes the regions that the kernel leaves to the database. The scenes
+stay in the database, named `advice 40` and so on.
 """
 
 import argparse

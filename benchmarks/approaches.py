@@ -1,13 +1,13 @@
-"""What a closest approach costs per pair of objects, and where they first meet per contact.
+"""Cost of a closest approach per pair of objects, and of a first contact point per contact.
 
     ./.venv/bin/python benchmarks/approaches.py [--scenes 10] [--objects 12]
 
-Areas and tracks of every shape, as many each, in scenes of random workloads; *candidates* are pairs of objects whose
-pieces come within 50 km (in harbours 1 km) of each other by their hulls. Processor time of one thread, microseconds,
-the least of several rounds: *median*, *mean* and *90 %* of the candidates that come within that distance without
-touching (*near*), *touch* the median of those that touch, *far* of those that are further away; *place* is a first
-contact point, a pair of pieces. *error* and *worst* are the median and the largest of what the search leaves of a
-distance, millimetres. *threads* is how many times as fast two threads are, by the clock.
+Areas and tracks of every shape, in equal numbers, in scenes of random workloads. *candidates* are pairs of objects
+whose hulls of pieces come within 50 km (in harbours 1 km) of each other. Times are processor time of one thread,
+microseconds, the least of several rounds. *median*, *mean* and *90 %* are of the candidates that come within that
+distance without touching (*near*). *touch* is the median of candidates that touch, *far* of candidates that are further
+away. *place* is per first contact point of a pair of pieces. *error* and *worst* are the median and the largest error
+of the distance that the search leaves, millimetres. *threads* is the speed-up by two threads, by the clock.
 """
 
 import argparse
@@ -39,9 +39,9 @@ from conflictdb.stages.stage1_broad_phase import candidates
 from conflictdb.stages.stage2_intersection import intersections
 
 ROUNDS = 5
-# First contact points are found so many times over, for the clock to see.
+# Repetitions of the first contact points, so that the clock resolves their time.
 TIMES = 100
-# Candidates are taken so many times over, so that two threads have something to do.
+# Copies of the candidates, so that two threads have enough work.
 CROWD = 4
 
 
@@ -131,7 +131,7 @@ def place_us(load: Load, found: Closest) -> float:
 
 
 def row(load: Load, nearest_m: float) -> str:
-    """Return what is measured of a load, as the columns of the table."""
+    """Return the results for a load, as the columns of the table."""
     count = len(load.offset) - 1
     found, each = load.closest(nearest_m, 0, count), each_us(load, nearest_m)
     is_far, touch = np.isinf(found.distance_m), found.distance_m == 0.0

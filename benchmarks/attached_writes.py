@@ -1,10 +1,10 @@
-"""What writers of a table pay for its being attached: processor time of their session, with and without.
+"""Cost for writers of a table of attaching it: processor time of their session, with and without.
 
     ./run python benchmarks/attached_writes.py DSN
 
-DSN is a scratch database on this machine (Linux), with the schema conflictdb; a schema `attached_writes` is made and
-dropped. Processor time is that of the server's process, so other load does not count. The time of commits, which is
-spent waiting for the disk, is not in it either: with it the share is less.
+DSN is a scratch database on this machine (Linux), with the schema conflictdb; a schema `attached_writes` is created and
+dropped. Processor time is that of the server's process, so other load does not count. The time of commits, mostly waits
+for the disk, is excluded, too: including it, the share is less.
 """
 
 import sys

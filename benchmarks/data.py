@@ -1,4 +1,4 @@
-"""Where the real input of benchmarks and acceptance runs lies: beside the checkout, or where CONFLICTDB_DATA says."""
+"""Directory of the real input of benchmarks and acceptance runs: CONFLICTDB_DATA, else next to the checkout."""
 
 import os
 import sys

@@ -1,12 +1,12 @@
-"""Forbidden departures of all tracks of a scene: what they take beside `solve` of it, and how sharp their ends are.
+"""Forbidden departures of all tracks of a scene: their cost compared with `solve`, and the errors of their ends.
 
     ./.venv/bin/python benchmarks/delays.py [--sea 50000] [--within-s 7200]
 
 Processor seconds of one thread, `solve` and `delays` one after the other. `pairs`: pairs of pieces whose differences of
-departure the kernel computed; `kernel`: seconds that this took, and microseconds a pair; `a track`: milliseconds of all
-stages after cutting, divided by the tracks. Errors are those of the ends of pairs, once their times are halved where
-that was needed, before they are rounded to microseconds. `inside`: pairs of pieces (or of halves) in contact at some
-difference with an inner interval, of all of these.
+departure the kernel computed. `kernel`: its seconds, and microseconds a pair. `a track`: milliseconds of all stages
+after cutting, divided by the tracks. Errors are of the ends of pairs, after their times are halved where needed, and
+before they are rounded to microseconds. `inside`: share of these pairs of pieces (or of halves) in contact at some
+difference that have an inner interval.
 """
 
 import argparse
@@ -144,7 +144,7 @@ class Kernel:
 
 
 class Ends:
-    """What the stage makes of the kernel's differences, with the intervals of all calls."""
+    """Results of the stage from the kernel's differences, with the intervals of all calls."""
 
     def __init__(self, call: Callable[..., Any]) -> None:
         self.call = call

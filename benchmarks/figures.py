@@ -1,4 +1,4 @@
-"""What all figures share: matplotlib, or how to get it, and a style: files are small, and change with the data only."""
+"""Common parts of all figures: import of matplotlib, and a style with small files that change with the data only."""
 
 import sys
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ def figure(path: Path, rows: int, columns: int, size: tuple[float, float], **mor
 
 
 def both_logarithmic(panel: Any, title: str, across: str, up: str) -> None:
-    """Label a panel of powers, in which all is drawn."""
+    """Make both axes of a panel logarithmic and label them; call it after drawing."""
     panel.set_xscale("log")
     panel.set_yscale("log")
     for axis in (panel.xaxis, panel.yaxis):

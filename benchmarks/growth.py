@@ -3,16 +3,15 @@
     ./.venv/bin/python benchmarks/growth.py [--sea 500 5000 50000] [--box 500 1000] [--dsn DSN] [--jobs 2]
         [--document docs/explanation/performance.md] [--folder docs/explanation/performance] [--redraw]
 
-*sea* is as dense at any size (made_scenes.py), so that pairs grow as objects do; *box* is the paper's, where pairs grow
-as the square. Each scene is loaded by one process and detected by another, both of which begin afresh, in a new
-database: once with all rows to write, again in full, which finds the same, and then after changes of one track each,
-fifteen of them, of which the median counts. Memory is the most that the detecting process held, and that
-the server's processes held together (PSS, sampled; shared memory counted once).
+*sea* has the same density at any size (made_scenes.py), so that pairs grow as objects do; *box* is the paper's, where
+pairs grow as the square. Each scene is loaded and detected by two fresh processes, in a new database. It is detected
+with all rows to write, then again in full with the same answer, then after each of fifteen changes of one track; the
+result of these is the median. Memory is the peak of the detecting process, and of the server's processes together (PSS,
+sampled; shared memory counted once).
 
-Seconds by the clock come first, for both detections; the others are processor seconds of client and server together,
-which tell more where the machine is shared (measured.py). Exponents are those of a power law through the two largest
-sizes, and through all from 5,000 on. Scenes of up to 5,000 objects are loaded and detected three times, and medians
-count.
+The first seconds are by the clock, for both detections. The others are processor seconds of client and server together,
+which vary less on a shared machine (measured.py). Exponents are of a power law through the two largest sizes, and
+through all from 5,000 on. Scenes of up to 5,000 objects are loaded and detected three times; the results are medians.
 """
 
 import argparse
@@ -42,9 +41,9 @@ from conflictdb import Scene
 
 SEA: Final = (500, 5_000, 50_000, 200_000, 1_000_000)
 BOX: Final = (500, 1_000, 2_000, 5_000, 10_000, 20_000)
-# Scenes up to this size are detected anew three times: what is measured is short beside what disturbs it.
+# Scenes up to this size are detected three times: their times are short compared with disturbances.
 SMALL: Final = 5_000
-# Larger ones are not detected again in full: it takes as long as the first time.
+# Larger scenes are not detected again in full: it takes as long as the first time.
 LARGE: Final = 200_000
 SEED: Final = 1
 
@@ -65,7 +64,7 @@ def fill(db: conflictdb.Database, series: str, objects: int, name: str) -> None:
 
 
 def measure(dsn: str, series: str, objects: int, times: int, **settings: Any) -> dict[str, Any]:
-    """Return the row of one scene: medians of so many times that it is loaded and detected."""
+    """Return the row of one scene: medians over `repeat` loads and detections."""
     found = []
     for number in range(times):
         name = f"{series} {objects} {number}"
@@ -87,7 +86,7 @@ def measure(dsn: str, series: str, objects: int, times: int, **settings: Any) ->
 
 
 def count_pieces(dsn: str, scene: str) -> int:
-    """Return how many pieces a scene has."""
+    """Return the number of pieces of a scene."""
     with conflictdb.connect(dsn) as db:
         query = "SELECT count(*) FROM conflictdb.piece JOIN conflictdb.scene USING (scene_id) WHERE scene.name = %s"
         found = db.connection.execute(query, [scene]).fetchone()
@@ -203,7 +202,7 @@ def main() -> None:
     parser.add_argument("--redraw", action="store_true", help="measure nothing: take the numbers from the folder")
     args = parser.parse_args()
     if args.folder:
-        import figures  # noqa: F401  # says what to install where matplotlib is not there, before anything is measured
+        import figures  # noqa: F401  # reports how to install a missing matplotlib before anything is measured
     rows: list[dict[str, Any]] = read_csv(args.folder / "growth.csv") if args.redraw else []
     told = None
     for series, objects in [] if args.redraw else [("sea", n) for n in args.sea] + [("box", n) for n in args.box]:
@@ -212,7 +211,7 @@ def main() -> None:
             with conflictdb.connect(dsn) as db:
                 told = versions(db.connection)
         print({name: value for name, value in rows[-1].items() if value}, flush=True)
-        if args.folder:  # the large ones take long: what is known is kept
+        if args.folder:  # large scenes take long: keep the results so far
             write_csv(args.folder / "growth.csv", rows)
     text = table(rows) + (f"\n\n{told}." if told else "")
     print(text)

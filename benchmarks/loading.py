@@ -1,11 +1,11 @@
-"""How long loading a scene file takes, phase by phase; and what a terminal shows of loading and detecting a large one.
+"""Time to load a scene file, phase by phase; and the terminal's output of loading and detecting a large one.
 
     ./.venv/bin/python benchmarks/loading.py [--objects 2000 20000 200000] [--record 200000] [--dsn DSN]
         [--files FOLDER] [--document docs/explanation/performance.md] [--folder docs/explanation/performance]
 
 The scenes are the sea of made_scenes.py: half of the objects are areas, half tracks, here of 5 to 10 legs. Each file is
-loaded by a process that begins afresh, into a new database. Seconds are those of the processor, of the client and of
-its backend in the server, and by the clock.
+loaded by a fresh process, into a new database. Seconds are those of the processor, of the client and of its backend in
+the server, and by the clock.
 """
 
 import argparse
@@ -40,15 +40,15 @@ SEED: Final = 1
 LEGS: Final = (5, 11)  # from five to ten
 MAX_FILE_MB: Final = 1_000
 COLUMNS: Final = 100
-# What a recording shows of a phase: its first line, its last, and one in between every so many seconds; of a phase that
-# returns for every part of the scene, the first times only.
+# Lines of a phase that a recording shows: the first, the last, and one per EVERY_S seconds between. A phase that
+# returns for every part of the scene shows its first times only.
 EVERY_S: Final = 30.0
 TIMES: Final = 2
 _CLEARED: Final = re.compile(r"\r\x1b\[K")
 
 
 def made_file(objects: int, folder: Path) -> Path:
-    """Return a scene file of so many objects in a folder, made unless it is there."""
+    """Return a scene file of `count` objects in a folder; write it if it does not exist."""
     path = folder / f"sea-{objects}.geojson"
     if path.exists():
         return path
@@ -137,7 +137,7 @@ def recorded(arguments: Sequence[str], folder: Path, dsn: str, output: Path | No
 
 
 def _frames(terminal: int, began: float) -> Iterator[tuple[float, str, bool]]:
-    """Yield what a terminal shows line by line: seconds since the beginning, the text, and whether it is replaced."""
+    """Yield the lines of a terminal: seconds since the beginning, the text, and whether it is replaced."""
     text = ""
     while True:
         try:

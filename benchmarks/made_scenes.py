@@ -1,12 +1,12 @@
-"""Random scenes of a size: what is thrown into the paper's box, and a sea of constant density.
+"""Random scenes of a given size: the paper's box, and a sea of constant density.
 
 The paper's random workload (Bienkowski, Sidoti, Pattipati 2021): latitudes 0 to 30, longitudes 45 to 15 west; areas of
-3 to 10 vertices, each 50 to 100 nmi from the middle; tracks of one leg of 50 to 100 nmi; rectangular havens, each side
-of which is 20 to 40 nmi long. Areas are there throughout; tracks begin within six hours.
+3 to 10 vertices, each 50 to 100 nmi from the middle; tracks of one leg of 50 to 100 nmi; rectangular havens with sides
+of 20 to 40 nmi. Areas have no time limits; tracks begin within six hours.
 
 Choices of this file, not of the paper: vertices have random bearings from a middle that lies between them, and the area
-is their convex hull; reference points keep a tenth of each side away from the sides; speeds are 5 to 25 kn; one track
-in seven stays for up to two hours where its leg ends.
+is their convex hull. Reference points keep a tenth of each side away from the sides. Speeds are 5 to 25 kn. One track
+in seven waits for up to two hours at the end of its leg.
 """
 
 import sys
@@ -24,14 +24,14 @@ from conflictdb import Area, Scene, Track
 
 
 class Kind(StrEnum):
-    """What a scene of the study holds."""
+    """Kinds of objects in a scene of the study."""
 
     STATIC = "static"  # areas alone
     MIXED = "mixed"  # as many areas as tracks
     TRACKS = "tracks"  # tracks alone
 
     def split(self, objects: int) -> tuple[int, int]:
-        """Return how many areas and how many tracks so many objects are."""
+        """Return the number of areas and of tracks for a number of objects."""
         areas = {Kind.STATIC: objects, Kind.MIXED: objects - objects // 2, Kind.TRACKS: 0}[self]
         return areas, objects - areas
 

@@ -1,8 +1,8 @@
 """Whole detections, measured: a fresh database, a fresh process, memory of client and server, medians, CSV.
 
-Machines are shared, so a run's own clock is made to count what this process and its backend in the server compute, not
-what they wait for: its stages then take processor seconds. How long it took by the clock is measured beside it. Where
-the server's processes cannot be seen (another machine, another system than Linux) all seconds are those of the clock.
+Machines are shared, so the clock of a run is replaced: it counts processor time of this process and its backend in the
+server, without waits. The time by the clock is measured, too. Where the server's processes cannot be seen (another
+machine, another system than Linux) all seconds are those of the clock.
 """
 
 import csv
@@ -35,7 +35,7 @@ from conflictdb import Area, Scene, Track
 from conflictdb.db import schema, store
 from conflictdb.server import embedded
 
-WARM: Final = "strait"  # the scene that comes with the package: what is slow the first time only is over with it
+WARM: Final = "strait"  # a scene of the package: warms up whatever is slow the first time
 STAGES: Final = ("pieces_s", "stage1_s", "stage2_s", "stage3_s", "stage4_s", "write_s")
 # Changes of one object that are detected one by one.
 CHANGES: Final = 15
@@ -45,11 +45,12 @@ _SAMPLE_S: Final = 0.1
 
 @dataclass(frozen=True)
 class Detection:
-    """What one detection counted and took; see `conflictdb.Run`.
+    """Counts and times of one detection; see `conflictdb.Run`.
 
-    pieces_s to write_s : processor seconds; write_s are those of no stage: conflicts replaced, the run recorded
+    pieces_s : this and the next to write_s: processor seconds
+    write_s : time outside the other stages: conflicts replaced, the run recorded
     total_s : by the clock
-    cpu_s, client_s : processor seconds in all, and of this process; cpu_s is None where those of the server are unknown
+    cpu_s, client_s : processor seconds in all, and of this process; cpu_s is None if those of the server are unknown
     """
 
     candidate_pairs: int
@@ -102,7 +103,7 @@ def load(db: conflictdb.Database, scene: Scene, parts: Iterable[tuple[Sequence[A
 
 
 def detect(db: conflictdb.Database, scene: str, *, full: bool = True, **settings: Any) -> Detection:
-    """Detect a scene, and return what it took."""
+    """Detect a scene, and return its counts and times."""
     clock = processor_clock(db.connection)
     began, began_client = time.monotonic(), time.process_time()
     with patch("time.perf_counter", clock or time.perf_counter):
@@ -116,7 +117,7 @@ def detect(db: conflictdb.Database, scene: str, *, full: bool = True, **settings
 
 
 def change_one(db: conflictdb.Database, scene: str, times: int, **settings: Any) -> list[Detection]:
-    """Change one track of a scene, commit and detect, so many times, each time another; return what detections took."""
+    """Repeat: change another track of a scene, commit and detect; return the detections."""
     query = (
         "SELECT track_id FROM conflictdb.track JOIN conflictdb.scene USING (scene_id) WHERE scene.name = %s "
         "ORDER BY track_id LIMIT %s"
@@ -131,11 +132,12 @@ def change_one(db: conflictdb.Database, scene: str, times: int, **settings: Any)
 
 @dataclass(frozen=True)
 class Alone:
-    """What a process that only detects one scene took.
+    """Times and memory of a process that only detects one scene.
 
-    new, same : all rows to write; the same again in full, None where that was not asked for
+    new : all rows to write
+    same : the same again in full; None if not requested
     changed : the median of detections after one change each, right after that
-    client_mb, server_mb : the most memory that the process held, and the server meanwhile; None where it is not seen
+    client_mb, server_mb : peak memory of the process, and of the server meanwhile; None if it cannot be read
     """
 
     new: Detection
@@ -165,16 +167,15 @@ def _detections(
 
 
 def in_fresh_process(work: Callable[..., Any], *arguments: Any) -> Any:
-    """Return what a function of a module answers in a new interpreter, which ends then."""
+    """Return the result of a module's function in a new interpreter, which ends then."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         return pool.submit(work, *arguments).result()
 
 
 def peak_mb() -> float:
-    """Return the most memory that this process has held, MB.
+    """Return the peak memory of this process, MB.
 
-    On Linux of its own status: ru_maxrss knows also what the process was before it became this program, as large as
-    the one that began it.
+    On Linux from its own status: ru_maxrss includes the size of the process that started this program.
     """
     with suppress(OSError):
         status = Path("/proc/self/status").read_text().splitlines()
@@ -249,9 +250,9 @@ class Sampler:
 
 
 class ServerMemory(Sampler):
-    """Watches what a server's processes hold together; what they share is counted once (PSS).
+    """Samples the memory of a server's processes together; shared memory is counted once (PSS).
 
-    peak_mb : the most that was seen, None where nothing could be
+    peak_mb : the largest sample; None if there was none
     """
 
     def __init__(self, pid: int | None) -> None:
@@ -270,7 +271,7 @@ class ServerMemory(Sampler):
 
 
 def medians(found: Sequence[Detection]) -> Detection:
-    """Return the medians of what some detections took, column by column; counts too."""
+    """Return the medians of some detections, column by column; counts too."""
     columns: dict[str, Any] = {}
     for column in fields(Detection):
         known = [value for one in found if (value := getattr(one, column.name)) is not None]
@@ -280,7 +281,7 @@ def medians(found: Sequence[Detection]) -> Detection:
 
 
 def versions(conn: psycopg.Connection[Any]) -> str:
-    """Return in a line what was measured, and on what."""
+    """Return in a line the measured software and machine."""
     service = store.service(conn)
     conn.rollback()
     return (

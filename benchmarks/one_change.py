@@ -1,11 +1,11 @@
-"""One change: what it takes from its commit until the conflicts are current.
+"""One change: the time from its commit until the conflicts are current.
 
     ./.venv/bin/python benchmarks/one_change.py [--objects 5000 50000] [--changes 50] [--dsn DSN]
 
-In a sea of constant density (made_scenes.py) a track is moved by a hundredth of a degree, and the scene detected, again
-and again: through the library on an open connection, before and right after a detection in full, and by a running
-worker, up to its notification. Medians by the clock, and processor seconds of client and server together, which tell
-more where the machine is shared (measured.py); of the worker the clock alone.
+In a sea of constant density (made_scenes.py) a track is moved by a hundredth of a degree, and the scene detected,
+repeatedly: through the library on an open connection, before and right after a detection in full, and by a running
+worker, up to its notification. Results are medians by the clock, and processor seconds of client and server together,
+which vary less on a shared machine (measured.py); for the worker the clock alone.
 """
 
 import argparse
@@ -30,7 +30,7 @@ SELECT conflictdb.put_track(%(scene)s, t.key, ST_Translate(t.path, 0, %(by)s), t
 FROM conflictdb.track t JOIN conflictdb.scene s USING (scene_id) WHERE s.name = %(scene)s AND t.key = %(key)s
 """
 STEP_DEG: Final = 0.01
-# Before what is measured: plans are made, and the pages read that all changes need.
+# Before the measured changes: plans are made, and the pages read that all changes need.
 WARM_UP: Final = 6
 PATIENCE_S: Final = 60.0
 
@@ -58,7 +58,7 @@ class Changes:
 
 
 def medians_ms(changes: Changes, answer: Callable[[], object], times: int, clock: Callable[[], float]) -> str:
-    """Return in words the medians of what `answer` takes after so many changes."""
+    """Return in words the median times of `answer`, over a number of changes."""
     clocks, spent = [], []
     for _ in range(times):
         changes.make()
@@ -89,7 +89,7 @@ def await_detection(listener: psycopg.Connection[Any]) -> None:
 
 
 def measure(dsn: str, objects: int, times: int) -> None:
-    """Load a scene, change it, and print what changes take."""
+    """Load a scene, change it, and print the times of changes."""
     with conflictdb.connect(dsn) as db:
         load(db, Scene(SCENE), sea(objects, 1))
         changes, clock = Changes(db.connection, times), processor_clock(db.connection) or time.process_time

@@ -1,11 +1,11 @@
 """The paper's pipeline in Python, as a peer: boxes and intersections by shapely, stage 3, stage 4 by SLSQP.
 
 Bienkowski, Sidoti, Pattipati, "Interference Identification for Time-Varying Polyhedra", IEEE Access 2021, on the
-sphere. Of areas with tracks stage 3 is the answer, as the paper has it; pairs of tracks go on to the program: the least
+sphere. For areas with tracks stage 3 is the answer, as in the paper. Pairs of tracks go on to the program: the least
 and the largest t for which weighted means of both polygons' vertices are one point, from one start in the middle of the
-window. The extents of stage 3 are mended (published.py): as printed, 64 of 100 pairs of tracks whose hulls meet in 800
-tracks have no window left, mended 45. The motion is written out here for one polygon and one instant; swept hulls are
-given.
+window. The extents of stage 3 are corrected (published.py): of 100 pairs of tracks whose hulls meet in 800 tracks, 64
+have no window left as printed, and 45 when corrected. The motion is implemented here for one polygon and one instant;
+swept hulls are input.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ STEP: Final = 1e-6  # of the window, for the derivative of the vertices
 
 @dataclass(frozen=True)
 class Answers:
-    """Pairs of pieces a, b (rows) that are said to interfere, and from when to when, microseconds."""
+    """Reported pairs of pieces a, b (rows), and their first and last instants, microseconds."""
 
     a: NDArray[np.int64]
     b: NDArray[np.int64]
@@ -78,7 +78,7 @@ class Haven:
 
 
 def _stretch(lat: float | Floats, more: Floats) -> Floats:
-    """Return radians of isometric latitude for one of latitude, on the way from one latitude to another."""
+    """Return the change of isometric latitude per radian of latitude, on the way from one latitude to another."""
     same = np.abs(more) < 1e-12
     safe = np.where(same, 1.0, more)
     rises = 2.0 * np.arctanh(np.sin(0.5 * safe) / np.cos(lat + 0.5 * safe))

@@ -1,10 +1,10 @@
-"""Peers on the same scene in the same run: what each takes, answers, misses and leaves out.
+"""Peers on the same scene in the same run: time, answers, misses and omissions of each.
 
     ./.venv/bin/python benchmarks/peers.py [--objects 800 5000] [--turns 3] [--dsn DSN] [--without paper ...]
         [--document docs/explanation/performance.md] [--folder docs/explanation/performance] [--environment DIRECTORY]
 
 Scenes of the paper's random workload (made_scenes.py), mixed and of tracks alone, on the sphere, tolerance 0. The truth
-is the product's own `exact`, which is certified (and held to brute force elsewhere: docs/explanation/accuracy.md).
+is the product's own `exact`, which is certified (docs/explanation/accuracy.md compares it with brute force).
 
     conflictdb            detection in the database, all rows new; and the stages in memory (`solve`: shapely's
                           STRtree, then the kernel)
@@ -15,10 +15,10 @@ is the product's own `exact`, which is certified (and held to brute force elsewh
     SedonaDB              the same join of swept hulls
     MEOS                  `tdwithin` of moving points, in the plane, with the same circles
 
-Peers get whole legs and their swept hulls for nothing, conflictdb makes its own. Seconds are the median of the turns,
-by the clock and of all processors (client and server). SedonaDB and PyMEOS come from PyPI into an environment of their
-own, which is made when it is missing; what cannot be installed is said and left out. What takes longer than ten seconds
-takes one turn.
+The times of peers exclude making legs and their swept hulls; those of conflictdb include its own. Seconds are the
+median of the turns, by the clock and of all processors (client and server). SedonaDB and PyMEOS come from PyPI into an
+environment of their own, which is created if missing. Peers that cannot be installed are reported and left out. A peer
+that takes longer than ten seconds has one turn.
 """
 
 import argparse
@@ -54,7 +54,7 @@ from conflictdb.stages.pieces.covers import pieces_of
 
 PACKAGES: Final = {"sedona": ["sedonadb", "pyarrow", "geoarrow-pyarrow", "numpy", "shapely"], "meos": ["pymeos"]}
 SECOND_US: Final = 1_000_000
-LONG_S: Final = 10.0  # what takes longer than this is not repeated
+LONG_S: Final = 10.0  # slower peers are not repeated
 SPHERE_M: Final = earth_of(EarthModel.SPHERE).radius_m
 
 Pair = tuple[str, str]
@@ -63,9 +63,9 @@ Spans = dict[Pair, tuple[int, int]]
 
 @dataclass(frozen=True)
 class Told:
-    """What one peer said of a scene and took for it.
+    """Answer and cost of one peer for a scene.
 
-    spans : pairs and their first and last instant, microseconds; (0, 0) where it does not say when
+    spans : pairs and their first and last instant, microseconds; (0, 0) if it does not report times
     seconds, cpu_s : of each turn, by the clock and of processors
     """
 
@@ -113,7 +113,7 @@ class Given:
         return found
 
     def save(self, path: Path) -> None:
-        """Write what peers elsewhere need: hulls, spans, legs in the plane, circles around havens."""
+        """Write the input of peers in other environments: hulls, spans, legs in the plane, circles around havens."""
         plane, pieces = plane_of(self.scene), self.pieces
         ends = [
             np.stack(plane.to_plane(*end.T), axis=1) + np.array([[plane.turn_m, 0.0]]) * pieces.turn[:, None]
@@ -162,7 +162,7 @@ def in_turns(
 
 
 def product(dsn: str, given: Given, turns: int) -> list[Told]:
-    """Return what conflictdb says: in the database, its first two stages, and in memory."""
+    """Return the answers of conflictdb: in the database, its first two stages, and in memory."""
     found = []
     with conflictdb.connect(dsn) as db:
         for turn in range(turns):
@@ -202,7 +202,7 @@ def _timeless(spans: Spans) -> Spans:
 
 
 def paper(given: Given, turns: int) -> Told:
-    """Return what the paper's pipeline says."""
+    """Return the answer of the paper's pipeline."""
     earth = earth_of(given.scene.earth)
     found: Answers
     found, seconds, cpu = in_turns(lambda: solve_pieces(earth, given.pieces), turns)
@@ -228,7 +228,7 @@ WHERE a.object < b.object
 
 
 def postgis(dsn: str, given: Given, path: Path, turns: int) -> list[Told]:
-    """Return what plain PostGIS says: of swept hulls, and of circles around tracks."""
+    """Return the answers of plain PostGIS: of swept hulls, and of circles around tracks."""
     columns = np.load(path)
     hulls = shapely.polygons(
         shapely.linearrings(
@@ -268,7 +268,7 @@ def postgis(dsn: str, given: Given, path: Path, turns: int) -> list[Told]:
 
 
 def elsewhere(name: str, python: Path, given: Given, folder: Path, turns: int) -> Told:
-    """Return what a peer in another environment says."""
+    """Return the answer of a peer in another environment."""
     command = [str(python), str(Path(__file__).with_name("peers_elsewhere.py")), name, str(folder), str(turns)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -306,7 +306,7 @@ def environment(folder: Path) -> tuple[Path, list[str]]:
 
 
 def row_of(given: Given, told: Told, truth: Spans) -> dict[str, Any]:
-    """Return a row: what a peer took, and its answer against the truth."""
+    """Return a row: the cost of a peer, and its answer against the truth."""
     held = {pair: span for pair, span in truth.items() if not told.tracks_only or (pair[0][0] == pair[1][0] == "T")}
     timed = [
         max(abs(told.spans[pair][0] - span[0]), abs(told.spans[pair][1] - span[1])) / 1e6
@@ -335,7 +335,7 @@ def row_of(given: Given, told: Told, truth: Spans) -> dict[str, Any]:
 def compare(dsn: str, kind: Kind, objects: int, turns: int, python: Path, names: Sequence[str]) -> list[dict[str, Any]]:
     """Return the rows of one scene.
 
-    names : of the peers that can be asked
+    names : available peers
     """
     given = Given.of(kind, objects)
     told = product(dsn, given, turns)

@@ -2,9 +2,9 @@
 
     python peers_elsewhere.py sedona|meos FOLDER TURNS
 
-Reads FOLDER/given.npz, writes FOLDER/NAME.npz: pairs of rows a, b of what was given, from when to when they are near
-(microseconds; 0 where that is not said). Prints a line of JSON: the version, and for each turn seconds and processor
-seconds. Nothing of conflictdb is imported here.
+Reads FOLDER/given.npz, writes FOLDER/NAME.npz: pairs of input rows a, b, and the interval in which they are near
+(microseconds; 0 if not reported). Prints a line of JSON: the version, and for each turn seconds and processor seconds.
+It imports nothing of conflictdb.
 """
 
 import json
@@ -80,7 +80,7 @@ def meos(given: Any) -> tuple[str, Callable[[], Any]]:
 
 
 def main() -> None:
-    """Take turns, write the last answer, print what they took."""
+    """Take turns, write the last answer, print their times."""
     warnings.simplefilter("ignore")
     name, folder, turns = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
     given = np.load(folder / "given.npz")

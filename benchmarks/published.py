@@ -3,11 +3,11 @@
     ./.venv/bin/python benchmarks/published.py [--pairs 400] [--checked 50] [--document docs/explanation/accuracy.md]
 
 A. Bienkowski, D. Sidoti, K. R. Pattipati, "Interference Identification for Time-Varying Polyhedra", IEEE Access 2021,
-section IV-C, calls the projection exact for an area and a track. Nothing in the package uses what is below.
+section IV-C, calls the projection exact for an area and a track. The package uses nothing of this module.
 
-The region of stage 2, where the area and the swept haven overlap, is projected on the leg: rho_min and rho_max are the
-least and the largest fraction of the leg among its vertices. rho_f is how far the haven reaches ahead of its reference
-point, rho_b how far behind it (taken as negative), as fractions of the leg.
+The region of stage 2, the overlap of the area and the swept haven, is projected on the leg: rho_min and rho_max are the
+least and the largest fraction of the leg among its vertices. rho_f is the extent of the haven ahead of its reference
+point, rho_b behind it (negative), as fractions of the leg.
 
     as printed   first = rho_min + rho_b    last = rho_max - rho_f    the haven is rigid
     mended       first = rho_min - rho_f    last = rho_max - rho_b    still rigid, as the haven is at the leg's start
@@ -15,13 +15,13 @@ point, rho_b how far behind it (taken as negative), as fractions of the leg.
 
 Each is clamped to the leg, 0 to 1.
 
-Contact begins when the haven's front reaches the region, so the front belongs off the start; as printed the rear is
-taken off. The window of a haven that is longer ahead starts late by the difference. Contact ends when the rear leaves
-the region: by then the reference point is beyond it. As printed the front is taken off, so that the window ends early
-by the time that the haven takes to pass its own length: 30 nmi at 12 kn make 150 minutes. What is left after mending is
-the haven's growth in the Mercator plane.
+Contact begins when the haven's front reaches the region, so the start needs the front extent subtracted; the printed
+formula uses the rear. The window of a haven that is longer ahead starts late by the difference. Contact ends when the
+rear leaves the region; the reference point has passed it by then. The printed formula subtracts the front, so the
+window ends early by the time that the haven takes to pass its own length: 30 nmi at 12 kn make 150 minutes. The error
+left after mending is the haven's growth in the Mercator plane.
 
-A row is so many random pairs of an area and a track of one leg that meet, on the sphere. Legs keep to the band of
+A row is --pairs random pairs of an area and a track of one leg that meet, on the sphere. Legs keep to the band of
 latitudes. Areas and havens are those of the paper's random workload (made_scenes.py): 3 to 10 vertices, each 50 to 100
 nmi from the middle; rectangles of 20 to 40 nmi a side. Speeds are 5 to 20 kn. The truth is the package's `exact` at
 tolerance 0, and for some pairs of each row also brute force (tests/support/oracle.py), which must agree.
@@ -63,14 +63,14 @@ from conflictdb.stages.run import run_stages
 
 @dataclass(frozen=True)
 class Case:
-    """A row of the table: latitudes that legs keep to, degrees, and how long the legs are, nautical miles."""
+    """A row of the table: latitudes of legs, degrees, and their lengths, nautical miles."""
 
     latitudes: tuple[float, float]
     leg_nmi: tuple[float, float]
 
     @property
     def name(self) -> str:
-        """What the row is called."""
+        """The name of the row."""
         (south, north), (short, long) = self.latitudes, self.leg_nmi
         return f"latitudes {south:g}-{north:g}, legs {short:g}-{long:g} nmi"
 
@@ -86,8 +86,8 @@ SIDE_NMI: Final = (20.0, 40.0)
 SPEED_KN: Final = (5.0, 20.0)
 SCENE: Final = Scene("published", earth=EarthModel.SPHERE, tolerance_m=0.0)
 LEAST_WAY_M: Final = 1e-3  # a leg shorter than this in the plane is a loiter
-# Beyond the bound that the product states, it and brute force differ by this at most, seconds: periods are whole
-# microseconds rounded outward, and brute force is good to one.
+# The product and brute force differ by at most this plus the reported bound, seconds: periods are whole microseconds
+# rounded outward, and brute force is accurate to one.
 ROUNDING_S: Final = 3e-6
 
 
@@ -176,7 +176,7 @@ def throw_pair(rng: np.random.Generator, case: Case, number: int) -> tuple[Area,
     outline = rectangle_outline_m(fore_m, length_m - fore_m, port_m, width_m - port_m)
     ring_m = convex_around(rng, RADIUS_NMI) * METRES_PER_NMI
     radius_m = np.hypot(*ring_m.T).max()
-    # Anywhere about the leg that the haven reaches: also beside, before and after it.
+    # Anywhere near the leg that the haven reaches: also at its sides, before and after it.
     along = rng.uniform(fore_m - length_m - radius_m, leg_m + fore_m + radius_m)
     across = rng.uniform(-port_m - radius_m, width_m - port_m + radius_m)
     middle = rhumb_direct(earth, *rhumb_direct(earth, lon, lat, bearing, along), bearing + 90.0, across)
@@ -190,12 +190,12 @@ def throw_pair(rng: np.random.Generator, case: Case, number: int) -> tuple[Area,
 
 @dataclass(frozen=True)
 class Errors:
-    """How the answers differ from the truth, minutes, over n pairs that meet; (n,) each, never negative.
+    """Differences of the answers from the truth, minutes, over n pairs that meet; (n,) each, never negative.
 
-    late : how much later than the first contact the window starts; by way of computing it
-    early : how much earlier than the last contact it ends
-    slack : (2 n,) how much of the window of stage 3 is not contact, before and after
-    checked : pairs held to brute force
+    late : delay of the window's start after the first contact; by way of computing it
+    early : time from the window's end to the last contact
+    slack : (2 n,) time of the window of stage 3 without contact, before and after
+    checked : pairs compared with brute force
     """
 
     late: dict[str, Floats]
@@ -265,7 +265,7 @@ def one_pair_each(areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[Piece
 
 
 def whole_legs() -> "patch._patch_dict":
-    """Return a context in which every leg becomes one piece."""
+    """Return a context in which every leg becomes a single piece."""
     return patch.multiple("conflictdb.stages.pieces.cutting", WHOLE_LEG_HAVENS=1e9, MAX_SLICES_FOR_DEVIATION=0)
 
 
@@ -310,7 +310,7 @@ def report(pairs: int, checked: int, seed: int) -> str:
 
 
 def main() -> None:
-    """Print the table, and put it into a document if asked."""
+    """Print the table, and put it into a document if requested."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pairs", type=int, default=400, help="pairs that meet, per row")
     parser.add_argument("--checked", type=int, default=50, help="of them held to brute force")

@@ -1,8 +1,8 @@
-"""The sea of made_scenes.py by arrays: as dense, and of the same kinds of objects, but a million legs in seconds.
+"""The sea of made_scenes.py, generated as arrays: the same density and kinds of objects, a million legs in seconds.
 
-Objects are made straight in the Arrow form OBJECTS, none of them one by one. They are not those of `made_scenes.sea`:
-random numbers come in another order. More than a million legs are several days of one sea, as dense at any time: each
-has tracks and areas of its own, areas that are there for ever are those of the first.
+Objects are written directly in the Arrow form OBJECTS. They differ from those of `made_scenes.sea`: random numbers come
+in another order. More than a million legs are several days of one sea, with the same density at any time. Each day has
+tracks and areas of its own; areas without time limits are those of the first day.
 """
 
 import math
@@ -41,14 +41,14 @@ _DAY_US: Final = 24 * 3_600_000_000
 
 
 def write(path: Path, scene: Scene, legs: int, seed: int) -> int:
-    """Write a scene of about so many legs to GeoParquet, and return how many objects it has."""
+    """Write a scene of about `legs` legs to GeoParquet, and return the number of its objects."""
     with path.open("wb") as stream:
         write_objects(stream, scene, batches(legs, seed))
     return int(pq.read_metadata(path).num_rows)
 
 
 def batches(legs: int, seed: int) -> Iterator[pa.RecordBatch]:
-    """Yield a scene of about so many legs, areas and tracks in turn, as many of both in the first day."""
+    """Yield a scene of about `legs` legs, areas and tracks in turn, as many of both in the first day."""
     tracks, days = max(1, round(legs / LEGS_PER_TRACK)), max(1, math.ceil(legs / MOST))
     of_day = math.ceil(tracks / days)
     window = DEGREES_PER_ROOT * (2 * of_day) ** 0.5
@@ -117,7 +117,7 @@ def _ground(place: NDArray[np.float64], xy_m: NDArray[np.float64]) -> NDArray[np
 def _tracks(rng: np.random.Generator, window: float, keys: list[str], day: int) -> pa.RecordBatch:
     n, legs = len(keys), 2 * MOST_LEGS
     place = _somewhere(rng, window, n)
-    # Legs with way and rests in turn, (n, legs), of which a track has some.
+    # Moving legs and rests in turn, (n, legs); a track has some of them.
     has_way = np.arange(MOST_LEGS) < rng.integers(1, MOST_LEGS + 1, (n, 1))
     has_leg = np.stack([has_way, has_way & (rng.random((n, MOST_LEGS)) < RESTS)], axis=2).reshape(n, legs)
     nmi = rng.uniform(*SEA.leg, (n, MOST_LEGS)) * has_way
@@ -149,7 +149,7 @@ def _tracks(rng: np.random.Generator, window: float, keys: list[str], day: int) 
 
 
 def _havens(rng: np.random.Generator, n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the corners of havens one after the other, [starboard, forward] in metres, and how many each has (n,)."""
+    """Return the corners of all havens in turn, [starboard, forward] in metres, and the number of each (n,)."""
     around_m = rng.uniform(*SEA.around_haven, n) * NMI
     corners = np.where(rng.random(n) < SEA.odd_share, rng.integers(3, 8, n), 0)  # 0: a rectangle
     held = np.empty((n, 7, 2))

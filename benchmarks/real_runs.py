@@ -3,8 +3,8 @@
     ./.venv/bin/python benchmarks/real_runs.py [--only swiss-day ais-hour ais-hour-500m] [--method exact] [--jobs 2]
         [--flights 200] [--dsn DSN] [--document docs/explanation/real-runs.md]
 
-The data is in CONFLICTDB_DATA. What was found is held to what earlier releases found: a difference is shown, and ends
-the program with an error. Seconds of stages are processor seconds of client and server (measured.py).
+The data is in CONFLICTDB_DATA. The conflicts are compared with those of earlier releases: a difference is printed, and
+ends the program with an error. Seconds of stages are processor seconds of client and server (measured.py).
 """
 
 import argparse
@@ -25,7 +25,7 @@ from tables import markdown, put_into
 import conflictdb
 from conflictdb import Method
 
-# What method exact finds, by verdict: the same in every release so far.
+# Conflicts of method exact, by verdict: the same in every release so far.
 KNOWN: Final = {
     "swiss-day": {"conflict": 17_462, "grazing": 167},
     "ais-hour": {"conflict": 26, "grazing": 6},
@@ -36,14 +36,14 @@ SEPARATION_M: Final = {"ais-hour-500m": 500.0}
 
 @dataclass(frozen=True)
 class RealRun:
-    """What one scene of real data held, took and gave.
+    """Content, cost and conflicts of one scene of real data.
 
-    holds : in a line
+    holds : its content, in a line
     load_s : seconds by the clock, from files to rows
     new, same : the first detection, and the same again in full
-    verdicts, kinds : conflicts by verdict and by what they are between
+    verdicts, kinds : conflicts by verdict and by the kinds of their objects
     bound_s : the median and the widest bound on times, seconds, of pairs with a track
-    client_mb : the most memory this process has held so far, MB
+    client_mb : peak memory of this process so far, MB
     """
 
     name: str

@@ -3,16 +3,17 @@
     ./.venv/bin/python benchmarks/scale_out.py [--legs 100000 1000000] [--dsn DSN] [--jobs 2]
         [--document docs/explanation/performance.md] [--folder docs/explanation/performance]
 
-Scenes are the *sea* of quick_sea.py, as dense at any size, in a file of GeoParquet. Each run is a process of its own,
-with a Java of its own: `local[1]` is kept on one processor, which Java and Python share, `local[2]` on two; the cluster
-is a master and two workers of one processor each, which talk over the loopback, while the program that asks has none
-for itself. `detect` has the scene in a new database, and writes all rows. All must find as many conflicts.
+Scenes are the *sea* of quick_sea.py, with the same density at any size, in a file of GeoParquet. Each run is a process
+of its own, with a Java of its own. `local[1]` is bound to one processor, which Java and Python share, `local[2]` to
+two. The cluster is a master and two workers of one processor each, which communicate over the loopback; the driver has
+no processor of its own. `detect` has the scene in a new database, and writes all rows. All must find the same number of
+conflicts.
 
-Seconds are those of the clock: run it on a machine that does nothing else. Those of Spark come from its log of events:
-*pieces* are what reads, checks and cuts objects, *join* stages 1 and 2, *solve* stages 3 and 4 with the merging, and
-writing the files; *between* is when no task runs, and of `detect` what it writes. *before* is starting Spark, and
-loading the database, where objects are read and checked, which Spark does within *pieces*. Memory is the most that one
-process held, disk what Spark has there for itself, 115 MB of it jars; of the cluster that is not seen.
+Seconds are by the clock: run it on an otherwise idle machine. Those of Spark come from its event log. *pieces* is
+reading, checking and cutting objects, *join* stages 1 and 2, *solve* stages 3 and 4 with merging and writing the files.
+*between* is the time without a running task, and for `detect` the time to write. *before* is starting Spark, or loading
+the database. Loading includes reading and checking objects, which Spark does within *pieces*. Memory is the peak of one
+process, disk the peak of Spark's own directory, 115 MB of it jars; the disk of the cluster is not measured.
 """
 
 import argparse
@@ -41,7 +42,7 @@ SEED: Final = 1
 SCENE: Final = Scene("sea")
 PARTS: Final = ("pieces", "join", "solve")
 ALONE, TOGETHER, CLUSTER, DATABASE = "local[1]", "local[2]", "2 executors", "PostgreSQL"
-# As many everywhere, so that all do the same: four for each of two processors, and of no more than so many legs.
+# The same everywhere, so that all runs do the same work: four for each of two processors, and each of limited size.
 PARTITIONS: Final = 8
 LEGS_OF_A_PARTITION: Final = 12_500
 # Machines that the model is of: processors, and bytes a second that the network brings each (10 Gbit).
@@ -53,10 +54,10 @@ MOST_MACHINES: Final = 1_000
 
 @dataclass(frozen=True)
 class Taken:
-    """What one way to detect a scene took, in seconds by the clock.
+    """Times of one way to detect a scene, seconds by the clock.
 
     before_s : to start Spark, or to load the database
-    task_s : of all tasks together, but those that are alone in their stage
+    task_s : of all tasks together, except single tasks of a stage
     single_s : of stages of one task
     """
 
@@ -77,13 +78,13 @@ class Taken:
 
 
 def on_spark(master: str, processors: int, path: str, partitions: int, directory: str) -> tuple[Taken, str]:
-    """Detect the scene in a file on Spark, with so many processors for all that this process starts.
+    """Detect the scene in a file on Spark; all processes started by this one share the given processors.
 
-    Returns what it took, and the version of Spark.
+    Return its times and memory, and the version of Spark.
     """
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:processors])
     output, began = Path(directory, "conflicts"), time.time()
-    # Executors of a cluster are not of this process, but of that which started it.
+    # Executors of a cluster belong to the process that started the cluster, not to this one.
     with Watched(os.getppid(), Path(directory)) as held, logged(master, Path(directory)) as spark:
         from conflictdb.spark.files import read_objects, write_conflicts
         from conflictdb.spark.on_cluster import detect_on_spark
@@ -141,7 +142,7 @@ def _part(stage: dict[str, Any]) -> str:
 
 
 def _together(spans: Sequence[tuple[float, float]]) -> float:
-    """Return how long at least one of some spans lasts."""
+    """Return the length of the union of some spans."""
     total, until = 0.0, -float("inf")
     for start, end in sorted(spans):
         total += max(0.0, end - max(start, until))
@@ -178,7 +179,7 @@ def cluster(directory: Path) -> Iterator[str]:
 
 
 def in_postgresql(dsn: str, path: str, jobs: int) -> tuple[Taken, str]:
-    """Detect the scene in a file in a database; returns what it took, and the versions of all."""
+    """Detect the scene in a file in a database; return its times and memory, and the versions of all software."""
     with conflictdb.connect(dsn) as db:
         db.scene(WARM).detect()
         began = time.time()
@@ -221,17 +222,17 @@ def measure(legs: int, target: str | None, jobs: int) -> tuple[list[dict[str, An
 
 
 def modelled_s(alone: dict[str, Any], machines: int, processors: int) -> float:
-    """Return how long a scene would take on some machines of some processors each, by what it took on one processor.
+    """Return the time of a scene on some machines of some processors each, computed from its time on one processor.
 
-    What one task does, and what is done between tasks, stays as it is; tasks share the processors; of what is shuffled
-    each machine gets its share, all but what it has itself.
+    The time of stages of one task, and between tasks, stays the same. Tasks share the processors. Each machine receives
+    its share of the shuffled data, minus the part that it has already.
     """
     network_s = alone["shuffled_mb"] * 1e6 / NETWORK * (machines - 1) / machines**2
     return float(alone["between_s"] + alone["single_s"] + alone["task_s"] / (machines * processors) + network_s)
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """Return tables in Markdown: what was measured, and what the model says of the largest scene."""
+    """Return tables in Markdown: the measurements, and the model's prediction for the largest scene."""
     heads = ("legs", "way", "before, s", *PARTS, "between", "all, s", "times as fast", "efficiency")
     sizes = {"shuffled_mb": "shuffled", "disk_mb": "disk", "java_mb": "a Java", "worker_mb": "a worker, MB"}
     lines = []
@@ -269,7 +270,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _winner(rows: Sequence[dict[str, Any]]) -> str:
-    """Return which of PostgreSQL and Spark is faster for each scene, and from how many machines on Spark would be."""
+    """Return the faster of PostgreSQL and Spark for each scene, and at how many machines Spark would be."""
     sentences = []
     for legs in dict.fromkeys(row["legs"] for row in rows):
         ways = {row["way"]: row for row in rows if row["legs"] == legs}

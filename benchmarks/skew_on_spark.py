@@ -1,10 +1,10 @@
-"""How evenly Spark spreads crowded scenes over its partitions, and what its workers hold meanwhile.
+"""How evenly Spark spreads crowded scenes over its partitions, and the memory of its workers meanwhile.
 
     ./.venv/bin/python benchmarks/skew_on_spark.py [--document docs/how-to/run-on-spark.md]
 
-Scenes are a sea of 20,000 legs as it is, with one area over everything for ever, with 10,000 tracks in one port, and
-with 1,000 versions of one of its tracks; 16 partitions on `local[2]`. Rows are the pieces that a task is given, to join
-or with the pairs to solve; the most of a task over the median, by the log of events.
+Scenes are a sea of 20,000 legs unchanged; with one area over everything without time limits; with 10,000 tracks in one
+port; and with 1,000 versions of one of its tracks. There are 16 partitions on `local[2]`. Rows are the pieces that a
+task receives, to join or with the pairs to solve: the largest task divided by the median, by the event log.
 """
 
 import argparse
@@ -70,7 +70,7 @@ SCENES: Final = {
 
 @dataclass(frozen=True)
 class Spread:
-    """What a scene took: rows and seconds of all tasks of a stage, the most over the median of both, and megabytes."""
+    """Results of a scene: rows and seconds of all tasks of a stage, the most over the median of both, and megabytes."""
 
     joined: int
     join_rows: float

@@ -1,10 +1,10 @@
-"""How finely to cut track legs: what slices cost and what their tight boxes save.
+"""How finely to cut track legs: the cost of slices, and the savings by their tight boxes.
 
     ./.venv/bin/python benchmarks/slicing.py [--areas 200] [--tracks 200]
 
-For each workload and length of a leg (in haven lengths) up to which it is one slice, the median over the runs of one
-detection: the stages that slices touch. The numbers decide WHOLE_LEG_HAVENS in
-conflictdb/stages/pieces/cutting.py. *sparse* has some three candidates an object, the others a hundred.
+For each workload, and each longest leg that is not sliced (in haven lengths): times of the stages that slices affect,
+in one detection, medians over the runs. The numbers decide WHOLE_LEG_HAVENS in conflictdb/stages/pieces/cutting.py.
+*sparse* has some three candidates an object, the others a hundred.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from conflictdb.stages.pieces import cutting
 
 WIDTHS = (14, 8, 8, 8, 8, 9, 7, 7, 7)
 LENGTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 1e9)  # the last: one slice per leg
-# Ships and closed areas of some miles, in a sea so wide that most meet nobody.
+# Ships and closed areas of some miles, in a sea so wide that most meet no other object.
 SPARSE = replace(
     LOW_LATITUDE,
     name="sparse",

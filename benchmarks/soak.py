@@ -1,12 +1,12 @@
-"""How far behind workers are that keep a scene current while editors change it all the time.
+"""Delay of workers that keep a scene current while editors change it continuously.
 
     ./.venv/bin/python benchmarks/soak.py [--objects 20000] [--rate 50] [--editors 4] [--workers 2] [--minutes 3]
 
-In a sea of constant density (made_scenes.py) each editor keeps to a pace of its own over a connection of its own: it
-moves a track, moves an area, gives a track other heights, or removes an area and puts it back later, each edit by one
-call and one commit. An edit waits from its commit until somebody who listens (NOTIFY) sees that its mark is gone. Then
-the tables are vacuumed, and as much is edited again: by then they have the room that edits need, and those that hold no
-history must not grow further. At the end a detection in full must find nothing else.
+In a sea of constant density (made_scenes.py) each editor has its own pace and connection. It moves a track, moves an
+area, gives a track other heights, or removes an area and puts it back later. Each edit is one call and one commit. Its
+waiting time ends when a listener (NOTIFY) sees that its mark is gone. Then the tables are vacuumed, and the same number
+of edits follows: the tables now have free space for edits, and those without history must not grow further. At the end
+a detection in full must find no difference.
 """
 
 import argparse
@@ -36,7 +36,7 @@ import conflictdb
 from conflictdb import Scene
 
 SCENE: Final = "soak"
-# What editors do, in turns: tracks are edited three times as often as areas are moved.
+# Actions of editors, in turns: tracks are edited three times as often as areas are moved.
 TRACK_MOVED: Final = """
 SELECT conflictdb.put_track(%(scene)s, t.key, ST_Translate(t.path, 0, %(by)s), t.outline, t.floor_m, t.ceiling_m)
 FROM conflictdb.track t JOIN conflictdb.scene s USING (scene_id) WHERE s.name = %(scene)s AND t.key = %(key)s
@@ -54,7 +54,7 @@ SELECT ST_AsEWKB(a.footprint), a.active_span, a.floor_m, a.ceiling_m
 FROM conflictdb.area a JOIN conflictdb.scene s USING (scene_id) WHERE s.name = %(scene)s AND a.key = %(key)s
 """
 AREA_PUT: Final = "SELECT conflictdb.put_area(%s, %s, ST_GeomFromEWKB(%s), %s, %s, %s)"
-# One edit leaves one mark, or its last one is gone with the others: they are one transaction.
+# One edit leaves one mark; several marks of an edit are one transaction, so they are gone together.
 MARK: Final = "SELECT currval(pg_get_serial_sequence('conflictdb.change', 'change_id'))"
 KEYS: Final = """
 SELECT o.key FROM conflictdb.{kind} o JOIN conflictdb.scene s USING (scene_id) WHERE s.name = %s ORDER BY md5(o.key)
@@ -67,7 +67,7 @@ PERIODS: Final = """
 SELECT c.a_key, c.b_key, c.verdict, c.periods::text, ST_AsBinary(c.region) FROM conflictdb.conflicts c
 WHERE c.scene = %s ORDER BY c.a_key, c.b_key
 """
-# What became of conflicts, and runs. They grow until they are old enough to be pruned; even then the last event of each
+# History of conflicts, and runs. They grow until they are old enough to be pruned; even then the last event of each
 # conflict stays, and its run.
 HISTORY: Final = ("conflict_event", "run")
 SIZES: Final = """
@@ -76,7 +76,7 @@ WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind = 'r' ORDER BY c
 """
 STEP_DEG: Final = 0.01
 PATIENCE_S: Final = 120.0
-# Before what is measured: workers plan their statements, and read the pages that all changes need.
+# Before the measured edits: workers plan their statements, and read the pages that all changes need.
 WARM_UP_S: Final = 5.0
 # A table that is smaller grew by nothing that matters: pages come in steps, and settle after more than one vacuum.
 SMALL_BYTES: Final = 1_000_000
@@ -84,11 +84,11 @@ SMALL_BYTES: Final = 1_000_000
 
 @dataclass(slots=True)
 class Lags:
-    """How long edits waited until they were seen to be current.
+    """Waiting times of edits, from the commit until they were current.
 
-    since : edits from then on count, as of `time.monotonic`
+    since : earlier edits do not count, as of `time.monotonic`
     waited_s : of those that are current
-    edits : how many are current, also those that do not count
+    edits : number of current edits, including those before `since`
     done : marks of edits with the instants of their commits, from all editors
     """
 
@@ -125,7 +125,7 @@ class Editor(threading.Thread):
         self._removed: list[tuple[Any, ...]] = []
 
     def run(self) -> None:
-        """Edit until it is time; `error` is what went wrong, `late_s` how far behind its pace it was at the worst."""
+        """Edit until the time is over; `error` is its failure, `late_s` its largest delay behind its pace."""
         try:
             with psycopg.connect(self._dsn) as conn:
                 due = time.monotonic()
@@ -145,7 +145,7 @@ class Editor(threading.Thread):
             self.error = error
 
     def _edits(self, conn: psycopg.Connection[Any]) -> Iterator[Any]:
-        """Yield what to do next, for ever."""
+        """Yield the next edits, for ever."""
         while True:
             yield lambda: self._edit(conn, TRACK_MOVED, "track")
             yield lambda: self._edit(conn, AREA_MOVED, "area")
@@ -154,7 +154,7 @@ class Editor(threading.Thread):
             yield lambda: self._remove_or_put(conn)
 
     def _next(self, kind: str) -> dict[str, Any]:
-        """Return what an edit is told: the next object, there and, once it was everybody's turn, back again."""
+        """Return the parameters of an edit: the next object; every second round moves it back."""
         rounds, nth = divmod(self._turns[kind], len(self._keys[kind]))
         self._turns[kind] += 1
         return {"scene": SCENE, "key": self._keys[kind][nth], "by": -STEP_DEG if rounds % 2 else STEP_DEG}
@@ -178,7 +178,7 @@ class Editor(threading.Thread):
 
 @contextmanager
 def worker(dsn: str) -> Iterator[tuple["subprocess.Popen[bytes]", IO[bytes]]]:
-    """Run a worker that keeps a database current; yields it with what it says."""
+    """Run a worker that keeps a database current; yield it with its output."""
     command = [sys.executable, "-m", "conflictdb", "--dsn", dsn, "worker", "--log", "json"]
     with TemporaryFile() as said, subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT) as process:
         try:
@@ -189,13 +189,13 @@ def worker(dsn: str) -> Iterator[tuple["subprocess.Popen[bytes]", IO[bytes]]]:
 
 @dataclass(frozen=True, slots=True)
 class Soaked:
-    """What came of editing for a while.
+    """Results of editing for a while.
 
-    waited_s : how long each edit waited until it was current, but for those of the beginning
-    edits : how many there were, those of the beginning too
-    late_s : how far behind their pace editors were at the worst
-    runs : how many detections the workers did
-    errors : whatever an editor or a worker complained of
+    waited_s : waiting time of each edit until it was current, without those of the beginning
+    edits : number of edits, including those of the beginning
+    late_s : largest delay of an editor behind its pace
+    runs : number of detections by the workers
+    errors : errors of editors and workers
     """
 
     waited_s: list[float]
@@ -250,7 +250,7 @@ def _crew(dsn: str, keys: dict[str, list[str]], rate: float, editors: int, until
 
 
 def _watch(listener: psycopg.Connection[Any], crew: list[Editor], lags: Lags) -> None:
-    """Take note of how long edits wait, until editors have ended and all is current."""
+    """Record the waiting times of edits, until editors have ended and all is current."""
     given_up_at = math.inf
     while time.monotonic() < given_up_at:
         for _ in listener.notifies(timeout=1.0, stop_after=1):
@@ -272,7 +272,7 @@ def _await_workers(conn: psycopg.Connection[Any], workers: int) -> None:
 
 
 def drift(db: conflictdb.Database) -> int:
-    """Return how many conflicts a detection in full finds otherwise than those that were kept current."""
+    """Return the number of conflicts that a full detection changes, compared with those kept current."""
 
     def known() -> set[str]:
         found = [db.connection.execute(query.encode(), [SCENE]).fetchall() for query in (CONFLICTS, PERIODS)]
@@ -285,13 +285,13 @@ def drift(db: conflictdb.Database) -> int:
 
 
 def sizes(conn: psycopg.Connection[Any]) -> dict[str, int]:
-    """Return how large each table is with its indexes, bytes, once what nobody sees any more is gone."""
+    """Return the size of each table with its indexes, bytes, after removal of dead rows."""
     conn.execute("VACUUM ANALYZE")
     return {str(table): int(size) for table, size in conn.execute(SIZES).fetchall()}
 
 
 def measure(dsn: str, objects: int, rate: float, editors: int, workers: int, minutes: float) -> dict[str, Any]:
-    """Load a scene, have it edited twice for so long, and return what came of it."""
+    """Load a scene, have it edited twice for a time, and return the results."""
     with conflictdb.connect(dsn) as db, psycopg.connect(dsn, autocommit=True) as conn:
         load(db, Scene(SCENE), sea(objects, 1))
         db.scene(SCENE).detect()
@@ -335,7 +335,7 @@ HEADS: Final = [
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """Return what was measured, a row for each number of objects."""
+    """Return the measurements, a row for each number of objects."""
     return markdown(
         HEADS,
         [

@@ -1,4 +1,4 @@
-"""A session of Spark that tells what it did, by its log of events, and what its processes held meanwhile."""
+"""A Spark session that reports its stages from its event log, and the peak memory of its processes."""
 
 import json
 import math
@@ -26,7 +26,7 @@ _MB: Final = 2**20
 
 @contextmanager
 def logged(master: str, directory: Path) -> Iterator["SparkSession"]:
-    """Give a session of Spark whose log, and what it has on disk, are in a directory."""
+    """Yield a Spark session whose event log and temporary files are in a directory."""
     (directory / "events").mkdir()
     options = {
         "spark.eventLog.enabled": "true",
@@ -37,7 +37,7 @@ def logged(master: str, directory: Path) -> Iterator["SparkSession"]:
         "spark.driver.memory": EXECUTOR_MEMORY,
         "spark.executor.memory": EXECUTOR_MEMORY,
         "spark.cores.max": "2",
-        "spark.scheduler.minRegisteredResourcesRatio": "1.0",  # both executors are there before work begins
+        "spark.scheduler.minRegisteredResourcesRatio": "1.0",  # wait for both executors before work begins
     }
     (directory / "spark-defaults.conf").write_text("".join(f"{name} {value}\n" for name, value in options.items()))
     os.environ["SPARK_CONF_DIR"] = str(directory)
@@ -46,7 +46,7 @@ def logged(master: str, directory: Path) -> Iterator["SparkSession"]:
 
 
 def events(directory: Path) -> Iterator[dict[str, Any]]:
-    """Yield what the log of a session that has ended says of stages and tasks."""
+    """Yield the stages and tasks in the event log of a session that has ended."""
     (log,) = (directory / "events").iterdir()
     with log.open() as lines:
         for event in map(json.loads, lines):
@@ -61,10 +61,10 @@ def operators(stage: dict[str, Any]) -> set[str]:
 
 
 class Watched(Sampler):
-    """Watches what processes of Spark hold that a process has started, and those started by them; and its disk.
+    """Samples memory of the Spark processes that a process has started, directly or not, and their disk space.
 
-    java_mb, worker_mb : the most that a Java, and a Python worker, was seen to hold (resident)
-    disk_mb : the most that was seen in the directory of a session
+    java_mb, worker_mb : largest resident memory of a Java process, and of a Python worker
+    disk_mb : largest size of a session's directory
     """
 
     def __init__(self, pid: int, directory: Path) -> None:

@@ -1,13 +1,13 @@
-"""What stage 4 costs per pair of pieces that reaches it: the exact method, its parts, and the published program.
+"""Cost of stage 4 per pair of pieces that reaches it: the exact method, its parts, and the published program.
 
     ./.venv/bin/python benchmarks/stage4.py [--scenes 40] [--tracks 60] [--programs 40]
 
 Full batches (tracks of a workload with rectangular havens) and mixed ones (areas and tracks of every shape), WGS84,
-tolerance 0. Processor time, microseconds a pair, the least of several rounds: *whole* from pieces to contacts, *kernel*
-alone, *500 m* and *5 km* the same with a separation, *~1 m* to *~1000 m* with a tolerance, *uniform* on the same tracks
-laid along the equator (the closed form), *SLSQP* the published program on a few of the pairs that are in conflict, and
-as many that are not. *prepare* is a piece, not a pair. *threads* is how many times as fast two threads are, by the
-clock, of as many pairs as a detection solves at once, the same ones again and again.
+tolerance 0. Times are processor time, microseconds a pair, the least of several rounds. *whole* is from pieces to
+contacts, *kernel* the kernel alone. *500 m* and *5 km* are the same with a separation, *~1 m* to *~1000 m* with a
+tolerance. *uniform* is on the same tracks along the equator (the closed form). *SLSQP* is the published program on a
+few pairs in conflict, and as many that are not. *prepare* is per piece, not per pair. *threads* is the speed-up by two
+threads, by the clock, for as many pairs as a detection solves at once, the same pairs repeatedly.
 """
 
 import argparse
@@ -47,7 +47,7 @@ TOLERANCES_M = (1, 10, 100, 1000)
 
 @dataclass(frozen=True)
 class Load:
-    """Pairs of pieces, one of which moves."""
+    """Pairs of pieces, at least one of them of a track."""
 
     scene: Scene
     pieces: Pieces
@@ -60,7 +60,7 @@ class Load:
         return kernel.KernelScene(plane_of(self.scene).kernel_plane, self.pieces, self.pairs.a, self.pairs.b)
 
     def questions(self, times: int = 1) -> Questions:
-        """Return what is asked about all pairs, so many times over."""
+        """Return the kernel's questions about all pairs, `times` times over."""
         zero = np.zeros(len(self.pairs))
         columns = self.pairs.a, self.pairs.b, self.start_us, zero, self.span_s, zero + np.inf
         return Questions(*(np.tile(column, times) for column in columns))

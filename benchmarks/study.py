@@ -1,17 +1,17 @@
-"""The paper's study again: what a detection takes, in all and stage by stage, for each kind of scene.
+"""The paper's study again: the time of a detection, in all and by stage, for each kind of scene.
 
     ./.venv/bin/python benchmarks/study.py [--objects 100 ... 800] [--seeds 10] [--methods exact nlp] [--dsn DSN]
         [--document docs/explanation/performance.md] [--folder docs/explanation/performance] [--redraw]
 
 Bienkowski, Sidoti, Pattipati, "Interference Identification for Time-Varying Polyhedra", IEEE Access 2021, figures 6 to
-12: total time against objects and against conflicts, the time of each stage against what it is given, and stage 4 for
-pairs that do meet and for false alarms. Random scenes of its workload (made_scenes.py): areas alone, areas and tracks,
-tracks alone; WGS84, tolerance 1 m, in the database, every row new; several scenes of each size, as in figure 6: their
-median, and the least and the most of the whole and of the conflicts.
-Seconds are processor seconds of client and server (measured.py); one column is by the clock.
+12: total time against objects and against conflicts, the time of each stage against its input, and stage 4 for pairs
+that meet and for false alarms. Random scenes of its workload (made_scenes.py): areas alone, areas and tracks, tracks
+alone; WGS84, tolerance 1 m, in the database, every row new. Several scenes of each size, as in figure 6: their median,
+and the least and the most of total time and of conflicts. Seconds are processor seconds of client and server
+(measured.py); one column is by the clock.
 
-The last two columns are stage 4 alone, on the scene's pairs of pieces in memory: processor time for a pair that meets
-and for one that does not. Stage 3 of `exact` is the closed form, which decides few pairs.
+The last two columns are stage 4 alone, on the scene's pairs of pieces in memory: processor time per pair that meets,
+and per pair that does not. Stage 3 of `exact` is the closed form, which decides few pairs.
 """
 
 import argparse
@@ -42,13 +42,13 @@ from conflictdb.stages.stage2_intersection import intersections
 from conflictdb.stages.stage4.contact_search import contacts
 
 METHODS: Final = (Method.EXACT, Method.NLP)
-# Pairs of each sort that stage 4 is asked about by itself; a program takes milliseconds.
+# Pairs of each sort whose stage 4 is timed by itself; a program takes milliseconds.
 ASKED: Final = {Method.EXACT: 20_000, Method.NLP: 40}
 
 
 @dataclass(frozen=True)
 class Stage4:
-    """Microseconds of stage 4 for a pair of pieces that meets, and for one that does not; None of no pairs."""
+    """Microseconds of stage 4 per pair of pieces that meets, and per pair that does not; None without pairs."""
 
     met_us: float | None
     apart_us: float | None
@@ -57,7 +57,7 @@ class Stage4:
 def measure(
     db: conflictdb.Database, kind: Kind, objects: int, seed: int, method: Method, seeds: int
 ) -> tuple[Detection, Stage4]:
-    """Return what one scene takes."""
+    """Return the measurements of one scene."""
     scene, areas, tracks = box(kind, objects, seed)
     scene = replace(scene, name=f"{kind} {objects} {seed} {method}", method=method)
     load(db, scene, [(areas, tracks)])
@@ -66,7 +66,7 @@ def measure(
 
 
 def stage4(scene: Scene, areas: list[Area], tracks: list[Track]) -> Stage4:
-    """Return what stage 4 takes for pairs that meet and for false alarms of the stages before."""
+    """Return the times of stage 4 for pairs that meet and for false alarms of the stages before."""
     plane = plane_of(scene)
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
     pairs = intersections(pieces, *candidates(pieces), regions=scene.method is Method.NLP)
@@ -223,7 +223,7 @@ def main() -> None:
     parser.add_argument("--redraw", action="store_true", help="measure nothing: take the numbers from the folder")
     args = parser.parse_args()
     if args.folder:
-        import figures  # noqa: F401  # says what to install where matplotlib is not there, before anything is measured
+        import figures  # noqa: F401  # reports how to install a missing matplotlib before anything is measured
     if args.redraw:
         rows, told = read_csv(args.folder / "study.csv"), None
     else:

@@ -1,9 +1,9 @@
 """A day of flights over Switzerland against the official drone zones, with heights and time limits (real_runs.py).
 
-Zones: FOCA (ED-318 test data). Flights: OpenSky, 2018-08-01. Choices, all on the safe side: heights above ground count
-from sea level up to the given height above the highest ground (4,634 m); a flight is one track for each stretch within
-a height band of 500 m, 50 m added for the altimeter; the flights are moved to 2025-01-15, inside the zones' dates;
-each aircraft carries a rectangle 1,000 m ahead, 500 m behind and 500 m to either side.
+Zones: FOCA (ED-318 test data). Flights: OpenSky, 2018-08-01. Choices, all on the safe side. Heights above ground count
+from sea level up to the given height above the highest ground (4,634 m). A flight is one track for each stretch within
+a height band of 500 m, 50 m added for the altimeter. The flights are moved to 2025-01-15, inside the zones' dates. Each
+aircraft carries a rectangle 1,000 m ahead, 500 m behind and 500 m to either side.
 """
 
 import gzip
@@ -74,7 +74,7 @@ def limits(periods: list[dict[str, str]]) -> tuple[int | None, int | None]:
 
 
 def flights(most: int | None, left_out: Counter[str]) -> tuple[list[Track], int]:
-    """Return the flights as tracks, one for each stretch within a height band, and how many flights there are."""
+    """Return the flights as tracks, one for each stretch within a height band, and the number of flights."""
     with gzip.open(real_input("flights-switzerland", "switzerland.json.gz")) as packed:
         fixes = json.load(packed)
     by_aircraft = defaultdict(list)
@@ -137,7 +137,7 @@ def distance_m(one: dict[str, float], other: dict[str, float]) -> float:
 
 
 def load_day(db: conflictdb.Database, scene: str, most: int | None) -> str:
-    """Load the day as a scene, of so many flights at most; returns in a line what it holds and what was left out."""
+    """Load the day as a scene, with a limited number of flights; return in a line its content and its omissions."""
     left_out: Counter[str] = Counter()
     areas = zones(left_out)
     tracks, count = flights(most, left_out)

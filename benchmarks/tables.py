@@ -1,4 +1,4 @@
-"""Tables in Markdown, printed and put into documents, so that a document shows what a benchmark said last."""
+"""Tables in Markdown, printed and put into documents, so that a document shows the last results of a benchmark."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -11,7 +11,7 @@ def markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def put_into(document: Path, name: str, text: str) -> None:
-    """Replace what stands between the two comments `benchmark NAME` and `end of NAME` of a document."""
+    """Replace the text between the two comments `benchmark NAME` and `end of NAME` of a document."""
     before, start, rest = document.read_text().partition(f"<!-- benchmark {name} -->\n")
     _, end, after = rest.partition(f"<!-- end of {name} -->")
     if not start or not end:

@@ -1,10 +1,10 @@
-"""What a tolerance costs: method `exact` on random scenes, from pairs of pieces to a row per pair of objects.
+"""Cost of a tolerance: method `exact` on random scenes, from pairs of pieces to a row per pair of objects.
 
     ./.venv/bin/python benchmarks/tolerance.py [--pairs 40000] [--document docs/explanation/accuracy.md]
 
-As benchmarks/accuracy.py, on WGS84, with a batch of about so many pairs at tolerance 0. *whole* is the processor time
-of stages 3 and 4 over that at tolerance 0, *a pair* the same over the pairs of pieces that stages 1 and 2 leave at that
-tolerance; the least of several rounds, in which the tolerances take turns.
+As benchmarks/accuracy.py, on WGS84, with a batch of about --pairs pairs at tolerance 0. *whole* is the processor time
+of stages 3 and 4 divided by that at tolerance 0. *a pair* is the same per pair of pieces that stages 1 and 2 leave at
+that tolerance. Both are the least of several rounds, in which the tolerances take turns.
 """
 
 import argparse
@@ -28,7 +28,7 @@ WORKLOADS: Final = (LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS, HARBOUR)
 TOLERANCES_M: Final = (0.0, 1.0, 10.0, 100.0, 1000.0)
 OBJECTS: Final = 10
 ROUNDS: Final = 7
-FEW: Final = 8  # scenes that tell how many are needed
+FEW: Final = 8  # scenes from which the needed number is extrapolated
 
 
 def without_regions(pieces: Pieces, pairs: Pairs) -> tuple[Pieces, Pairs]:
@@ -65,7 +65,7 @@ def measured(workload: Workload, pairs: int) -> list[list[str]]:
 
 
 def main() -> None:
-    """Measure, print the table, and write it where asked."""
+    """Measure, print the table, and write it to requested files."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pairs", type=int, default=40_000, help="pairs of pieces of a batch at tolerance 0")
     parser.add_argument("--document", type=Path, help="put the table into its place in this document")

@@ -1,10 +1,10 @@
-"""Where the time goes: what each unit of work costs, beside what it would cost at least.
+"""Where the time goes: the cost of each unit of work, and its lower limit.
 
     ./.venv/bin/python benchmarks/unit_costs.py [--box 5000] [--sea 20000] [--turns 3] [--dsn DSN]
         [--document docs/explanation/performance.md] [--folder docs/explanation/performance]
 
-A unit is a piece, a candidate, a pair that is solved, a row. Its cost is that of its stage over how many there were.
-Its limit is the same number of units through the part that nobody can do without, and nothing else:
+A unit is a piece, a candidate, a pair that is solved, a row. Its cost is the time of its stage divided by the number of
+units. Its limit is the time of the indispensable part alone, for the same number of units:
 
     piece           COPY of the same rows into a table without an index; and the arithmetic, objects to pieces in memory
     candidate       the join by the GiST index, counting only
@@ -16,7 +16,7 @@ Its limit is the same number of units through the part that nobody can do withou
     row listed, row of SELECT *     the same
 
 Microseconds of processor time, client and server together (measured.py), the least of the turns, one thread; scenes of
-made_scenes.py. The two columns are measured in the same minutes, so that what else the machine does falls on both.
+made_scenes.py. Both columns are measured in the same minutes, so that other load of the machine affects both.
 """
 
 import argparse

@@ -183,7 +183,8 @@ def speeds(
     `1 / factor` times as long, and its haven is as large at each waypoint as planned. Everything else stays as planned,
     and the method is `exact`. Free speeds are free also if the instants of waypoints are rounded to microseconds.
 
-    Rows are in the order of keys. Raises the errors of `solve`, and InvalidInput for an unknown track or leg.
+    Rows are in the order of keys. Raises the errors of `solve`, and InvalidInput for an unknown track or leg, and for a
+    scene with a separation in time.
 
     Parameters
     ----------
@@ -197,6 +198,9 @@ def speeds(
     """
     slowest, fastest = limits(slowest, fastest)
     scene, plane, pieces, keys, numbers, tracks = _numbered("speeds", tracks, areas, scene)
+    if scene.time_separation_s > 0.0:
+        rule = "must be 0: speeds are not computed with a separation in time; delays are"
+        raise InvalidInput("speeds", "time_separation_s", f"{rule}; got {scene.time_separation_s!r}")
     if leg is not None:
         number, times_us = _one_track("speeds", "leg", scene, keys, numbers, tracks, key)
         first = _place("speeds", "leg", leg, len(times_us) - 1) - 1
@@ -322,7 +326,8 @@ def _known(
     of_key = {keys[number]: number for number in numbers.tolist()}
     for key in given:
         if key not in of_key:
-            raise InvalidInput(f"scene {scene.name!r}", "track", f"{key!r} is not known")
+            problem = "is an area, which does not depart" if key in keys.values() else "is not known"
+            raise InvalidInput(f"scene {scene.name!r}", "track", f"{key!r} {problem}")
     return np.array(sorted({of_key[key] for key in given}), np.int64)
 
 
@@ -357,7 +362,7 @@ def counts(scene: Scene, areas: list[Area], tracks: list[Track]) -> Funnel:
 def _run(scene: Scene, areas: list[Area], tracks: list[Track]) -> Iterator[tuple[Conflicts, Funnel]]:
     batch, plane = AreaBatch.of(areas), plane_of(scene)
     pieces = pieces_of(scene, plane, batch, TrackBatch.of(tracks))
-    return run_scene(scene, plane, _InMemory(pieces, batch.footprint))
+    return run_scene(scene, plane, _InMemory(pieces, batch.footprint, scene.time_separation_us))
 
 
 class _Objects:
@@ -392,17 +397,17 @@ def _objects(
 
 
 class _InMemory:
-    """Pieces in memory as a source of pairs; areas are numbered as their footprints (n,)."""
+    """Pieces in memory as a source of pairs within a separation in time; areas are numbered as their footprints."""
 
-    def __init__(self, pieces: Pieces, footprint: NDArray[np.object_]) -> None:
+    def __init__(self, pieces: Pieces, footprint: NDArray[np.object_], within_us: int = 0) -> None:
         # Put seam copies beside their originals, as every source does: of contacts that begin together the first is
         # reported.
         order = np.lexsort((-pieces.turn, pieces.part, object_numbers(pieces)))
         self._pieces = pieces.take(order) if pieces.turn.any() else pieces
-        self._footprint = footprint
+        self._footprint, self._within_us = footprint, within_us
 
     def candidates(self) -> Iterator[Chunk]:
-        a, b = candidates(self._pieces)
+        a, b = candidates(self._pieces.meeting_within(self._within_us))
         number = object_numbers(self._pieces)
         for rows in chunks_of_objects(number[a], number[b], DEFAULT_MEMORY.pairs):
             yield Chunk(self._pieces, PieceRows(a[rows]), PieceRows(b[rows]))

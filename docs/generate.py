@@ -387,7 +387,8 @@ def definers(conn: psycopg.Connection[Any]) -> str:
         rows.append([f"`{name}`", least, *lists, restriction[1]])
     said = (
         "These run with the rights of the owner of the schema, whoever calls them (SECURITY DEFINER), and resolve "
-        "names in the schemas of conflictdb alone."
+        "names in the schemas of conflictdb alone. Each table that is attached with triggers adds a routine "
+        "`_note_N`, which notes the rows that changed."
     )
     heads = ["routine", "called by", "reads", "writes", "restricted to"]
     return f"## Routines that run as their owner\n\n{said}\n\n{table(heads, rows)}"

@@ -19,6 +19,12 @@ DECLARE
         'closest_b_lon_deg, closest_b_lat_deg, scene_is_current, conflict_id, changed_at, '
         'acknowledged_by, acknowledged_at, acknowledged_for, acknowledged_until, a_id, a_version, b_id, '
         'b_version)',
+        '_conflicts(p_scene, p_at, p_with_region, p_keys, p_key, p_from, p_to, p_since, p_verdict, '
+        'p_acknowledged, a_key, a_kind, b_key, b_kind, periods, verdict, region, first_contact_lon_deg, '
+        'first_contact_lat_deg, method, time_error_s, is_current, run_id, found_at, closest_at, closest_m, '
+        'closest_error_m, closest_a_lon_deg, closest_a_lat_deg, closest_b_lon_deg, closest_b_lat_deg, '
+        'scene_is_current, conflict_id, changed_at, acknowledged_by, acknowledged_at, acknowledged_for, '
+        'acknowledged_until, a_name, b_name, a_id, a_version, b_id, b_version)',
         '_explained_as_json(p_key, p_kind, p_waits, p_pieces, p_span, p_floor_m, p_ceiling_m)',
         '_explained_object(p_scene_id, p_key, kind, id, key, waits, pieces, is_covered, span, floor_m, '
         'ceiling_m, box)',
@@ -47,11 +53,19 @@ DECLARE
         'p_centre_lon, p_centre_lat)',
         '_wait_for_probe(p_probe_id, p_timeout, key, kind, verdict, periods, time_error_s, lon_deg, '
         'lat_deg, closest_at, closest_m, closest_error_m)',
+        '_wait_for_probe(p_probe_id, p_timeout, key, name, kind, verdict, periods, time_error_s, lon_deg, '
+        'lat_deg, closest_at, closest_m, closest_error_m)',
+        '_write_run(p_scene_id, p_run_id, p_run, p_is_last, p_a_kind, p_a_id, p_a_version, p_b_kind, p_b_id, '
+        'p_b_version, p_place, p_digest, p_verdict, p_periods, p_region, p_first_contact_point, '
+        'p_time_error_s, p_closest_at, p_closest_m, p_closest_error_m, p_closest_a_point, p_closest_b_point, '
+        'run_id, opened, changed, closed, conflicts, unresolved)',
         'acknowledge(p_scene, p_a_key, p_b_key, p_reason, p_until)',
         'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
         'p_centre_lon, p_centre_lat)',
         'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
-        'p_centre_lon, p_centre_lat, p_vertical_separation_m)'];
+        'p_centre_lon, p_centre_lat, p_vertical_separation_m)',
+        'wait_for_probe(p_probe_id, p_timeout, key, kind, verdict, periods, first_contact, last_contact, '
+        'time_error_s, first_contact_point, closest_at, closest_m, closest_error_m)'];
     v_routine record;
 BEGIN
     FOR v_routine IN

@@ -323,6 +323,7 @@ DECLARE
     v_who text := format('scene %L', NEW.name);
     v_name text;
     v_metres double precision;
+    v_s double precision;
 BEGIN
     IF NEW.name IS NULL OR btrim(NEW.name) = '' OR octet_length(NEW.name) > 1000 THEN
         FOUND := _raise('ZC008', 'scene', 'name', 'must be a non-empty text of at most 1000 bytes',
@@ -388,11 +389,19 @@ BEGIN
                                    '(is it in metres?)', v_metres), format('scene_%s_on_earth', left(v_name, -2)));
         END IF;
     END LOOP;
-    IF (NEW.delays_within_s BETWEEN 0 AND 2592000) IS NOT TRUE
-       OR abs(1e6 * NEW.delays_within_s - round(1e6 * NEW.delays_within_s)) > 1e-3 THEN
-        FOUND := _raise('ZC009', v_who, 'delays_within_s', format('must be whole microseconds, 0 to 2592000 seconds '
-                        '(30 days); got %s', NEW.delays_within_s), 'scene_delays_within_known');
-    END IF;
+    -- Those in _s are times. Read by name: revisions add columns.
+    FOR v_name, v_s IN SELECT j.key, j.value FROM jsonb_each_text(_settings_of(NEW)) j WHERE j.key LIKE '%\_s' LOOP
+        IF (v_s BETWEEN 0 AND 2592000) IS NOT TRUE OR abs(1e6 * v_s - round(1e6 * v_s)) > 1e-3 THEN
+            FOUND := _raise('ZC009', v_who, v_name,
+                            format('must be whole microseconds, 0 to 2592000 seconds (30 days); got %s', v_s),
+                            format('scene_%s_known', left(v_name, -2)));
+        END IF;
+        IF v_name = 'time_separation_s' AND v_s > 0 AND NEW.method = 'nlp' THEN
+            FOUND := _raise('ZC009', v_who, v_name,
+                            format('is not known to method ''nlp'', whose program knows one time only: use exact, or '
+                                   '0; got %s', v_s), format('scene_%s_solved', left(v_name, -2)));
+        END IF;
+    END LOOP;
     RETURN NEW;
 END
 $$;

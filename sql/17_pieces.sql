@@ -147,6 +147,29 @@ COMMENT ON FUNCTION _pieces_of(
     integer, geometry, tstzrange, geometry, integer[], geometry, geometry, timestamptz[]) IS
 'Returns the pieces of a row of table piece: itself, or all pieces of a bundle. Inlined into queries.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._widened(p_span tstzrange, p_by_s double precision) RETURNS tstzrange
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN p_by_s = 0 OR isempty(p_span) THEN p_span
+                ELSE tstzrange(lower(p_span) - make_interval(secs => p_by_s),
+                               upper(p_span) + make_interval(secs => p_by_s),
+                               CASE WHEN upper_inc(p_span) THEN '[]' ELSE '[)' END) END;
+END;
+COMMENT ON FUNCTION _widened(tstzrange, double precision) IS
+'A span of a piece, so many seconds longer at both ends: another span meets it exactly if the two have instants that '
+'close. Inlined into queries.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._shared_span(
+    p_a tstzrange, p_b tstzrange, p_within_s double precision
+) RETURNS tstzrange
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT range_merge(p_a * _widened(p_b, p_within_s), p_b * _widened(p_a, p_within_s));
+END;
+COMMENT ON FUNCTION _shared_span(tstzrange, tstzrange, double precision) IS
+'The time of two pieces: from the first to the last instant of either that is within so many seconds of the other; '
+'with 0 the instants of both.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._compare_pieces(p_scene_id bigint) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE

@@ -41,6 +41,7 @@ SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     v_is_most boolean := 2 * (SELECT count(*) FROM piece p WHERE p.scene_id = p_scene_id)
                          > (SELECT c.reltuples FROM pg_class c WHERE c.oid = 'piece'::regclass);
+    v_within_s double precision := (SELECT s.time_separation_s FROM scene s WHERE s.scene_id = p_scene_id);
 BEGIN
     -- Each pair once, in storage order, so that neighbours are close together. Parallel if the server has workers.
     -- "+ 0" prevents use of scene_id in the index.
@@ -49,7 +50,7 @@ BEGIN
         RETURN QUERY
             SELECT a.piece_id, b.piece_id, a.pieces, b.pieces, _object_number(a.object_kind, a.object_id),
                    _object_number(b.object_kind, b.object_id)
-            FROM piece a JOIN piece b ON b.hull && a.hull AND b.span && a.span
+            FROM piece a JOIN piece b ON b.hull && a.hull AND b.span && _widened(a.span, v_within_s)
             WHERE a.scene_id = p_scene_id AND b.scene_id + 0 = p_scene_id
               AND a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
               AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
@@ -60,7 +61,7 @@ BEGIN
             SELECT a.piece_id, b.piece_id, a.pieces, b.pieces, _object_number(a.object_kind, a.object_id),
                    _object_number(b.object_kind, b.object_id)
             FROM (SELECT p.* FROM piece p WHERE p.scene_id = p_scene_id OFFSET 0) a
-            JOIN piece b ON b.hull && a.hull AND b.span && a.span AND b.scene_id = a.scene_id
+            JOIN piece b ON b.hull && a.hull AND b.span && _widened(a.span, v_within_s) AND b.scene_id = a.scene_id
             WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
               AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
               AND (a.turn = 0 OR b.turn = 0);
@@ -68,7 +69,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _candidates_of_all(bigint) IS
-'Stage 1 of a whole scene: pairs of rows of pieces whose boxes overlap in space, time and height.';
+'Stage 1 of a whole scene: pairs of rows of pieces whose boxes overlap in space, height, and time, as far as the '
+'scene''s separation in time asks for.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._candidates_of_dirty(
     p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_pieces integer, OUT b_pieces integer,
@@ -78,6 +80,8 @@ LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 -- As in _candidates_of_all.
 SET enable_nestloop = on SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off
 SET enable_seqscan = off SET jit = off AS $$
+DECLARE
+    v_within_s double precision := (SELECT s.time_separation_s FROM scene s WHERE s.scene_id = p_scene_id);
 BEGIN
     -- If both objects are dirty, the pair is found from the first. OFFSET 0 forces the join order: dirty objects, their
     -- pieces, then the index.
@@ -89,7 +93,7 @@ BEGIN
         CROSS JOIN LATERAL (SELECT p.* FROM piece p
                             WHERE p.object_kind = d.object_kind AND p.object_id = d.object_id
                               AND p.scene_id + 0 = p_scene_id OFFSET 0) a
-        JOIN piece b ON b.hull && a.hull AND b.span && a.span AND b.scene_id = a.scene_id + 0
+        JOIN piece b ON b.hull && a.hull AND b.span && _widened(a.span, v_within_s) AND b.scene_id = a.scene_id + 0
         WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
           AND (a.turn = 0 OR b.turn = 0)
           AND ((a.object_kind, a.object_id) < (b.object_kind, b.object_id)
@@ -99,8 +103,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _candidates_of_dirty(bigint) IS
-'Stage 1 of changed objects: pairs of rows of pieces, at least one of a dirty object, whose boxes overlap in space, '
-'time and height. If both are dirty, the pair is returned once.';
+'Stage 1 of changed objects: as _candidates_of_all, pairs with at least one row of a dirty object. If both are dirty, '
+'the pair is returned once.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._candidates(
     p_scene_id bigint, p_at_once bigint, OUT a bytea, OUT b bytea, OUT a_pieces bytea, OUT b_pieces bytea,

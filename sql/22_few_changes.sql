@@ -124,6 +124,7 @@ DECLARE
     v_candidates bigint := -1;
     v_began timestamptz;
     v_stage2_us bigint := 0;
+    v_within_s double precision := (SELECT s.time_separation_s FROM scene s WHERE s.scene_id = p_scene_id);
 BEGIN
     -- The arrays contain the pieces of a bundle from index p_first on; each slice ends where the next one starts.
     WITH made AS (
@@ -155,7 +156,8 @@ BEGIN
         FROM (SELECT a.piece_id AS a, b.piece_id AS b, a.pieces::bigint * b.pieces AS pairs
               FROM (SELECT p.* FROM piece p WHERE p.piece_id = ANY (v_made)) a
               CROSS JOIN LATERAL (SELECT p.* FROM piece p
-                                  WHERE p.scene_id = a.scene_id AND p.hull && a.hull AND p.span && a.span
+                                  WHERE p.scene_id = a.scene_id AND p.hull && a.hull
+                                    AND p.span && _widened(a.span, v_within_s)
                                     AND a.floor_m < p.ceiling_m AND p.floor_m < a.ceiling_m
                                     AND (a.turn = 0 OR p.turn = 0)
                                     AND (p.object_kind, p.object_id) <> (a.object_kind, a.object_id) OFFSET 0) b
@@ -182,7 +184,8 @@ BEGIN
                          _hulls_meet(a.hull, b.hull) AS meets
                   FROM unnest(v_a, v_b) c (a, b) JOIN one a ON a.piece_id = c.a
                   JOIN one b ON b.piece_id = c.b AND a.low_x <= b.high_x AND b.low_x <= a.high_x
-                                AND a.low_y <= b.high_y AND b.low_y <= a.high_y AND b.span && a.span OFFSET 0) m;
+                                AND a.low_y <= b.high_y AND b.low_y <= a.high_y
+                                AND b.span && _widened(a.span, v_within_s) OFFSET 0) m;
         v_met := ARRAY(SELECT unnest(v_a) UNION SELECT unnest(v_b));
         v_stage2_us := 1e6 * extract(epoch FROM clock_timestamp() - v_began);
     END IF;

@@ -367,7 +367,8 @@ END
 $$;
 COMMENT ON FUNCTION attach(text, text, regclass, jsonb, interval) IS
 'Attaches a table, view or foreign table to a scene: its rows become areas or tracks and follow later changes. p_map '
-'gives a column or SQL expression of one row for each field; field where selects rows. The caller must own the table. '
+'gives a column or SQL expression of one row for each field; field where selects rows. The caller must own the table, '
+'directly or through a role; of a superuser''s table that has no triggers (p_every, or a view) SELECT is enough. '
 'Only sessions of the calling role evaluate the map: follow_attached, and detections and workers of that role. '
 'Triggers record changes; with p_every, and for views and foreign tables (every minute), all rows are compared '
 'instead. Returns the id of the attachment.';

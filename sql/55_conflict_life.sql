@@ -48,7 +48,8 @@ $$;
 COMMENT ON FUNCTION _has_grown(
     tstzmultirange, text, double precision, double precision, double precision, tstzmultirange, text, double precision,
     double precision, double precision, double precision) IS
-'Whether a conflict exceeds what was known: other periods or a worse verdict, or closer by more than the tolerance. '
+'Whether a conflict exceeds what was known: times outside its periods, a worse verdict (grazing, unresolved, '
+'conflict), or closer by more than the tolerance. '
 'Differences count only beyond both error bounds (seconds, metres).';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._notify_events(
@@ -150,8 +151,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _prune(bigint, interval) IS
-'Deletes events, acknowledgements and runs of a scene older than p_kept; returns the number of deleted events. The '
-'caller holds the lock of the scene.';
+'Deletes events, ended acknowledgements and runs of a scene older than p_kept, but the last event of each conflict '
+'that was open then; returns the number of deleted events. The caller holds the lock of the scene.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._prune_sometimes(p_scene_id bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$

@@ -46,7 +46,7 @@ SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method,
        _is_current(s.scene_id) AS is_current,
        (SELECT count(*) FROM attachment a JOIN attached_object o USING (attachment_id)
         WHERE a.scene_id = s.scene_id AND o.reason IS NOT NULL) AS unmapped,
-       s.vertical_separation_m, s.delays_within_s
+       s.vertical_separation_m, s.time_separation_s, s.delays_within_s
 FROM scene s
 LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.scene_id = s.scene_id
                    ORDER BY x.run_id DESC LIMIT 1) r ON true;
@@ -78,13 +78,16 @@ COMMENT ON COLUMN scenes.last_run_at IS 'When it ended; null if there was none.'
 COMMENT ON COLUMN scenes.last_error IS 'Why it failed; null if it succeeded, or if there was none.';
 COMMENT ON COLUMN scenes.is_current IS
 'Whether its conflicts are complete: nothing changed since the last successful detection, and changes of attached '
-'tables are recorded.';
+'tables are recorded (tables without triggers: up to their last comparison). Rows in unmapped are not included.';
 COMMENT ON COLUMN scenes.unmapped IS
 'Number of rows of attached tables whose current values do not make an object (view unmapped).';
 
 COMMENT ON COLUMN scenes.vertical_separation_m IS
 'Required vertical separation, metres to the micrometre: objects whose heights are that far apart do not conflict; '
 '0: height bands that touch are apart.';
+COMMENT ON COLUMN scenes.time_separation_s IS
+'Required separation in time, whole microseconds in seconds: two objects conflict if they use one place within so many '
+'seconds; 0: at the same time.';
 
 COMMENT ON COLUMN scenes.delays_within_s IS
 'Detections store which delays of each track, up to this many seconds either way, are in conflict; 0: none.';

@@ -1,5 +1,6 @@
--- Acknowledgements: a user accepts a conflict as it is known. An acknowledgement ends when the conflict grows
--- (_has_grown) or closes, when it is withdrawn, or at its expiry. This is evaluated on reading; growth writes nothing.
+-- Acknowledgements: a user accepts a conflict as it is known. An acknowledgement ends when the conflict closes, when it
+-- is withdrawn, or at its expiry. It does not hold while the conflict exceeds what was known (_has_grown). This is
+-- evaluated on reading; growth writes nothing.
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._known_conflict(
     p_scene text, p_a_key text, p_b_key text
@@ -86,8 +87,9 @@ END
 $$;
 COMMENT ON FUNCTION acknowledge(text, text, text, text, timestamptz, text) IS
 'Acknowledges the conflict of two objects as it is known, with the current user, time, reason and expiry (null: valid '
-'while the conflict lasts). p_by: a name shown with the user, where several people share one. It no longer '
-'holds if the conflict grows: other periods, a worse verdict, or closer. '
+'while the conflict lasts). p_by: a name shown with the user, where several people share one. The '
+'acknowledgement does not hold while the conflict exceeds what was known: times outside its periods, a worse verdict '
+'(grazing, unresolved, conflict), or closer. '
 'Replaces an earlier acknowledgement; returns conflict_id. Raises ZC011 if there is no conflict.';
 
 CREATE OR REPLACE FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text) RETURNS boolean

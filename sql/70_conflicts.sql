@@ -23,7 +23,8 @@ SELECT s.name AS scene,
        CASE c.a_kind WHEN 0 THEN (SELECT o.name FROM area o WHERE o.area_id = c.a_id)
                      ELSE (SELECT o.name FROM track o WHERE o.track_id = c.a_id) END AS a_name,
        CASE c.b_kind WHEN 0 THEN (SELECT o.name FROM area o WHERE o.area_id = c.b_id)
-                     ELSE (SELECT o.name FROM track o WHERE o.track_id = c.b_id) END AS b_name
+                     ELSE (SELECT o.name FROM track o WHERE o.track_id = c.b_id) END AS b_name,
+       c.lacking_s
 -- OFFSET 0: evaluate once per scene, not per conflict.
 FROM scene s CROSS JOIN LATERAL (SELECT _is_current(s.scene_id) AS scene_is_current OFFSET 0) n
 JOIN conflict c ON c.scene_id = s.scene_id
@@ -48,7 +49,7 @@ COMMENT ON COLUMN conflicts.first_contact IS 'Start of the first period; null if
 COMMENT ON COLUMN conflicts.last_contact IS 'End of the last period; null if unbounded.';
 COMMENT ON COLUMN conflicts.verdict IS
 'conflict: they meet; grazing: within the tolerance of the limit; unresolved: neither proven apart nor decided, '
-'periods then say when they might meet.';
+'periods then say when they might meet. Treat unresolved as a conflict; after screen, detect with exact.';
 COMMENT ON COLUMN conflicts.region IS
 'Region of the conflict, longitude and latitude in degrees, split at the antimeridian. Two overlapping areas: their '
 'intersection. Otherwise a superset: intersection of the places swept during the contacts, extended by tolerance and '
@@ -57,7 +58,8 @@ COMMENT ON COLUMN conflicts.first_contact_point IS
 'First contact, longitude and latitude in degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.method IS 'Method of the detection that found it.';
 COMMENT ON COLUMN conflicts.time_error_s IS 'Error bound of every period''s start and end, seconds.';
-COMMENT ON COLUMN conflicts.is_current IS 'Whether neither the objects nor the scene''s settings changed since.';
+COMMENT ON COLUMN conflicts.is_current IS
+'Whether neither object nor the scene''s settings changed since; scene_is_current says whether pairs may be missing.';
 COMMENT ON COLUMN conflicts.run_id IS 'Run that found it; later runs confirmed it unchanged.';
 COMMENT ON COLUMN conflicts.found_at IS 'When the pair was first found in conflict.';
 COMMENT ON COLUMN conflicts.closest_at IS
@@ -78,7 +80,8 @@ COMMENT ON COLUMN conflicts.opened_at IS 'When it opened; equal to found_at.';
 COMMENT ON COLUMN conflicts.changed_at IS
 'When its verdict or a key last changed, or its periods by more than their error; null if they never did.';
 COMMENT ON COLUMN conflicts.acknowledged_by IS
-'User whose acknowledgement holds; null if there is none, or if it has ended, expired or been outgrown.';
+'User whose acknowledgement holds; null if there is none, or if it has ended, expired or been outgrown. NAME (user) if '
+'the user gave a name; nothing checks it.';
 COMMENT ON COLUMN conflicts.acknowledged_at IS 'When it was acknowledged; null if acknowledged_by is null.';
 COMMENT ON COLUMN conflicts.acknowledged_for IS 'Reason given; null if acknowledged_by is null.';
 COMMENT ON COLUMN conflicts.acknowledged_until IS
@@ -89,6 +92,9 @@ COMMENT ON COLUMN conflicts.first_contact_lat_deg IS
 'First contact: latitude, degrees; null if not computed.';
 COMMENT ON COLUMN conflicts.a_name IS 'Name of the first object; null if it has none, or it is not known.';
 COMMENT ON COLUMN conflicts.b_name IS 'Name of the second object; null if it has none, or it is not known.';
+COMMENT ON COLUMN conflicts.lacking_s IS
+'Separation in time: seconds by which it is missed, within time_error_s; null if none is required, or if the verdict '
+'is unresolved.';
 
 CREATE OR REPLACE VIEW approaches WITH (security_invoker = true) AS
 SELECT s.name AS scene,
@@ -128,7 +134,8 @@ COMMENT ON COLUMN approaches.a_point IS 'Nearest point of the first object then,
 COMMENT ON COLUMN approaches.b_point IS 'Nearest point of the second object then, longitude and latitude in degrees.';
 COMMENT ON COLUMN approaches.verdict IS
 'near: no conflict; conflict, grazing, unresolved: as in the view conflicts.';
-COMMENT ON COLUMN approaches.is_current IS 'Whether neither the objects nor the scene''s settings changed since.';
+COMMENT ON COLUMN approaches.is_current IS
+'Whether neither object nor the scene''s settings changed since; scene_is_current says whether pairs may be missing.';
 COMMENT ON COLUMN approaches.run_id IS 'Run that found it; later runs confirmed it unchanged.';
 COMMENT ON COLUMN approaches.found_at IS 'When the pair was first found in conflict or near.';
 COMMENT ON COLUMN approaches.scene_is_current IS
@@ -182,7 +189,7 @@ BEGIN ATOMIC
     WITH plane AS MATERIALIZED (
         SELECT _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane, s.motion,
                2 * pi() * _radius_m(s.earth) AS turn_m,
-               s.tolerance_m + s.separation_m AS wanted_m,
+               s.tolerance_m + s.separation_m AS wanted_m, s.time_separation_s AS within_s,
                CASE WHEN s.vertical_separation_m > 0 THEN s.vertical_separation_m / 2 + 1e-6 ELSE 0 END AS half_m,
                CASE s.motion WHEN 'great_circle' THEN _near_centre(p_geometry, s.centre_lon, s.centre_lat)
                              ELSE p_geometry END AS given
@@ -195,7 +202,7 @@ BEGIN ATOMIC
                     * cosh(2 * pi() * greatest(abs(ST_YMin(g.shape)), abs(ST_YMax(g.shape))) / g.turn_m) AS s
         FROM given g
     ), probed AS MATERIALIZED (
-        SELECT ST_Translate(p.shape, turn * p.turn_m, 0) AS shape, p.half_m,
+        SELECT ST_Translate(p.shape, turn * p.turn_m, 0) AS shape, p.half_m, p.within_s,
                1e-6 + CASE
                    WHEN p.motion = 'great_circle' THEN
                        0.505 * p.wanted_m
@@ -208,13 +215,14 @@ BEGIN ATOMIC
     ), boxed AS MATERIALIZED (
         SELECT g.*, ST_Expand(g.shape, g.pad_m) AS box FROM probed g
     )
-    SELECT o.object_kind, o.object_id, o.version, p.span * p_span,
+    SELECT o.object_kind, o.object_id, o.version, _shared_span(p.span, p_span, g.within_s),
            ST_Intersection(p.hull, ST_Buffer(g.shape, 1.01 * g.pad_m))
-    FROM boxed g JOIN piece o ON o.scene_id = p_scene_id AND o.hull && g.box AND o.span && p_span
+    FROM boxed g JOIN piece o ON o.scene_id = p_scene_id AND o.hull && g.box
+                                 AND o.span && _widened(p_span, g.within_s)
     CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) p
     WHERE o.floor_m < coalesce(p_ceiling_m, 'infinity') + g.half_m
       AND coalesce(p_floor_m, '-infinity') - g.half_m < o.ceiling_m
-      AND p.hull && g.box AND p.span && p_span AND ST_Distance(p.hull, g.shape) <= g.pad_m;
+      AND p.hull && g.box AND p.span && _widened(p_span, g.within_s) AND ST_Distance(p.hull, g.shape) <= g.pad_m;
 END;
 COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, double precision) IS
 'Stages 1 and 2: pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between '
@@ -288,22 +296,25 @@ BEGIN ATOMIC
     FROM (SELECT a.object_kind AS a_kind, a.object_id AS a_id, a.version AS a_version,
                  b.object_kind AS b_kind, b.object_id AS b_id, b.version AS b_version,
                  range_agg(m.span) AS spans, ST_Union(_part_from_plane(m.part, s.plane)) AS region
-          FROM (SELECT o.scene_id, _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane FROM scene o
-                WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
-          JOIN piece a ON a.scene_id = s.scene_id
-          JOIN piece b ON b.scene_id = s.scene_id AND b.hull && a.hull AND b.span && a.span
+          FROM (SELECT o.scene_id, _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane,
+                       o.time_separation_s AS within_s FROM scene o WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
+          -- OFFSET 0: the index looks up the wide span, too.
+          CROSS JOIN LATERAL (SELECT o.*, _widened(o.span, s.within_s) AS wide FROM piece o
+                              WHERE o.scene_id = s.scene_id OFFSET 0) a
+          JOIN piece b ON b.scene_id = a.scene_id AND b.hull && a.hull AND b.span && a.wide
           -- MATERIALIZED: unpack each row once per pair of rows, not once per piece of the other.
           CROSS JOIN LATERAL (WITH m AS MATERIALIZED (
                                   SELECT o.hull, o.span FROM _pieces_of(a.part, a.hull, a.span, a.shape, a.parts,
                                                                         a.hulls, a.shapes, a.cuts) o
-                                  WHERE o.hull && b.hull AND o.span && b.span
+                                  WHERE o.hull && b.hull AND o.span && _widened(b.span, s.within_s)
                               ), n AS MATERIALIZED (
                                   SELECT o.hull, o.span FROM _pieces_of(b.part, b.hull, b.span, b.shape, b.parts,
                                                                         b.hulls, b.shapes, b.cuts) o
-                                  WHERE o.hull && a.hull AND o.span && a.span
+                                  WHERE o.hull && a.hull AND o.span && a.wide
                               )
-                              SELECT m.span * n.span AS span, ST_Intersection(m.hull, n.hull) AS part
-                              FROM m JOIN n ON n.span && m.span AND _hulls_meet(m.hull, n.hull)
+                              SELECT _shared_span(m.span, n.span, s.within_s) AS span,
+                                     ST_Intersection(m.hull, n.hull) AS part
+                              FROM m JOIN n ON n.span && _widened(m.span, s.within_s) AND _hulls_meet(m.hull, n.hull)
                               OFFSET 0) m
           WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
             AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)

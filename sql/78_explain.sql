@@ -91,6 +91,28 @@ END;
 COMMENT ON FUNCTION _shown_heights(double precision, double precision) IS
 'A height band (metres; infinite: no limit) as text.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._shown_seconds(p_s double precision) RETURNS text
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT concat_ws(' ', nullif(t.us / 3600000000 || ' h', '0 h'), nullif(t.us / 60000000 % 60 || ' min', '0 min'),
+                     CASE WHEN t.us % 60000000 > 0 OR t.us = 0 THEN trim_scale(t.us % 60000000 / 1e6) || ' s' END)
+    FROM (SELECT (1e6 * p_s)::bigint AS us) t;
+END;
+COMMENT ON FUNCTION _shown_seconds(double precision) IS 'A number of seconds as text: 4 min 10 s.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._shown_lack(
+    p_within_s double precision, p_lacking_s double precision
+) RETURNS text
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN p_lacking_s >= p_within_s THEN 'they use a place at the same time'
+                ELSE format('one uses a place %s after the other', _shown_seconds(p_within_s - p_lacking_s)) END
+           || format('; %s are required', _shown_seconds(p_within_s));
+END;
+COMMENT ON FUNCTION _shown_lack(double precision, double precision) IS
+'How late a second use of a place is, and how late it must be, as text; seconds required, and seconds that are '
+'lacking.';
+
 CREATE OR REPLACE FUNCTION explain_conflict(p_scene text, p_a text, p_b text) RETURNS jsonb
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -113,8 +135,10 @@ DECLARE
     v_is_static boolean;
     v_last_stage integer;
     v_further_than_m double precision;
+    v_within_s double precision;
 BEGIN
     SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
+    v_within_s := v_scene.time_separation_s;
     SELECT * INTO a FROM _explained_object(v_scene.scene_id, p_a);
     SELECT * INTO b FROM _explained_object(v_scene.scene_id, p_b);
     IF p_a = p_b THEN
@@ -150,11 +174,12 @@ BEGIN
            (jsonb_agg(jsonb_build_object('a', m.a_part, 'b', m.b_part, 'from', lower(m.span), 'to', upper(m.span))
                       ORDER BY m.span, m.a_part, m.b_part) FILTER (WHERE m.meets)) AS pieces
         INTO v_left
-        FROM (SELECT m.part AS a_part, n.part AS b_part, m.span * n.span AS span, _hulls_meet(m.hull, n.hull) AS meets
-              FROM piece o JOIN piece p ON p.hull && o.hull AND p.span && o.span
+        FROM (SELECT m.part AS a_part, n.part AS b_part, _shared_span(m.span, n.span, v_within_s) AS span,
+                     _hulls_meet(m.hull, n.hull) AS meets
+              FROM piece o JOIN piece p ON p.hull && o.hull AND p.span && _widened(o.span, v_within_s)
               CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) m
               JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes, p.cuts) n
-                  ON n.hull && m.hull AND n.span && m.span AND _boxes_meet(n.hull, m.hull)
+                  ON n.hull && m.hull AND n.span && _widened(m.span, v_within_s) AND _boxes_meet(n.hull, m.hull)
               WHERE o.scene_id + 0 = v_scene.scene_id AND o.object_kind = a.kind AND o.object_id = a.id
                 AND p.scene_id + 0 = v_scene.scene_id AND p.object_kind = b.kind AND p.object_id = b.id
                 AND o.floor_m < p.ceiling_m AND p.floor_m < o.ceiling_m AND (o.turn = 0 OR p.turn = 0)) m;
@@ -164,7 +189,8 @@ BEGIN
         v_stage := v_last_stage;
         v_by := CASE WHEN v_is_static THEN 'their shapes, while both are there' ELSE 'their motion' END;
         v_why := CASE v_conflict.verdict
-            WHEN 'conflict' THEN CASE WHEN v_scene.separation_m > 0
+            WHEN 'conflict' THEN CASE WHEN v_within_s > 0 THEN _shown_lack(v_within_s, v_conflict.lacking_s)
+                                      WHEN v_scene.separation_m > 0
                                       THEN 'they come closer than the required separation' ELSE 'they meet' END
             WHEN 'grazing' THEN 'they are within the tolerance of the limit: too close to call'
             WHEN 'near' THEN 'they do not meet, but come within nearest_m'
@@ -179,10 +205,12 @@ BEGIN
         v_why := v_waiting;
     ELSE
         v_verdict := 'apart';
-        IF NOT a.span && b.span THEN
+        IF NOT _widened(a.span, v_within_s) && b.span THEN
             v_stage := 1;
             v_by := 'time';
-            v_why := format('one is there %s, the other %s', _shown(a.span), _shown(b.span));
+            v_why := format('one is there %s, the other %s', _shown(a.span), _shown(b.span))
+                     || CASE WHEN v_within_s > 0 THEN format(': %s or more apart', _shown_seconds(v_within_s))
+                             ELSE '' END;
         ELSIF NOT (a.low_m < b.high_m AND b.low_m < a.high_m) THEN
             v_stage := 1;
             v_by := 'height';
@@ -205,10 +233,13 @@ BEGIN
         ELSE
             v_stage := v_last_stage;
             v_by := CASE WHEN v_is_static THEN 'their shapes' ELSE 'their motion' END;
-            v_why := 'they are proven to stay further apart than the limit of a conflict';
+            v_why := CASE WHEN v_within_s > 0
+                          THEN format('they are proven to use no place within %s of each other',
+                                      _shown_seconds(v_within_s))
+                          ELSE 'they are proven to stay further apart than the limit of a conflict' END;
         END IF;
         -- Only exact and nlp prove distances, and only for pairs that share time and heights.
-        IF v_by NOT IN ('time', 'height') AND v_method <> 'screen' THEN
+        IF v_by NOT IN ('time', 'height') AND v_method <> 'screen' AND a.span && b.span THEN
             v_further_than_m := greatest(v_scene.separation_m, v_scene.nearest_m);
         END IF;
     END IF;
@@ -227,12 +258,14 @@ BEGIN
             (SELECT coalesce(jsonb_agg(jsonb_build_object('from', lower(r), 'to', upper(r)) ORDER BY r), '[]')
              FROM unnest(v_conflict.periods) r) END,
         'time_error_s', v_conflict.time_error_s,
+        'lacking_s', v_conflict.lacking_s,
         'closest', CASE WHEN v_conflict.closest_m IS NOT NULL THEN jsonb_build_object(
             'at', v_conflict.closest_at, 'm', v_conflict.closest_m, 'error_m', v_conflict.closest_error_m,
             'a', ST_AsGeoJSON(v_conflict.closest_a_point, 9)::jsonb -> 'coordinates',
             'b', ST_AsGeoJSON(v_conflict.closest_b_point, 9)::jsonb -> 'coordinates') END,
         'further_than_m', nullif(v_further_than_m, 0),
-        'are_never_together', coalesce(v_by IN ('time', 'height'), false),
+        'are_never_together', coalesce(v_by IN ('time', 'height'), false)
+                              OR v_verdict <> 'unknown' AND v_within_s > 0 AND NOT a.span && b.span,
         'stages', CASE WHEN v_verdict <> 'unknown' THEN jsonb_build_array(
             jsonb_build_object('stage', 1, 'asks', 'do boxes of pieces meet in space, time and height?',
                                'pairs', a.pieces * b.pieces, 'left', v_left.in_boxes),
@@ -243,6 +276,8 @@ BEGIN
                      WHEN v_is_static THEN 'not asked: neither of them moves'
                      WHEN v_method = 'screen' THEN
                          'not asked: method screen ends before'
+                     WHEN v_method = 'exact' AND v_within_s > 0 THEN
+                         'left to stage 4: with a separation in time pairs of tracks are not decided in closed form'
                      WHEN v_method = 'exact' AND v_scene.separation_m > 0 THEN
                          'left to stage 4: with a separation nothing is decided in closed form'
                      WHEN v_method = 'exact' THEN

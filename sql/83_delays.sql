@@ -89,12 +89,13 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION wait_for_delays(bigint, interval) IS
-'Waits for the reply to request_delays. least_later_s, least_earlier_s: seconds that the track must depart later, or '
-'earlier, at least to meet nothing; 0 without a conflict, null if no possible delay is enough. blocked_by: objects '
-'that forbid every possible delay. forbidden: departures in conflict, a list of {"from_s", "to_s", "from_error_s", '
-'"to_error_s", "is_proven", "by"}: seconds of delay, negative for earlier, and keys. waits: whether its first leg '
-'stands still, so that it occupies its first waypoint until it departs. has_departed: whether it did before p_now. '
-'earliest_s, latest_s: the possible delays. Errors and lifetime are those of wait_for_probe.';
+'Waits for the reply of a worker to request_delays, computed from the objects as they are stored. least_later_s, '
+'least_earlier_s: seconds that the track must depart later, or earlier, at least to meet nothing; 0 without a '
+'conflict, null if no possible delay is enough. blocked_by: objects that forbid every possible delay. forbidden: '
+'departures in conflict, a list of {"from_s", "to_s", "from_error_s", "to_error_s", "is_proven", "by"}: seconds of '
+'delay, negative for earlier, and keys. waits: whether its first leg stands still, so that it occupies its first '
+'waypoint until it departs. has_departed: whether it did before p_now. earliest_s, latest_s: the possible delays. '
+'Errors and lifetime are those of wait_for_probe.';
 
 -- Without a worker.
 

@@ -158,6 +158,9 @@ COMMENT ON COLUMN conflict.b_kind IS 'Second object: 0 area, 1 track.';
 COMMENT ON COLUMN conflict.b_id IS 'Second object: area_id or track_id; may have been removed since.';
 COMMENT ON COLUMN conflict.b_version IS 'Second object: version used by the detection.';
 COMMENT ON COLUMN conflict.b_key IS 'Second object: key.';
+COMMENT ON COLUMN conflict.lacking_s IS
+'Separation in time: seconds by which it is missed, within time_error_s; null if none is required, or if the verdict '
+'is unresolved.';
 COMMENT ON COLUMN conflict.periods IS 'When they conflict, bounds inclusive; empty for pairs that are only near.';
 COMMENT ON COLUMN conflict.verdict IS
 'conflict: they meet; grazing: within the tolerance of the limit; unresolved: neither proven apart nor decided; '

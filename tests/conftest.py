@@ -34,7 +34,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_configure_node(node: Any) -> None:
-    """Tell a worker of pytest-xdist which run it works for."""
+    """Pass the name of the run to a worker of pytest-xdist."""
     node.workerinput["conflictdb_run"] = node.config.stash[_RUN]
 
 
@@ -45,7 +45,7 @@ def pytest_testnodedown(node: Any) -> None:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Tell the process that began the run which server this worker used."""
+    """Report the server of this worker to the process that began the run."""
     output = getattr(session.config, "workeroutput", None)
     if output is not None:
         output["conflictdb_servers"] = sorted(session.config.stash[_SERVERS])
@@ -58,7 +58,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """Remove what the run leaves: the process that began it does, once its workers have ended."""
+    """Remove leftovers of the run: the process that began it does, once its workers have ended."""
     if not _worker_input(config):
         clean_up(config.stash[_RUN])
         shutil.rmtree(os.environ["XDG_STATE_HOME"], ignore_errors=True)
@@ -72,7 +72,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def _seen_by_all() -> dict[str, object]:
-    """What a test may change for those after it: where this process is, and what it logs to whom."""
+    """State that a test may change for later tests: the working directory, and logging."""
     root = logging.getLogger()
     own = [handler for handler in root.handlers if not type(handler).__module__.startswith("_pytest")]
     levels = [logging.getLogger(name).level for name in (None, "conflictdb")]
@@ -81,7 +81,7 @@ def _seen_by_all() -> dict[str, object]:
 
 @pytest.fixture(autouse=True)
 def _leaves_all_as_it_was() -> Iterator[None]:
-    """Fail the test that leaves something changed, rather than one that comes after it in some order."""
+    """Fail the test that leaves something changed, rather than a later one in some order."""
     before = _seen_by_all()
     yield
     assert _seen_by_all() == before
@@ -96,7 +96,7 @@ def _server(request: pytest.FixtureRequest) -> Iterator[TestServer]:
 
 @pytest.fixture(scope="session")
 def server_dsn(_server: TestServer) -> str:
-    """Return how to connect to the test server, as a user who may create databases."""
+    """Return the connection string of the test server, as a user who may create databases."""
     return _server.dsn
 
 
@@ -127,7 +127,7 @@ def _reused(_server: TestServer, template: str, request: pytest.FixtureRequest) 
 
 @pytest.fixture
 def dsn(_reused: ReusedDatabase) -> Iterator[str]:
-    """Return how to connect to a database with the schema and nothing in it; what a test leaves is removed."""
+    """Return the connection string of a database with an empty schema; objects that a test leaves are removed."""
     yield _reused.dsn()
     _reused.clean()
 

@@ -238,6 +238,7 @@ class _Sample:
 
     def _candidates(self, pieces: Pieces) -> Iterator[tuple[NDArray[np.int64], PieceRows, PieceRows]]:
         """Yield the pairs of pieces (a, b) that stage 1 leaves, with keys; all of the same two objects at once."""
+        pieces = pieces.meeting_within(self._scene.time_separation_us)
         spans = pieces.floor_m, pieces.ceiling_m, pieces.start_us, pieces.end_us
         rows = RowBoxes(boxes_of(pieces), *spans, pieces.object_id, pieces.turn != 0)
         order = near_order(rows)

@@ -83,6 +83,7 @@ class Conflicts:
     closest_error_m : (n,) float64   bound on |closest_m - true least distance|, metres; NaN if not computed
     closest_a_deg, closest_b_deg : (n, 2) float64   longitude and latitude of the nearest points then; NaN if not
         computed
+    lacking_s : (n,) float64       seconds by which the separation in time is missed; NaN if none is required or known
     where : computes the regions of some rows (k,)
     """
 
@@ -102,6 +103,7 @@ class Conflicts:
     closest_error_m: NDArray[np.float64]
     closest_a_deg: NDArray[np.float64]
     closest_b_deg: NDArray[np.float64]
+    lacking_s: NDArray[np.float64]
     where: Callable[[NDArray[np.int64]], Polygons] = _unknown
 
     def __len__(self) -> int:
@@ -120,6 +122,7 @@ class Conflicts:
             "closest_error_m": nothing,
             "closest_a_deg": nowhere,
             "closest_b_deg": nowhere,
+            "lacking_s": nothing,
         }
         (a_kind, a_id, a_version), (b_kind, b_id, b_version) = a, b
         return cls(a_kind, a_id, a_version, b_kind, b_id, b_version, *periods, verdict, **unknown | measured)

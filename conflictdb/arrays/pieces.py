@@ -5,16 +5,27 @@ Units: metres, degrees for longitude, latitude and bearings, microseconds since 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, NewType, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.ragged import offsets, ragged_rows
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 
 # Row numbers in a `Pieces`: not ids of objects, nor of the database.
 PieceRows = NewType("PieceRows", np.ndarray[Any, np.dtype[np.int64]])
+
+
+def halves(within_us: int) -> tuple[int, int]:
+    """Return by how much spans begin earlier and end later, so that they meet exactly if they come within a time."""
+    return within_us // 2, within_us - within_us // 2
+
+
+def later(at_us: NDArray[np.int64], by_us: int | NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return instants (n,) moved on by some microseconds; infinite ones stay."""
+    return at_us + np.where((at_us == MINUS_INFINITY_US) | (at_us == INFINITY_US), 0, by_us)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +92,14 @@ class Pieces:
     def shared_span(self, a: PieceRows, b: PieceRows) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return (start_us, end_us) of the shared time of pieces a and b, (n,) each; unbounded where both are."""
         return np.maximum(self.start_us[a], self.start_us[b]), np.minimum(self.end_us[a], self.end_us[b])
+
+    def longer(self, before_us: int | NDArray[np.int64], after_us: int | NDArray[np.int64]) -> Self:
+        """Return the pieces with spans that begin earlier and end later, by microseconds for all or (n,) each."""
+        return replace(self, start_us=later(self.start_us, -before_us), end_us=later(self.end_us, after_us))
+
+    def meeting_within(self, within_us: int) -> Self:
+        """Return pieces whose spans meet exactly if those of these come within so many microseconds."""
+        return self.longer(*halves(within_us)) if within_us else self
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the pieces of some rows."""

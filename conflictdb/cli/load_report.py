@@ -129,6 +129,8 @@ def conflict_table(conflicts: Sequence[Conflict], more: Sequence[MoreColumn] = (
         (shown.header("LAST CONTACT"), lambda one: shown.moment(one.last_contact, up=True)),
         ("PERIODS", lambda one: len(one.periods)),
     ]
+    if any(one.lacking_s is not None for one in conflicts):
+        columns.append(("LACKING S", lambda one: None if one.lacking_s is None else f"{one.lacking_s:.1f}"))
     if "position" in shown.more:
         columns += [("LATITUDE", lambda one: _degrees(one, 1)), ("LONGITUDE", lambda one: _degrees(one, 0))]
     if "acknowledged" in shown.more:
@@ -138,7 +140,7 @@ def conflict_table(conflicts: Sequence[Conflict], more: Sequence[MoreColumn] = (
             (shown.header("UNTIL"), lambda one: one.acknowledged_by and shown.moment(one.acknowledged_until, up=False)),
             ("REASON", lambda one: one.acknowledged_for),
         ]
-    return _pair_table(conflicts, columns, more, right=["PERIODS", "LATITUDE", "LONGITUDE"])
+    return _pair_table(conflicts, columns, more, right=["PERIODS", "LACKING S", "LATITUDE", "LONGITUDE"])
 
 
 def approach_table(approaches: Sequence[Approach | Conflict], more: Sequence[MoreColumn] = ()) -> str:

@@ -25,7 +25,7 @@ from conflictdb.formats.reading import read
 from conflictdb.in_memory import solve
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
-from conflictdb.model.settings import METRES, given
+from conflictdb.model.settings import NUMBERS, given
 from conflictdb.model.speeds import MAX_SPEED_KN
 from conflictdb.server.options import Settings
 from conflictdb.session.database import DEMO_SCENE
@@ -111,7 +111,9 @@ def _with_options(args: argparse.Namespace, scene: Scene) -> Scene:
 
 def _settings_text(scene: Scene) -> str:
     parts = [str(scene.motion), str(scene.earth)]
-    parts += [f"{name.removesuffix('_m').replace('_', ' ')} {getattr(scene, name):g} m" for name in METRES]
+    for name in NUMBERS:
+        words, _, unit = name.rpartition("_")
+        parts.append(f"{words.replace('_', ' ')} {getattr(scene, name):g} {unit}")
     return ", ".join(parts)
 
 

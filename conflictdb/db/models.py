@@ -64,6 +64,7 @@ class Scene(Base):
     history_kept: Mapped[timedelta | None]
     owner: Mapped[str | None] = mapped_column(server_default=FetchedValue())
     vertical_separation_m: Mapped[float] = mapped_column(server_default=FetchedValue())
+    time_separation_s: Mapped[float] = mapped_column(server_default=FetchedValue())
     delays_within_s: Mapped[float] = mapped_column(server_default=FetchedValue())
 
 
@@ -145,6 +146,7 @@ class Conflict(Base):
     first_contact_lat_deg: Mapped[float | None]
     a_name: Mapped[str | None]
     b_name: Mapped[str | None]
+    lacking_s: Mapped[float | None]
 
 
 class Approach(Base):
@@ -195,6 +197,7 @@ class SceneState(Base):
     is_current: Mapped[bool]
     unmapped: Mapped[int]
     vertical_separation_m: Mapped[float]
+    time_separation_s: Mapped[float]
     delays_within_s: Mapped[float]
 
 

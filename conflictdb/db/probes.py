@@ -163,6 +163,7 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory) -> boo
 class _PlanSource:
     """A source of pairs: the pieces of a plan with the pieces of a scene that they may meet.
 
+    within_us : the scene's separation in time, microseconds
     most_compared : the largest number of pairs of pieces for which stage 2 runs in the database
     """
 
@@ -175,20 +176,21 @@ class _PlanSource:
         pieces: Pieces,
         memory: Memory,
         most_compared: int = MOST_COMPARED,
+        within_us: int = 0,
     ) -> None:
         self._conn, self._scene_id, self._memory, self._most_compared = conn, scene_id, memory, most_compared
+        self._within_us = within_us
         self._plan, self._replaced, self._pieces = plan, replaced, pieces
 
     def candidates(self) -> Iterator[Chunk]:
-        near, parts = store.pieces_meeting(
-            self._conn, self._scene_id, self._pieces, self._replaced, self._most_compared
-        )
+        longer = self._pieces.longer(self._within_us, self._within_us)
+        near, parts = store.pieces_meeting(self._conn, self._scene_id, longer, self._replaced, self._most_compared)
         if not len(near):
             return
         if parts is not None:
             yield pairs_of_parts(*self._with_plan(np.unique(near.b)), near.a, near.b, parts)
         else:
-            yield from pairs_of_rows(near, self._with_plan, self._memory)
+            yield from pairs_of_rows(near, self._with_plan, self._memory, self._within_us)
 
     def _with_plan(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
         """Return rows of the scene, and the plan's pieces, numbered -1, -2, ..., ranked first of their kind."""
@@ -220,7 +222,7 @@ def _probed(
     plane = plane_of(scene)
     check_plane(plane, areas, tracks)
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
-    source = _PlanSource(conn, scene_id, plan, replaced, pieces, memory)
+    source = _PlanSource(conn, scene_id, plan, replaced, pieces, memory, within_us=scene.time_separation_us)
     parts = [part for part, _ in run_scene(scene, plane, source, jobs=jobs)]
     if not parts:
         return []

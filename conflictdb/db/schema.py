@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 SCHEMA: Final = "conflictdb"
 PRIVATE_SCHEMA: Final = "conflictdb_internal"  # routines and views that only this package calls
-MIN_SERVER_VERSION: Final = 140000  # BEGIN ATOMIC bodies, multiranges
+MIN_SERVER_VERSION: Final = 150000  # views with security_invoker
 MIN_POSTGIS_VERSION: Final = (3, 3)
 
 # Key of the advisory lock that serialises upgrades of one database: "conflict" in ASCII.

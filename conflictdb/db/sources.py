@@ -38,6 +38,7 @@ class SceneSource:
     """The changed pieces of a scene of the database and all they may meet, as a source of pairs.
 
     meanwhile : called after each read of pieces, when the database is idle until they are solved
+    within_us : the scene's separation in time, microseconds
     """
 
     def __init__(
@@ -46,26 +47,32 @@ class SceneSource:
         scene_id: int,
         memory: Memory = DEFAULT_MEMORY,
         meanwhile: Callable[[], None] = lambda: None,
+        within_us: int = 0,
     ) -> None:
         self._conn, self.scene_id, self._memory, self._meanwhile = conn, scene_id, memory, meanwhile
+        self._within_us = within_us
 
     def candidates(self) -> Iterator[Chunk]:
-        """Implement `PairSource`; joins boxes here if all objects changed and the boxes fit the memory."""
+        """Implement `PairSource`; join boxes here if `store.boxes` returns them, else in the database.
+
+        It returns them if all objects changed and they fit the memory (`_row_boxes`, sql/20_stage1_broad_phase.sql).
+        """
         ids, pieces, boxes = store.boxes(self._conn, self.scene_id, self._memory.boxes)
+        boxes = boxes.meeting_within(self._within_us)
         if not len(ids):
             for found in store.candidates(self._conn, self.scene_id, self._memory.pairs):
-                for chunk in pairs_of_rows(found, self._read, self._memory):
+                for chunk in pairs_of_rows(found, self._read, self._memory, self._within_us):
                     yield chunk._replace(share=None)
             return
         memory = self._memory.beside(len(ids))
         if pieces.sum() > memory.pieces:
             for found in joined(ids, pieces, boxes, memory.pairs):
-                for chunk in pairs_of_rows(found, self._read, memory):
+                for chunk in pairs_of_rows(found, self._read, memory, self._within_us):
                     yield chunk._replace(share=found.share)
             return
         bundles, place = self._read(ids)
         for found in joined(ids, pieces, boxes, memory.pairs):
-            for chunk in _pairs_of(bundles, place, found.a, found.b, memory.pairs):
+            for chunk in _pairs_of(bundles, place, found.a, found.b, memory.pairs, self._within_us):
                 yield chunk._replace(share=found.share)
 
     def _read(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
@@ -93,8 +100,9 @@ class FewSource(SceneSource):
         srid: int,
         pieces: Pieces,
         most_compared: int = MOST_COMPARED,
+        within_us: int = 0,
     ) -> None:
-        super().__init__(conn, scene_id, memory)
+        super().__init__(conn, scene_id, memory, within_us=within_us)
         self._srid, self._pieces, self._most_compared = srid, pieces, most_compared
 
     def candidates(self) -> Iterator[Chunk]:
@@ -108,7 +116,7 @@ class FewSource(SceneSource):
             chunk = pairs_of_parts(met.bundles, met.place, met.a, met.b, met.parts)
             yield chunk._replace(candidate_pairs=met.candidate_pairs, stage2_s=met.stage2_s)
         elif len(met.a) < most:
-            yield from _pairs_of(met.bundles, met.place, met.a, met.b, self._memory.pairs)
+            yield from _pairs_of(met.bundles, met.place, met.a, met.b, self._memory.pairs, self._within_us)
         else:
             del met
             yield from super().candidates()
@@ -139,10 +147,11 @@ def joined(
         yield replace(found, share=1.0)
 
 
-def pairs_of_rows(found: store.Candidates, read: Read, memory: Memory) -> Iterator[Chunk]:
-    """Yield the pairs of pieces of pairs of rows, in chunks that fit the memory."""
+def pairs_of_rows(found: store.Candidates, read: Read, memory: Memory, within_us: int) -> Iterator[Chunk]:
+    """Yield the pairs of pieces of pairs of rows that come within a time, in chunks that fit the memory."""
     for some in _readable(found, memory.pieces):
-        yield from _pairs_of(*read(np.unique(np.concatenate([some.a, some.b]))), some.a, some.b, memory.pairs)
+        bundles, place = read(np.unique(np.concatenate([some.a, some.b])))
+        yield from _pairs_of(bundles, place, some.a, some.b, memory.pairs, within_us)
 
 
 def pairs_of_parts(
@@ -173,10 +182,16 @@ def _readable(found: store.Candidates, most: int) -> Iterator[store.Candidates]:
 
 
 def _pairs_of(
-    bundles: Bundles, place: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64], at_once: int
+    bundles: Bundles,
+    place: NDArray[np.int64],
+    a: NDArray[np.int64],
+    b: NDArray[np.int64],
+    at_once: int,
+    within_us: int,
 ) -> Iterator[Chunk]:
     """Yield the overlapping pairs of pieces of bundles, by id; all pairs of the same two objects in one chunk."""
     pieces, size = bundles.pieces, np.diff(bundles.offset)
+    bundles = replace(bundles, pieces=pieces.meeting_within(within_us))
     first = bundles.offset[:-1]
     ids, number = pieces.piece_id[first], object_numbers(pieces)[first]
     by_id = np.argsort(ids)

@@ -124,7 +124,7 @@ class Worker:
     _counted_at_s: float = -math.inf
     _failing: dict[str, _Failing] = field(default_factory=dict)
     _busy: dict[str, _Busy] = field(default_factory=dict)
-    _is_asked: bool = False
+    _has_requests: bool = False
     _deafness_is_said: bool = False
 
     def once(self) -> bool:
@@ -136,9 +136,9 @@ class Worker:
                 well &= self._round(connection, store.SAY_AFTER_S)
                 for failing in self._failing.values():
                     failing.again_at_s = math.inf
-                if not self._busy and not self._is_asked:
+                if not self._busy and not self._has_requests:
                     return well
-                if not self._is_asked:
+                if not self._has_requests:
                     time.sleep(self.busy_s)
 
     def run(self) -> None:
@@ -196,7 +196,7 @@ class Worker:
             dues_s.append(comparison_s)
         if self._busy:
             dues_s.append(self.busy_s)
-        if self._is_asked:
+        if self._has_requests:
             return 0.0
         return min([every_s, *(max(due_s, _LEAST_PAUSE_S) for due_s in dues_s)])
 
@@ -262,8 +262,8 @@ class Worker:
         return well
 
     def _answer(self, connection: "psycopg.Connection[Any]") -> None:
-        """Answer probes for a while; `_is_asked` records whether some are left."""
-        self._is_asked = probes.answer(connection, jobs=self.jobs or os.cpu_count() or 1, memory_mb=self.memory_mb)
+        """Answer requests (probes, delays) for a while, with the rights of this connection, not of who asked."""
+        self._has_requests = probes.answer(connection, jobs=self.jobs or os.cpu_count() or 1, memory_mb=self.memory_mb)
 
     def _passed_over(self, scene: str, error: LockTimeout, say_after_s: float, changed_at_s: float) -> bool:
         """Record that another session detects a scene; return whether that is still within the limit."""

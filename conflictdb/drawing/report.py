@@ -163,6 +163,8 @@ def _verdict(one: Conflict) -> str:
     marks = ["outdated"] if one.is_current is False else []
     if one.acknowledged_by is not None:
         marks.append("acknowledged")
+    if one.lacking_s is not None:
+        marks.append(f"{one.lacking_s:.6g} s lacking")
     return f"{one.verdict} ({', '.join(marks)})" if marks else str(one.verdict)
 
 

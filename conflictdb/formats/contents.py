@@ -10,8 +10,8 @@ from conflictdb.model.plans import Area, Scene, Track
 
 # Called with the name of a phase, and the amounts done and to do; 0: unknown.
 Phase: TypeAlias = Callable[[str, int, int], object]
-# Endings of Parquet file names.
 NO_SIZES: Final = "has no columns of sizes"  # begins a remark
+# Endings of Parquet file names.
 PARQUET: Final = frozenset({".parquet", ".geoparquet"})
 # The remedy for a file above the size limit.
 TOO_LARGE: Final = ": split it, or allow more with --max-file-mb"

@@ -26,7 +26,9 @@ TIMES_OR_SPEED: Final = frozenset({"times", "datetimes", "speed_kn", "speed_mps"
 _MOST_NAMED: Final = 10
 
 
-def polygon_area(where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.Setting) -> Area:
+def area_of_polygon(
+    where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.Setting
+) -> Area:
     """Return the area of a feature; `number` is its key if it has none. Raises InvalidInput with all errors."""
     key, values = _keyed(where, number, values, file_objects.AREA_MEMBERS)
     fields = Fields(f"area {key!r}", values)
@@ -43,14 +45,16 @@ def polygon_area(where: str, number: str, values: Mapping[str, Any], shape: Any,
     return Area(key, footprint, **members)
 
 
-def circle_area(where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.Setting) -> Area:
+def area_of_circle(
+    where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.Setting
+) -> Area:
     """Return the area of a point with a radius; `number` is its key if it has none. Raises InvalidInput."""
     key, values = _keyed(where, number, values, file_objects.AREA_MEMBERS | {"radius_m"})
     geometry = {"type": CIRCLE_TYPE, "coordinates": shapely.get_coordinates(shape)[0].tolist()}
     return file_objects.area(key, geometry, Fields(f"area {key!r}", values), setting)
 
 
-def line_track(
+def track_of_line(
     where: str, number: str, values: Mapping[str, Any], shape: Any, setting: file_objects.Setting
 ) -> Track | TrackAtSpeed:
     """Return the track of a feature; `number` is its key if it has none. Raises InvalidInput with all errors."""

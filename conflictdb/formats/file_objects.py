@@ -1,4 +1,4 @@
-"""Convert the properties of GeoJSON features to areas and tracks, and back.
+"""Convert the members of objects in files, of any format, to areas and tracks, and back.
 
 Includes the reading of havens and speeds that other formats share.
 """

@@ -1,9 +1,10 @@
 """Build areas and tracks from a GeoDataFrame of geopandas, and tracks from trajectories of MovingPandas.
 
-Columns named like members of scene files are read as these members, in upper or lower case; other columns are ignored.
-Without a column `id` the index is the id. A missing value (NaN, NaT, None) is an absent member. Instants are datetimes
-with a zone, or ISO 8601 texts with an offset. The reference system must be known; systems other than longitude and
-latitude on WGS84 are transformed vertex by vertex.
+Columns named like members of scene files are read as these members, in upper or lower case; other columns become
+properties, of fixes those of the first one. Names close to a member are refused. Without a column `id` the index is the
+id. A missing value (NaN, NaT, None) is an absent member. Instants are datetimes with a zone, or ISO 8601 texts with an
+offset. The reference system must be known; systems other than longitude and latitude on WGS84 are transformed vertex by
+vertex.
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
@@ -17,7 +18,7 @@ import shapely
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats import file_objects
-from conflictdb.formats.features import LINES, line_track, polygon_area
+from conflictdb.formats.features import LINES, area_of_polygon, track_of_line
 from conflictdb.formats.fields import number_as_key
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.names import RENAME_COLUMN
@@ -94,7 +95,7 @@ def areas_of(frame: "geopandas.GeoDataFrame", scene: Scene, zone: Zone) -> list[
     areas = []
     for where, label, values, shape in _rows("areas", frame):
         with refusals:
-            areas.append(polygon_area(where, label, _plain(where, values, zone), shape, setting))
+            areas.append(area_of_polygon(where, label, _plain(where, values, zone), shape, setting))
     refusals.raise_found()
     return areas
 
@@ -128,7 +129,7 @@ def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], 
             times = _instants(who, "times", _instants_of_fixes(who, trajectory, frame), zone)
             members = {"times": times, **_plain(who, own, zone)}
             line = shapely.LineString(shapely.get_coordinates(np.asarray(frame.geometry.array, dtype=np.object_)))
-            found.append(line_track(who, key, _with_haven(members, haven), line, setting))
+            found.append(track_of_line(who, key, _with_haven(members, haven), line, setting))
     _, tracks = timed(found, scene, MAX_SPEED_KN, refusals)
     refusals.raise_found()
     return tracks
@@ -156,7 +157,7 @@ def _tracks_of_lines(frame: Any, scene: Scene, haven: Mapping[str, Any], zone: Z
                 got = "none" if shape is None else f"a {shape.geom_type}"
                 raise InvalidInput(where, "geometry", f"must be a LineString; got {got}")
             members = _with_haven(_plain(where, values, zone), haven)
-            found.append(line_track(where, label, members, shape, setting))
+            found.append(track_of_line(where, label, members, shape, setting))
     _, tracks = timed(found, scene, MAX_SPEED_KN, refusals)
     refusals.raise_found()
     return tracks

@@ -39,7 +39,7 @@ from conflictdb.formats.contents import (
     left_out,
     name_of,
 )
-from conflictdb.formats.features import LINES, POINTS, TIMES_OR_SPEED, line_track, polygon_area, unusable
+from conflictdb.formats.features import LINES, POINTS, TIMES_OR_SPEED, area_of_polygon, track_of_line, unusable
 from conflictdb.formats.fields import MAX_KEY_BYTES
 from conflictdb.formats.fixes import Fixes, tracks_of
 from conflictdb.formats.hints import renamed
@@ -237,9 +237,9 @@ def _features(
             continue
         with refusals:
             if is_track:
-                yield where, line_track(where, keys[i], values, shape, setting)
+                yield where, track_of_line(where, keys[i], values, shape, setting)
             else:
-                yield where, polygon_area(where, keys[i], values, shape, setting)
+                yield where, area_of_polygon(where, keys[i], values, shape, setting)
     contents.skipped.extend(unusable(source, who, "features", others, without_times(time_like)))
 
 

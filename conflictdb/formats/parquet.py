@@ -41,7 +41,15 @@ from conflictdb.formats.contents import (
     name_of,
     rows_apart,
 )
-from conflictdb.formats.features import LINES, POINTS, TIMES_OR_SPEED, circle_area, line_track, polygon_area, unusable
+from conflictdb.formats.features import (
+    LINES,
+    POINTS,
+    TIMES_OR_SPEED,
+    area_of_circle,
+    area_of_polygon,
+    track_of_line,
+    unusable,
+)
 from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.fields import number_as_key
 from conflictdb.formats.geoparquet import COVERING, GEOMETRY, PLANAR, Layout
@@ -298,13 +306,13 @@ def _add_rows(found: _Found, batch: "pa.RecordBatch", row: int, layout: Layout, 
         with found.refusals:
             _check_kind(where, values, is_track=is_track)
             if is_circle:
-                found.add(row + i, circle_area(where, number, values, shape, setting))
+                found.add(row + i, area_of_circle(where, number, values, shape, setting))
             elif is_track:
                 if measured[i] and all(values.get(name) is None for name in names if name.lower() in TIMES_OR_SPEED):
                     values = {**values, "times": _times_of(where, shape)}
-                found.add(row + i, line_track(where, number, values, shape, setting))
+                found.add(row + i, track_of_line(where, number, values, shape, setting))
             else:
-                found.add(row + i, polygon_area(where, number, values, shape, setting))
+                found.add(row + i, area_of_polygon(where, number, values, shape, setting))
 
 
 def _check_kind(where: str, values: dict[str, Any], *, is_track: bool) -> None:

@@ -1,14 +1,18 @@
-"""Broad phase in memory (stage 1 of a whole scene): rows whose boxes intersect in space, height and time."""
+"""Stage 1 at the client, for whole scenes of a database and for Spark: join rows whose boxes intersect.
+
+Boxes have space, height and time. `solve` uses `stages.stage1_broad_phase`.
+"""
 
 import ctypes
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
+from conflictdb.arrays.pieces import halves, later
 from conflictdb.kernel.library import Held, check, fields_of, library
 
 
@@ -48,6 +52,11 @@ class RowBoxes:
 
     def __len__(self) -> int:
         return len(self.object)
+
+    def meeting_within(self, within_us: int) -> Self:
+        """Return rows whose spans meet exactly if those of these come within so many microseconds."""
+        before_us, after_us = halves(within_us)
+        return replace(self, start_us=later(self.start_us, -before_us), end_us=later(self.end_us, after_us))
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return some of the rows."""

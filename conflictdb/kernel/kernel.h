@@ -12,7 +12,7 @@
  * Determinism: the answer for a pair does not depend on the other pairs of the call, nor on the order of pairs.
  * Errors: counts, offsets and indices are validated (KernelStatus); unless a call returns KERNEL_OK, its results are
  * incomplete. NaN and infinite coordinates are valid input: their piece is invalid, and its pairs are KERNEL_UNRESOLVED,
- * NaN or unknown.
+ * NaN or unknown. The broad phase is another matter: a box with NaN is in no pair, so callers report pieces without a hull.
  * Memory: each call frees its working memory. Callers allocate the result arrays, with two exceptions:
  * free scenes with kernel_scene_free, contacts with kernel_contacts_free.
  *
@@ -186,8 +186,9 @@ KERNEL_API KernelStatus kernel_bounds(const KernelScene *scene, const KernelRows
 
 /* ---- Narrow phase ----------------------------------------------------------------------------------------------- */
 
-/* Pairs of pieces and their times. [low_s, high_s] lies within the slices of both pieces. Pairs with an invalid piece, with
- * low_s > high_s, or with seconds beyond KERNEL_LONGEST_S, are KERNEL_UNRESOLVED, NaN or unknown. */
+/* Pairs of pieces and their times. [low_s, high_s] lies within the slices of both pieces. Pairs with an invalid piece, or
+ * with seconds that are NaN or beyond KERNEL_LONGEST_S, are KERNEL_UNRESOLVED, NaN or unknown. So are contacts and approaches
+ * of pairs with low_s > high_s; the other calls use low_s and high_s as they are. */
 typedef struct {
     int64_t count;
     const int64_t *a, *b;          /* (count,) indices of pieces */
@@ -195,7 +196,7 @@ typedef struct {
     const double *low_s, *high_s;  /* (count,) */
 } KernelPairs;
 
-/* Verdict on a contact (conflictdb.model.results.Verdict). */
+/* Verdict on a contact (conflictdb.model.results.Verdict, which adds NEAR). A pair proven apart has no contact. */
 typedef enum {
     KERNEL_CONFLICT = 0,  /* the separation is violated, by more than the tolerance at some instant */
     KERNEL_GRAZING = 1,   /* the smallest clearance is within the tolerance of zero: too close to call */
@@ -231,17 +232,17 @@ typedef struct {
 typedef struct {
     int64_t closed_forms;   /* pairs decided in closed form (stage 3) */
     int64_t closed_apart;   /* those of them that are apart */
-    int64_t windows;        /* times of the other pairs that were bounded */
+    int64_t windows;        /* times of the other pairs that were bounded; of differences: boxes inspected */
     int64_t evaluations;    /* positions of two polygons computed at an instant */
     int64_t searched_pairs; /* pairs that needed the search by branch and bound */
     double closed_form_s;   /* of the pairs decided in closed form */
     double contacts_s;      /* of all pairs of kernel_contacts */
 } KernelWork;
 
-/* Find all contacts of pairs, ordered by pair and time. Work has two budgets, which the pairs of two objects share
- * (pairs_of_objects): intervals of time in the search, and steps of distances on the earth. When the first is exhausted,
- * the times that are not proven apart by then are reported, as KERNEL_UNRESOLVED or KERNEL_GRAZING, or within a larger
- * error_s. When the second is exhausted, the whole pair is KERNEL_UNRESOLVED.
+/* Find all contacts of pairs, ordered by pair and time. Work has two budgets, divided among the pairs of two objects
+ * (pairs_of_objects), down to a least share: intervals of time in the search, and steps of distances on the earth. When the
+ * first is exhausted, the times that are not proven apart by then are reported, as KERNEL_UNRESOLVED or KERNEL_GRAZING, or
+ * within a larger error_s. When the second is exhausted, the whole pair is KERNEL_UNRESOLVED.
  *
  * contacts : allocated here, free with kernel_contacts_free
  */
@@ -260,8 +261,8 @@ KERNEL_API KernelStatus kernel_meetings(const KernelScene *scene, const KernelPa
 
 /* Compute the distance of pairs at low_s: the length of the shortest line on the earth, minus the depth of overlaps.
  *
- * distance_m : (count,) never too large; too small by less than the plane's `distance_error_m`; NaN for pairs with an
- *     invalid piece, and if the work budget is exhausted
+ * distance_m : (count,) of pairs that are apart never too large; too small by less than the plane's
+ *     `distance_error_m`; NaN for pairs with an invalid piece, and if the work budget is exhausted
  */
 KERNEL_API KernelStatus kernel_distances(const KernelScene *scene, const KernelPairs *pairs, double *distance_m);
 
@@ -308,8 +309,8 @@ typedef enum {
     KERNEL_DIFFERENCE_UNKNOWN = 3 /* nothing: the outer interval has all that both times allow, or all asked about */
 } KernelDifferenceState;
 
-/* Goals asked about at which the pieces come within reach of each other: seconds of b minus seconds of a; or factors, seconds
- * of b by seconds of a. An empty interval is [INFINITY, -INFINITY]. */
+/* Values of the goal at which the pieces come within reach of each other: seconds of b minus seconds of a; or factors,
+ * seconds of b by seconds of a. An empty interval is [INFINITY, -INFINITY]. */
 typedef struct {
     double outer_low, inner_low, inner_high, outer_high;
     int32_t state; /* KernelDifferenceState */
@@ -398,6 +399,9 @@ KERNEL_API KernelStatus kernel_convex_parts(const double *triangle, const int64_
                                             int64_t *offset, int64_t *parts);
 
 /* ---- Broad phase ------------------------------------------------------------------------------------------------ */
+
+/* Two steps: kernel_box_pairs joins rows (bundles of pieces), unless the database's index does; then kernel_bundled_pairs
+ * joins the pieces of each pair of rows. */
 
 /* Compute padded swept hulls of the pieces [first, end): each contains its piece during its whole time, padded by half of
  * reach_m, so that the hulls of two pieces intersect wherever the pieces come within reach_m of each other.

@@ -72,6 +72,8 @@ class Scene:
         follows from the first objects
     vertical_separation_m : minimum distance wanted between heights, metres to the micrometre, >= 0 (0: they must
         overlap to conflict)
+    time_separation_s : two objects conflict if they use one place within so many seconds, whole microseconds, 0 (at the
+        same time) to 30 days; not with method nlp
     delays_within_s : detections store the delays of each track that are in conflict, up to so many seconds, whole
         microseconds, 0 (none) to 30 days. `delays` within these is computed with this horizon, so that the answer is
         the stored one
@@ -86,6 +88,7 @@ class Scene:
     nearest_m: float = 0.0
     centre: tuple[float, float] | None = None
     vertical_separation_m: float = 0.0
+    time_separation_s: float = 0.0
     delays_within_s: float = 0.0
 
     def __post_init__(self) -> None:
@@ -102,6 +105,9 @@ class Scene:
             raise InvalidInput(
                 who, "earth", f"must be 'sphere' with motion 'great_circle', or left out; got {self.earth.value!r}"
             )
+        if self.method == Method.NLP and self.time_separation_s > 0.0:
+            rule = "is not known to method 'nlp', whose program knows one time only: use 'exact', or 0"
+            raise InvalidInput(who, "time_separation_s", f"{rule}; got {self.time_separation_s!r}")
         if self.centre is not None:
             object.__setattr__(self, "centre", self._checked_centre(who))
 
@@ -126,6 +132,11 @@ class Scene:
         """How close two polygons must come to be of any interest, metres."""
         conflict_m = self.tolerance_m + self.separation_m
         return conflict_m if METHODS[self.method].solver is None else max(conflict_m, self.nearest_m)
+
+    @property
+    def time_separation_us(self) -> int:
+        """The separation in time, microseconds."""
+        return round(1e6 * self.time_separation_s)
 
 
 def _checked(who: str, setting: Setting, value: Any) -> StrEnum | float:

@@ -3,7 +3,8 @@
 The views `conflicts` and `approaches`, CSV, JSON, GeoJSON, data frames, Arrow and GeoParquet have these columns, by
 these names. To add a column: add a row here, a field to `Conflict` (model/results.py), and where it is computed a field
 to `Conflicts` (arrays/answers.py); a column to the table (a revision), to the views (sql/70_conflicts.sql), to the
-models (db/models.py), and to the rows that are written (sql/60_write_back.sql).
+models (db/models.py), to the rows that are written (sql/60_write_back.sql: MEASURED is in the order of its parameters)
+and to the rows that Python reads (sql/80_listing.sql; the former routines go into sql/06_retired.sql).
 """
 
 from dataclasses import dataclass, replace
@@ -94,7 +95,12 @@ COLUMNS: Final = (
         required=True,
         array="time_error_s",
     ),
-    Column("is_current", Type.TRUTH, "Whether neither the objects nor the scene's settings changed since."),
+    Column(
+        "is_current",
+        Type.TRUTH,
+        "Whether neither object nor the scene's settings changed since; scene_is_current says whether pairs may be "
+        "missing.",
+    ),
     Column("run_id", Type.WHOLE, "Run that found it; later runs confirmed it unchanged."),
     Column("found_at", Type.INSTANT, "When the pair was first found in conflict."),
     Column(
@@ -162,6 +168,14 @@ COLUMNS: Final = (
     Column("first_contact_lat_deg", Type.NUMBER, "First contact: latitude, degrees; null if not computed.", "deg"),
     Column("a_name", Type.TEXT, "Name of the first object; null if it has none, or it is not known."),
     Column("b_name", Type.TEXT, "Name of the second object; null if it has none, or it is not known."),
+    Column(
+        "lacking_s",
+        Type.NUMBER,
+        "Separation in time: seconds by which it is missed, within time_error_s; null if none is required, or if the "
+        "verdict is unresolved.",
+        "s",
+        array="lacking_s",
+    ),
 )
 # The objects, and their states, that it was found of: columns of Arrow and GeoParquet only.
 STATES: Final = tuple(

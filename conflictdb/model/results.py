@@ -159,6 +159,8 @@ class Conflict(Drawable):
     closest_m, closest_error_m : distance then, metres on the earth, and the bound on its error; None if the method does
         not compute it
     closest_a_deg, closest_b_deg : the nearest points then
+    lacking_s : seconds by which the scene's separation in time is missed, within time_error_s; None if the scene wants
+        none, if the verdict is unresolved, and for near pairs
 
     Without a database these are None:
 
@@ -184,6 +186,7 @@ class Conflict(Drawable):
     acknowledged_at: datetime | None = None
     acknowledged_for: str | None = None
     acknowledged_until: datetime | None = None
+    lacking_s: float | None = None
 
     @property
     def opened_at(self) -> datetime | None:

@@ -132,7 +132,7 @@ SETTINGS: Final = (
         "Pairs without conflict that come within this distance (metres) are stored with their closest approach; "
         "0: none.",
         0.0,
-        "report pairs this near",
+        "report near pairs",
         label="Near is",
         says="within {:g} m",
         says_zero="not reported",
@@ -154,6 +154,18 @@ SETTINGS: Final = (
         "vertical separation",
         label="Vertical separation wanted",
         says_zero="none: heights must overlap",
+        is_stored_by_detect=True,
+    ),
+    Setting(
+        "time_separation_s",
+        Type.SECONDS,
+        "Required separation in time, whole microseconds in seconds: two objects conflict if they use one place "
+        "within so many seconds; 0: at the same time.",
+        0.0,
+        "time apart",
+        label="Separation in time wanted",
+        says="{:g} s between two uses of a place",
+        says_zero="none: only the same time counts",
         is_stored_by_detect=True,
     ),
     Setting(
@@ -179,6 +191,7 @@ class Changes(TypedDict, total=False):
     separation_m: float | None
     nearest_m: float | None
     vertical_separation_m: float | None
+    time_separation_s: float | None
     delays_within_s: float | None
 
 

@@ -126,7 +126,8 @@ def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterato
     is_carried = pc.less_equal(pc.binary_length(outline), _MOST_CARRIED)
     carried = pa.concat_arrays([pc.if_else(is_carried, outline, None), pa.nulls(len(tracks), pa.binary())])
     key, of = pa.array([*keys[Kind.AREA], *keys[Kind.TRACK]], pa.string()), pa.array(row[bundles.offset[:-1]])
-    yield rows_of(replace(bundles, pieces=replace(pieces, object_id=number[row])), key.take(of), carried.take(of))
+    bundles = replace(bundles, pieces=replace(pieces, object_id=number[row]))
+    yield rows_of(bundles, key.take(of), carried.take(of), scene.time_separation_us)
     large = pc.if_else(is_carried, None, outline)
     yield _rows_with(
         kind=pa.array(
@@ -140,8 +141,11 @@ def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterato
     )
 
 
-def rows_of(bundles: Bundles, key: pa.Array, outline: pa.Array) -> pa.RecordBatch:
-    """Return bundles of pieces as rows, with the keys and outlines (n,) of their objects."""
+def rows_of(bundles: Bundles, key: pa.Array, outline: pa.Array, within_us: int = 0) -> pa.RecordBatch:
+    """Return bundles of pieces as rows, with the keys and outlines (n,) of their objects.
+
+    within_us : microseconds; spans of rows meet if pieces come within this
+    """
     pieces, first, last = bundles.pieces, bundles.offset[:-1], bundles.offset[1:] - 1
     words, offset = packed(pieces)
     boxes = boxes_of(pieces)
@@ -149,14 +153,15 @@ def rows_of(bundles: Bundles, key: pa.Array, outline: pa.Array) -> pa.RecordBatc
         reduce.reduceat(some, first) if len(first) else some
         for reduce, some in ((np.minimum, boxes[:, :2]), (np.maximum, boxes[:, 2:]))
     )
+    late = pieces.meeting_within(within_us)
     buffers = [None, pa.py_buffer((offset[bundles.offset] * WORD).astype(np.int32)), pa.py_buffer(words)]
     columns = [
         pa.array(pieces.kind[first]),
         key,
         pa.array(pieces.turn[first]),
         *(pa.array(np.ascontiguousarray(side)) for side in (*low.T, *high.T)),
-        pa.array(pieces.start_us[first]),
-        pa.array(pieces.end_us[last]),
+        pa.array(late.start_us[first]),
+        pa.array(late.end_us[last]),
         pa.array(pieces.end_inclusive[last]),
         pa.array(pieces.floor_m[first]),
         pa.array(pieces.ceiling_m[first]),

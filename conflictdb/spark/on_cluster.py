@@ -111,7 +111,9 @@ def detected(
     cells = joining.cells_of(cut, rows, count)
     in_units = joining.placed(spark, cut, cells).repartition(count, "unit").sortWithinPartitions("unit")
     blocks = blocks_for(max(_GROUPS * count, math.ceil(cells.pairs / _MOST_PAIRS)))
-    met = mapped(in_units, partial(solving.meeting, cells=cells, blocks=blocks), solving.MET)
+    met = mapped(
+        in_units, partial(solving.meeting, cells=cells, blocks=blocks, within_us=scene.time_separation_us), solving.MET
+    )
     together = met.repartition(count, "group").sortWithinPartitions("group")
     outlines = _outlines(spark, cut if large else None)
     solve = partial(

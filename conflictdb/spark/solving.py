@@ -67,15 +67,18 @@ SCHEMA: Final = FOUND.schema
 Outlines = Callable[[], Mapping[str, bytes]]
 
 
-def meeting(batches: Iterable[pa.RecordBatch], cells: Cells, blocks: int) -> Iterator[pa.RecordBatch]:
+def meeting(
+    batches: Iterable[pa.RecordBatch], cells: Cells, blocks: int, within_us: int = 0
+) -> Iterator[pa.RecordBatch]:
     """Yield the pairs of pieces whose boxes and hulls overlap (stages 1 and 2), in bounded batches of the form MET.
 
     batches : of the form PLACED, sorted by unit
     cells : by which the pieces were placed
     blocks : number of blocks of all objects; each two, and each one, are a group
+    within_us : the scene's separation in time, microseconds
     """
     for table in _runs(batches, "unit"):
-        unit = _Unit(table, blocks)
+        unit = _Unit(table, blocks, within_us)
         cell, is_of_two = cells.of_unit(unit.number)
         block = unit.dealt % cells.blocks[cell]
         for a, b in unit.row_pairs():
@@ -94,8 +97,8 @@ class _Unit:
     dealt : (n,) hash of each row's object
     """
 
-    def __init__(self, rows: pa.Table, blocks: int) -> None:
-        self._rows, self._blocks = rows, blocks
+    def __init__(self, rows: pa.Table, blocks: int, within_us: int) -> None:
+        self._rows, self._blocks, self._within_us = rows, blocks, within_us
         self._column = {f.name: rows.column(f.name).to_numpy() for f in PLACED if pa.types.is_primitive(f.type)}
         self.number, self.dealt = int(self._column["unit"][0]), self._column["dealt"].astype(np.int64)
         self.corner = np.stack([self._column[name].astype(np.float64) for name in ("west", "south", "start_us")], 1)
@@ -124,7 +127,7 @@ class _Unit:
     def met(self, a: NDArray[np.int64], b: NDArray[np.int64]) -> Iterator[pa.RecordBatch]:
         """Yield the pairs of pieces in rows a and b (m,) whose boxes and hulls overlap."""
         pieces = self._bundles.pieces
-        pairs = bundled_pairs(self._bundles, a, b)
+        pairs = bundled_pairs(replace(self._bundles, pieces=pieces.meeting_within(self._within_us)), a, b)
         meet = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, *pairs)
         a, b = (side[meet] for side in pairs)
         block = (self.dealt % self._blocks)[self._row]

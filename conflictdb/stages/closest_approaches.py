@@ -60,7 +60,9 @@ def with_closest_approaches(
     work : counts the work
     threads : of the kernel; the answer does not depend on it
     """
-    is_open = conflicts.verdict == Verdict.UNRESOLVED.code
+    # With a separation in time conflicts may be of different times, and are close at none.
+    is_late = scene.time_separation_s > 0.0
+    is_open = (conflicts.verdict == Verdict.UNRESOLVED.code) | is_late
     is_known = conflicts.closest_m == 0.0
     decided = np.flatnonzero(~is_known & ~is_open)
     asked, rows, more = _during_contacts(meetings, decided), decided, 0
@@ -72,6 +74,8 @@ def with_closest_approaches(
         return conflicts
     wanted, aim, elsewhere = np.full(groups, np.inf), np.zeros(groups), np.full(groups, np.inf)
     wanted[len(rows) :] = scene.nearest_m
+    if is_late:
+        wanted[: len(rows)] = scene.reach_m  # further away not all pieces are candidates
     # A distance within the tolerance needs no smaller error than that.
     aim[: len(decided)][conflicts.verdict[decided] == Verdict.GRAZING.code] = scene.tolerance_m
     times = asked.first_s, asked.last_s
@@ -88,8 +92,9 @@ def with_closest_approaches(
         "closest_b_deg": np.where(swapped[:, None], nearest.a_deg, nearest.b_deg),
     }
     columns: dict[str, Any] = {name: getattr(conflicts, name).copy() for name in found}
+    near = np.arange(len(rows)) if not is_late else np.flatnonzero(np.isfinite(nearest.distance_m[: len(rows)]))
     for name, column in columns.items():
-        column[rows] = found[name][: len(rows)]
+        column[rows[near]] = found[name][near]
     complete = replace(conflicts, **columns)
     # Infinite: further apart than the limit.
     near = len(rows) + np.flatnonzero(~np.isinf(nearest.distance_m[len(rows) :]))

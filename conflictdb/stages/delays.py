@@ -1,8 +1,9 @@
 """Which departures of tracks bring them into conflict: stages 1 and 2 without time, then differences of departure.
 
 A delay d of a track, in whole microseconds, is forbidden if the track, departing d later, comes within the scene's
-separation and tolerance of anything that departs as planned. Outer intervals contain all forbidden delays; inner
-intervals contain forbidden ones only.
+separation and tolerance of anything that departs as planned, or of where that is within the separation in time, T: so
+intervals reach T further at both ends. Outer intervals contain all forbidden delays; inner intervals contain forbidden
+ones only.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -202,7 +203,8 @@ def differences_with(
     but : (k,) numbers of objects that are left out
     """
     pieces, number = placed.pieces, placed.number
-    a, b = placed.pairs_within(np.flatnonzero(np.isin(number, objects)), horizon_us, is_once=True)
+    reach_us = horizon_us + scene.time_separation_us
+    a, b = placed.pairs_within(np.flatnonzero(np.isin(number, objects)), reach_us, is_once=True)
     is_track = pieces.kind == Kind.TRACK.code
     kept = is_track[a] | is_track[b]
     if but is not None:
@@ -211,7 +213,7 @@ def differences_with(
     # The area second, else the larger number: the last digits of an answer depend on the order.
     turned = ~is_track[a] | (is_track[b] & (number[b] < number[a]))
     a, b = PieceRows(np.where(turned, b, a)), PieceRows(np.where(turned, a, b))
-    stands = _waits(pieces, number, np.flatnonzero(is_track)) if waits else np.zeros(len(pieces), np.bool_)
+    stands = _first_leg_stands(pieces, number, np.flatnonzero(is_track)) if waits else np.zeros(len(pieces), np.bool_)
     waits_a, waits_b = stands[a], stands[b]
     still = PieceRows(np.concatenate([a[waits_a], b[waits_b]]))
     passing = PieceRows(np.concatenate([b[waits_a], a[waits_b]]))
@@ -246,13 +248,14 @@ def waits_of(
     mine = np.flatnonzero((number == track) & (pieces.part != COVER))
     before, after = mine[pieces.end_us[mine] <= waypoint_us], mine[pieces.start_us[mine] >= waypoint_us]
     first = after[pieces.start_us[after] == waypoint_us]
-    planned = placed.pairs_within(before, 0)
-    moving, waiting = (placed.pairs_within(rows, horizon_us) for rows in (after, first))
+    within_us = scene.time_separation_us
+    planned = placed.pairs_within(before, within_us)
+    moving, waiting = (placed.pairs_within(rows, horizon_us + within_us) for rows in (after, first))
     a, b = (np.concatenate(both) for both in zip(planned, moving, waiting, strict=True))
     prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
     every = Differences.concatenate(
         [
-            of_cover(placed, track, horizon_us),
+            of_cover(placed, track, horizon_us + within_us),
             as_planned(delays_of_pairs(scene, prepared, number, *planned, 0, threads=threads)),
             delays_of_pairs(scene, prepared, number, *moving, horizon_us, threads=threads),
             _while_waiting(
@@ -329,7 +332,10 @@ def forbidden_by(
 
 
 def least_later(forbidden: Spans, planned: int, most: int) -> int | None:
-    """Return the least value from the planned one on that is not forbidden; None beyond the most."""
+    """Return the least value from the planned one on that is not forbidden; None beyond the most.
+
+    In the unit of the spans, which are rounded outward already: after a forbidden interval, its end plus one unit.
+    """
     k = int(np.searchsorted(forbidden.low, planned, side="right")) - 1
     least = planned if k < 0 or forbidden.high[k] < planned else int(forbidden.high[k]) + 1
     return least if least <= most else None
@@ -344,7 +350,7 @@ def sorted_keys(keys: Mapping[int, str], numbers: list[int]) -> tuple[str, ...]:
     return tuple(sorted((keys[number] for number in numbers), key=str.encode))
 
 
-def _waits(pieces: Pieces, number: _Ints, rows: _Ints) -> NDArray[np.bool_]:
+def _first_leg_stands(pieces: Pieces, number: _Ints, rows: _Ints) -> NDArray[np.bool_]:
     """Return (n,) whether pieces, among rows (m,) of tracks, are the first of one whose first leg stands still."""
     first_us = np.full(len(rows), INFINITY_US)
     _, track = np.unique(number[rows], return_inverse=True)
@@ -404,7 +410,8 @@ def _of_some_pairs(
     threads: int,
 ) -> Differences:
     pieces = prepared.pieces
-    shifts, first, last = shifts_of(pieces, a, b, horizon_us, lasts=lasts)
+    within_us = scene.time_separation_us
+    shifts, first, last = shifts_of(pieces, a, b, horizon_us + within_us, lasts=lasts)
     zero = shifts.a_zero_us
     covered = is_covered(pieces, a, b)
     solved = np.flatnonzero(~covered)
@@ -418,10 +425,10 @@ def _of_some_pairs(
     return Differences(
         number[a[rows]],
         number[b[rows]],
-        _later(first, zero, np.floor(1e6 * found["outer_low"] - _ROUNDING_US)),
-        _later(last, zero, np.ceil(1e6 * found["outer_high"] + _ROUNDING_US)),
-        _later(first, zero, np.ceil(1e6 * found["inner_low"] + _ROUNDING_US)),
-        _later(last, zero, np.floor(1e6 * found["inner_high"] - _ROUNDING_US)),
+        _later(first, zero, np.floor(1e6 * found["outer_low"] - _ROUNDING_US) - within_us),
+        _later(last, zero, np.ceil(1e6 * found["outer_high"] + _ROUNDING_US) + within_us),
+        _later(first, zero, np.ceil(1e6 * found["inner_low"] + _ROUNDING_US) - within_us),
+        _later(last, zero, np.floor(1e6 * found["inner_high"] - _ROUNDING_US) + within_us),
     )
 
 
@@ -450,7 +457,7 @@ def shifts_of(
 
 
 def solved_shifts(
-    prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, threads: int
+    prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, threads: int, work: kernel.Work | None = None
 ) -> tuple[_Ints, NDArray[Any]]:
     """Return rows of pairs that something asked about brings into contact, and the answers.
 
@@ -459,7 +466,7 @@ def solved_shifts(
     """
     rows, done = np.arange(len(shifts)), []
     for split in range(_MOST_SPLITS + 1):
-        found = differences(prepared, shifts, reach_m, kernel.Work(), threads)
+        found = differences(prepared, shifts, reach_m, work or kernel.Work(), threads)
         known = (found["state"] == DifferenceState.NONE) | (found["state"] == DifferenceState.UNKNOWN)
         # A factor moves the end of a piece by as much more as it is later.
         loose = _LOOSE_S / np.maximum(shifts.a_end_s, _LOOSE_S) if shifts.is_factor else _LOOSE_S

@@ -30,6 +30,7 @@ def merged_by_object(
     contacts: Contacts,
     footprints: Footprints,
     threads: int = 1,
+    first_deg: Floats | None = None,
 ) -> tuple[Conflicts, Meetings]:
     """Return one row per pair of objects with a contact, and their places.
 
@@ -38,10 +39,11 @@ def merged_by_object(
     prepared : the pieces of the pairs
     footprints : called for whole areas if contacts are shallow in all parts of one
     threads : of the kernel; the answer does not depend on it
+    first_deg : (m, 2) longitude and latitude of where contacts begin; None: they are computed
     """
     pieces = prepared.pieces
     a, b = PieceRows(pairs.a[contacts.pair]), PieceRows(pairs.b[contacts.pair])
-    start, end = _instants(contacts, *pieces.shared_span(a, b))
+    start, end = instants(contacts, *pieces.shared_span(a, b))
     a, b, _ = ordered_members(pieces, a, b)
     group_of, n = numbered(object_keys(pieces, a, b))
     # The periods of objects that meet exclude times at which other pieces of theirs only come close.
@@ -73,12 +75,16 @@ def merged_by_object(
     verdict = np.select(
         [has_conflict, has_open], [Verdict.CONFLICT.code, Verdict.UNRESOLVED.code], Verdict.GRAZING.code
     )
-    first_contact_deg = _first_contacts(scene, prepared, pairs, contacts, earliest, threads)
+    if first_deg is None:
+        first_contact_deg = _first_contacts(scene, prepared, pairs, contacts, earliest, threads)
+    else:
+        first_contact_deg = first_deg[earliest]
     # Objects that certainly meet are closest at their first contact.
     doubtful = contacts.touches & ~(contacts.error_s < contacts.end_s - contacts.start_s)
     is_certain = meet & ~has_open
     is_certain[group_of[doubtful]] = False
     is_known = (has_conflict | is_certain) & (scene.separation_m == 0.0) & (METHODS[scene.method].solver is not None)
+    is_known &= scene.time_separation_s == 0.0  # else they may meet at different times only
     nothing = np.where(is_known, 0.0, np.nan)
     place = np.where(is_known[:, None], first_contact_deg, np.nan)
     conflicts = Conflicts.of_members(
@@ -191,7 +197,7 @@ def _period_errors(
     return np.asarray(np.minimum(np.maximum(*worst), length))
 
 
-def _instants(
+def instants(
     contacts: Contacts, shared_start: NDArray[np.int64], shared_end: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the contacts' ends as instants, rounded outward to the microsecond within the shared span."""

@@ -20,6 +20,7 @@ from conflictdb.model.methods import METHODS
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.results import Kind, Verdict
 from conflictdb.stages.closest_approaches import with_closest_approaches
+from conflictdb.stages.conflict_regions import Meetings
 from conflictdb.stages.funnel import Funnel, Progress
 from conflictdb.stages.merge import merged_by_object
 from conflictdb.stages.object_pairs import company_of
@@ -28,6 +29,8 @@ from conflictdb.stages.published.stage3_projection import windows
 from conflictdb.stages.source import PairSource
 from conflictdb.stages.stage2_intersection import intersections
 from conflictdb.stages.stage4.contact_search import contacts, static_verdicts
+from conflictdb.stages.uses import Uses, as_contacts, uses_by_spans, uses_of_areas, with_lacking, with_wide_areas
+from conflictdb.stages.uses_of_tracks import uses_of_tracks
 from conflictdb.stages.whole_areas import Footprints
 
 _SHORTEST_S: Final = 1e-9  # divisor if the clock shows no time
@@ -107,15 +110,22 @@ def run_stages(
     pairs = replace(pairs, company=company_of(pieces, pairs))
     covered = is_covered(pieces, pairs.a, pairs.b)
     static = (pieces.kind[pairs.a] == Kind.AREA.code) & (pieces.kind[pairs.b] == Kind.AREA.code)
+    # With a separation in time pairs of tracks have a solver of their own, and areas are there for longer.
+    within_us = scene.time_separation_us
+    of_tracks = ~static & ~covered & (pieces.kind[pairs.a] == pieces.kind[pairs.b]) & (within_us > 0)
     # Once, for all queries about the pairs.
-    prepared = kernel.KernelScene(plane.kernel_plane, pieces, pairs.a, pairs.b)
+    prepared = kernel.KernelScene(
+        plane.kernel_plane, with_wide_areas(pieces, within_us) if within_us else pieces, pairs.a, pairs.b
+    )
     parts = [
         _unresolved(pieces, pairs, PairRows(np.flatnonzero(covered))),
         _static_contacts(scene, plane, prepared, pairs, PairRows(np.flatnonzero(static & ~covered))),
     ]
     funnel.window_pairs = sum(map(len, parts))
-    moving = PairRows(np.flatnonzero(~static & ~covered))
+    solved = Contacts.none()
+    moving = PairRows(np.flatnonzero(~static & ~covered & ~of_tracks))
     if method.solver is None:
+        moving, of_tracks = PairRows(np.flatnonzero(~static & ~covered)), of_tracks & False
         parts.append(_unresolved(pieces, pairs, moving))
     elif moving.size:
         clock = time.perf_counter()
@@ -133,10 +143,18 @@ def run_stages(
         funnel.projected_pairs += exact.closed_forms
         funnel.window_pairs += len(moving) - exact.closed_apart
         funnel.solved_pairs = len(moving) - exact.closed_forms
-        parts.append(solved.of_pairs(moving))
-    found = Contacts.concatenate(parts)
-    funnel.met_pairs = len(np.unique(found.pair))
-    conflicts, meetings = merged_by_object(scene, plane, prepared, pairs, found, footprints, jobs)
+        solved = solved.of_pairs(moving)
+    if within_us:
+        found = Contacts.concatenate(parts), solved
+        tracks = PairRows(np.flatnonzero(of_tracks))
+        conflicts, meetings = _merged_uses(
+            scene, plane, prepared, pieces, pairs, found, tracks, footprints, funnel, jobs
+        )
+        prepared, pairs = _at_one_time(plane, pieces, pairs)
+    else:
+        every = Contacts.concatenate([*parts, solved])
+        funnel.met_pairs = len(np.unique(every.pair))
+        conflicts, meetings = merged_by_object(scene, plane, prepared, pairs, every, footprints, jobs)
     if method.solver is not None:
         conflicts = with_closest_approaches(scene, prepared, pairs, meetings, conflicts, funnel.effort.exact, jobs)
     funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s
@@ -148,6 +166,49 @@ def run_stages(
         return found
 
     return replace(conflicts, where=where), funnel
+
+
+def _merged_uses(
+    scene: Scene,
+    plane: Plane,
+    prepared: kernel.KernelScene,
+    pieces: Pieces,
+    pairs: Pairs,
+    contacts: tuple[Contacts, Contacts],
+    tracks: PairRows,
+    footprints: Footprints,
+    funnel: Funnel,
+    jobs: int,
+) -> tuple[Conflicts, Meetings]:
+    """Return what `merged_by_object` does, of pairs that use one place within the separation in time.
+
+    prepared : the pieces with wide areas; `pieces` have their own spans
+    contacts : those that last while both are there, and those of tracks with areas
+    tracks : the pairs of tracks to decide
+    """
+    parts = [
+        make(scene, pieces, prepared, pairs, some, jobs)
+        for make, some in zip((uses_by_spans, uses_of_areas), contacts, strict=True)
+    ]
+    work = kernel.Work()
+    parts.append(uses_of_tracks(scene, plane, prepared, pairs, tracks, work, jobs))
+    # Not its closed forms, several of which serve one pair.
+    funnel.effort.exact.windows += work.windows
+    funnel.effort.exact.evaluations += work.evaluations
+    funnel.solved_pairs += len(tracks)
+    funnel.window_pairs += len(tracks)
+    uses = Uses.concatenate(parts)
+    funnel.met_pairs = len(np.unique(uses.pair))
+    prepared, pairs, found = as_contacts(plane, pieces, pairs, uses)
+    conflicts, meetings = merged_by_object(scene, plane, prepared, pairs, found, footprints, jobs, uses.first_deg)
+    return with_lacking(conflicts, prepared, pairs, uses), meetings
+
+
+def _at_one_time(plane: Plane, pieces: Pieces, pairs: Pairs) -> tuple[kernel.KernelScene, Pairs]:
+    """Return the pairs that are there at the same time, and their pieces."""
+    start, end = pieces.shared_span(pairs.a, pairs.b)
+    pairs = pairs.take(PairRows(np.flatnonzero(start <= end)))
+    return kernel.KernelScene(plane.kernel_plane, pieces, pairs.a, pairs.b), pairs
 
 
 def _counting(of: int, progress: Progress | None) -> Callable[[int], None] | None:

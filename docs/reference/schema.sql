@@ -136,7 +136,8 @@ TABLE conflict (
     digest bigint NOT NULL DEFAULT 0,
     conflict_id bigint NOT NULL,
     changed_at timestamp with time zone,
-    told_periods tstzmultirange
+    told_periods tstzmultirange,
+    lacking_s double precision
 );
 
 TABLE conflict_event (
@@ -220,7 +221,8 @@ TABLE probe_reply (
     first_contact_point geometry(Point,4326),
     closest_at timestamp with time zone,
     closest_m double precision,
-    closest_error_m double precision
+    closest_error_m double precision,
+    lacking_s double precision
 );
 
 TABLE probe_request (
@@ -285,6 +287,7 @@ TABLE scene (
     history_kept interval,
     owner name DEFAULT CURRENT_USER,
     vertical_separation_m double precision NOT NULL DEFAULT 0.0,
+    time_separation_s double precision NOT NULL DEFAULT 0.0,
     delays_within_s double precision NOT NULL DEFAULT 0.0
 );
 
@@ -439,7 +442,8 @@ VIEW conflicts (
     first_contact_lon_deg double precision,
     first_contact_lat_deg double precision,
     a_name text,
-    b_name text
+    b_name text,
+    lacking_s double precision
 );
 
 VIEW map_areas (
@@ -512,6 +516,7 @@ VIEW scenes (
     is_current boolean,
     unmapped bigint,
     vertical_separation_m double precision,
+    time_separation_s double precision,
     delays_within_s double precision
 );
 
@@ -565,6 +570,7 @@ CONSTRAINT change_scene_fkey ON change: FOREIGN KEY (scene_id) REFERENCES scene(
 CONSTRAINT conflict_closest_complete ON conflict: CHECK (((num_nulls(closest_m, closest_error_m, closest_a_point, closest_b_point) = ANY (ARRAY[0, 4])) AND ((closest_at IS NULL) OR (closest_m IS NOT NULL)) AND ((verdict <> 'near'::text) OR (closest_m IS NOT NULL))));
 CONSTRAINT conflict_closest_positive ON conflict: CHECK (((closest_m >= (0)::double precision) AND (closest_error_m >= (0)::double precision)));
 CONSTRAINT conflict_kinds_known ON conflict: CHECK (((a_kind = ANY (ARRAY[0, 1])) AND (b_kind = ANY (ARRAY[0, 1]))));
+CONSTRAINT conflict_lacking_positive ON conflict: CHECK ((lacking_s >= (0)::double precision));
 CONSTRAINT conflict_members_ordered ON conflict: CHECK (((a_kind < b_kind) OR ((a_kind = b_kind) AND (a_key < b_key))));
 CONSTRAINT conflict_periods_unless_near ON conflict: CHECK ((isempty(periods) = (verdict = 'near'::text)));
 CONSTRAINT conflict_pkey ON conflict: PRIMARY KEY (a_kind, a_id, b_kind, b_id, scene_id);
@@ -623,6 +629,8 @@ CONSTRAINT scene_nearest_finite ON scene: CHECK (((nearest_m >= (0)::double prec
 CONSTRAINT scene_pkey ON scene: PRIMARY KEY (scene_id);
 CONSTRAINT scene_scene_id_in_range ON scene: CHECK (((scene_id >= 1) AND (scene_id <= '4611686018427387903'::bigint)));
 CONSTRAINT scene_separation_finite ON scene: CHECK (((separation_m >= (0)::double precision) AND (separation_m < 'Infinity'::double precision)));
+CONSTRAINT scene_time_separation_known ON scene: CHECK (((time_separation_s >= (0)::double precision) AND (time_separation_s <= (2592000)::double precision)));
+CONSTRAINT scene_time_separation_solved ON scene: CHECK (((time_separation_s = (0)::double precision) OR (method <> 'nlp'::text)));
 CONSTRAINT scene_tolerance_finite ON scene: CHECK (((tolerance_m >= (0)::double precision) AND (tolerance_m < 'Infinity'::double precision)));
 CONSTRAINT scene_vertical_separation_finite ON scene: CHECK (((vertical_separation_m >= (0)::double precision) AND (vertical_separation_m < 'Infinity'::double precision)));
 CONSTRAINT scene_lock_pkey ON scene_lock: PRIMARY KEY (scene_id);
@@ -915,7 +923,7 @@ FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan;
 
 FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean, p_keys text[], p_key text, p_from timestamp with time zone, p_to timestamp with time zone, p_since timestamp with time zone, p_verdict text, p_acknowledged boolean)
-    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean, conflict_id bigint, changed_at timestamp with time zone, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone, a_name text, b_name text, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean, conflict_id bigint, changed_at timestamp with time zone, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone, a_name text, b_name text, lacking_s double precision, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _conflicts_known_at(p_scene text, p_instant timestamp with time zone)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, method text, time_error_s double precision, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, conflict_id bigint, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone) LANGUAGE sql STABLE PARALLEL UNSAFE;
@@ -1373,6 +1381,9 @@ FUNCTION _set_scene(p_name text, p_settings jsonb)
 FUNCTION _settings_of(p_scene anyelement)
     RETURNS jsonb LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
 
+FUNCTION _shared_span(p_a tstzrange, p_b tstzrange, p_within_s double precision)
+    RETURNS tstzrange LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _shares(p_scene text)
     RETURNS SETOF shares LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -1390,6 +1401,12 @@ FUNCTION _shown(p_span tstzrange)
 
 FUNCTION _shown_heights(p_floor_m double precision, p_ceiling_m double precision)
     RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _shown_lack(p_within_s double precision, p_lacking_s double precision)
+    RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _shown_seconds(p_s double precision)
+    RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
@@ -1461,7 +1478,7 @@ FUNCTION _unmapped(p_scene text)
     RETURNS SETOF unmapped LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _wait_for_probe(p_probe_id bigint, p_timeout interval)
-    RETURNS TABLE(key text, name text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision, lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision) LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+    RETURNS TABLE(key text, name text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision, lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, lacking_s double precision) LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _waiting_scenes()
     RETURNS TABLE(scene text, waited_s double precision) LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1484,6 +1501,9 @@ FUNCTION _whole_height(p_who text, p_field text, p_given_m double precision, p_w
 FUNCTION _widened(p_periods tstzmultirange, p_by_s double precision)
     RETURNS tstzmultirange LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _widened(p_span tstzrange, p_by_s double precision)
+    RETURNS tstzrange LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _window(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1496,7 +1516,7 @@ FUNCTION _writable_scenes()
 FUNCTION _write_differences(p_scene_id bigint, p_track_id bigint[], p_other_kind smallint[], p_other_id bigint[], p_forbidden_us int8multirange[], p_proven_us int8multirange[])
     RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
-FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean, p_a_kind smallint[], p_a_id bigint[], p_a_version bigint[], p_b_kind smallint[], p_b_id bigint[], p_b_version bigint[], p_place tid[], p_digest bigint[], p_verdict text[], p_periods tstzmultirange[], p_region bytea[], p_first_contact_point bytea[], p_time_error_s double precision[], p_closest_at timestamp with time zone[], p_closest_m double precision[], p_closest_error_m double precision[], p_closest_a_point bytea[], p_closest_b_point bytea[], OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint, OUT conflicts bigint, OUT unresolved bigint)
+FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean, p_a_kind smallint[], p_a_id bigint[], p_a_version bigint[], p_b_kind smallint[], p_b_id bigint[], p_b_version bigint[], p_place tid[], p_digest bigint[], p_verdict text[], p_periods tstzmultirange[], p_region bytea[], p_first_contact_point bytea[], p_time_error_s double precision[], p_closest_at timestamp with time zone[], p_closest_m double precision[], p_closest_error_m double precision[], p_closest_a_point bytea[], p_closest_b_point bytea[], p_lacking_s double precision[], OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint, OUT conflicts bigint, OUT unresolved bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_nestloop=off SET jit=off;
 
 FUNCTION acknowledge(p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamp with time zone DEFAULT NULL::timestamp with time zone, p_by text DEFAULT NULL::text)
@@ -1529,7 +1549,7 @@ FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
 FUNCTION copy_scene(p_scene text, p_name text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision)
+FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
 
 FUNCTION delays_of(p_scene text, p_key text DEFAULT NULL::text, p_horizon interval DEFAULT NULL::interval, p_now timestamp with time zone DEFAULT NULL::timestamp with time zone)
@@ -1638,7 +1658,7 @@ FUNCTION wait_for_delays(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval)
-    RETURNS TABLE(key text, kind text, verdict text, periods tstzmultirange, first_contact timestamp with time zone, last_contact timestamp with time zone, time_error_s double precision, first_contact_point geometry, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS TABLE(key text, kind text, verdict text, periods tstzmultirange, first_contact timestamp with time zone, last_contact timestamp with time zone, time_error_s double precision, first_contact_point geometry, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, lacking_s double precision) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION wait_until_current(p_scene text, p_timeout interval DEFAULT '00:01:00'::interval)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;

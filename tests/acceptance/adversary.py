@@ -4,10 +4,10 @@
     python tests/acceptance/adversary.py --replay DIRECTORY/7-1234.geojson
 
 Throws random scenes of every workload, wild ones among them, on both earths, with several tolerances and separations.
-Then it takes pairs of each and climbs to where answers are hardest: waypoints, times, havens and areas are changed so
-that the pair passes nearer, or its contact becomes shorter, until there is a contact more or less; then the way between
-is halved down to rounding, to where a pair only grazes or two contacts merge. Around it, everything is changed by a
-trace, and spans are made to end within microseconds of a contact. Every candidate is compared with the oracle. Each
+Then it takes pairs of each scene and climbs to the hardest answers. It changes waypoints, times, havens and areas so
+that the pair passes nearer, or its contact becomes shorter, until the number of contacts changes. Then it bisects this
+change down to rounding, where a pair only grazes or two contacts merge. Around that point it changes everything by a
+trace, and lets spans end within microseconds of a contact. Every candidate is compared with the oracle. Each
 disagreement is written to a scene file and printed with the command that shows it again; exits 1 if there is any.
 """
 
@@ -41,8 +41,8 @@ OBJECTS: Final = 3  # areas, and as many tracks, of a random scene
 MUTATIONS: Final = 12  # that may not change the number of contacts
 HALVINGS: Final = 48  # of the way to where it changes: down to rounding
 NEARBY: Final = 6  # candidates around that place
-START_M: Final = 5000.0  # pairs that pass at this distance are worth a climb
-# Tolerance, separation wanted; metres.
+START_M: Final = 5000.0  # climb from pairs that pass within this distance
+# Tolerance, required separation; metres.
 LIMITS: Final = ((0.0, 0.0), (1.0, 0.0), (0.01, 0.0), (50.0, 0.0), (0.0, 500.0), (1.0, 5000.0))
 
 Answer = dict[Pair, Reported]
@@ -52,7 +52,7 @@ Thing = Area | Track
 
 @dataclass
 class Search:
-    """What a search has done, and the disagreements it has found."""
+    """Counts of a search, and the disagreements it found."""
 
     solver: Solver
     keep: Path
@@ -65,7 +65,7 @@ class Search:
     tells: bool = False  # each at once
 
     def examine(self, scene: Scene, things: Sequence[Thing], care_m: float = 0.0) -> dict[Pair, oracle.Meeting]:
-        """Compare the product with the oracle, note what differs, and return the truth."""
+        """Compare the product with the oracle, record differences, and return the truth."""
         areas, tracks = apart(things)
         truth = oracle.meetings(scene, areas, tracks, max(care_m, care_of(scene, areas, tracks)))
         result = compared(scene, areas, tracks, self.solver(scene, areas, tracks), truth)
@@ -91,7 +91,7 @@ def apart(things: Sequence[Thing]) -> tuple[list[Area], list[Track]]:
 
 
 def in_fifty_digits(scene: Scene, things: Sequence[Thing], truth: dict[Pair, oracle.Meeting]) -> Iterator[str]:
-    """What more digits say of a pair: whether it is the oracle that should be doubted."""
+    """Yield disagreements of the oracle with 50 digits: whether the oracle is wrong."""
     if len(things) != 2 or scene.separation_m > 0.0 or not any(isinstance(thing, Track) for thing in things):
         return
     known = {thing.key: thing for thing in things}
@@ -119,7 +119,7 @@ def search(
     candidates: int,
     tells: bool = False,
 ) -> Search:
-    """Look for disagreements until so much time has gone, or so many candidates."""
+    """Look for disagreements until the time or the number of candidates is used up."""
     rng = np.random.default_rng(seed)
     run = Search(solver, keep, str(seed), tells=tells)
     until = time.monotonic() + seconds
@@ -153,14 +153,14 @@ def random_scene(rng: np.random.Generator, method: Method) -> tuple[Scene, list[
 
 
 def climb(run: Search, rng: np.random.Generator, scene: Scene, pair: list[Thing], goes_on: Callable[[], bool]) -> None:
-    """Change one of a pair until it meets more or less often; find where that is, and look around there."""
+    """Change an object of a pair until the number of contacts changes; locate the change, and look around it."""
 
     def look(candidate: list[Thing], care_m: float) -> oracle.Meeting | None:
         if not goes_on():
             return None
         try:
             (meeting,) = run.examine(scene, candidate, care_m).values()
-        except InvalidInput:  # nothing that anybody could ask
+        except InvalidInput:  # the change made the input invalid
             return None
         return meeting
 
@@ -198,7 +198,7 @@ def halved(
 
 
 def score(scene: Scene, meeting: oracle.Meeting) -> float:
-    """How far from the edge of contact: in metres where they miss each other, in seconds where they do not."""
+    """Distance from the edge of contact: metres for a pair that misses, seconds for a pair that meets."""
     return max((end - start for start, end in meeting.intervals), default=meeting.least_m - scene.separation_m)
 
 

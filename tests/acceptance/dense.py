@@ -1,10 +1,9 @@
-"""Random pairs of pieces of every workload, the product held to dense samples of their motion (`support/sampling.c`).
+"""Random pairs of pieces of every workload, compared with dense samples of their motion (`support/sampling.c`).
 
     python tests/acceptance/dense.py --pairs 10000000 [--seed 1] [--workload "low latitude"] [--objects 120]
 
-No sample may overlap outside of the contacts reported for its pair, nor be apart within a certain one. Pairs that
-the broad phase dismissed are sampled, too. Prints a line per workload and every contradiction, and exits 1 if there is
-any.
+No sample may overlap outside of the contacts reported for its pair, nor be apart within a certain one. Pairs that the
+broad phase dismissed are sampled, too. Prints a line per workload and every contradiction, and exits 1 if there is any.
 """
 
 import argparse
@@ -29,13 +28,13 @@ from conflictdb.model.plans import EarthModel, Scene
 from conflictdb.model.results import Kind, Verdict
 
 TOLERANCES_M = (1.0, 0.0, 1.0, 100.0)
-# Of pairs that the broad phase dismissed, so many are sampled for each that it found.
+# Sampled pairs that the broad phase dismissed, per candidate pair.
 DISMISSED = 0.5
 
 
 @dataclass
 class Count:
-    """What was checked: pairs that the broad phase found, those that it dismissed, and answers."""
+    """Counts of a check: candidate pairs, dismissed pairs, and answers."""
 
     pairs: int = 0
     dismissed: int = 0
@@ -58,7 +57,7 @@ class Count:
 
 
 def check(workload: Workload, seed: int, objects: int) -> Count:
-    """Throw one scene, solve its pairs of pieces of which one moves, and sample them."""
+    """Throw one scene, solve its pairs of pieces with a track, and sample them."""
     rng = np.random.default_rng(seed)
     scene, pieces, near, found = solved(workload, seed, objects)
     far = _dismissed(pieces, near, rng, int(DISMISSED * len(near)))
@@ -75,7 +74,7 @@ def check(workload: Workload, seed: int, objects: int) -> Count:
 
 
 def solved(workload: Workload, seed: int, objects: int) -> tuple[Scene, Pieces, Pairs, Contacts]:
-    """A scene, its pieces, the pairs of them that might meet and of which one moves, and when they do."""
+    """A scene, its pieces, its candidate pairs with a track, and their contacts."""
     earth, tolerance_m = list(EarthModel)[seed % 2], TOLERANCES_M[seed // 2 % len(TOLERANCES_M)]
     scene, areas, tracks = throw(workload, seed, objects, objects, earth, tolerance_m)
     staged = Staged.of(scene, areas, tracks)
@@ -84,13 +83,13 @@ def solved(workload: Workload, seed: int, objects: int) -> tuple[Scene, Pieces, 
 
 
 def _moving(pieces: Pieces, pairs: Pairs) -> Pairs:
-    """Those of which one moves."""
+    """The pairs with a track."""
     moves = pieces.kind == Kind.TRACK.code
     return pairs.take(PairRows(np.flatnonzero(moves[pairs.a] | moves[pairs.b])))
 
 
 def _dismissed(pieces: Pieces, near: Pairs, rng: np.random.Generator, most: int) -> Pairs:
-    """Up to so many pairs that share time and are not among those near, of which one moves."""
+    """At most `most` pairs with a track that share time and are not candidates."""
     a, b = np.sort(rng.integers(len(pieces), size=(2, 4 * most)), axis=0)
     known = np.isin(a * len(pieces) + b, np.minimum(near.a, near.b) * len(pieces) + np.maximum(near.a, near.b))
     other = (pieces.kind[a] != pieces.kind[b]) | (pieces.object_id[a] != pieces.object_id[b])

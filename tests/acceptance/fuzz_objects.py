@@ -3,11 +3,12 @@
     python tests/acceptance/fuzz_objects.py --objects 10000 --seed 7 [--keep DIRECTORY]
     python tests/acceptance/fuzz_objects.py --replay DIRECTORY/7-12.pickle
 
-Every scene gets some random objects (`support/hostile_objects.py`), each put by SQL or loaded from a file, where it may
-be refused; then a witness, an area that all of them meet, and a pair whose conflict is known. Then it is detected.
-Wrong is a detection that fails; a file that is refused with anything but InvalidInput; an object that was accepted and
-has no row with the witness (a silent miss); a pair whose conflict is not what it is without company; a list, an export
-or a query function that fails. What is wrong is printed with the objects that show it again; exits 1 if there is any.
+Every scene gets some random objects (`support/hostile_objects.py`), each put by SQL or loaded from a file, which may
+refuse it. Then it gets a witness, an area that all of them meet, and a pair with a known conflict. Then it is detected.
+Errors are: a detection that fails; a file refused with another error than InvalidInput; an accepted object without a
+row with the witness (a silent miss); a known pair with another conflict than without the random objects; a list, an
+export or a query function that fails. Each error is printed with the objects that reproduce it; exits 1 if there is
+any.
 """
 
 import argparse
@@ -50,11 +51,11 @@ LONGEST_S: Final = 300.0  # for a scene, on a machine that has much else to do
 
 @dataclass
 class Tally:
-    """What a run has done.
+    """Results of a run.
 
     outcomes : of objects: accepted or refused, by SQL or file; refusals of SQL by their SQLSTATE
     verdicts : of pairs with the witness
-    wrong : what is wrong, each with how to see it again
+    wrong : errors, each with a command to reproduce it
     """
 
     keep: Path
@@ -77,7 +78,7 @@ class Tally:
 
 
 def fuzz(dsn: str, seed: int, objects: int, keep: Path, *, tells: bool = False) -> Tally:
-    """Throw so many objects."""
+    """Throw `objects` objects."""
     rng = np.random.default_rng(seed)
     tally = Tally(keep, str(seed), tells=tells)
     while tally.objects < objects:
@@ -106,7 +107,7 @@ def random_scene(rng: np.random.Generator, name: str) -> Scene:
 
 
 def examine(dsn: str, tally: Tally, scene: Scene, things: Sequence[Hostile], by_file: Sequence[bool]) -> None:
-    """Put some objects in a scene, detect it, and note what is wrong."""
+    """Put some objects in a scene, detect it, and record errors."""
     began = time.monotonic()
     with conflictdb.connect(dsn) as db:
         set_scene(db.connection, scene)
@@ -140,7 +141,7 @@ def examine(dsn: str, tally: Tally, scene: Scene, things: Sequence[Hostile], by_
 def faults(
     db: conflictdb.Database, tally: Tally, scene: Scene, accepted: Sequence[Hostile], witness: Hostile | None
 ) -> Iterator[str]:
-    """Yield what is wrong with a scene whose objects were accepted."""
+    """Yield errors of a scene whose objects were accepted."""
     try:
         db.scene(scene.name).detect()
     except Exception as error:  # whatever it is, it stops the scene
@@ -171,7 +172,7 @@ def faults(
 
 
 def is_right(scene: Scene, canary: Conflict) -> bool:
-    """Whether the known pair is what it is without company: the track is within the area from the start to the end."""
+    """Whether the known pair has its usual conflict: the track is within the area from the start to the end."""
     assert canary.first_contact is not None
     assert canary.last_contact is not None
     span = canary.first_contact.timestamp(), canary.last_contact.timestamp()

@@ -3,12 +3,12 @@
     python tests/acceptance/mutate.py --seed 1 --count 200 [--keep DIRECTORY] [MODULE ...]
     python tests/acceptance/mutate.py --again DIRECTORY/survivors.json
 
-Works on a copy of the tree. First it runs the tests once and writes down which of them reach which line, and how long
-they take. Then it draws changes by the seed, and runs for each the tests that reach its line, the most specific first,
-until one fails: the mutant is killed. Each runs in a fork that has everything loaded, where one function has other
-code. Tests that need a database, slow ones, and what other processes run are left out. It prints each mutant, the
-survivors as they would look, and a table by module; exits 1 if any survived that is not listed in mutants.toml, where
-mutants that change no answer are, each with the reason.
+Works on a copy of the tree. First it runs the tests once and records which lines they reach, and their times. Then it
+draws changes by the seed. For each it runs the tests that reach its line, the most specific first, until one fails: the
+mutant is killed. Each mutant runs in a fork that has everything loaded, where one function has other code. Slow tests,
+tests that need a database, and code run by other processes are left out. It prints each mutant, the survivors with
+their source, and a table by module. It exits 1 if any survived that mutants.toml does not list; that file lists mutants
+that change no answer, with the reasons.
 
 A module's mutants are: comparisons (their boundary, their sense), arithmetic swapped, signs and negations dropped,
 constants changed, conditions negated, minimum and maximum (and their like) swapped, the branches of `where` swapped,
@@ -52,17 +52,17 @@ MODULES: Final = (
 )
 # fmt: on
 TESTS: Final = ("tests/unit", "tests/contract", "tests/acceptance")
-# Hypothesis' own profile for servers: the same examples each time, and no deadline.
+# Hypothesis' own profile for servers: the same examples each time, without a deadline.
 PYTEST: Final = (
     *("-q", "--tb=no", "-n", "0", "-p", "no:randomly", "-p", "no:cacheprovider"),
     "--hypothesis-profile=ci",
 )
-# A mutant that takes so many times as long as its tests did, and so much longer, has been noticed: it hangs.
+# A mutant counts as killed (it hangs) after TIMES times the seconds of its tests, plus LONGER_S.
 TIMES: Final = 5.0
 LONGER_S: Final = 20
-# Tests on lines that nearly all of them reach: so many seconds of them, the most specific first.
+# Budget of tests on lines that nearly all of them reach, seconds; the most specific run first.
 ENOUGH_S: Final = 20.0
-# A test that reaches so many lines computes whole scenes.
+# A test that reaches this many lines computes whole scenes.
 SCENE_LINES: Final = 500
 # Lines that fewer tests than this reach may have been reached before, on import or by a test whose result is kept.
 FEW: Final = 3
@@ -113,10 +113,10 @@ DROPPED: Final = ("clip", "abs", "sqrt", "degrees", "radians", "nan_to_num", "ne
 class Mutant:
     """One change: `old` at a place of a module becomes `new`.
 
-    line : of the module, from 1, where the tests must come by
-    start, end : where `old` is in the text, in bytes
-    within : the function it is in
-    before, after : what is beside it in its line
+    line : of the module, from 1; tests must reach it
+    start, end : position of `old` in the text, in bytes
+    within : its function
+    before, after : the text around it in its line
     """
 
     module: str
@@ -171,7 +171,7 @@ class Sites(ast.NodeVisitor):
         """Messages are not changed."""
 
     def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
-        """Nor what they are made of."""
+        """Nor are f-strings, which messages are made of."""
 
     def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
         if node.value is not None:
@@ -334,7 +334,7 @@ class Bench:
         return True
 
     def _reach(self) -> None:
-        """Read what each test reaches; run those that are new."""
+        """Read the lines that each test reaches; run new tests."""
         record = self.root / "reach.json"
         known: dict[str, Any] = json.loads(record.read_text()) if record.exists() else {}
         new = self._tests.keys() - known.keys()
@@ -350,12 +350,11 @@ class Bench:
                 self._by_line[line].append(name)
 
     def tests_of(self, mutant: Mutant) -> list[str]:
-        """Return the tests that reach a mutant, those that reach the fewest lines besides first.
+        """Return the tests that reach a mutant, the most specific first: those that reach the fewest other lines.
 
-        A test of one function is the most likely to notice what has become of it. Whole scenes come last: of those that
-        reach much, those that have killed the most, then the quickest.
-        Constants are made on import, and what is kept by a cache is made by whatever test came first: where few tests
-        reach a line, all those that reach its module count.
+        A test of one function is the most likely to notice a change of it. Tests of whole scenes come last: the most
+        successful first, then the quickest. Constants are computed on import, and caches are filled by the first test
+        that runs: if few tests reach a line, all tests that reach its module count.
         """
         found = set(self._by_line.get(f"{mutant.module}:{mutant.line}", ()))
         if self._needs_import(mutant):
@@ -398,7 +397,7 @@ class Bench:
     def _imported(self, tests: list[str], limit_s: int) -> str:
         """Run tests in a fresh process, on the modules as they are in the files."""
         (self.root / "tests.txt").write_text("".join(f"{test}\n" for test in tests))
-        # Of two mutants of the same second what was compiled of the first would count.
+        # Two mutants in the same second would share the compiled file of the first.
         environment = {**os.environ, "PYTHONPATH": str(self.root), "PYTHONDONTWRITEBYTECODE": "1"}
         done = subprocess.run(
             [sys.executable, "-m", "pytest", *PYTEST, "-x", "-m", "", "@tests.txt"],
@@ -440,7 +439,7 @@ class Bench:
 
 
 def function_of(mutant: Mutant) -> Any:
-    """Return the function that a mutant is in, as the modules loaded have it; None of what runs on import."""
+    """Return the loaded function that contains a mutant; None for code that runs on import."""
     found: Any = sys.modules[f"conflictdb.{mutant.module}"]
     for name in mutant.within.split("."):
         found = vars(found).get(name)
@@ -485,7 +484,7 @@ def known() -> dict[str, str]:
 
 
 def drawn(root: Path, modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
-    """Return so many mutants of all, every one as likely; or all of them."""
+    """Return at most `count` mutants, drawn with equal probability."""
     found = [mutant for module in modules for mutant in sites(root, module)]
     return random.Random(seed).sample(found, min(count, len(found)))  # noqa: S311 - chance, not secrecy
 
@@ -498,7 +497,7 @@ def again(root: Path, file: Path) -> list[Mutant]:
 
 
 def run(bench: Bench, mutants: Sequence[Mutant]) -> list[Mutant]:
-    """Return those that no test notices and nobody has explained; prints all."""
+    """Return the mutants that no test notices and mutants.toml does not list; print all."""
     reasons, survivors, record = known(), [], bench.root / "killed.json"
     dead: dict[str, str] = json.loads(record.read_text()) if record.exists() else {}
     counts: dict[str, Counter[str]] = defaultdict(Counter)

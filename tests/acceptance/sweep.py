@@ -1,4 +1,4 @@
-"""Random scenes of every workload, the product held to the oracle; more of them than a test run can afford.
+"""Random scenes of every workload, compared with the oracle; more scenes than a test run can afford.
 
     python tests/acceptance/sweep.py --seeds 100:200 [--workload "low latitude"] [--objects 12] [--separation-m 500]
     python tests/acceptance/sweep.py --seeds 100:200 --workload wild

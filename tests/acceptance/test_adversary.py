@@ -16,7 +16,7 @@ CANDIDATES = 30  # a scene and a climb
 
 
 class Planted:
-    """A solver with a bug in every so many conflicts that it reports."""
+    """A solver with a bug in every `every`-th conflict that it reports."""
 
     def __init__(self, kind: str, every: int) -> None:
         self.kind, self.every, self.conflicts = kind, every, 0

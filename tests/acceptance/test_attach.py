@@ -63,7 +63,7 @@ def dump(empty_dsn: str) -> Callable[[], str]:
 
     def dumped() -> str:
         text = subprocess.run(command, check=True, env=environ, stdout=subprocess.PIPE, text=True).stdout
-        # Newer ones guard against restores by psql, with a word that is drawn anew each time.
+        # Newer versions of pg_dump guard against restores by psql, with a random word in each dump.
         return "\n".join(line for line in text.splitlines() if not line.startswith(("\\restrict", "\\unrestrict")))
 
     return dumped

@@ -1,4 +1,4 @@
-"""`detect FILE --format json` on random scenes: what the program prints is what the oracle finds."""
+"""`detect FILE --format json` on random scenes prints the conflicts of the oracle."""
 
 import json
 import subprocess

@@ -31,7 +31,7 @@ WAIT_S = 60.0
 # Differences of departures are stored up to this.
 WITHIN_S = 7200.0
 
-# Detects, and says on standard output how far it is; then waits to be killed where it was told to.
+# Detects, reports its progress on standard output, then waits to be killed at the given place.
 VICTIM = """
 import os, sys, time
 from conflictdb.db import store
@@ -61,7 +61,7 @@ for name in (
 with store.connect(sys.argv[1]) as conn:
     detect(conn, sys.argv[2], jobs=1, progress=lambda *_: stop("progress"), few_objects=int(sys.argv[4]))
 """
-# What counts as few changed objects: none, so that there are two transactions, or as many as the scene has.
+# Largest number of changed objects that count as few: none, for two transactions; all objects, for one.
 TWO_TRANSACTIONS, ONE_TRANSACTION = -1, 100
 EVERYWHERE = [
     ("changed_areas", TWO_TRANSACTIONS),
@@ -216,7 +216,7 @@ def test_killed_detection_leaves_the_old_conflicts(
 
 @pytest.fixture(scope="module")
 def mortal(server_dsn: str) -> Iterator[OwnServer]:
-    """A server of the module's own; that there is one for tests makes sure that its programs are there."""
+    """A server of the module's own; the server for tests makes sure that its programs are installed."""
     with own_server() as server:
         yield server
 
@@ -248,7 +248,7 @@ def test_killed_backend_leaves_the_old_conflicts(
 def test_killed_detection_does_not_keep_others_waiting(
     dsn: str, conn: psycopg.Connection[Any], tmp_path: Path, changed: Any
 ) -> None:
-    """The lock of a scene ends with the session that holds it: a second detection waits, and then goes on."""
+    """The lock of a scene ends with its session: a second detection waits, and then goes on."""
     scene, areas, tracks, *_ = changed
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     conn.commit()

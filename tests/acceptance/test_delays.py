@@ -1,7 +1,7 @@
-"""Delays are held to a detection: no delay that is free conflicts, none that is proven forbidden is free.
+"""Delays agree with a detection: no free delay conflicts, and no delay proven forbidden is free.
 
-Shifted copies of a track go through stages 2 to 4 (`shifting`). A quarter of the shifts is within 10 us of an end that
-was stated.
+Shifted copies of a track go through stages 2 to 4 (`shifting`). A quarter of the shifts is within 10 us of a reported
+end.
 """
 
 from dataclasses import replace
@@ -48,7 +48,7 @@ def waiting_first(track: Track, waits_us: int) -> Track:
 
 
 def checked(workload: Workload, scenes: int, tracks: int, seed: int, *, waits: bool = False) -> tuple[int, int]:
-    """Compare many shifts; return their number, and how many of them are near an end.
+    """Compare many shifts; return their number, and the number near an end.
 
     waits : each track begins with a leg that stands still
     """
@@ -99,7 +99,7 @@ def test_many_delays(workload: Workload) -> None:
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, OCEAN, GROWING], ids=lambda workload: workload.name)
 def test_two_tracks_mirror_each_other(workload: Workload) -> None:
-    """What a must not do beside b, b must not do beside a, with the other sign; to the bit if both are asked about."""
+    """Forbidden delays of a with respect to b are those of b with the other sign; to the bit if both are requested."""
     rng = np.random.default_rng(0)
     scene, _, tracks = some_scene(workload, 3, rng)
     seen = 0
@@ -127,7 +127,7 @@ def _overlap(one: Delays, other: Delays) -> bool:
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, OCEAN], ids=lambda workload: workload.name)
 def test_a_larger_distance_or_one_more_object_forbids_no_less(workload: Workload) -> None:
-    """But for the errors of ends."""
+    """Up to the errors of ends."""
     scene, areas, tracks = throw(workload, 5, 10, 12)
     last = tracks[-1].key
     before = {one.key: one for one in delays(tracks[:-1], areas, scene)}
@@ -170,7 +170,7 @@ def test_ends_are_sharp(workload: Workload, separation_m: float, median_s: float
 
 @pytest.mark.parametrize("workload", [GROWING, GROWING_CIRCLES], ids=lambda workload: workload.name)
 def test_delays_of_growing_havens_are_proven_and_sharp(workload: Workload) -> None:
-    """Where a pair of pieces leaves an end loose, other pieces prove the rest."""
+    """If a pair of pieces leaves an end uncertain, other pieces prove the rest."""
     count = 0
     for seed in range(10):
         scene, areas, tracks = throw(workload, seed, 15, 20, tolerance_m=0.0, separation_m=500.0 * (seed % 2))
@@ -182,7 +182,7 @@ def test_delays_of_growing_havens_are_proven_and_sharp(workload: Workload) -> No
 
 
 def cleared(workload: Workload, scenes: int) -> int:
-    """Apply least delays in both directions, and a little less; return how many."""
+    """Apply least delays in both directions, and a little less; return their number."""
     rng, count = np.random.default_rng(1), 0
     for seed in range(scenes):
         scene, areas, tracks = some_scene(workload, seed, rng)

@@ -1,4 +1,4 @@
-"""Random pairs of pieces of every workload, held to a dense sampling of their motion: 0 missed, 0 false."""
+"""Random pairs of pieces of every workload, compared with a dense sampling of their motion: 0 missed, 0 false."""
 
 from dataclasses import replace
 
@@ -69,7 +69,7 @@ def _shifted(found: Contacts, name: str, row: int, by_s: float) -> Contacts:
 @pytest.mark.parametrize("workload", [LONG_LEGS, HIGH_LATITUDE, OCEAN, GROWING, GROWING_CIRCLES], ids=lambda w: w.name)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_samples_are_taken_where_pieces_are(workload: Workload, seed: int) -> None:
-    """To a tenth of what samples must contradict answers by, by formulas that share nothing."""
+    """Independent formulas agree to a tenth of the distance at which samples contradict answers."""
     scene, pieces, _, _ = dense.solved(workload, seed, 20)
     plane, tracks = plane_of(scene), np.flatnonzero(pieces.kind == Kind.TRACK.code)[::5]
     zero, slots = pieces.leg_start_us[tracks], int(np.diff(pieces.shape_offset).max())

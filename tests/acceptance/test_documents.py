@@ -70,8 +70,8 @@ def folder() -> Iterator[Path]:
         yield folder
 
 
-# All in one test: each block builds on what the one before left, as it does for a reader.
-@pytest.mark.usefixtures("server_dsn")  # makes sure that programs are there, fetched if need be
+# All in one test: each block builds on the state after the previous one, as for a reader.
+@pytest.mark.usefixtures("server_dsn")  # makes sure that the server's programs are installed
 def test_readme_runs_as_printed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The README's commands, SQL and Python run one after the other on a fresh embedded database."""
     monkeypatch.setenv("CONFLICTDB_HOME", str(folder / "home"))
@@ -145,7 +145,7 @@ def test_files_of_the_reference_are_read(tmp_path: Path) -> None:
 
 
 def test_fifteen_tasks_are_one_command_each() -> None:
-    """The page runs as printed, below; here: none of the tasks is missing, and none takes a second command."""
+    """The test below runs the page as printed; this test counts 15 tasks, each with exactly one command."""
     text = (ROOT / "docs/tutorial/fifteen-tasks.md").read_text()
     _, *tasks = re.split(r"^## ", text, flags=re.MULTILINE)
     assert len(tasks) == 15

@@ -1,7 +1,7 @@
 """DNV's baseline ship encounters: every designed encounter is a conflict, when it was designed to be.
 
-Own ship and targets sail two waypoints at constant speed and all start at the same instant; hulls are rectangles of
-length and width about the ship's reference point (dimensions a and b fore and aft, c and d to port and starboard).
+Own ship and targets sail between two waypoints at constant speed, and all start at the same instant. Hulls are
+rectangles of length and width about the ship's reference point (a and b fore and aft, c and d to port and starboard).
 `vectorTime` says after how many minutes own ship and target meet.
 """
 

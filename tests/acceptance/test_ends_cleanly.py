@@ -1,7 +1,7 @@
 """A detection that is interrupted, terminated or killed leaves nothing behind: no process, no query, nothing half done.
 
-The command is the real one, in a session of its own, as on a terminal. It is stopped where another session holds a lock
-that it needs, or while it computes.
+The command is the real one, in a session of its own, as on a terminal. It is stopped while it waits for a lock of
+another session, or while it computes.
 """
 
 import os
@@ -24,8 +24,8 @@ from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.model.plans import Area, Method, Scene, Track
 
-# Promised: Ctrl-C is answered within 1 s, and nothing is left after 5 s. What these tests stop would last for a minute
-# or for ever, so that a busy machine may take longer; the slow test says how long it took (`-rP` shows it).
+# Promised: Ctrl-C is answered within 1 s, and nothing is left after 5 s. The detections stopped here would last for a
+# minute or for ever, so a busy machine may take longer. The slow test prints its times (`-rP` shows them).
 ANSWERED_S = 10.0
 GONE_S = 15.0
 PATIENCE_S = 60.0
@@ -34,7 +34,7 @@ HOUR_US = 3_600_000_000
 
 
 def load(dsn: str, method: Method, area_count: int, track_count: int) -> None:
-    """Store a scene in which everything meets everything; 40 areas and 40 tracks keep `nlp` busy for a minute."""
+    """Store a scene in which all objects meet; 40 areas and 40 tracks keep `nlp` busy for a minute."""
     areas = [
         Area(f"A{i}", shapely.MultiPolygon([shapely.box(5.0 + 1e-4 * i, 57.0, 6.0, 58.0)])) for i in range(area_count)
     ]
@@ -50,7 +50,7 @@ def load(dsn: str, method: Method, area_count: int, track_count: int) -> None:
 
 @contextmanager
 def detection(dsn: str, *options: str) -> Iterator["subprocess.Popen[str]"]:
-    """Run the command with two threads to solve in; whatever is left of it in the end is killed."""
+    """Run the command with two solving threads; kill its remaining processes at the end."""
     heeded = signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored, and inherited
     program = [sys.executable, "-m", "conflictdb", "--dsn", dsn, "detect", "--scene", "s", "--jobs", "2", *options]
     try:
@@ -81,7 +81,7 @@ def session(leader: int) -> set[int]:
 
 
 def sessions(conn: psycopg.Connection[Any]) -> list[tuple[str | None, str]]:
-    """Return what the sessions of the command in this database wait for, and their last statements."""
+    """Return the wait events of the command's sessions in this database, and their last statements."""
     rows = conn.execute(
         "SELECT wait_event_type, query FROM pg_stat_activity WHERE datname = current_database() "
         "AND backend_type = 'client backend' AND application_name NOT IN ('blocker', 'cleaner') "
@@ -92,7 +92,7 @@ def sessions(conn: psycopg.Connection[Any]) -> list[tuple[str | None, str]]:
 
 
 def end(process: "subprocess.Popen[str]", number: signal.Signals, conn: psycopg.Connection[Any]) -> list[float]:
-    """Send a signal; return after what time the command has ended, and all of its processes and queries."""
+    """Send a signal; return the time until the command and all of its processes and queries have ended."""
     if number == signal.SIGINT:
         os.killpg(process.pid, number)  # as a terminal does
     else:
@@ -131,7 +131,7 @@ def test_nothing_is_left_of_a_detection_that_waits_in_the_database(
 def test_nothing_is_left_of_a_detection_whose_other_thread_waits_in_the_database(
     dsn: str, conn: psycopg.Connection[Any], number: signal.Signals
 ) -> None:
-    """The thread that reads what is known waits for a lock: its statement is cancelled before the transaction ends."""
+    """The thread that reads stored rows waits for a lock: its statement is cancelled before the transaction ends."""
     load(dsn, Method.EXACT, 2, 2)
     with psycopg.connect(dsn, application_name="blocker") as blocker:
         blocker.execute("LOCK conflictdb.conflict")
@@ -176,7 +176,7 @@ def test_a_detection_is_watched_on_any_connection(conn: psycopg.Connection[Any],
 @pytest.mark.slow
 @pytest.mark.parametrize("method", [Method.NLP, Method.EXACT])
 def test_nothing_is_left_wherever_it_is_stopped(dsn: str, conn: psycopg.Connection[Any], method: Method) -> None:
-    """Fifty detections that are stopped anywhere, by any signal; the next whole one is right."""
+    """Fifty detections are stopped anywhere, by any signal; the next complete one is right."""
     rng = np.random.default_rng(3)
     counts = {Method.NLP: (40, 40), Method.EXACT: (600, 60)}
     load(dsn, method, *counts[method])

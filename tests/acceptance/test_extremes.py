@@ -1,9 +1,9 @@
-"""What must hold at the extremes: a test for each, against the oracle or an answer worked out by hand.
+"""Answers at the extremes: a test for each, against the oracle or an answer worked out by hand.
 
 Every method that certifies its answers is tested (the reference one on demand). "in digits" is
 `test_extremes_in_digits.py`, against 30 digits; "known" are the scenes of `scenes.py`, worked out by hand.
 
-| extreme | held by |
+| extreme | tested by |
 |---|---|
 | equator crossing, both hemispheres | known `equator_crossing`, `head_on`; workloads `EQUATOR`, `SOUTH` |
 | +-180 in both directions, and exactly on it | known `seam`, `on_the_seam`; in digits `across the seam` |
@@ -89,7 +89,7 @@ def test_at_89_degrees(earth: EarthModel, lat: float) -> None:
 
 @earths
 def test_haven_that_points_away_from_the_pole(earth: EarthModel) -> None:
-    """Latitude and reach together pass the pole, and no vertex does."""
+    """Latitude plus reach passes the pole, but no vertex does."""
     zone = area("A", shapely.box(-30, 72, 30, 75))
     long = track("T", [(0, 88), (0, 80)], [0, 48 * HOUR_S], 9e5, 1e3, 5e4, 5e4)
     assert touching(Scene("s", earth=earth), [zone], [long]) == 1
@@ -108,7 +108,7 @@ def test_wide_haven_near_the_pole(earth: EarthModel, sign: int) -> None:
 
 @earths
 def test_haven_wider_than_the_world(earth: EarthModel) -> None:
-    """At 88 degrees a haven of 1,600 km from side to side spans more than a turn: it meets what is behind too."""
+    """At 88 degrees a haven of 1,600 km from side to side spans more than a turn: it meets objects behind it, too."""
     wide = track("T", [(170, 87.5), (170, 88.0)], [0, 2 * HOUR_S], 1e3, 1e3, 8e5, 8e5)
     zones = [area(f"A{lon}", shapely.box(lon, 87.6, lon + 5, 87.7)) for lon in range(-175, 180, 35)]
     check(Scene("s", earth=earth), zones, [wide])
@@ -433,7 +433,7 @@ def test_wild_scenes(seed: int) -> None:
     check(*throw_wild(seed))
 
 
-# Nothing, and what is refused
+# Empty scenes, and refused objects
 
 
 def test_nothing_interferes_with_nothing() -> None:

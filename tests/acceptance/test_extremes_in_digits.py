@@ -1,7 +1,7 @@
-"""Extremes held to more digits than the product and the float oracle have, or to answers that need none.
+"""Extremes compared with more digits than the product and the float oracle have, or with exact answers.
 
-The end of every period is looked at in 30 digits: just outside of it, beyond the bound stated, the pair is apart, and
-just inside it touches. `test_extremes.py` says which extreme is tested where.
+The end of every period is examined in 30 digits: just outside it, by more than the reported bound, the pair is apart,
+and just inside it touches. `test_extremes.py` lists the test of each extreme.
 """
 
 from collections.abc import Sequence
@@ -78,8 +78,8 @@ CASES = {
     },
 }
 
-# What the bound of an end may be, seconds: tenths of a micrometre at the speed at which the pair meets. A wider one
-# would excuse any end.
+# Largest bound of an end, seconds: tenths of a micrometre at the speed at which the pair meets. A wider bound would
+# excuse any end.
 BOUND_S = dict.fromkeys(CASES, 1e-5) | {
     "a millionth of a knot": 1.0,
     "a century": 0.01,
@@ -124,7 +124,7 @@ def verdict_of(found: dict[tuple[str, str], Reported]) -> Verdict | None:
 
 @methods
 def test_closing_at_a_nanometre_a_second(method: Method) -> None:
-    """Rounding is worth minutes there, in which tracks are cut: the bound holds across the cuts."""
+    """Rounding shifts times by minutes there, and tracks are cut within them: the bound is right across the cuts."""
     lons_a, lons_b = (0.0, 0.3233935022830277), (0.0008983153002891965, 0.3242918175509776)
     two = [
         track(key, [(lon, 0.0) for lon in lons], [0, HOUR_S], 50.0, 50.0, 10.0, 10.0)
@@ -145,7 +145,7 @@ def test_closing_at_a_nanometre_a_second(method: Method) -> None:
 @earths
 @pytest.mark.parametrize("lat", [0.0, -50.0, 75.0])
 def test_side_by_side_at_one_speed(earth: EarthModel, method: Method, lat: float) -> None:
-    """One ahead of the other, touching exactly all day; a millimetre nearer is contact, further apart is none."""
+    """One ahead of the other, touching exactly all day; a millimetre nearer is contact, further apart is not."""
     degree = parallel_m(earth, lat)
     day = 24 * HOUR_S
     for apart_m, verdicts in ((-1e-3, {Verdict.CONFLICT}), (0.0, set(Verdict)), (1e-3, {None})):
@@ -219,7 +219,7 @@ def test_contact_that_begins_where_a_span_ends(method: Method) -> None:
 @methods
 @pytest.mark.parametrize("speed_mps", [10.0, 1000.0])
 def test_contact_of_the_last_fraction_of_a_microsecond_is_reported(speed_mps: float, method: Method) -> None:
-    """It counts if it is deeper than 0.25 um where the span ends; one that begins with that instant does not."""
+    """A contact counts if it is deeper than 0.25 um at the span's end; not if it begins at that instant."""
     degree = parallel_m(EarthModel.SPHERE, 0.0)
     moving = track("T", [(0, 0), (1000.0 * speed_mps / degree, 0)], [0, 1000.0], 100.0, 100.0, 100.0, 100.0)
     scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=0.0, method=method)

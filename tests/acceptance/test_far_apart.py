@@ -1,6 +1,6 @@
 """Separations and closest approaches at any distance and latitude: verdicts on either side of a known geodesic.
 
-Places at a distance that PROJ knows, carried by areas that always are there, by havens at rest and by points.
+Places at a distance computed by PROJ, on areas without time limits, on havens at rest and on points.
 """
 
 import numpy as np
@@ -64,7 +64,7 @@ def objects(at: list[tuple[float, float]]) -> tuple[list[Track], list[Area]]:
 
 
 def across(found: list[Conflict]) -> list[Conflict]:
-    """Those of a pair that is at both places."""
+    """Return the conflicts between the two places."""
     return [one for one in found if one.a_key[1] != one.b_key[1]]
 
 
@@ -77,9 +77,9 @@ def verdicts(found: list[Conflict]) -> list[Verdict]:
 def test_verdicts_on_either_side_of_a_known_distance(
     earth: EarthModel, lat: float, bearing: float, away_m: float
 ) -> None:
-    """A conflict where they are nearer than wanted by more than the tolerance, nothing where they are not."""
+    """A conflict if they are nearer than the required separation by more than the tolerance, else none."""
     things = objects(places(earth, lat, bearing, away_m))
-    # A metre, and what the distance is uncertain by that far away.
+    # A metre, and the uncertainty of the distance that far away.
     step = 1.0 + 3e-6 * away_m * (away_m > 5e5)
     for wanted_m, expected in (
         (away_m - step, []),
@@ -92,7 +92,7 @@ def test_verdicts_on_either_side_of_a_known_distance(
 @mostly_wgs84
 @ways
 def test_closest_approach_of_places_far_apart(earth: EarthModel, lat: float, bearing: float, away_m: float) -> None:
-    """The distance is the geodesic, up to its bound and the size of what is there; and so are the places."""
+    """The distance is the geodesic, up to its bound and the size of the objects; the closest points fit it."""
     things = objects(places(earth, lat, bearing, away_m))
     found = across(solve(*things, Scene("s", earth=earth, nearest_m=away_m * 1.1, tolerance_m=0.0)))
     assert [one.verdict for one in found] == [Verdict.NEAR] * 9
@@ -121,7 +121,7 @@ def test_points_at_85_degrees() -> None:
 
 @earths
 def test_too_close_to_call_is_not_called(earth: EarthModel) -> None:
-    """Where distances are not known to the tolerance, what lies between its bounds is unresolved, not a conflict."""
+    """If distances are not known to the tolerance, a pair between the bounds is unresolved, not a conflict."""
     away_m = 9_000_000.0
     at = places(earth, 10.0, 50.0, away_m)
     things = [waiting(f"P{k}", *at[k], 0.0) for k in (0, 1)], [speck(f"A{k}", *at[k]) for k in (0, 1)]

@@ -1,4 +1,4 @@
-"""No object that somebody puts in a scene stops it, or is missed silently: a sample, the sweep, and what they found."""
+"""No object in a scene stops it, or is missed silently: a sample, the sweep, and the objects that they found."""
 
 from pathlib import Path
 from typing import Any
@@ -75,7 +75,7 @@ def test_ten_thousand_hostile_objects_stop_nothing(dsn: str, tmp_path: Path) -> 
 
 
 def test_the_fuzzing_finds_a_planted_bug(dsn: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A detection that loses the tracks of a scene, and one that fails."""
+    """A detection that loses the tracks of a scene, and a detection that fails."""
     pieces_of = conflictdb.db.detect.pieces_of
 
     def without_tracks(scene: Scene, plane: Any, areas: Any, tracks: Any) -> Any:

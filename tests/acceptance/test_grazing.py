@@ -1,4 +1,4 @@
-"""Contacts at the edge: random pairs moved aside until they only just touch, then a little back and forth."""
+"""Contacts at the edge: random pairs moved sideways until they only just touch, then a little back and forth."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ def moved(track: Track, north_deg: float) -> Track:
 
 
 def edge_of_contact(scene: Scene, other: Area | Track, track: Track) -> float | None:
-    """How far north the track has to be for the contact to end, degrees; None if it does not within half its window."""
+    """Northward shift of the track at which the contact ends, degrees; None if it is more than half its window."""
     low, high = 0.0, None
     for far in (0.01, 0.1, 0.5, 1.0, 2.0):
         if np.abs(track.positions_deg[:, 1]).max() + far > 86:
@@ -43,7 +43,7 @@ def edge_of_contact(scene: Scene, other: Area | Track, track: Track) -> float | 
 
 
 def grazing_problems(workload: Workload, seed: int, earth: EarthModel, most: int) -> tuple[list[str], int]:
-    """Disagreements with the oracle, and how many pairs were looked at."""
+    """Disagreements with the oracle, and the number of pairs compared."""
     scene, areas, tracks = throw(workload, seed, 8, 8, earth)
     objects: dict[str, Area | Track] = {thing.key: thing for thing in (*areas, *tracks)}
     pairs = [

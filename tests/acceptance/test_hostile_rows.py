@@ -197,7 +197,7 @@ def test_workers_go_on_and_miss_nothing(site: OwnServer, tmp_path: Any) -> None:
 
 
 def await_answers(site: OwnServer, worker: "subprocess.Popen[bytes]") -> None:
-    """Wait until the worker has come to a question that is asked after all of that."""
+    """Wait until the worker has answered a request that was sent after all of these rows."""
     with store.connect(site.dsn) as conn:
         conn.execute("DELETE FROM conflictdb.probe_request WHERE answered_at IS NULL AND failures > 0")
         row = conn.execute("SELECT name FROM conflictdb.scene ORDER BY scene_id LIMIT 1").fetchone()

@@ -1,7 +1,8 @@
-"""Ships in line that close by less than a metre a day, held to 60 digits.
+"""Ships in line that close by less than a metre a day, compared with 60 digits.
 
-One follows the other on the same rhumb line, a little faster. Rounding of positions is worth seconds to hours there.
-The bound must hold all the same, and a pair that stays further apart than rounding and the tolerance is not reported.
+A ship follows another on the same rhumb line, a little faster. Rounding of positions shifts times by seconds to hours
+there. The reported bound must still be right, and a pair that stays further apart than rounding and the tolerance is
+not reported.
 """
 
 from dataclasses import dataclass
@@ -37,7 +38,7 @@ class InLine:
     last_s: float
 
     def apart_m(self, second: mpf) -> mpf:
-        """How far apart they are in the plane, metres of it; 0 where they touch."""
+        """Their distance in the plane, plane metres; 0 if they touch."""
         return separation(self.scene, *self.tracks, second, T0_US)
 
 
@@ -67,7 +68,7 @@ def in_line(rng: np.random.Generator) -> InLine:
 
 
 def problems(pair: InLine, found: Reported | None) -> list[str]:
-    """What is wrong with an answer."""
+    """Errors of an answer."""
     with mp.workdps(DIGITS):
         first_m, end_m = pair.apart_m(mpf(0)), pair.apart_m(mpf(pair.last_s))
         least_m = min(first_m, end_m)
@@ -111,7 +112,7 @@ def test_in_line_that_takes_more_room_than_one_list_has_is_one_period(seed: int)
 
 
 def problems_of(seed: int) -> list[str]:
-    """What is wrong with the answer to a random pair."""
+    """Errors of the answer to a random pair."""
     pair = in_line(np.random.default_rng(seed))
     answer = solved(pair.scene, [], pair.tracks).get(("A", "B"))
     return [f"{seed}: {problem} ({answer})" for problem in problems(pair, answer)]

@@ -18,11 +18,14 @@ NEAR_M = 20_000.0
 
 
 def answer(conn: psycopg.Connection[Any], scene: Scene) -> list[tuple[object, ...]]:
-    """All that the view says but for what names the run, in a fixed order."""
+    """All columns of the view except those that name the run, in a fixed order."""
     rows = store.conflicts(conn, scene.name, with_region=True)
     assert all(row.is_current for row in rows)
     found = [
-        (r.a_key, r.a_kind, r.b_key, r.b_kind, r.periods, r.verdict, r.first_contact_deg, r.time_error_s, r.region)
+        (
+            *(r.a_key, r.a_kind, r.b_key, r.b_kind, r.periods, r.verdict, r.first_contact_deg, r.time_error_s),
+            *(r.region, r.lacking_s),
+        )
         for r in rows
     ]
     near = [
@@ -74,6 +77,7 @@ def edited(rng: np.random.Generator, areas: list[Area], tracks: list[Track]) -> 
     return areas, tracks
 
 
+@pytest.mark.parametrize("time_s", [0.0, 1800.0])
 @pytest.mark.parametrize(
     ("workload", "earth", "seed"),
     [
@@ -88,11 +92,13 @@ def edited(rng: np.random.Generator, areas: list[Area], tracks: list[Track]) -> 
         ),
     ],
 )
-def test_history_does_not_matter(conn: psycopg.Connection[Any], workload: Any, earth: EarthModel, seed: int) -> None:
+def test_history_does_not_matter(
+    conn: psycopg.Connection[Any], workload: Any, earth: EarthModel, seed: int, time_s: float
+) -> None:
     """After any edits a detection of what changed says the same, to the last digit, as one of everything."""
     rng = np.random.default_rng(seed)
     scene, areas, tracks = throw(workload, seed, 9, 9, earth)
-    scene = replace(scene, nearest_m=NEAR_M)
+    scene = replace(scene, nearest_m=NEAR_M, time_separation_s=time_s)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
     changes = 0
@@ -107,11 +113,16 @@ def test_history_does_not_matter(conn: psycopg.Connection[Any], workload: Any, e
 
 
 def test_settings_change_everything(conn: psycopg.Connection[Any]) -> None:
-    """A larger separation, another earth: the next detection knows, and gives what a fresh scene gives."""
+    """A larger separation, another earth: the next detection notices, and gives the answer of a fresh scene."""
     scene, areas, tracks = throw(EQUATOR, 2, 4, 5)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)
-    for settings in ({"separation_m": 3000.0}, {"earth": EarthModel.SPHERE}, {"nearest_m": NEAR_M}):
+    for settings in (
+        {"separation_m": 3000.0},
+        {"earth": EarthModel.SPHERE},
+        {"nearest_m": NEAR_M},
+        {"time_separation_s": 3600.0},
+    ):
         scene = replace(scene, **settings)  # type: ignore[arg-type]
         store.set_scene(conn, scene)
         detect(conn, scene.name, jobs=1)

@@ -1,4 +1,4 @@
-"""Memory of a detection is bounded by what is asked for, whatever the size of the scene, and the answer is the same."""
+"""Memory of a detection is bounded by its option, whatever the size of the scene, and the answer is the same."""
 
 import subprocess
 import sys
@@ -10,8 +10,8 @@ from conflictdb.db import store
 from conflictdb.model.plans import Area, Scene
 from conflictdb.stages.memory import LEAST_MEMORY_MB, Memory
 
-AREAS = 700  # 244,650 pairs, all of which meet: some chunks of the least memory, hundreds of megabytes at once
-# Of its own status: ru_maxrss knows also what the process was before it became this program, as large as the test run.
+AREAS = 700  # 244,650 pairs, all meet: several chunks at the least memory, hundreds of megabytes at once
+# From its own status: ru_maxrss includes the size of the process before it executed this program, that of the test run.
 PROGRAM = """
 import pathlib, sys
 import conflictdb

@@ -1,4 +1,4 @@
-"""The mutants themselves: what is changed, and that each still compiles."""
+"""The mutants themselves: the changed text, and that each still compiles."""
 
 import mutate
 from mutate import MODULES, ROOT, Mutant, Sites

@@ -1,4 +1,4 @@
-"""No stage may miss: random scenes of every workload, taken through the database, held to the oracle."""
+"""No stage may miss: random scenes of every workload, detected in the database, compared with the oracle."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -42,7 +42,7 @@ def truth(workload: str, seed: int, earth: EarthModel) -> dict[Pair, oracle.Meet
 
 
 def detected(conn: psycopg.Connection[Any], scene: Scene) -> dict[Pair, Reported]:
-    """Detect a scene that is loaded, and return what the view says, by pair."""
+    """Detect a loaded scene, and return the rows of the view, by pair."""
     detect(conn, scene.name, jobs=1)
     rows = store.conflicts(conn, scene.name)
     assert all(row.is_current for row in rows)
@@ -64,7 +64,7 @@ def assert_covered(meetings: dict[Pair, oracle.Meeting], periods: dict[Pair, Ite
 def test_stages_one_and_two_never_miss(
     conn: psycopg.Connection[Any], workload: str, seed: int, earth: EarthModel
 ) -> None:
-    """The SQL function `candidates` holds every pair that meets, and the time when it does."""
+    """The SQL function `candidates` returns every pair that meets, with a time span that contains its contacts."""
     scene, areas, tracks = thrown(workload, seed, earth)
     store.replace_scene(conn, replace(scene, method=Method.SCREEN), areas, tracks, merge=False)
     screened = detected(conn, scene)
@@ -83,7 +83,7 @@ def test_stages_one_and_two_never_miss(
 
 @cases
 def test_stage_three_never_misses(workload: str, seed: int, earth: EarthModel) -> None:
-    """The windows that the published programs look in hold every contact."""
+    """The windows of the published programs contain every contact."""
     scene, areas, tracks = thrown(workload, seed, earth)
     assert_covered(truth(workload, seed, earth), projected(scene, areas, tracks))
 

@@ -1,8 +1,8 @@
-"""What must not change an answer: where and when a scene lies, how it is written, what else there is.
+"""Changes that must not change an answer: place and time of a scene, order and form of its objects, other objects.
 
-Random scenes are solved, changed in a way that leaves the motion as it is (or mirrors it), and solved again: the same
-pairs with the same verdicts, periods that agree up to the bounds stated, and a first contact that lies in both
-polygons. No oracle decides here, so the scenes may be as large as they like.
+Random scenes are solved, changed in a way that leaves the motion as it is (or mirrors it), and solved again. The pairs
+and their verdicts stay the same, periods agree up to the reported bounds, and a first contact lies in both polygons. No
+oracle is needed, so the scenes may be of any size.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -27,22 +27,22 @@ from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Area, EarthModel, Method, Motion, Scene, Track
 from conflictdb.model.results import Verdict
 
-# What is done to scenes here is written for rhumb lines.
+# The changes below assume rhumb lines.
 RHUMB: Final = [workload for workload in WORKLOADS if workload.motion is Motion.RHUMB]
 CERTIFIED: Final = [method for method in Method if method is not Method.SCREEN]
 OBJECTS: Final = 3  # areas, and as many tracks
 ROUNDING_US: Final = 3.0  # each answer is rounded outward to the microsecond, and leaves this much over
 # Coordinates are rounded to 3 nm, a distance on the earth to a millimetre in 100 km: of that a slow pair makes this.
 SEPARATION_US: Final = 1e5
-PLACE_M: Final = 0.1  # what rounding is worth, with room to spare
-INSTANT_S: Final = 1e-6  # what instants are rounded to
+PLACE_M: Final = 0.1  # rounding error of places, with room to spare
+INSTANT_S: Final = 1e-6  # resolution of instants
 
 Pair = tuple[str, str]
 
 
 @dataclass(frozen=True)
 class Found:
-    """What is compared of a conflict; periods in microseconds."""
+    """The fields of a conflict that are compared; periods in microseconds."""
 
     a_key: str
     b_key: str
@@ -58,7 +58,7 @@ Period = tuple[float, float]
 
 @dataclass(frozen=True)
 class Thrown:
-    """A scene, and what it holds."""
+    """A scene and its objects."""
 
     scene: Scene
     areas: list[Area]
@@ -87,7 +87,7 @@ def thrown(draw: st.DrawFn, ordinary: bool) -> Thrown:
     return Thrown(*throw(workload, seed, OBJECTS, OBJECTS, earth, tolerance_m, separation_m))
 
 
-# Ways to change a scene: each returns the changed scene, and what turns its answer back.
+# Changes of a scene: each returns the changed scene, and a function that turns its answer back.
 
 Back = Callable[[Answer], Answer]
 Change = Callable[[Thrown, st.DataObject], tuple[Thrown, Back]]
@@ -110,7 +110,7 @@ def shift_longitudes(before: Thrown, data: st.DataObject) -> tuple[Thrown, Back]
 
 
 def mirror(before: Thrown, data: st.DataObject) -> tuple[Thrown, Back]:
-    """North becomes south; and what is to starboard, to port. What never moves heads north in both worlds."""
+    """North becomes south, and starboard becomes port. An object that never moves heads north in both worlds."""
 
     def area(one: Area) -> Area:
         return replace(one, footprint=shapely.transform(one.footprint, lambda xy: xy * np.array([1.0, -1.0])))
@@ -151,7 +151,7 @@ def reverse_time(before: Thrown, data: st.DataObject) -> tuple[Thrown, Back]:
 
 
 def swap(before: Thrown, data: st.DataObject) -> tuple[Thrown, Back]:
-    """Keys in the opposite order: what was a is b."""
+    """Keys in the opposite order: a and b of a pair swap."""
     names = {one.key: one.key[0] + chr(ord("9") - int(one.key[1:])) for one in (*before.areas, *before.tracks)}
     old = {new: key for key, new in names.items()}
 
@@ -192,7 +192,7 @@ def split_legs(before: Thrown, data: st.DataObject) -> tuple[Thrown, Back]:
 
 
 def split_areas(before: Thrown, data: st.DataObject) -> tuple[Thrown, Back]:
-    """Every area is cut in two along a line; what meets a part of it meets it."""
+    """Every area is cut in two along a line; an object that meets a part of it meets it."""
     globe = Globe.of(before.scene.earth)
     areas = []
     for one in before.areas:
@@ -221,7 +221,7 @@ def split_areas(before: Thrown, data: st.DataObject) -> tuple[Thrown, Back]:
 
 
 def add_far_objects(before: Thrown, data: st.DataObject) -> tuple[Thrown, Back]:
-    """Objects at other times, in other heights and elsewhere: what is reported of the others stays."""
+    """Objects at other times, at other heights and in other places: conflicts of the first objects stay the same."""
     seed = data.draw(st.integers(0, 10**6), "seed of what is far")
     _, areas, tracks = throw(data.draw(st.sampled_from(WORKLOADS), "workload of what is far"), seed, 3, 3)
     century = 3_155_760_000_000_000
@@ -237,11 +237,11 @@ CHANGES: Final[tuple[Change, ...]] = (
 )  # fmt: skip
 
 
-# What the changes are made of.
+# Building blocks of the changes.
 
 
 def moves(track: Track) -> np.ndarray:
-    """Which legs of a track lead elsewhere."""
+    """Which legs of a track lead to another place."""
     return np.any(np.diff(track.positions_deg, axis=0) != 0.0, axis=1)
 
 
@@ -302,7 +302,7 @@ def periods(change: Callable[[float, float], Period]) -> Back:
 
 
 def together(pair: Pair, parts: Sequence[Found]) -> Found:
-    """What is reported of several parts of an object, as one."""
+    """The conflicts of several parts of an object, merged."""
     verdicts = [one.verdict for one in parts]
     found = [v for v in (Verdict.CONFLICT, Verdict.UNRESOLVED, Verdict.GRAZING) if v in verdicts]
     return replace(
@@ -320,17 +320,17 @@ def bounded(one: Found) -> list[Period]:
     return [(-np.inf if s is None else s, np.inf if e is None else e) for s, e in one.periods_us]
 
 
-# What is the same.
+# The comparison.
 
 
 def differences(before: Thrown, one: Answer, two: Answer, cut: bool) -> Iterable[str]:
-    """What two answers to the same scene differ in; `cut`: the second is about areas cut in two."""
+    """Yield differences of two answers to the same scene; `cut`: the second is about areas cut in two."""
     for pair in sorted(one.keys() | two.keys()):
         if pair not in one or pair not in two:
             yield f"{pair}: only {'before' if pair in one else 'after'}: {one.get(pair) or two.get(pair)}"
             continue
         a, b = one[pair], two[pair]
-        # Parts of an area may be too narrow for what is deep in the whole of it.
+        # Parts of an area may be too narrow for a contact that is deep in the whole area.
         shallower = cut and (a.verdict, b.verdict) == (Verdict.CONFLICT, Verdict.GRAZING)
         if a.verdict is not b.verdict and not shallower:
             yield f"{pair}: {a.verdict} before, {b.verdict} after: {a} {b}"
@@ -353,7 +353,7 @@ def differences(before: Thrown, one: Answer, two: Answer, cut: bool) -> Iterable
 
 
 def joined(spans: list[Period], gap: float) -> list[Period]:
-    """Periods with those made one that are no further apart than the answers are sure of."""
+    """Join periods if the gap between them is within the error of the answers."""
     spans = sorted(spans)
     found = spans[:1]
     for start, end in spans[1:]:
@@ -365,7 +365,7 @@ def joined(spans: list[Period], gap: float) -> list[Period]:
 
 
 def misplaced(before: Thrown, a: Found, b: Found) -> Iterable[str]:
-    """First contacts of the changed scene that do not lie in (or as near as wanted to) both objects of the first."""
+    """First contacts of the changed scene that lie neither in nor within the separation of both original objects."""
     start = a.periods_us[0][0]
     if b.first_contact_deg is None or start is None:
         return
@@ -375,7 +375,7 @@ def misplaced(before: Thrown, a: Found, b: Found) -> Iterable[str]:
     scale = globe.a / globe.across_m(np.radians(lat))
     objects: dict[str, Area | Track] = {one.key: one for one in (*before.areas, *before.tracks)}
     here = shapely.Point(0.0, globe.a * globe.isometric(np.radians(lat)))
-    # Wild tracks are faster than what flies.
+    # Wild tracks are faster than aircraft.
     speed_mps = max([50.0, *(fastest_mps(globe, one) for one in before.tracks if one.key in (a.a_key, a.b_key))])
     late_s = a.time_error_s + b.time_error_s + INSTANT_S
     room_m = (PLACE_M + speed_mps * late_s + before.scene.separation_m * 1.01) * scale
@@ -401,7 +401,7 @@ def check(change: Change, method: Method, before: Thrown, data: st.DataObject) -
         one = before.answer()
         assume(one)
         two = back(after.answer())
-    except InvalidInput:  # a plane that holds the scene may not hold the changed one
+    except InvalidInput:  # the changed scene may not fit the plane, although the first does
         assume(False)
     assert not list(differences(before, one, two, cut=change is split_areas))
 

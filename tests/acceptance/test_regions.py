@@ -1,4 +1,4 @@
-"""Where objects interfere: regions hold all places of contact, held to the oracle, and little more."""
+"""Regions of interference contain all places of contact, by the oracle, and little more."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -35,7 +35,7 @@ def regions_of(answer: Conflicts) -> NDArray[np.object_]:
 
 
 def region_in_plane(scene: Scene, region: shapely.Geometry, turns: int, near_lon: float) -> shapely.Geometry:
-    """Return a region in plane metres east of a longitude, so many turns aside."""
+    """Return a region in plane metres east of a longitude, moved by some whole turns."""
     plane = plane_of(scene)
 
     def project(lonlat: np.ndarray) -> np.ndarray:
@@ -48,7 +48,7 @@ def region_in_plane(scene: Scene, region: shapely.Geometry, turns: int, near_lon
 @pytest.mark.parametrize("method", list(Method))
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, HIGH_LATITUDE, GROWING], ids=lambda workload: workload.name)
 def test_regions_hold_all_places_of_contact(workload: Workload, method: Method, earth: EarthModel) -> None:
-    """At instants of the periods: what the polygons have in common; regions are valid and within +-180 degrees."""
+    """At instants of the periods, regions contain the polygons' intersection; they are valid, within +-180 degrees."""
     scene, areas, tracks = throw(replace(workload, window=1.5), 3, 8, 10, earth, tolerance_m=0.0)
     answer = found(replace(scene, method=method), areas, tracks)
     where = regions_of(answer)
@@ -56,7 +56,7 @@ def test_regions_hold_all_places_of_contact(workload: Workload, method: Method, 
     checked = 0
     for k in range(len(answer)):
         region = where[k]
-        if region is None and method != Method.EXACT:  # they come no nearer than wanted
+        if region is None and method != Method.EXACT:  # the pair need not come within the separation
             continue
         assert region is not None
         assert region.is_valid
@@ -88,7 +88,7 @@ def test_regions_hold_all_places_of_contact(workload: Workload, method: Method, 
     ids=lambda workload: workload.name,
 )
 def test_regions_on_great_circles_hold_all_places_of_contact(workload: Workload) -> None:
-    """Also across the seam; next to a pole none is known. Held to an oracle in a plane of its own, about the region."""
+    """Also across the seam; next to a pole there is none. The oracle uses a plane of its own, about the region."""
     scene, areas, tracks = throw(replace(workload, window=6.0), 5, 12, 16, tolerance_m=0.0)
     answer = found(scene, areas, tracks)
     where = regions_of(answer)
@@ -135,7 +135,7 @@ def test_regions_on_great_circles_hold_all_places_of_contact(workload: Workload)
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM], ids=lambda workload: workload.name)
 def test_regions_are_no_larger_than_what_is_swept_during_the_contact(workload: Workload) -> None:
-    """Of two areas it is what they have in common; a haven that only just touches leaves but a spot."""
+    """The region of two areas is their intersection; a haven that only just touches leaves a tiny region."""
     scene, areas, tracks = throw(replace(workload, window=1.5), 4, 8, 8, tolerance_m=0.0)
     answer, screened = found(scene, areas, tracks), found(replace(scene, method=Method.SCREEN), areas, tracks)
     where = regions_of(answer)
@@ -171,7 +171,7 @@ EVERY_CIRCLE = replace(EVERYWHERE, name="every circle", motion=Motion.GREAT_CIRC
 @pytest.mark.parametrize("pairs", [100, pytest.param(2000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("workload", [EVERYWHERE, EVERY_CIRCLE], ids=lambda workload: workload.name)
 def test_regions_cover_the_first_contact(workload: Workload, pairs: int) -> None:
-    """And agree with sides that are straight in the plane to a metre, as PostGIS draws them in degrees."""
+    """They agree with sides that are straight in the plane to a metre, as PostGIS draws them in degrees."""
     seen, seed, agreed = 0, 0, 0
     while seen < pairs:
         seed += 1
@@ -189,7 +189,7 @@ def test_regions_cover_the_first_contact(workload: Workload, pairs: int) -> None
 
 
 def agrees(scene: Scene, region: shapely.Geometry, one: Area, other: Area, at_us: int) -> bool:
-    """Hold the sides of a region, straight in degrees, to those of what two areas have in common in the plane."""
+    """Compare the sides of a region, straight in degrees, with those of the intersection of two areas in the plane."""
     west, _, east, _ = region.bounds
     if scene.motion is not Motion.RHUMB or west == -180.0 or east == 180.0:
         return False
@@ -197,7 +197,7 @@ def agrees(scene: Scene, region: shapely.Geometry, one: Area, other: Area, at_us
     first, second = (shapely.union_all(oracle.polygons_at(scene, area, at_us, lon)) for area in (one, other))
     here = region_in_plane(scene, shapely.segmentize(region, 0.02), 0, lon)
     scale = 1.0 / np.cos(np.radians(np.abs(region.bounds[1::2]).max()))
-    # What else the areas have in common are lines and points.
+    # The rest of the intersection are lines and points.
     common = shapely.union_all([p for p in shapely.get_parts(first.intersection(second)) if p.geom_type == "Polygon"])
     apart = shapely.distance(shapely.points(shapely.get_coordinates(here)), common.boundary)
     assert apart.max() <= 1.01 * conflict_regions.AGREE_M * scale
@@ -211,7 +211,7 @@ def test_regions_do_not_depend_on_threads() -> None:
 
 
 def test_region_of_a_haven_that_passes_a_corner_is_about_that_corner() -> None:
-    """Not of all that the slice sweeps: the contact lasts a moment."""
+    """The region excludes the rest of the slice's swept area: the contact lasts a moment."""
     area = Area("A", shapely.MultiPolygon([shapely.box(0.0, 0.0, 1.0, 1.0)]))
     outline = np.array([[-100.0, -100.0], [100.0, -100.0], [100.0, 100.0], [-100.0, 100.0]])
     # 100 m of the way in 141: the corner comes in by 40 m at most.
@@ -223,7 +223,7 @@ def test_region_of_a_haven_that_passes_a_corner_is_about_that_corner() -> None:
 
 @pytest.mark.parametrize("lat", [40.0, -41.0])
 def test_thin_and_long_regions_lose_nothing_where_sides_bend_in_degrees(lat: float) -> None:
-    """Two areas overlap by a metre along 140 km: in degrees the sides, with a corner on one of them, would cross."""
+    """Two areas overlap by a metre along 140 km: in degrees their sides, one with a corner, would cross."""
     scene = Scene("s", tolerance_m=0.0)
     plane = plane_of(scene)
     start, end = np.stack(plane.to_plane(np.array([0.0, 1.0]), np.array([lat, lat + 1.0])), axis=1)
@@ -252,7 +252,7 @@ def test_a_region_around_the_earth_has_a_bounded_number_of_corners() -> None:
 
 
 def test_parts_that_are_next_to_each_other_are_put_together_and_others_are_not() -> None:
-    """What comes out covers all of what went in, and is little larger: also of parts in a ring about nothing."""
+    """The union covers all parts, and is little larger; also for parts in a ring around an empty middle."""
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     around = [shapely.Point(2e3 * np.cos(a), 2e3 * np.sin(a)).buffer(150.0, quad_segs=3) for a in angle]
     still = [shapely.box(x, 1e4 + x, x + 100.0, 1e4 + 2.0 * x + 50.0) for x in np.linspace(0.0, 3.0, 500)]
@@ -271,7 +271,7 @@ def test_parts_that_are_next_to_each_other_are_put_together_and_others_are_not()
 
 
 def test_regions_of_many_contacts_have_few_corners() -> None:
-    """Of a haven that drifts beside another for hours, slower and faster: each contact had its own corners."""
+    """A haven drifts next to another for hours, at changing speed: each contact had its own corners."""
     outline = np.array([[-50.0, -50.0], [50.0, -50.0], [50.0, 50.0], [-50.0, 50.0]])
     rng = np.random.default_rng(5)
     times = np.arange(60) * 60_000_000

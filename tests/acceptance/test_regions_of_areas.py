@@ -1,4 +1,4 @@
-"""Where areas of many parts meet: what they have in common, of whatever form, and found without uniting thousands."""
+"""Intersections of areas of many parts, of any form, computed without uniting thousands of parts."""
 
 from typing import Any
 
@@ -80,7 +80,7 @@ CASES = {
 def test_areas_of_many_parts_have_in_common_what_their_footprints_do(
     case: str, motion: Motion, tolerance_m: float
 ) -> None:
-    """A union of what pairs of parts have in common lost some of it, and had a rim where parts touch."""
+    """A union of the intersections of pairs of parts lost some of it, and had a rim where parts touch."""
     one, other = CASES[case]
     if motion == Motion.GREAT_CIRCLE:
         scene = Scene("s", motion=motion, centre=tuple(one.centroid.coords[0]), tolerance_m=tolerance_m)
@@ -101,7 +101,7 @@ def test_areas_of_many_parts_have_in_common_what_their_footprints_do(
 
 @pytest.mark.parametrize("lat", [10.0, -85.0])
 def test_what_areas_of_many_parts_have_in_common_is_cut_at_the_seam(lat: float) -> None:
-    """It is what it is elsewhere, on both sides of the seam."""
+    """The region is that of another longitude, on both sides of the seam."""
     one, other = star(1, 300, 0.0, lat, 0.3), star(2, 300, 0.3, lat + 0.1, 0.3)
     elsewhere = region_of(Scene("s"), one, other)
 
@@ -141,7 +141,7 @@ def test_where_areas_of_many_parts_only_come_near_is_part_of_their_region(scene:
 
 
 def test_unions_of_parts_that_are_next_to_each_other_by_rounding_lose_nothing() -> None:
-    """What two areas have in common, in four parts: without a grid a tenth of it was lost."""
+    """The intersection of two areas, in four parts: without a grid a tenth of it was lost."""
     rings = (
         (
             "77775.30350456905 3226.832265546531, 86458.41720861946 -71332.55170255814, 93287.42958581126 "
@@ -174,7 +174,7 @@ def test_a_union_of_what_is_narrower_than_its_grid_is_not_empty() -> None:
 
 
 def test_a_union_that_plainly_lacks_something_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of tracks, too, of which none was seen to lose anything: a union without its last part, or of nothing."""
+    """A union without its last part, or empty, is rebuilt; also for tracks, which were never seen to fail."""
     parts = shapely.box([[0.0, 2.0, 5.0]], 0.0, [[1.0, 4.0, 9.0]], 1.0)
     union_all = shapely.union_all
 
@@ -189,7 +189,7 @@ def test_a_union_that_plainly_lacks_something_is_made_again(monkeypatch: pytest.
 
 
 def test_regions_of_areas_of_many_parts_unite_few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Uniting what each pair of parts has in common took the square of their number: 124 s of 20,000 corners."""
+    """Uniting the intersections of all pairs of parts took the square of their number: 124 s for 20,000 corners."""
     sizes: list[int] = []
     united = shared_areas.united
 
@@ -203,7 +203,7 @@ def test_regions_of_areas_of_many_parts_unite_few(monkeypatch: pytest.MonkeyPatc
 
 
 def test_areas_that_could_not_be_cut_are_united_as_what_they_are_taken_for() -> None:
-    """As hulls, which may overlap, or lie within another: a coverage of such is none."""
+    """As hulls, which may overlap, or lie within another: they are no coverage."""
     parts = shapely.box(np.array([0.0, 5.0, 1.0]), 0.0, np.array([10.0, 15.0, 2.0]), np.array([10.0, 10.0, 2.0]))
     areas = [Area(str(i), shapely.MultiPolygon([part])) for i, part in enumerate(parts)]
     scene = Scene("s")

@@ -1,4 +1,4 @@
-"""The separation wanted is the least distance on the earth, which need not be where the plane's nearest points are.
+"""The required separation is the least distance on the earth, which need not be at the plane's nearest points.
 
 Strips between meridians are narrowest nearer the pole, by 1.7 km at 60 to 62 degrees and 50 km apart, and constant all
 along in the plane. The answers rest on geodesics between known points; those of moving pairs also on the oracle.
@@ -29,7 +29,7 @@ slow = pytest.mark.slow  # the oracle takes minutes where the distance hardly ch
 
 
 def geodesic_m(earth: EarthModel, lon: float, lat: float) -> float:
-    """Metres between two points of a parallel so many degrees apart, the shortest way."""
+    """Metres between two points of a parallel, by the geodesic, for a difference of longitude."""
     globe = Globe.of(earth)
     return float(Geod(a=globe.a, es=globe.e2).inv(0.0, lat, lon, lat)[2])
 

@@ -1,7 +1,7 @@
 """Shallow contacts: polygons that overlap by centimetres to metres while they glide past each other.
 
-Ends are as near to the truth as rounding lets them be, and the bound says so: what rounding of positions is worth at
-the speed at which the pair closes there. A pair of depth d and relative acceleration k closes at sqrt(2 d k).
+Ends are as accurate as rounding allows, and the bound says so: the rounding error of positions divided by the pair's
+closing speed there. A pair of depth d and relative acceleration k closes at sqrt(2 d k).
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from conflictdb.model.plans import Area, EarthModel, Method, Scene, Track, recta
 from conflictdb.stages.stage4.constants import TOUCH_M
 
 RESOLUTION_S = 1e-6
-# A bound is no wider than so many times the rounding of positions takes at the closing speed.
+# A bound is at most this many times the rounding error of positions divided by the closing speed.
 BOUND_TOUCHES = 10.0
 PROBE_S = 0.01  # seconds before and after a contact at which the pair's distance shows how fast it closes
 DEEPEST_M = (0.01, 10.0)
@@ -99,7 +99,7 @@ def test_glancing_contacts_of_less_than_a_micrometre_follow_the_law() -> None:
         off_s = max(start_s + half_s, half_s - end_s)
         assert -RESOLUTION_S <= off_s <= found.time_error_s + RESOLUTION_S
         length_s.append(end_s - start_s)
-        # T^2 = 8 d / k: what T adds tells k, and k what the depth is.
+        # T^2 = 8 d / k: the growth of T gives k, and k gives the depth.
         if len(length_s) > 1:
             by_k = (length_s[-1] ** 2 - length_s[0] ** 2) / (depth - deep_m[0])
             share = TOUCH_M / (length_s[-1] ** 2 / by_k)
@@ -108,7 +108,7 @@ def test_glancing_contacts_of_less_than_a_micrometre_follow_the_law() -> None:
 
 
 def closing_mps(scene: Scene, one: Area | Track, other: Track, meeting: oracle.Meeting, end_s: float) -> float:
-    """How fast the pair parts beside an end of its contact, metres of the plane per second."""
+    """Speed at which the pair parts next to an end of its contact, metres of the plane per second."""
     apart = []
     with mp.workdps(30):
         for beside in (end_s - PROBE_S, end_s + PROBE_S):
@@ -117,7 +117,7 @@ def closing_mps(scene: Scene, one: Area | Track, other: Track, meeting: oracle.M
 
 
 def shallow_problems(scene: Scene, other: Area | Track, track: Track) -> list[str]:
-    """What is wrong with the answer for a pair that meets once or more: ends off, or a bound beyond the law."""
+    """Errors of the answer for a pair that meets once or more: wrong ends, or a bound wider than the law above."""
     mine, theirs = ([other], [track]) if isinstance(other, Area) else ([], [other, track])
     pair = (other.key, track.key)
     meeting = oracle.meeting(scene, other, track, 20.0)
@@ -137,7 +137,7 @@ def shallow_problems(scene: Scene, other: Area | Track, track: Track) -> list[st
     return wrong
 
 
-# Pairs of random scenes, and how far north the track has to go for contact to end, from `edge_of_contact`.
+# Pairs of random scenes, and the northward shift of the track at which contact ends, from `edge_of_contact`.
 EDGES = [
     (LOW_LATITUDE, 3, EarthModel.SPHERE, "A2", "T0", 0.1602096934322731),
     (LONG_LEGS, 4, EarthModel.WGS84, "A0", "T2", 0.17865612203291908),

@@ -1,4 +1,4 @@
-"""The documents as a site: built without a warning, complete, and nothing of it comes from elsewhere."""
+"""The documents as a site: built without a warning, complete, and without resources of other sites."""
 
 import re
 import shutil
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-# What a page loads by itself; links that a reader follows are his own affair.
+# Resources that a page loads by itself; links for the reader to follow do not count.
 LOADED = re.compile(
     r"""<(?:script|img|iframe|source)[^>]*\ssrc=["']?(?:https?:)?//|<link[^>]*\shref=["']?(?:https?:)?//"""
 )

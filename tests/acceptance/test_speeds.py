@@ -1,6 +1,6 @@
-"""Speeds and waits are held to a detection: none that is free conflicts, none that is proven forbidden is free.
+"""Speeds and waits agree with a detection: no free one conflicts, and none proven forbidden is free.
 
-Changed copies of a track go through stages 2 to 4 (`shifting`), most of them near an end that was stated.
+Changed copies of a track go through stages 2 to 4 (`shifting`), most of them near a reported end.
 """
 
 from typing import Any
@@ -14,7 +14,7 @@ from conflictdb import Area, Scene, Speeds, Track, delays, speeds
 
 # Steps from an end, by the planned speed.
 _NEAR = np.array([-1e-3, -1e-6, -1e-8, -1e-10, -1e-11, -1e-12, 0.0, 1e-12, 1e-11, 1e-10, 1e-8, 1e-6, 1e-3])
-# An inner end is one of exact times; rounded by up to half a microsecond they may have it free this far inside.
+# An inner end is computed from exact times; rounding them by up to half a microsecond may free it this far inside.
 _ROUNDED_S = 2e-6
 
 
@@ -38,7 +38,7 @@ def factors_of(found: Speeds, slowest: float, fastest: float, rng: np.random.Gen
 
 
 def checked(workload: Workload, scenes: int, tracks: int, seed: int, *, legs: bool) -> tuple[int, int]:
-    """Compare many speeds; return their number, and how many of them are in conflict.
+    """Compare many speeds; return their number, and the number in conflict.
 
     legs : another speed on one leg, else on all of them
     """
@@ -69,7 +69,7 @@ def forbidden_of(found: Speeds, factors: np.ndarray, track: Track, leg: int | No
     for one in found.forbidden:
         low, high = one.from_factor, one.to_factor
         forbidden |= (factors >= low) & (factors <= high)
-        # What is met soon after the departure moves little with the speed.
+        # A contact soon after the departure moves little with the speed.
         inside = 1e-3 if leg is None else factors**2 * _ROUNDED_S / lasts_s + 1e-6
         proven |= one.is_proven & (factors >= low + one.from_error + inside) & (factors <= high - one.to_error - inside)
     return forbidden, proven
@@ -83,7 +83,7 @@ def test_no_speed_is_called_free_that_conflicts_nor_proven_that_is_free(workload
 
 
 def test_a_speed_at_which_a_detection_reports_a_near_graze_is_not_free() -> None:
-    """It keeps what is a quarter of a micrometre too far away, for two microseconds: closer than it can tell."""
+    """The speed stays forbidden for a pair that is 0.25 um too far apart for two microseconds: below the resolution."""
     assert checked(HARBOUR, 1, 4, 1002, legs=False)[0] > 100
 
 

@@ -1,4 +1,4 @@
-"""Where things are and where they meet, held to the oracle: first contacts, regions, and havens at an instant."""
+"""Places of contact compared with the oracle: first contacts, regions, and havens at an instant."""
 
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -47,7 +47,7 @@ def test_first_contact_is_a_point_of_both(workload: Workload, seed: int, earth: 
 def test_areas_meet_where_they_touch_not_where_parts_of_them_are_near(
     upwards: float, separation_m: float, tolerance_m: float
 ) -> None:
-    """A bracket with one arm 20 m off another area, and one that reaches 1 km into it."""
+    """A bracket: one arm is 20 m off another area, and the other reaches 1 km into it."""
     corners = [(0, 0), (0.51, 0), (0.51, 0.1), (0.2, 0.1), (0.2, 0.4), (0.49982, 0.4), (0.49982, 0.5), (0, 0.5)]
     bracket = scenes.area("bracket", shapely.Polygon([(x, upwards * y) for x, y in corners]))
     other = scenes.area("other", shapely.box(0.5, -1.0, 1.0, 1.0))
@@ -90,7 +90,7 @@ def test_haven_at_an_instant(conn: psycopg.Connection[Any], workload: Workload, 
 def test_regions_hold_the_places_of_contact(
     conn: psycopg.Connection[Any], workload: Workload, seed: int, earth: EarthModel
 ) -> None:
-    """Where a pair meets: the region holds the first contact, and lies in the area if there is one."""
+    """The region of a pair contains its first contact, and lies in the area if the pair has one."""
     scene, areas, tracks = throw(workload, seed, 8, 8, earth)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
     detect(conn, scene.name, jobs=1)

@@ -1,8 +1,8 @@
 """Two workers at work while processes, connections and the server are ended at random moments.
 
-Whatever happens: no change that was committed is lost, no conflict is missing or there twice, and the scene becomes
-current again by itself. Each round makes a change, ends something a random time later, and holds the answer that is
-current then to that of `solve`.
+Whatever happens: no committed change is lost, no conflict is missing or duplicated, and the scene becomes current again
+by itself. Each round makes a change, ends something a random time later, and compares the next current answer with that
+of `solve`.
 """
 
 import os
@@ -37,10 +37,10 @@ WORKERS = 2
 # A detection of one change begins and ends within this time after the change, on the whole.
 LONGEST_S = 0.25
 MOST_S = 60.0
-# Short, though long enough for what a worker does outside of a detection.
+# Short, but long enough for the work of a worker outside of a detection.
 LIMIT_MS = 300
 LIMITS = ("statement_timeout", "lock_timeout", "idle_in_transaction_session_timeout")
-# Room for a server with one scene, and for some of the log of what is written.
+# Room for a server with one scene, and for part of its write-ahead log.
 DISK_MB = 400
 
 
@@ -67,7 +67,7 @@ class Site:
             )
 
     def moved(self, but: str = "") -> Area:
-        """Return one of the areas, another than that of a key, at another place."""
+        """Return a random area, except that of a given key, at another place."""
         area = self.areas[self.rng.choice(sorted(self.areas.keys() - {but}))]
         by = self.rng.uniform(-0.1, 0.1)
         return replace(area, footprint=shapely.transform(area.footprint, lambda lonlat: lonlat + by))
@@ -85,8 +85,9 @@ class Site:
             conn.execute("SELECT conflictdb.wait_until_current('s', %s)", [timedelta(seconds=MOST_S)])
 
     def backends(self, conn: psycopg.Connection[Any]) -> list[int]:
-        """Return the processes that serve workers, as soon as all are connected: one that has just begun, and cannot
-        connect for the first time, ends (exit code 5) as it should.
+        """Return the backends that serve workers, as soon as all workers are connected.
+
+        A worker that has just begun and cannot connect the first time ends (exit code 5), as it should.
         """
         end = time.monotonic() + MOST_S
         query = "SELECT pid FROM pg_stat_activity WHERE application_name = %s"
@@ -96,7 +97,7 @@ class Site:
         return [pid for (pid,) in found]
 
     def check(self) -> None:
-        """Wait until the scene is current; hold all of it to what was acknowledged, and to what is true of that."""
+        """Wait until the scene is current; compare it with the acknowledged changes, and its conflicts with `solve`."""
         self.await_current()
         with psycopg.connect(self.server.dsn, autocommit=True) as conn:
             assert conn.execute("SELECT * FROM conflictdb.queue").fetchall() == []
@@ -143,7 +144,7 @@ def at_work(server: OwnServer, log: Path) -> Iterator[Site]:
 
 @pytest.fixture(scope="module")
 def site(server_dsn: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    """Return a site of the module's own; that there is a server for tests makes sure that its programs are there."""
+    """Return a site of the module's own; the server for tests makes sure that its programs are installed."""
     with own_server() as server, at_work(server, tmp_path_factory.mktemp("workers") / "log") as site:
         yield site
 
@@ -207,7 +208,7 @@ def limit_times(site: Site) -> None:
 
 
 def detect_twice(site: Site) -> None:
-    """Two people detect all of the scene at once, while workers detect what changed."""
+    """Two sessions detect all of the scene at once, while workers detect changes."""
 
     def once() -> None:
         with store.connect(site.server.dsn) as conn:

@@ -24,16 +24,16 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def serve() -> Iterator[Serve]:
-    """Return what serves pages until the end of the test."""
+    """Return a function that serves pages until the end of the test."""
     with ExitStack() as servers:
         yield lambda dsn, scene: servers.enter_context(served_page(dsn, scene))
 
 
 @pytest.fixture
 def open_page(browser: Browser, serve: Serve) -> Iterator[Open]:
-    """Return what opens an address and waits until it is shown; nothing it says may be an error, nor leave its site.
+    """Return a function that opens an address and waits until it is shown; no console error, no request to other sites.
 
-    Pages are closed before the servers end: one whose server is gone says, a second later, that it asked in vain.
+    Pages are closed before the servers end: a page whose server is gone reports failed requests a second later.
     """
     said: list[str] = []
     with ExitStack() as contexts:
@@ -55,7 +55,7 @@ def open_page(browser: Browser, serve: Serve) -> Iterator[Open]:
 
 
 def _is_of_the_page(message: ConsoleMessage) -> bool:
-    """Whether a message is a complaint, and not what drawing in software says of its own speed."""
+    """Whether a message is an error or a warning, other than the browser's note that it renders in software."""
     return message.type in ("error", "warning") and "GL Driver Message" not in message.text
 
 

@@ -1,4 +1,4 @@
-"""Takes pictures of the page of `conflictdb map` in all its states, for somebody to look at: three sizes, both colours.
+"""Takes pictures of the page of `conflictdb map` in all its states, for a human reader: three sizes, both colours.
 
     ./run python tests/browser/look.py FOLDER [STATE…]
 
@@ -56,7 +56,7 @@ def main(folder: Path, states: list[str]) -> None:
 
 @contextmanager
 def served(db: Database, scene: str) -> Iterator[tuple[str, Callable[[], None]]]:
-    """Serve the page of a scene: its address, and what ends the server before the end."""
+    """Serve the page of a scene: return its address, and a function that ends the server early."""
     serving = served_page(db.connection.info.dsn, scene)
     ended: list[bool] = []
 

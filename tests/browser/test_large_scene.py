@@ -1,4 +1,4 @@
-"""Scenes of thousands of objects on the page of `conflictdb map`: what is seen from afar, and how soon."""
+"""Scenes of thousands of objects on the page of `conflictdb map`: the overview, and its loading time."""
 
 import sys
 from collections.abc import Callable
@@ -33,7 +33,7 @@ COLOUR = """([lon, lat, of]) => {
 
 
 def alpha(page: Page, lon: float, lat: float) -> int:
-    """How much the overview covers a place, 0 to 255."""
+    """Opacity of the overview at a place, 0 to 255."""
     return int(page.evaluate(COLOUR, [lon, lat, "overview"])[3])
 
 
@@ -75,7 +75,7 @@ def test_a_large_scene_is_seen_from_afar_without_tiles(conn: Conn, dsn: str, ope
         assert alpha(page, 179.0, 3.0) == 0  # the hole
         assert alpha(page, 186.0, 3.0) == 0
         assert alpha(page, 183.0, 3.0) < 15
-        assert max(alpha(page, 181.5, 2.0 + dy) for dy in (-0.02, 0.0, 0.02)) > 50  # a path, beyond the date line
+        assert max(alpha(page, 181.5, 2.0 + dy) for dy in (-0.02, 0.0, 0.02)) > 50  # a path across the date line
         show_time(page, 7.0)
         wait_until(page, lambda: alpha(page, 183.0, 3.0) > 20)
         page.get_by_label("Object").fill("t1")
@@ -86,7 +86,7 @@ def test_a_large_scene_is_seen_from_afar_without_tiles(conn: Conn, dsn: str, ope
         assert tiles == []
         assert [url for url in asked if "/tiles/" in url] == []
 
-        # First contact, marked at its place, opens what it is of.
+        # The mark of a first contact, at its place, opens its conflict.
         place = page.evaluate("(({lon, lat}) => [lon, lat])(conflictdbPage.model.conflicts[0])")
         red, _, blue, _ = page.evaluate(COLOUR, [*place, "overview"])
         assert red > blue + 50
@@ -107,7 +107,7 @@ def test_a_large_scene_is_seen_from_afar_without_tiles(conn: Conn, dsn: str, ope
 
 
 def many(count: int) -> tuple[list[Area], list[Track]]:
-    """So many objects all over the North Sea, half of them areas."""
+    """`count` objects all over the North Sea, half of them areas."""
     rng = np.random.default_rng(20)
     middles = rng.uniform((-2, 52), (10, 62), (count, 2))
     corners = np.array([(-1, -1), (1, -1), (1.2, 0.3), (0.5, 1), (-1, 0.6)])
@@ -124,7 +124,7 @@ def many(count: int) -> tuple[list[Area], list[Track]]:
     return areas, tracks
 
 
-# How long each picture takes while the slider moves, milliseconds: as the page measures itself, for some seconds.
+# Milliseconds per picture while the slider moves: as the page measures itself, for some seconds.
 SLID_MS = """async () => {
     const slider = document.getElementById('slider'), pictures = [];
     const [from, to] = [Number(slider.min), Number(slider.max)];

@@ -1,4 +1,4 @@
-"""The page of `conflictdb map` in a browser: what is shown, and what happens when somebody uses it."""
+"""The page of `conflictdb map` in a browser: its content, and its reactions to the user."""
 
 import gzip
 import math
@@ -38,7 +38,7 @@ def strait(dsn: str, serve: Serve) -> str:
 
 
 def shown(page: Page, layer: str, where: str = "true") -> int:
-    """How many features a layer of the map shows whose state is as asked."""
+    """Number of features with a given state in a layer of the map."""
     script = f"conflictdbPage.view.map.queryRenderedFeatures({{layers: ['{layer}']}})"
     return int(page.evaluate(f"new Set({script}.filter(({{state: s}}) => {where}).map(({{id}}) => id)).size"))
 
@@ -88,7 +88,7 @@ def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
     expect(detail).to_contain_text("Each end is right to within 0.019 µs.")
     expect(detail.locator("svg.plan path.plan-a, svg.plan path.plan-b")).to_have_count(2)
     expect(page.locator("#clock")).to_have_text("09:45:43")
-    # The map is there: both havens are in view, and touch.
+    # The map is loaded: both havens are in view, and touch.
     rings = page.evaluate(
         "['FERRY', 'TOW'].map((key) => conflictdbPage.model.objects.get(key).motion.haven(conflictdbPage.t))"
     )
@@ -193,7 +193,7 @@ def test_changes_and_acknowledgements_show_without_reload(
     expect(page.get_by_label("Acknowledge, because")).to_be_visible()
     page.get_by_role("button", name="All conflicts").click()
     expect(page.locator(".tag", has_text="acknowledged")).to_have_count(0)
-    # By somebody else, elsewhere.
+    # By another user, in another session.
     conn.execute("SELECT conflictdb.acknowledge('strait', 'FERRY', 'TOW', 'seen')")
     conn.commit()
     expect(page.locator(".tag", has_text="acknowledged")).to_have_count(1)
@@ -237,7 +237,7 @@ def test_times_are_written_with_24_hours_wherever_one_is(strait: str, open_page:
     assert 0 < len(left) < 7
     said = page.locator("body").inner_text()
     assert not re.search(r"\b\d{1,2}(:\d\d)+ ?[AP]M\b", said, re.IGNORECASE)
-    # What is no time is told when it was written, and bounds nothing.
+    # An invalid entry is reported when it was typed, and sets no limit.
     since.fill("06/01/2026 1:30 PM")
     page.keyboard.press("Tab")
     expect(page.get_by_role("alert").filter(has_text="A time is written as 2026-06-01 09:30")).to_be_visible()
@@ -274,7 +274,7 @@ def test_names_are_written_within_areas(conn: Conn, dsn: str, serve: Serve, open
 def test_a_scene_that_is_no_longer_shared_goes_from_the_page(
     conn: Conn, dsn: str, serve: Serve, browser: Browser
 ) -> None:
-    """Soon, without another change: objects, conflicts and what is opened of one; it is back when shared again."""
+    """Soon, without another change: objects, conflicts and the open conflict; it is back when shared again."""
     guest = f"guest_{conn.info.dbname}"
     with conflictdb.connect(dsn) as db:
         db.load_demo()
@@ -318,7 +318,7 @@ def test_a_scene_that_is_no_longer_shared_goes_from_the_page(
 
 
 def tracks_of_all_kinds() -> list[Track]:
-    """Of each way in which a haven moves and changes; on rhumb lines and on great circles."""
+    """A track for each way in which a haven moves and changes; on rhumb lines and on great circles."""
     box = rectangle_outline_m(3000, 1000, 500, 800)
     wide = rectangle_outline_m(9000, 8000, 7000, 6000)
 
@@ -370,7 +370,7 @@ def test_havens_are_where_the_database_has_them(
 
 
 def test_date_line_and_poles_are_true(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
-    """A scene on both sides of the date line is one piece; what is beyond the map is told, listed and drawn."""
+    """A scene on both sides of the date line is one piece; objects off the map are reported, listed and drawn."""
     times = np.array([T0_US, T0_US + 10 * HOUR_US])
     outline = rectangle_outline_m(5000, 5000, 5000, 5000)
     tracks = [

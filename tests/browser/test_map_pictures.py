@@ -1,4 +1,4 @@
-"""What the page of `conflictdb map` draws is true: on paper, over time, of a chosen pair, and of what changed."""
+"""The drawings of the page of `conflictdb map` are true: on paper, over time, of a chosen pair, and of changes."""
 
 import json
 from typing import Any
@@ -89,7 +89,7 @@ def test_havens_are_printed_where_they_are(strait: str, open_page: Open, size: t
 
 
 def test_printing_has_all_rows_and_marks_without_backgrounds(strait: str, open_page: Open) -> None:
-    """Who prints without backgrounds tells a conflict from grazing; the page is as before afterwards."""
+    """A print without backgrounds distinguishes a conflict from grazing; the page is as before afterwards."""
     page = open_page(strait, size=(1280, 400))
     page.evaluate("""window.addEventListener('beforeprint', () => {
         window.printed = {rows: document.querySelectorAll('.row').length, isStill: conflictdbPage.havens.isStill};
@@ -234,7 +234,7 @@ def test_the_page_shows_signs_as_tables_do(strait: str, open_page: Open) -> None
 def test_regions_of_changed_objects_look_stale(
     strait: str, conn: Conn, dsn: str, open_page: Open, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Hatched, with a note, until they are found anew; others look as before."""
+    """Hatched, with a note, until they are detected again; others look as before."""
     page = open_page(strait)
     note = page.locator("#stale")
     expect(note).to_be_hidden()
@@ -301,7 +301,7 @@ def differs(one: list[int], other: list[int]) -> bool:
 
 @pytest.fixture
 def about_the_pole(conn: Conn, dsn: str, serve: Serve) -> str:
-    """Great circles: an area around the pole, and two ships that meet in it, beyond where Web Mercator ends."""
+    """Great circles: an area around the pole, and two ships that meet in it, north of the end of Web Mercator."""
     times = np.array([T0_US, T0_US + 10 * HOUR_US])
     outline = rectangle_outline_m(9000, 9000, 9000, 9000)
     around = [(lon, 87.0) for lon in range(-180, 180, 30)]
@@ -353,7 +353,7 @@ def test_scenes_about_a_pole_are_shown_true(about_the_pole: str, conn: Conn, ope
     sea = polar_pixel(page, 55.0, 86.2)
     cap = polar_pixel(page, 55.0, 88.3)
     assert differs(sea, cap)
-    # Where the ring of the area is cut there is no edge, and nothing is left out.
+    # At the cut of the area's ring there is no edge, and nothing is left out.
     assert not differs(polar_pixel(page, -135.0, 88.3), cap)
     seam = [polar_pixel(page, lon, 88.3) for lon in (177.0, 179.6, -179.6, -177.0)]
     assert not any(differs(one, cap) for one in seam)

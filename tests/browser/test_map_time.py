@@ -1,4 +1,4 @@
-"""The page of `conflictdb map` in a browser: less time at once, lines of the map, and what is said where little is."""
+"""The page of `conflictdb map` in a browser: shorter time ranges, lines of the map, and messages of empty scenes."""
 
 import math
 from typing import Any
@@ -41,7 +41,7 @@ def seconds_in_days(conn: Conn, dsn: str, serve: Serve) -> str:
 
 
 def shown_s(page: Page) -> float:
-    """Return how much time the timeline shows, seconds."""
+    """Return the length of the timeline's range, seconds."""
     return float(page.evaluate("conflictdbPage.timeline.shown[1] - conflictdbPage.timeline.shown[0]"))
 
 
@@ -59,7 +59,7 @@ def bars(page: Page) -> list[tuple[str, float, float]]:
 
 
 def test_conflicts_of_seconds_in_days_are_seen_and_chosen(seconds_in_days: str, open_page: Open) -> None:
-    """Seconds are a hair of ten days; the wheel, buttons and keys show less time, and where one is looked at stays."""
+    """Seconds of ten days are a hairline; the wheel, buttons and keys zoom in, around the instant under the pointer."""
     page = open_page(seconds_in_days)
     expect(page.locator("#count")).to_have_text(f"{JETS} conflicts")
     whole = shown_s(page)
@@ -67,7 +67,7 @@ def test_conflicts_of_seconds_in_days_are_seen_and_chosen(seconds_in_days: str, 
     expect(page.get_by_label("Show all time")).to_be_disabled()
     places = [x for _, x, _ in bars(page)]
     assert max(places, default=0) - min(places, default=0) < 4  # all at one place
-    # The wheel: what the pointer is at stays there.
+    # The wheel: the instant under the pointer stays there.
     box = page.locator("#bars").bounding_box()
     assert box is not None
     x = page.evaluate("conflictdbPage.timeline.x(conflictdbPage.t)")
@@ -81,14 +81,14 @@ def test_conflicts_of_seconds_in_days_are_seen_and_chosen(seconds_in_days: str, 
     key, at_x, at_y = found[2]
     page.mouse.click(at_x, at_y)
     expect(page.locator("#detail").get_by_role("heading")).to_contain_text(key)
-    # The one that is next is brought into view.
+    # The next conflict is brought into view.
     before = shown_s(page)
     for _ in range(JETS):
         page.keyboard.press("j")
     expect(page.locator("#detail").get_by_role("heading")).to_contain_text(f"JET-{JETS - 1}")
     assert shown_s(page) == before
     assert 0 < page.evaluate("conflictdbPage.timeline.x(conflictdbPage.t)") < box["width"]
-    # Wheels that are turned across move what is shown, and not the time.
+    # Turning the wheel sideways moves the time range, not the current time.
     at, start = time_of(page), page.evaluate("conflictdbPage.timeline.shown[0]")
     page.mouse.wheel(-400, 0)
     wait_until(page, f"conflictdbPage.timeline.shown[0] < {start}")
@@ -109,18 +109,18 @@ def test_conflicts_of_seconds_in_days_are_seen_and_chosen(seconds_in_days: str, 
     expect(page.get_by_label("Show less time")).to_be_disabled()
     page.get_by_label("Show all time").click()
     assert shown_s(page) == whole
-    # The slider is of what is shown; its ends are those of all time.
+    # The slider is within the shown range; its ends are those of all time.
     page.get_by_label("Show less time").click()
     page.get_by_role("slider").press("End")
     assert time_of(page) == pytest.approx(T0_US / 1e6 + 10 * 86400)
     assert shown_s(page) == pytest.approx(whole / 2)
-    # A filter, which lays the bars anew, leaves what is shown.
+    # A filter, which redraws the bars, keeps the time range.
     page.get_by_label("Object").fill("JET-07")
     assert shown_s(page) == pytest.approx(whole / 2)
 
 
 def test_two_fingers_show_less_time(seconds_in_days: str, open_page: Open) -> None:
-    """What is under them stays there; the instant that is shown does not change."""
+    """The times under both fingers stay there; the current time does not change."""
     page = open_page(seconds_in_days, has_touch=True, size=(390, 844))
     box = page.locator("#bars").bounding_box()
     assert box is not None

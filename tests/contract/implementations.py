@@ -1,8 +1,8 @@
-"""What the tests in this folder run on: one row for each motion there is, with what they need to know of it.
+"""The motions that the tests in this folder run on: one row each, with the facts that tests need.
 
-A further motion is one row of MOTIONS: the scene that has it, what places it accepts, the geodesics of its earth, and
-an oracle that says by formulas of its own where things are. Methods have their table in `conflictdb.model.methods`,
-sources of pairs theirs in `sources`, write-backs in `stores`.
+A new motion is one row of MOTIONS: a scene with it, the places it accepts, the geodesics of its earth, and an oracle
+with independent formulas for positions. Methods have their table in `conflictdb.model.methods`, sources of pairs theirs
+in `sources`, write-backs in `stores`.
 """
 
 from collections.abc import Callable, Iterator
@@ -36,8 +36,13 @@ Place = tuple[float, float]
 # Examples of each property for each row: in every run, and in the sweep.
 QUICK: Final = 10
 MANY: Final = 1500
-# Instants in [t0, t1] at which a bound is held against what it bounds.
+# Instants in [t0, t1] at which a bound is compared with the exact value.
 SAMPLES: Final = 65
+
+
+def largest_size_m(track: Track) -> float:
+    """The largest distance of a vertex from the reference point, metres on the earth."""
+    return max(float(np.hypot(*outline.T).max()) for outline in oracle_motion.outlines(track))
 
 
 class Oracle(Protocol):
@@ -53,7 +58,7 @@ class Oracle(Protocol):
         """Plane metres (n, m, 2) of a haven's vertices (or its reference point alone) at fractions of a leg."""
 
     def rounding_m(self, track: Track) -> float:
-        """How far vertices may be off, on the earth, because the heading of a short leg has few digits here."""
+        """Error of vertices on the earth, because the heading of a short leg has few digits here."""
 
 
 @dataclass(frozen=True)
@@ -77,10 +82,10 @@ class RhumbOracle:
         return self._plane(*one.vertices(self.globe, one.outline_m, fraction))
 
     def rounding_m(self, track: Track) -> float:
-        """Latitudes of both ends are rounded to 2.2e-16: that turns a short leg, and what lies far from it."""
+        """Latitudes of both ends are rounded to 2.2e-16: that turns a short leg, and shifts distant vertices."""
         (lon0, lat0), (lon1, lat1) = track.positions_deg
         length_m = self.course((lon0, lat0), near((lon0, lat0), (lon1, lat1)))[0]
-        size_m = max(float(np.hypot(*outline.T).max()) for outline in oracle_motion.outlines(track))
+        size_m = largest_size_m(track)
         # However short the leg, no vertex is farther off than on the other side of the waypoint.
         return min(4.5e-16 * self.globe.a / length_m, 2.0) * size_m if length_m > 0.0 else 0.0
 
@@ -108,9 +113,9 @@ class CircleOracle:
         return self._chart.plane(one.vertices(fraction))
 
     def rounding_m(self, track: Track) -> float:
-        size_m = max(float(np.hypot(*outline.T).max()) for outline in oracle_motion.outlines(track))
+        size_m = largest_size_m(track)
         angle = float(oracle_circle.legs(track)[0].angle)
-        if angle == 0.0:  # what is too short for long double has any heading
+        if angle == 0.0:  # too short for long double: any heading
             return 0.0 if np.array_equal(*track.positions_deg) else 2.0 * size_m
         return 1e-18 * size_m / angle
 
@@ -121,15 +126,16 @@ class CircleOracle:
 
 @dataclass(frozen=True, repr=False)
 class MotionRow:
-    """A motion and all that the tests need to know of it.
+    """A motion, and all facts about it that the tests need.
 
-    scene : has it
+    scene : has this motion
     geod : geodesics of its earth
-    places : draws places that waypoints and corners may be at, (longitude, latitude)
-    beyond_deg, haven_beyond_deg : by how much places are beyond the limit for waypoints and for havens; below 0 inside
-    oracle : where things are
+    places : draws valid places of waypoints and corners, (longitude, latitude)
+    beyond_deg, haven_beyond_deg : degrees past the limit for waypoints and for havens; below 0 inside
+    oracle : independent positions
     has_seam : whether a turn of longitude leads to another place of the plane
-    home, rim : a place in the middle of what is accepted, near the date line if there is a seam, and one at its end
+    home : a place in the middle of the valid region, near the date line if there is a seam
+    rim : a place at its limit
     """
 
     scene: Scene
@@ -230,10 +236,9 @@ def for_every_motion(
     *strategies: Callable[[MotionRow], st.SearchStrategy[Any]],
     fixed: Callable[[MotionRow], Iterator[tuple[Any, ...]]] = lambda row: iter(()),
 ) -> Callable[[Callable[..., None]], Any]:
-    """Make a test of a property: for every motion, it holds for whatever the strategies draw for that motion.
+    """Make a test of a property: run it for every motion, on examples drawn by the motion's strategies.
 
-    fixed : what it is held against before that
-    The sweep (marked slow) draws more.
+    fixed : examples that are tested before those The sweep (marked slow) draws more.
     """
 
     def tested(holds: Callable[..., None]) -> Any:
@@ -308,9 +313,9 @@ def outlines(draw: st.DrawFn) -> Floats:
 
 @st.composite
 def tracks(draw: st.DrawFn, row: MotionRow) -> Track:
-    """Tracks of one leg that the motion accepts: anywhere, of any size and duration, rigid or changing.
+    """Valid tracks of one leg: anywhere, of any size and duration, rigid or changing.
 
-    What would not be accepted is made smaller until it is, and half of that to the very limit.
+    An invalid draw is shrunk until it is valid; half of these go to the very limit.
     """
     start = draw(row.places)
     end = draw(row.places)
@@ -361,7 +366,7 @@ def within_limits(row: MotionRow, sized: Callable[[float], Track], *, to_the_lim
 
 @dataclass(frozen=True, repr=False)
 class Moving:
-    """A haven on (a slice of) the one leg of a track, and a part of the slice that its bounds are asked about.
+    """A haven on (a slice of) the one leg of a track, and a part of the slice to bound.
 
     movement : of one row
     into_leg_s : seconds of the leg that are gone at t = 0
@@ -405,7 +410,7 @@ class Moving:
 
     @cached_property
     def bounds(self) -> Bounds:
-        """What the kernel promises of [t0, t1]."""
+        """The kernel's bounds for [t0, t1]."""
         return self.movement.bounds(np.array([self.t0]), np.array([self.t1]))
 
     @property
@@ -441,12 +446,12 @@ class Moving:
 
     @property
     def step_s(self) -> float:
-        """From one of `seconds` to the next."""
+        """Step between consecutive `seconds`."""
         return float(self.seconds[1] - self.seconds[0])
 
     @cached_property
     def velocities(self) -> Floats:
-        """Mean velocities (2, v, SAMPLES - 1) of the vertices from one of `seconds` to the next."""
+        """Mean velocities (2, v, SAMPLES - 1) of the vertices between consecutive `seconds`."""
         return np.asarray(np.diff(self.from_origin, axis=2) / self.step_s)
 
     @cached_property
@@ -461,7 +466,7 @@ def moving(draw: st.DrawFn, row: MotionRow) -> Moving:
     track = draw(tracks(row))
     pieces = track_pieces(row.scene, row.plane, TrackBatch.of([track]))
     if draw(st.booleans()):
-        # Shapes are asked about the time of their slices: here those are the whole legs.
+        # Shapes exist for the time of their slices: here those are the whole legs.
         pieces = replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
     piece = draw(st.integers(0, len(pieces) - 1))
     low, high = sorted([draw(st.sampled_from([0.0, 0.25]) | st.floats(0, 0.9)), draw(st.just(1.0) | st.floats(0.1, 1))])
@@ -482,7 +487,7 @@ def whole_leg(row: MotionRow, track: Track) -> Moving:
 
 
 def extremes(row: MotionRow) -> Iterator[tuple[Moving]]:
-    """Whole legs: ordinary ones, and those at the ends of what is accepted."""
+    """Whole legs: ordinary ones, and those at the limits of validity."""
     hours, ever = 36_000_000_000, MAX_INSTANT_US - MIN_INSTANT_US
     (lon, lat), (rim_lon, rim_lat) = row.home, row.rim
     on, back = (lon + 5.0, lat - 3.0), (0.7 * lon + 0.3 * rim_lon, 0.7 * lat + 0.3 * rim_lat)
@@ -502,6 +507,7 @@ def extremes(row: MotionRow) -> Iterator[tuple[Moving]]:
         (row.rim, row.home, 100.0 * box, hours, 1e6),
         (row.rim, row.rim, 100.0 * box, 1, 0.0),
         (row.home, on, dents, hours, 0.0),
+        (row.rim, row.rim, np.array([(-4e6, -28801.0)]), 1, 0.0),  # eight times around the pole
     ):
         start_us = MIN_INSTANT_US if duration_us == ever else T0_US
 

@@ -1,7 +1,7 @@
-"""Where pairs come from, one row each: what `test_sources` runs on.
+"""Sources of pairs, one row each: the implementations that `test_sources` runs on.
 
-A further source is one row of SOURCES: what loads a scene into it and yields it, ready for stage 1, with the keys of
-its objects.
+A new source is one row of SOURCES: a function that loads a scene into it and yields it, ready for stage 1, with the
+keys of its objects.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -27,7 +27,7 @@ from conflictdb.stages.source import PairSource
 
 
 class InMemory(_InMemory):
-    """What `solve` takes pairs from, with the plane of its scene; objects are numbered in the order they are given."""
+    """The source of pairs of `solve`, with the plane of its scene; objects are numbered in their order in the batch."""
 
     plane: Plane
 
@@ -35,7 +35,8 @@ class InMemory(_InMemory):
     def of(cls, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Self:
         scene = centred(scene, areas, tracks)
         batch, plane = AreaBatch.of(areas), plane_of(scene)
-        source = cls(pieces_of(scene, plane, batch, TrackBatch.of(tracks)), batch.footprint)
+        pieces = pieces_of(scene, plane, batch, TrackBatch.of(tracks))
+        source = cls(pieces, batch.footprint, scene.time_separation_us)
         source.plane = plane
         return source
 
@@ -76,7 +77,9 @@ def in_the_database(
         store.begin_snapshot(conn)
         key = {(0, number): name for number, name in conn.execute("SELECT area_id, key FROM conflictdb.area")}
         key |= {(1, number): name for number, name in conn.execute("SELECT track_id, key FROM conflictdb.track")}
-        yield Opened(SceneSource(conn, scene_id, memory), store.read_settings(conn, scene_id), key)
+        settings = store.read_settings(conn, scene_id)
+        source = SceneSource(conn, scene_id, memory, within_us=settings.time_separation_us)
+        yield Opened(source, settings, key)
         conn.rollback()
 
 
@@ -102,7 +105,8 @@ def few_changes(conn: psycopg.Connection[Any], scene: str, most_compared: int) -
     pieces = pieces_of(settings, plane_of(settings), areas, tracks)
     key = {(0, number): name for number, name in conn.execute("SELECT area_id, key FROM conflictdb.area")}
     key |= {(1, number): name for number, name in conn.execute("SELECT track_id, key FROM conflictdb.track")}
-    source = FewSource(conn, begun.scene_id, DEFAULT_MEMORY, few.srid, pieces, most_compared)
+    within_us = settings.time_separation_us
+    source = FewSource(conn, begun.scene_id, DEFAULT_MEMORY, few.srid, pieces, most_compared, within_us)
     return Opened(source, settings, key)
 
 

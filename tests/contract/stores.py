@@ -1,6 +1,6 @@
-"""Where answers are written back, one row each: what `test_stores` runs on.
+"""Stores for conflicts, one row each: the implementations that `test_stores` runs on.
 
-A further write-back is one row of STORES: what opens it with a scene that holds nothing yet.
+A new store is one row of STORES: a function that opens it with an empty scene.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -31,16 +31,16 @@ Answer = Callable[[dict[str, Member]], Conflicts]
 
 
 class Store(Protocol):
-    """A scene whose answers can be written back; each call sees what the ones before have finished."""
+    """A scene whose answers can be written back; each call sees the results of the previous ones."""
 
     def put(self, areas: Sequence[Area], tracks: Sequence[Track]) -> None:
-        """Add or replace objects: pairs with one that is new or differs are to be computed again."""
+        """Add or replace objects: pairs with a new or changed object are marked for computation."""
 
     def mark_all(self) -> None:
         """Have all pairs computed again."""
 
     def write(self, answer: Answer) -> tuple[int, int, int]:
-        """Write what was found of the pairs to be computed, given what names objects: opened, changed, closed."""
+        """Write the conflicts of the pairs to be computed, given the members by key: opened, changed, closed."""
 
     def crash(self, answer: Answer) -> None:
         """Write as `write` does, and die before the end of it."""

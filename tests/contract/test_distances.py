@@ -9,7 +9,7 @@ from hypothesis import assume
 from hypothesis import strategies as st
 from implementations import MOTIONS, MotionRow, Place, for_every_motion, places_apart
 
-# What coordinates in the plane are rounded to, metres on the earth.
+# Rounding error of coordinates in the plane, metres on the earth.
 ROUNDING_M: Final = 5e-8
 # Distances up to here are known to a micrometre.
 NEARBY_M: Final = 100e3
@@ -28,7 +28,7 @@ def turns_left(xy: np.ndarray) -> bool:
 
 @for_every_motion(places_apart)
 def test_between_points(row: MotionRow, places: tuple[Place, Place]) -> None:
-    """From side by side to the other side of the earth: never overstated, and understated by no more than is said."""
+    """From side by side to the other side of the earth: never overstated, understated by at most the error bound."""
     true = row.geod.inv(*places[0], *places[1])[2]
     found = found_m(row, *(row.xy(place) for place in places))
     error = float(row.plane.distance_error_m(true))
@@ -57,7 +57,7 @@ def polygons(draw: st.DrawFn, row: MotionRow) -> tuple[np.ndarray, np.ndarray]:
 
 
 def inward(row: MotionRow, place: Place, bearing: float, size: float) -> Place:
-    """A place that far from another, or nearer where it would be beyond what is accepted."""
+    """A place that far from another, or nearer if it would be outside the valid region."""
     while True:
         corner = row.geod.fwd(*place, bearing, size)[:2]
         if row.beyond_deg(*np.array(corner)) <= 0.0 or size == 0.0:
@@ -67,7 +67,7 @@ def inward(row: MotionRow, place: Place, bearing: float, size: float) -> Place:
 
 @for_every_motion(polygons)
 def test_between_polygons(row: MotionRow, two: tuple[np.ndarray, np.ndarray]) -> None:
-    """No geodesic between two points of them is shorter, and one is as short, up to what is said."""
+    """No geodesic between two points of them is shorter, and the shortest agrees up to the error bound."""
     above, below = least_m(row, *two)
     assume(below > 0.0)
     check_between(row, *two, above, below)
@@ -95,13 +95,13 @@ def dense(row: MotionRow, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def least_m(row: MotionRow, a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-    """The least geodesic between points along both polygons, and what none between them is below."""
+    """The least geodesic between points along both polygons, and a lower bound for all points between them."""
     (lon_a, lat_a), (lon_b, lat_b) = (dense(row, xy) for xy in (a, b))
     i, j = np.meshgrid(np.arange(len(lon_a)), np.arange(len(lon_b)), indexing="ij")
     least = float(np.min(row.geod.inv(lon_a[i].ravel(), lat_a[i].ravel(), lon_b[j].ravel(), lat_b[j].ravel())[2]))
     steps = 0.0
     for lon, lat in ((lon_a, lat_a), (lon_b, lat_b)):
         along = np.array(row.geod.inv(lon, lat, np.roll(lon, -1), np.roll(lat, -1))[2])
-        # Half a step from the nearest point of an edge to one of the points; half as much again for how edges bend.
+        # Half a step from the nearest point of an edge to a sample; half as much again for the curvature of edges.
         steps += 0.51 * 1.5 * along.max(initial=0.0) if len(lon) > DENSE else 0.0
     return least, least - steps

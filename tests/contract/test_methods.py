@@ -1,4 +1,4 @@
-"""What every method keeps: it misses nothing, its bounds hold, and it gives what its row of `METHODS` says, no more."""
+"""Every method: no misses, correct bounds, and exactly the outputs that its row of `METHODS` names."""
 
 from dataclasses import replace
 from typing import Any, Final
@@ -42,7 +42,7 @@ def asked(known: Known, method: Method) -> Known:
 @every_method
 @every_scene
 def test_nothing_is_missed_and_bounds_hold(method: Method, known: Known) -> None:
-    """Every true contact lies in a period; where a method is certain, ends are right up to what it says of itself."""
+    """Every true contact lies in a period; if a method is certified, its ends are right up to its own bound."""
     known = asked(known, method)
     reported = {(one.a_key, one.b_key): one for one in solve(known.tracks, known.areas, known.scene)}
     assert set(known.expected) <= set(reported)
@@ -59,7 +59,7 @@ def test_nothing_is_missed_and_bounds_hold(method: Method, known: Known) -> None
         else:
             assert len(periods) >= 1
         for start, end in intervals:
-            # What is None is unbounded, both in what is known and in what is reported.
+            # None is unbounded, both in the truth and in the report.
             holds = [
                 (start is None or not s > start + ROUNDING_S) and (end is None or not e < end - ROUNDING_S)
                 for s, e in periods

@@ -1,7 +1,7 @@
-"""What every plane keeps (`motion.contract.Plane`): the places it accepts, its scales, and what it says of distances.
+"""The contract of every plane (`motion.contract.Plane`): valid places, scales, and distances.
 
-Bounds are held against geodesics (pyproj) between places anywhere that is accepted: side by side or on the other side
-of the earth, across the seam, at the rim.
+Bounds are compared with geodesics (pyproj) between any valid places: side by side or on the other side of the earth,
+across the seam, at the rim.
 """
 
 from typing import Final
@@ -17,12 +17,12 @@ from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M, padding_m
 from conflictdb.earth.registry import PLANES
 from conflictdb.model.plans import Motion
 
-# What coordinates in the plane are rounded to, metres on the earth.
+# Rounding error of coordinates in the plane, metres on the earth.
 ROUNDING_M: Final = 5e-8
-# Differences of distances over a step and back, of what is rounded so.
+# Rounding error of a difference of distances over a step and back.
 STEP_M: Final = 30.0
 RATE_ROUNDING: Final = 2 * ROUNDING_M / STEP_M
-# Beyond, the shortest way may be another after the next step, and distances do not change evenly.
+# Further apart, the geodesic may jump to another way with the next step, and distances do not change evenly.
 FURTHEST_M: Final = 18_000_000.0
 # The last digit of a scale of 1; it is even about where it is least, so that the way from there has half the digits.
 SCALE_ROUNDING: Final = 1e-15
@@ -59,7 +59,7 @@ def test_plane_and_back(row: MotionRow, place: Place) -> None:
 
 @for_every_motion(of_places)
 def test_a_turn_of_longitude(row: MotionRow, place: Place) -> None:
-    """Leads to the same place of a plane without a seam, and a turn further in one that has one."""
+    """Leads to the same place of a plane without a seam, and a turn further in a plane with a seam."""
     assert (row.plane.turn_m > 0.0) == row.has_seam
     one, other = row.xy(place), row.xy((place[0] - 360.0, place[1]))
     np.testing.assert_allclose(one - other, [[row.plane.turn_m], [0.0]], atol=1e-7)
@@ -92,7 +92,7 @@ def test_courses(row: MotionRow, places: tuple[Place, Place]) -> None:
     length, first, last = (value[0] for value in row.plane.courses(*(np.array([at]) for at in (start, end))))
     expected = row.oracle.course(start, end)
     assert length == pytest.approx(expected[0], rel=1e-9, abs=1e-7)
-    # Opposite places have no one way from one to the other, and those side by side no digits to tell.
+    # Opposite places have several shortest ways, and places side by side too few digits for a course.
     if 1.0 < length < FURTHEST_M and max(abs(start[1]), abs(end[1])) < 89.9999:
         for found, true in ((first, expected[1]), (last, expected[2])):
             turned = (found - true + 180.0) % 360.0 - 180.0
@@ -104,7 +104,7 @@ def test_there_is_no_way_from_a_place_to_itself(row: MotionRow, place: Place) ->
     at = np.array([place])
     assert row.plane.courses(at, at)[0][0] == 0.0
     if not row.has_seam:
-        # Of which the longitude has lost a digit.
+        # The longitude of this place has lost a digit.
         assert row.plane.courses(at, at + np.array([[360.0, 0.0]]))[0][0] <= ROUNDING_M
 
 
@@ -134,7 +134,7 @@ def test_scales_of_a_polygon_are_those_of_all_its_points(
     mix = np.random.default_rng(1).dirichlet(np.full(points.shape[1], 0.5), 40).T
     inside = np.concatenate([points, points @ mix], axis=1)[:, None, :]
     largest, smallest = (scale(points[:, :, None])[0] for scale in (row.plane.largest_scale, row.plane.smallest_scale))
-    # The scale is convex along straight lines: one of the corners has the largest.
+    # The scale is convex along straight lines: a corner has the largest.
     assert row.plane.largest_scale(inside).max() <= largest * (1.0 + 1e-12)
     assert largest <= row.plane.largest_scale(points[:, None, :]).max() * (1.0 + 1e-12)
     assert 1.0 - SCALE_ROUNDING <= smallest <= row.plane.smallest_scale(inside).min() * (1.0 + 1e-12)
@@ -142,7 +142,7 @@ def test_scales_of_a_polygon_are_those_of_all_its_points(
 
 @for_every_motion(places_apart)
 def test_distances_and_spans_bound_each_other(row: MotionRow, places: tuple[Place, Place]) -> None:
-    """`span_m`, also half of it at the scale of each end, `plane_least_m`, and what hulls are padded by."""
+    """`span_m`, also half of it at the scale of each end, `plane_least_m`, and the padding of hulls."""
     one, other = places[0], near(*places) if row.has_seam else places[1]
     a, b = row.xy(one), row.xy(other)
     distance, span = row.geod.inv(*one, *other)[2], float(np.hypot(*(b - a))[0])
@@ -166,7 +166,7 @@ def test_distances_and_spans_bound_each_other(row: MotionRow, places: tuple[Plac
 def test_two_places_are_no_farther_apart_along_a_vector_than_both_halves(
     row: MotionRow, places: tuple[Place, Place], bearing: float
 ) -> None:
-    """Of their distance; and a place between them has a half no larger than theirs there, as halves are convex."""
+    """Halves of their distance; a place between has a half no larger than interpolated, as halves are convex."""
     one, other = places[0], near(*places) if row.has_seam else places[1]
     a, b = row.xy(one).ravel(), row.xy(other).ravel()
     distance = row.geod.inv(*one, *other)[2]
@@ -183,13 +183,13 @@ def test_two_places_are_no_farther_apart_along_a_vector_than_both_halves(
             assert between <= (halves[0] + share * (halves[1] - halves[0])) * (1.0 + 1e-12)
 
 
-# Of what is near, bounds are the scale to this share.
+# Relative error of the scale as a bound for nearby places.
 NEARLY: Final = 0.01
 
 
 @for_every_motion(of_places)
 def test_bounds_on_spans_are_of_use(row: MotionRow, place: Place) -> None:
-    """For what is a kilometre apart they are a kilometre at that scale, up to a hundredth."""
+    """For places a kilometre apart they are a kilometre at that scale, up to a hundredth."""
     scale = row.plane.largest_scale(row.xy(place)[:, :, None])
     assert row.plane.span_m(1000.0, scale)[0] <= 1000.0 * scale[0] * (1.0 + NEARLY)
     assert kernel_planes.least_m(row.plane, 1000.0 * scale[0], scale[0]) >= 1000.0 * (1.0 - NEARLY)
@@ -201,7 +201,7 @@ def rate_and_bound(row: MotionRow, places: tuple[Place, Place], bearing: float) 
     a, b = (row.xy(place) for place in places)
     v = np.array([[np.sin(np.radians(bearing))], [np.cos(np.radians(bearing))]])
     scales = [float(plane.largest_scale(xy[:, :, None])[0]) for xy in (a, b)]
-    # A step of so many metres on the earth, at least; where the scale changes it changes little on the way.
+    # A step of at least this many metres on the earth; where the scale varies it varies little along the step.
     step = STEP_M * max(scales)
     (before, middle, after) = (float(row.apart_m(a + way * v, b + way * v)[0]) for way in (-step, 0.0, step))
     points = np.concatenate([xy + way * v for xy in (a, b) for way in (-step, step)], axis=1)
@@ -245,7 +245,7 @@ def turned_and_bound(row: MotionRow, one: Place, other: Place) -> tuple[float, f
 
 
 def bent_and_bound(row: MotionRow, place: Place, bearing: float) -> tuple[float, float]:
-    """How much a straight line of the plane that is gone along evenly bends on the earth, 1/m, and the bound."""
+    """Curvature on the earth, 1/m, of uniform motion along a straight line of the plane, and its bound."""
     plane, xy = row.plane, row.xy(place)
     scale = plane.largest_scale(xy[:, :, None])
     # On the earth: far enough for differences, near enough to be even.

@@ -1,6 +1,7 @@
-"""What every source of pairs keeps (`stages.source.PairSource`): the pairs that brute force finds, the same rows."""
+"""The contract of every source of pairs (`stages.source.PairSource`): the pairs of brute force, the same rows."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -20,7 +21,7 @@ from conflictdb.stages.run import run_scene
 from conflictdb.stages.stage1_broad_phase import hulls_of
 from conflictdb.stages.stage2_intersection import intersections
 
-# Hulls are padded by more than a metre: by how much less they overlap or are apart decides no contact, plane metres.
+# Hulls are padded by more than a metre: a smaller overlap or gap decides no contact, plane metres.
 ROUNDING_M: Final = 1e-3
 
 Objects = tuple[Scene, Sequence[Area], Sequence[Track]]
@@ -29,6 +30,10 @@ Member = tuple[int, str, int, int]  # kind, key, part, turn
 
 def known(scene: scenes.Known) -> Objects:
     return scene.scene, scene.areas, scene.tracks
+
+
+def within(time_s: float, objects: Objects) -> Objects:
+    return replace(objects[0], time_separation_s=time_s), objects[1], objects[2]
 
 
 def jagged(middle: tuple[float, float], corners: int) -> shapely.Polygon:
@@ -51,6 +56,9 @@ THROWN: Final[dict[str, Objects]] = {
     "spans": known(scenes.spans(EarthModel.WGS84)),
     "circles over the pole": known(scenes.circles_over_the_pole()),
     "random": throw(LOW_LATITUDE, 7, 8, 8),
+    "spans apart in time": within(200.000001, known(scenes.spans(EarthModel.WGS84))),
+    "random apart in time": within(3600.0, throw(LOW_LATITUDE, 7, 8, 8)),
+    "seam apart in time": within(86_400.0, known(scenes.seam(EarthModel.WGS84))),
 }
 
 every_source = pytest.mark.parametrize("open_source", SOURCES.values(), ids=list(SOURCES))
@@ -67,10 +75,11 @@ def brute_force(objects: Objects) -> tuple[Pieces, list[str], np.ndarray, np.nda
     differ = (pieces.kind[a] != pieces.kind[b]) | (pieces.object_id[a] != pieces.object_id[b])
     differ &= (pieces.turn[a] == 0) | (pieces.turn[b] == 0)
     differ &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
-    start, end = pieces.shared_span(a, b)
+    within_us = scene.time_separation_us
+    start, end = pieces.longer(within_us, 0).shared_span(a, b)
     box = shapely.bounds(hulls_of(pieces)) if len(pieces) else np.empty((0, 4))
     gap = np.maximum(box[a, :2] - box[b, 2:], box[b, :2] - box[a, 2:]).max(axis=1, initial=-np.inf)
-    # An instant that both have is a span where both hold it, which is another test's.
+    # Spans that share only an instant are tested elsewhere.
     must = differ & (start < end) & (gap <= 0.0)
     may = differ & (start <= end) & (gap <= 1.0)  # boxes of an index are rounded outward
     return pieces, keys, np.stack([a, b])[:, must], np.stack([a, b])[:, may]
@@ -120,7 +129,7 @@ def test_stages_1_and_2_find_what_brute_force_finds(dsn: str, open_source: Open,
 
 
 def rows(opened: Opened) -> dict[tuple[str, str], tuple[object, ...]]:
-    """What becomes of the pairs of a source, by the keys of the two objects."""
+    """The rows of all pairs of a source, by the keys of the two objects."""
     answer: dict[tuple[str, str], tuple[object, ...]] = {}
     for found, _ in run_scene(opened.scene, plane_of(opened.scene), opened.source):
         answer |= rows_of_chunk(opened, found)
@@ -135,7 +144,7 @@ def rows_of_chunk(opened: Opened, found: Conflicts) -> dict[tuple[str, str], tup
         periods = found.period_us[found.period_offset[k] : found.period_offset[k + 1]].tolist()
         row = (
             *(int(found.verdict[k]), periods, float(found.time_error_s[k]), found.first_contact_deg[k]),
-            *(found.closest_m[k], found.closest_us[k]),
+            *(found.closest_m[k], found.closest_us[k], found.lacking_s[k]),
         )
         assert all(MINUS_INFINITY_US <= start <= end <= INFINITY_US for start, end in periods)
         assert frozenset((a, b)) not in map(frozenset, answer)
@@ -159,7 +168,7 @@ def test_the_same_scene_has_the_same_rows_from_every_source(dsn: str, open_sourc
 @every_source
 @every_scene
 def test_pieces_come_in_the_order_of_their_objects(dsn: str, open_source: Open, objects: Objects) -> None:
-    """Of kinds, keys, parts and turns: of contacts that begin together every source tells the same one as the first."""
+    """By kind, key, part and turn: of contacts that begin together every source reports the same one as the first."""
     with open_source(dsn, *objects) as opened:
         for pieces, *_ in opened.source.candidates():
             names = [member(opened, pieces, row) for row in range(len(pieces))]

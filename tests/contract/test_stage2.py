@@ -32,7 +32,7 @@ Conn = psycopg.Connection[Any]
 Objects = tuple[Scene, Sequence[Area], Sequence[Track]]
 Named = set[frozenset[tuple[int, ...]]]
 
-ALWAYS: Final = 10**9  # pairs of pieces for which stage 2 runs in the database
+ALWAYS: Final = 10**9  # stage 2 runs in the database up to this number of pairs of pieces
 NEVER: Final = -1
 
 
@@ -44,7 +44,8 @@ def _random() -> list[Objects]:
     found = []
     for k, workload in enumerate(WORKLOADS):
         scene, areas, tracks = throw(workload, 31 + k, 6, 6)
-        found.append((replace(scene, name=f"random {k}", tolerance_m=0.0, separation_m=500.0 * (k % 2)), areas, tracks))
+        settings = {"separation_m": 500.0 * (k % 2), "time_separation_s": 1800.0 * (k % 3)}
+        found.append((replace(scene, name=f"random {k}", tolerance_m=0.0, **settings), areas, tracks))
     return found
 
 
@@ -103,7 +104,7 @@ def test_the_database_runs_it_up_to_so_many_pairs_of_pieces(conn: Conn) -> None:
 
 
 def test_a_plan_that_is_not_stored_meets_the_same_pairs_both_ways(conn: Conn) -> None:
-    """Of each object of a random scene as a plan, in the place of the stored one."""
+    """For each object of a random scene as a plan, in place of the stored one."""
     left = 0
     for scene, areas, tracks in _random():
         scene_id = load(conn, scene, list(areas), list(tracks))
@@ -111,12 +112,13 @@ def test_a_plan_that_is_not_stored_meets_the_same_pairs_both_ways(conn: Conn) ->
         refresh(conn, scene_id)
         store.begin_snapshot(conn)
         settings = store.read_settings(conn, scene_id)
+        within_us = settings.time_separation_us
         for plan in [*areas, *tracks]:
             is_area = isinstance(plan, Area)
             given = AreaBatch.of([plan] if is_area else []), TrackBatch.of([] if is_area else [plan])
             pieces = pieces_of(settings, plane_of(settings), *given)
             pair_of = (
-                list(_PlanSource(conn, scene_id, plan, plan.key, pieces, DEFAULT_MEMORY, most).candidates())
+                list(_PlanSource(conn, scene_id, plan, plan.key, pieces, DEFAULT_MEMORY, most, within_us).candidates())
                 for most in (ALWAYS, NEVER)
             )
             stored, at_client = pair_of
@@ -155,7 +157,7 @@ def test_candidates_lists_a_pair_whose_hulls_share_no_point_but_nearly(conn: Con
 
 
 def test_a_run_counts_what_explain_counts(conn: Conn) -> None:
-    """Of two objects, after one of them changed."""
+    """For two objects, after a change of either."""
     across = scenes.track("A", [(0, 0), (2, 1), (4, 0)], [0, 7200, 14400], 500, 500, 200, 200)
     along = scenes.track("B", [(0, 1), (2, 0), (4, 1)], [0, 7200, 14400], 500, 500, 200, 200)
     load(conn, Scene("s"), [], [across, along])

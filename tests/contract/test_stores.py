@@ -1,4 +1,4 @@
-"""What every write-back keeps: what was written is read, to the bit; nothing else changes; all of it or nothing."""
+"""Every store: it reads back rows to the bit, changes nothing else, and writes all rows or none."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -67,7 +67,7 @@ ROWS: Final = [
         first_contact_deg=(0.1, 50.0 + 1e-14),
         **closest(T0, 0.0, (0.1, 50.0 + 1e-14), (1.0 / 3.0, 50.0)),
     ),
-    row("a", "T", Verdict.GRAZING, periods=((FIRST, LAST),), first_contact_deg=(-180.0, -90.0)),
+    row("a", "T", Verdict.GRAZING, periods=((FIRST, LAST),), first_contact_deg=(-180.0, -90.0), lacking_s=1.0 / 3.0),
     row("Ä", "T", Verdict.UNRESOLVED, periods=((FIRST, None),), time_error_s=1e9),
     row("B", "U", Verdict.NEAR, **closest(None, 5e-324, (0.0, 0.0), (-0.5, 90.0))),
     row("T", "U", Verdict.NEAR, **closest(LAST, 12_345.678_9, (179.5, 1e-9), (-179.5, -1e-9))),
@@ -111,6 +111,7 @@ def answer(rows: Sequence[Conflict], *, swapped: bool = False) -> Answer:
             closest_error_m=np.array([one.closest_error_m for one in rows], np.float64),
             closest_a_deg=places([one.closest_a_deg for one in rows]),
             closest_b_deg=places([one.closest_b_deg for one in rows]),
+            lacking_s=np.array([one.lacking_s for one in rows], np.float64),
         )
 
     return numbered
@@ -132,7 +133,7 @@ def by_pair(rows: Sequence[Conflict]) -> dict[tuple[str, str], Conflict]:
 
 
 def told(rows: Sequence[Conflict]) -> dict[tuple[str, str], Conflict]:
-    """What rows tell, without who found them when."""
+    """The rows by pair, without run and time of detection."""
     who = {"is_current": None, "scene_is_current": None, "run_id": None, "found_at": None, "conflict_id": None}
     return by_pair([replace(one, **who, changed_at=None) for one in rows])
 
@@ -155,7 +156,7 @@ def test_what_was_written_is_read(store: Store) -> None:
 
 @pytest.mark.parametrize("swapped", [False, True])
 def test_the_same_answer_again_changes_nothing(store: Store, swapped: bool) -> None:
-    """Whichever member of a pair is named first, and in which order: a row stays what it was, with its run."""
+    """For either order of a pair's members and of the rows: an equal row keeps its values, and its run."""
     before = by_pair(store.read())
     store.mark_all()
     assert store.write(answer(ROWS, swapped=swapped)) == (0, 0, 0)
@@ -163,7 +164,7 @@ def test_the_same_answer_again_changes_nothing(store: Store, swapped: bool) -> N
 
 
 def test_rows_of_pairs_that_are_not_marked_stay(store: Store) -> None:
-    """Only those of B are replaced: one is changed, one gone, one only near now, and one no longer only near."""
+    """Only rows of B are replaced: one changes, one is gone, one is only near now, and one is no longer only near."""
     before = by_pair(store.read())
     store.put([area("B", floor_m=1.0)], [])
     assert {(one.a_key, one.b_key) for one in store.read() if not one.is_current} == {
@@ -180,7 +181,7 @@ def test_rows_of_pairs_that_are_not_marked_stay(store: Store) -> None:
     assert {pair: one for pair, one in after.items() if "B" not in pair} == others
     assert told([one for pair, one in after.items() if "B" in pair]) == by_pair(changed)
     assert all(one.is_current and one.scene_is_current for one in after.values())
-    # A conflict that changes stays the one that was found; one that was only near is found now.
+    # A changed conflict keeps the time it was found; a near pair that becomes a conflict is found now.
     run_id = max(one.run_id or 0 for one in before.values())
     assert all((after[pair].run_id or 0) > run_id for pair in after.keys() - others.keys())
     assert after["B", "Ä"].found_at == before["B", "Ä"].found_at < after["B", "U"].found_at
@@ -194,7 +195,7 @@ def test_what_is_not_found_again_is_gone(store: Store) -> None:
 
 
 def test_a_crash_leaves_the_rows_and_marks_there_were(store: Store) -> None:
-    """And what comes after it finds them."""
+    """And a later write finds them."""
     store.put([area("B", floor_m=1.0)], [])
     before = by_pair(store.read())
     store.crash(answer([]))

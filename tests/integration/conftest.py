@@ -1,4 +1,4 @@
-"""What tests of the integration share: one Spark, which starts in some ten seconds."""
+"""Fixtures of integration tests: one Spark, which starts in some ten seconds."""
 
 from collections.abc import Iterator
 

@@ -73,7 +73,7 @@ def strangers(count: int) -> list[Track]:
 
 @pytest.mark.parametrize("detected", [False, True])
 def test_it_changes_nothing(dsn: str, detected: bool) -> None:
-    """Not a row is written, of a scene with pending changes or without: readers may ask, in read-only sessions too."""
+    """No row is written, with or without pending changes: readers may ask, in read-only sessions too."""
     with conflictdb.connect(dsn) as db:
         db.load(STRAIT)
         if detected:
@@ -100,7 +100,7 @@ def test_where_every_pair_is_sampled_counts_are_those_of_detections(dsn: str) ->
 
 
 def test_estimates_are_near_what_a_detection_counts(dsn: str) -> None:
-    """Of the pairs of 240 objects 150 are drawn: conflicts within their interval, the rest within a factor of 3."""
+    """150 pairs of 240 objects are drawn: conflicts are within their interval, other counts within a factor of 3."""
     scene, areas, tracks = throw(replace(LOW_LATITUDE, window=6.0), 4, 120, 120)
     advice = advise(scene, areas, tracks, sample=150, seed=1)
     assert advice.sampled_pairs == 150 < advice.pairs
@@ -151,7 +151,7 @@ def test_cost_counts_the_regions_that_a_detection_leaves_to_the_database(
             foretold[method] = of(advice, method, 1.0).database_s - FIXED_S
     assert left[Method.SCREEN] > 0.2
     assert left[Method.EXACT] == 0.0
-    # What making a piece takes, by the clock, cancels out.
+    # The time to make a piece, by the clock, cancels out.
     ratio = foretold[Method.SCREEN] / foretold[Method.EXACT]
     assert ratio == pytest.approx(units[Method.SCREEN] / units[Method.EXACT], rel=1e-6)
 
@@ -204,7 +204,7 @@ def test_boxes_that_meet_without_their_hulls_are_told_apart_by_stage_2() -> None
 
 
 def test_pairs_that_only_come_near_are_no_conflicts() -> None:
-    """`nearest_m` adds pairs without conflict to what a detection finds: they are neither reported nor wrong."""
+    """`nearest_m` adds pairs without conflict to a detection's results: they are neither reported nor wrong."""
     scene, areas, tracks = throw(LOW_LATITUDE, 3, 8, 8)
     plain = advise(scene, areas, tracks)
     near = advise(replace(scene, nearest_m=50_000.0), areas, tracks)
@@ -283,7 +283,7 @@ def test_the_command_prints_json(run: Run) -> None:
             assert 0.0 <= share["low"] <= share["high"] <= 1.0
             assert share["low"] * share["of"] <= share["count"] <= share["high"] * share["of"]
         exact_is_truth = one["setting"] == {"method": "exact", "tolerance_m": 0.0}
-        # Four of eight pairs: what none of them is, others may be.
+        # Four of eight pairs are sampled: others may be false or unresolved, although none of these is.
         assert exact_is_truth or one["false_share"]["high"] > 0.0
         assert set(one["setting"]) == {"method", "tolerance_m"}
 

@@ -21,7 +21,7 @@ AREA = "'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))'"
 
 @pytest.fixture
 def roles(conn: Conn) -> Iterator[dict[str, str]]:
-    """Return the names of four roles: who plans (an editor), who writes, who keeps (a worker), and another editor."""
+    """Return the names of four roles: planner (an editor), writer, keeper (a worker), and another editor."""
     names = {role: f"{role}_{conn.info.dbname}" for role in ("planner", "writer", "keeper", "other")}
     groups = {"planner": "editor", "keeper": "worker", "other": "editor"}
     for role, name in names.items():
@@ -68,7 +68,7 @@ def keys(conn: Conn) -> list[str]:
 
 
 def test_each_role_needs_no_more_than_its_own(conn: Conn, roles: dict[str, str]) -> None:
-    """Who writes needs nothing here, who keeps scenes current nothing there, and who plans creates nothing here."""
+    """The writer needs no right here, the keeper none on the table, and the planner none to create here."""
     with acting(conn, roles["planner"]), connect(conn) as db:
         db.scene("s").attach("area", "mission.ops", MAP)
     with acting(conn, roles["writer"]):
@@ -113,7 +113,7 @@ def test_other_roles_pass_a_table_over_and_say_so(conn: Conn, roles: dict[str, s
 
 
 def test_tables_of_others_are_refused(conn: Conn, roles: dict[str, str]) -> None:
-    """Functions of a view, of row-level security and of indexes would run with the rights of who reads."""
+    """Functions of a view, of row-level security and of indexes would run with the reader's rights."""
     with acting(conn, roles["other"]), connect(conn) as db, pytest.raises(StoreError, match="schema mission"):
         db.scene("s").attach("area", "mission.ops", MAP)
     with acting(conn, roles["planner"]):
@@ -128,7 +128,7 @@ def test_tables_of_others_are_refused(conn: Conn, roles: dict[str, str]) -> None
         for table, every_s in (("mission.ops", None), ("mission.ops", 60.0), ("mission.seen", None)):
             with pytest.raises(InvalidInput, match="must belong to the role that attaches it"):
                 db.scene("s").attach("area", table, MAP, every_s=every_s)
-    # A superuser could run code as anybody: its views are as good as one's own.
+    # A superuser could run code as any role: its views are as safe as one's own.
     conn.execute("CREATE SCHEMA shared; CREATE VIEW shared.seen AS SELECT * FROM mission.ops")
     conn.execute("GRANT USAGE ON SCHEMA shared TO PUBLIC; GRANT SELECT ON shared.seen TO PUBLIC")
     conn.commit()
@@ -276,7 +276,7 @@ def test_code_of_who_attached_runs_as_nobody_else(conn: Conn, roles: dict[str, s
 
 
 def test_a_planted_function_of_another_role_is_not_run(conn: Conn, roles: dict[str, str]) -> None:
-    """An editor may create functions beside those that read: only one that belongs to the caller is called."""
+    """An editor may create functions next to the reading functions: only the caller's own function is called."""
     with acting(conn, roles["planner"]), connect(conn) as db:
         number = db.scene("s").attach("area", "mission.ops", MAP)
         conn.execute(EVIL)
@@ -341,7 +341,7 @@ def test_notes_show_no_other_columns(conn: Conn, roles: dict[str, str]) -> None:
 
 
 def test_deletes_stay_in_the_scene_of_the_attachment(conn: Conn, roles: dict[str, str]) -> None:
-    """An editor who writes numbers of other objects into attached_object removes and changes nothing elsewhere."""
+    """An editor who writes numbers of other objects into attached_object changes nothing in other scenes."""
     conn.execute("SELECT conflictdb.create_scene('hers')")
     conn.execute(f"SELECT conflictdb.put_area('hers', 'A', {AREA}), conflictdb.put_area('hers', '1', {AREA})")
     conn.commit()
@@ -401,7 +401,7 @@ CREATE FUNCTION conflictdb_attached.rows_{n}(text, text) RETURNS SETOF conflictd
 
 
 def test_a_function_planted_beside_the_one_that_reads_is_not_run(conn: Conn, roles: dict[str, str]) -> None:
-    """An untyped literal would fit a parameter of type text better than one of text[]."""
+    """An untyped literal fits a parameter of type text better than text[]."""
     with acting(conn, roles["planner"]), connect(conn) as db:
         number = db.scene("s").attach("area", "mission.ops", MAP)
         conn.execute(EVIL)
@@ -442,7 +442,7 @@ def test_an_old_snapshot_gives_no_hold_on_a_new_attachment(conn: Conn, roles: di
 
 
 def test_who_replaces_a_table_has_nothing_read(conn: Conn, roles: dict[str, str]) -> None:
-    """The owner of a schema may drop what others have there, and give its name to a view."""
+    """The owner of a schema may drop other roles' tables in it, and give their names to views."""
     conn.execute(sql.SQL("CREATE SCHEMA team AUTHORIZATION {}").format(sql.Identifier(roles["other"])))
     conn.execute(sql.SQL("GRANT ALL ON SCHEMA team TO {}").format(sql.Identifier(roles["planner"])))
     conn.commit()

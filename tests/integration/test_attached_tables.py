@@ -52,7 +52,7 @@ def db(dsn: str) -> Iterator[Database]:
 
 
 def do(db: Database, *statements: str) -> None:
-    """Run statements as somebody else's program would: in a transaction of their own."""
+    """Run statements as a foreign program would: in a transaction of their own."""
     with psycopg.connect(db.connection.info.dsn, password=db.connection.info.password or None) as other:
         for statement in statements:
             other.execute(statement.encode())
@@ -117,7 +117,7 @@ def test_only_rows_that_count_are_objects(db: Database, every_s: float | None) -
         "UPDATE mission.ops SET state = 'approved' WHERE id = 2",
     )
     assert follow() == ["1", "2"]
-    # What cannot be mapped is told of rows that count alone.
+    # Errors of the mapping are reported for matching rows only.
     do(
         db,
         "INSERT INTO mission.ops (id, state) VALUES (4, 'draft'), (5, 'approved')",
@@ -250,7 +250,7 @@ def test_changes_that_arrive_as_replicas_are_followed(db: Database) -> None:
 
 @pytest.mark.filterwarnings("ignore:attachment of mission.day. areas are there at all times")
 def test_partitions_are_followed(db: Database) -> None:
-    """Also where a statement names a partition, and one that was made later with the next comparison."""
+    """Also if a statement names a partition, and for a new partition with the next comparison."""
     do(
         db,
         "CREATE TABLE mission.day (id integer, on_day date, shape geometry) PARTITION BY RANGE (on_day)",
@@ -435,7 +435,7 @@ def test_foreign_tables_are_compared_now_and_then(db: Database) -> None:
 
 
 def test_columns_and_tables_may_change_as_if_not_attached(db: Database) -> None:
-    """Writes go on; what cannot be read any more is told, and its objects stay."""
+    """Writes go on; an unreadable column is reported, and the objects stay."""
     db.scene("s").attach("area", "mission.ops", OPS_MAP)
     db.scene("s").follow()
     do(db, "ALTER TABLE mission.ops RENAME id TO nr", "UPDATE mission.ops SET nr = nr + 1", "DELETE FROM mission.ops")
@@ -457,7 +457,7 @@ def test_columns_and_tables_may_change_as_if_not_attached(db: Database) -> None:
 
 @pytest.mark.parametrize("schemas", ["conflictdb", "conflictdb, conflictdb_internal"])
 def test_dropping_the_schema_leaves_the_tables_as_they_were(db: Database, schemas: str) -> None:
-    """Their writers go on, also if somebody forgets the private schema, whose functions are triggers on them."""
+    """Their writers go on, also if the private schema, whose functions are triggers on them, is not dropped."""
     db.scene("s").attach("area", "mission.ops", OPS_MAP)
     db.scene("s").attach("track", "mission.fix", FIX_MAP)
     db.scene("s").follow()

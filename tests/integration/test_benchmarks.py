@@ -1,4 +1,4 @@
-"""Benchmarks of whole detections run, at sizes that take seconds, and say what detections did."""
+"""Benchmarks of whole detections run, at sizes that take seconds, and report the detections' results."""
 
 from pathlib import Path
 
@@ -53,7 +53,7 @@ def test_growth_measures_a_scene_in_a_process_of_its_own(server_dsn: str, series
 
 
 def test_peers_are_held_to_the_same_truth(server_dsn: str) -> None:
-    """What joins swept hulls misses nothing and times nothing; the paper's pipeline has periods that are off."""
+    """Joins of swept hulls miss nothing and return no times; the paper's pipeline returns periods with errors."""
     with fresh_database(server_dsn) as dsn:
         rows = peers.compare(dsn, Kind.MIXED, 200, 1, Path(), ["paper", "postgis"])
     by_peer = {row["peer"]: row for row in rows}
@@ -69,7 +69,7 @@ def test_peers_are_held_to_the_same_truth(server_dsn: str) -> None:
 
 
 def test_unit_costs_have_a_limit_each(server_dsn: str) -> None:
-    """Nothing costs less than what it cannot do without, but for what is too small to be measured."""
+    """No cost is below its limit, except costs too small to measure."""
     with fresh_database(server_dsn) as dsn:
         rows = unit_costs.measure(dsn, "box", 200, 1)
     assert len({(row["unit"], row["limit"]) for row in rows}) == len(rows) == 10

@@ -272,7 +272,7 @@ def test_usage_errors(run: Run, words: tuple[str, ...]) -> None:
 def test_the_scene_is_that_of_the_environment_or_the_last_or_only_one(
     run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """And a remark says which, so that nobody reads the conflicts of another scene."""
+    """And a remark names it, so that no conflict of another scene is read by mistake."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     run("detect", STRAIT)
     (tmp_path / "conflictdb" / "last-scene.json").unlink()
@@ -464,7 +464,7 @@ def periods_of(text: str) -> dict[tuple[str, str], list[list[str]]]:
 
 
 def test_plans_of_a_file_replace_their_namesakes_together(strait: Run, tmp_path: Path) -> None:
-    """With a ferry 20 minutes late: what a detection says once they are loaded, and nothing of the old ferry."""
+    """With a ferry 20 minutes late: the answer of a detection after loading them, without the old ferry."""
     keys = ("FERRY", "TOW", "DIVING")
     path = plan_file(tmp_path / "late.geojson", keys, FERRY="2026-06-01T07:35:00Z")
     ask = ("probe", path)
@@ -494,7 +494,7 @@ def test_plans_of_a_file_replace_their_namesakes_together(strait: Run, tmp_path:
 
 
 def test_a_delay_is_a_plan(strait: Run, tmp_path: Path, dsn: str) -> None:
-    """It gives what a detection gives of the delayed object, of tracks and areas, without writing."""
+    """It gives a detection's answer for the delayed object, of tracks and areas, without writing."""
     before = strait("conflicts", "--format", "json").out
     asked = strait("probe", "--late", "FERRY", "20m", "--format", "json").json
     file = plan_file(tmp_path / "late.geojson", ["FERRY"], FERRY="2026-06-01T07:35:00Z")

@@ -285,7 +285,7 @@ def test_a_file_without_objects_is_refused_and_changes_nothing(
 
 
 def test_settings_without_objects_empty_a_scene_only_if_it_is_replaced(run: Run, dsn: str, tmp_path: Path) -> None:
-    """Beside files with objects they are the settings of these."""
+    """In a file of their own, loaded together with files of objects, they are the settings of these objects."""
     run("load", STRAIT)
     path = scene_file(tmp_path / "settings.geojson", {**EMPTY, "scene": {"name": "strait", "tolerance_m": 7}})
     objects = {name: part for name, part in document().items() if name != "scene"}
@@ -309,7 +309,7 @@ def test_skip_invalid_loads_the_rest_and_names_what_it_leaves_out(run: Run, dsn:
     content = document()
     content["features"][0]["geometry"]["coordinates"] = [[[9, 57], [10, 58], [10, 57], [9, 58], [9, 57]]]
     for feature in content["features"][1:3]:
-        feature["geometry"]["coordinates"] = [[[0, 88], [1, 88], [1, 90], [0, 88]]]  # beyond the plane
+        feature["geometry"]["coordinates"] = [[[0, 88], [1, 88], [1, 90], [0, 88]]]  # off the plane
     path = scene_file(tmp_path / "strait.geojson", content)
     assert run("load", path).code == 4
     done = run("load", path, "--skip-invalid")
@@ -325,7 +325,7 @@ def test_skip_invalid_loads_the_rest_and_names_what_it_leaves_out(run: Run, dsn:
 
 
 def test_files_of_others_are_loaded_with_hints(run: Run, tmp_path: Path) -> None:
-    """A command line says what the file does not: names, time zone, haven."""
+    """Options supply members that are missing in the file: names, time zone, haven."""
     rows = "ship,when,lon,lat\nTUG,01/06/2026 11:00:00,9.0,57.7\nTUG,01/06/2026 13:00:00,9.4,57.9\n"
     (tmp_path / "tug.csv").write_text(rows)
     hints = ("--map", "id=ship, time=when", "--time-zone", "Europe/Copenhagen", "--haven", "500,200,100,150")

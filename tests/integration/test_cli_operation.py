@@ -95,7 +95,7 @@ def test_a_traceback_only_with_debug(run: Run, tmp_path: Path) -> None:
 def test_messages_name_commands_as_they_can_be_typed(
     dsn: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What ./run says it was called as, quoted for a shell; a database of the environment is not printed."""
+    """The name that ./run was called by, quoted for a shell; a database of the environment is not printed."""
     monkeypatch.setenv("CONFLICTDB_PROGRAM", "/my plans/run")
     monkeypatch.setenv("CONFLICTDB_DSN", dsn)
     assert main(["status"]) == 0

@@ -19,7 +19,7 @@ from conflictdb.db import store
 from conflictdb.errors import IncompleteWarning, InvalidInput, NotCurrent, StoreError
 
 FORMATS = ("table", "json", "csv", "geojson")
-# Over the ferry's way, so that it has conflicts which nobody has computed yet.
+# Over the ferry's way, so that it has conflicts which are not computed yet.
 PUT = "SELECT conflictdb.put_area('strait', 'NEW', ST_Envelope(path)) FROM conflictdb.track WHERE key = 'FERRY'"
 DOES_IT = "(`conflictdb detect --scene strait` does it)"
 
@@ -38,7 +38,7 @@ def test_a_scene_that_was_never_detected_is_not_an_empty_one(run: Run, command: 
     run("load", STRAIT)
     for form in FORMATS:
         done = run(command, "--scene", "strait", "--format", form)
-        assert done.code == 7  # an empty list of nobody's is not an empty list
+        assert done.code == 7  # an uncomputed list is not an empty list
         wanted = f"conflictdb: strait: not complete: never detected: 11 objects wait for detection {DOES_IT}\n"
         assert done.err == wanted
     assert run(command, "--scene", "strait", "--format", "json").out == "[]\n"
@@ -115,7 +115,7 @@ def test_what_was_known_before_the_first_detection_is_not_nothing(run: Run, dsn:
 
 
 def test_attached_changes_that_wait_are_pending(run: Run, dsn: str, change: Callable[[str], None]) -> None:
-    """They count before anybody has taken them over."""
+    """They count before a worker takes them over."""
     run("detect", STRAIT)
     change("CREATE TABLE op (id integer PRIMARY KEY, shape geometry(Polygon, 4326))")
     change("INSERT INTO op SELECT n, ST_MakeEnvelope(n, 0, n + 0.5, 1, 4326) FROM generate_series(1, 3) n")
@@ -224,7 +224,7 @@ def test_python_does_not_wait_where_it_cannot_see_anything(dsn: str) -> None:
 
 
 def test_a_list_is_never_called_complete_that_a_detection_overtook(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The state is read first: what is detected between the two makes the list better than is said of it."""
+    """The state is read first: a detection between the two reads makes the list better than its state."""
     order: list[str] = []
     for name in ("call_by_name", "call_each_by_name"):
         routine = getattr(store.listing, name)

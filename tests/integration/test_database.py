@@ -1,4 +1,4 @@
-"""`connect` and `Database`: every kind of target, what is left to the caller, and what is closed."""
+"""`connect` and `Database`: every kind of target, the caller's responsibilities, and closing."""
 
 import json
 import math
@@ -222,7 +222,7 @@ def test_a_file_that_cannot_be_written_is_named(dsn: str, tmp_path: Path) -> Non
 
 
 def test_conflicts_can_be_read_as_they_are_asked_for(dsn: str, tmp_path: Path) -> None:
-    """The same rows, a cursor's worth at a time; what is not read to its end is closed."""
+    """The same rows, a cursor's batch at a time; closing a stream early closes its cursor."""
     with conflictdb.connect(dsn) as db:
         db.load(STRAIT)
         db.scene("strait").detect(nearest_m=5_000.0)
@@ -260,13 +260,13 @@ def test_periods_are_read_as_the_server_has_them(conn: psycopg.Connection[Any], 
     assert list(decode_periods(sent)) == wanted.fetchall()
 
 
-# What only a database knows; for GeoJSON also whether its scenes are complete.
+# Columns that only a database fills; GeoJSON also states whether its scenes are complete.
 OF_DATABASES = {"is_current": None, "scene_is_current": None, "run_id": None, "found_at": None}
 OF_CONFLICTS = {**OF_DATABASES, "region": None, "conflict_id": None}
 
 
 def test_solving_in_memory_gives_what_the_database_gives(dsn: str, tmp_path: Path) -> None:
-    """The same conflicts and closest approaches, and the same text of them but for what only a database knows."""
+    """The same conflicts and closest approaches, and the same text, except columns that only a database fills."""
     _, areas, tracks, _ = conflictdb.read(STRAIT)
     with conflictdb.connect(dsn) as db:
         db.load(STRAIT)

@@ -1,4 +1,4 @@
-"""Delays asked for in SQL: a worker answers what `scene.delays` returns, to the role that asked."""
+"""Delays requested in SQL: a worker answers with the result of `scene.delays`, to the role that requested it."""
 
 from typing import Any
 
@@ -124,7 +124,7 @@ def test_what_cannot_be_asked_is_refused(scene: Conn, dsn: str) -> None:
 
 
 def test_each_question_has_its_own_answer(scene: Conn, dsn: str) -> None:
-    """Delays are no probe without conflicts, and a probe has no delays."""
+    """Requests for delays are no probes without conflicts, and a probe has no delays."""
     probe_id = asked(scene, "EAST")
     answered(scene, dsn, probe_id)
     assert refused(scene, "SELECT * FROM conflictdb.wait_for_probe(%s)", probe_id)[0] == "ZC011"

@@ -1,4 +1,4 @@
-"""Detection in the database, where it meets what the stages in memory do not: the store's own answers."""
+"""Detection in the database, where it differs from the stages in memory: the store's own answers."""
 
 import numpy as np
 import psycopg
@@ -59,7 +59,7 @@ def test_touching_areas_graze(conn: psycopg.Connection) -> None:
 def test_an_object_that_could_not_be_cut_is_mended_by_its_change(
     conn: psycopg.Connection, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its cover goes with it: what the next detection finds is what a scene without that past has."""
+    """Its cover goes with it: the next detection gives the answer of a scene without that past."""
     areas = [
         Area("A", shapely.MultiPolygon([shapely.box(4.0, 57.0, 5.0, 58.0)])),
         Area("far", shapely.MultiPolygon([shapely.box(40.0, 7.0, 41.0, 8.0)])),

@@ -1,4 +1,4 @@
-"""Great circles end to end: files in, conflicts out, the same file back; what cannot be is refused before a change."""
+"""Great circles end to end: files in, conflicts out, the same file back; invalid changes are refused beforehand."""
 
 import json
 from pathlib import Path
@@ -95,7 +95,7 @@ def test_what_is_too_far_is_named_before_anything_is_written(dsn: str, tmp_path:
             with pytest.raises(InvalidInput, match="give the scene a 'centre'"):
                 db.load(write(tmp_path / "far.geojson", scene, far), replace=replace)
             assert db.scene("s").text() == before
-        # Another motion, but objects stay that it cannot hold.
+        # Another motion, but the remaining objects do not fit its plane.
         db.load(write(tmp_path / "polar.geojson", {"name": "p", "motion": "great_circle"}, POLAR))
         with pytest.raises(InvalidInput, match="89"):
             db.load(write(tmp_path / "rhumb.geojson", {"name": "p", "motion": "rhumb"}, near))

@@ -45,7 +45,7 @@ def written(path: Path, areas: Sequence[Area], tracks: Sequence[Track] = (), sce
 
 
 def many(count: int, more: Sequence[Area] = ()) -> list[Area]:
-    """So many areas, and then some more: in the last of several parts."""
+    """`count` areas, and then some more, in the last of several parts."""
     return [*(area(f"A{i}", 9.0 + 1e-5 * i) for i in range(count)), *more]
 
 
@@ -94,7 +94,7 @@ def test_what_is_loaded_by_parts_is_what_is_read_whole(run: Run, dsn: str, tmp_p
 def test_what_is_refused_in_the_last_part_leaves_all_as_it_was(
     run: Run, dsn: str, tmp_path: Path, last: list[Area], rules: list[str]
 ) -> None:
-    """All mistakes are told, and nothing of the parts before is written; the file is named."""
+    """All errors are reported with the file's name, and nothing of the parts before is written."""
     path = written(tmp_path / "sea.parquet", many(AT_ONCE, last))
     refused = run("load", path)
     assert refused.code == 4
@@ -110,7 +110,7 @@ def test_what_is_refused_in_the_last_part_leaves_all_as_it_was(
 
 
 def test_a_file_without_objects_is_refused(run: Run, dsn: str, tmp_path: Path) -> None:
-    """It empties its scene only where that is said; one without settings does not even then."""
+    """It empties its scene only with --replace; a file without settings does not even then."""
     run("load", written(tmp_path / "sea.parquet", many(3)))
     path = written(tmp_path / "none.parquet", [])
     for words in (("load", path), ("load", path, "--skip-invalid"), ("detect", path)):
@@ -126,7 +126,7 @@ def test_a_file_without_objects_is_refused(run: Run, dsn: str, tmp_path: Path) -
 
 
 def test_what_cannot_be_left_out_is_read_whole(run: Run, tmp_path: Path) -> None:
-    """Objects that are refused can still be left out, also one that is given twice."""
+    """Refused objects can still be left out, also a duplicate."""
     path = written(tmp_path / "sea.parquet", many(20, [area("A7", 10.0), area("N", 9.0, 89.5)]))
     done: Outcome = run("load", path, "--skip-invalid")
     assert "20 added" in done.out
@@ -136,7 +136,7 @@ def test_what_cannot_be_left_out_is_read_whole(run: Run, tmp_path: Path) -> None
 
 
 def test_great_circles_without_a_centre_get_the_middle_of_all(run: Run, dsn: str, tmp_path: Path) -> None:
-    """Of all parts, as when they are read whole; once there it stays."""
+    """The middle of all parts, as for a file that is read whole; later loads keep it."""
     scene = Scene("circles", motion=Motion.GREAT_CIRCLE)
     path = written(tmp_path / "circles.parquet", many(AT_ONCE, [area("east", 30.0)]), scene=scene)
     whole = written(tmp_path / "whole.parquet", many(AT_ONCE, [area("east", 30.0)]), scene=scene)
@@ -161,7 +161,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 
 def test_memory_does_not_grow_with_the_file(dsn: str, tmp_path: Path) -> None:
-    """Five times as many objects take less than a fifth of what they took when they were held."""
+    """Five times as many objects add less than a fifth of the memory of keeping all in memory."""
     peaks = []
     for count in (AT_ONCE, 6 * AT_ONCE):
         table = pa.Table.from_batches([of_objects(many(AT_ONCE), [])])

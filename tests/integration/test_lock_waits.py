@@ -1,4 +1,4 @@
-"""Nobody is waited for without an end: who may delete rows of a table may lock it, and keep it locked."""
+"""No wait for a lock is endless: a role that may delete rows of a table may lock it, and keep it locked."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -54,7 +54,7 @@ def took_s(work: Callable[[], object]) -> float:
 def test_a_detection_waits_for_no_lock_longer_than_it_is_told(
     filled: Conn, other: Conn, table: str, full: bool
 ) -> None:
-    """From its first statement on; and it says who keeps what it waited for."""
+    """From its first statement on; and the error names the session with the lock."""
     other.execute(f"LOCK TABLE conflictdb.{table} IN ACCESS EXCLUSIVE MODE".encode())
 
     def detected() -> None:
@@ -68,7 +68,7 @@ def test_a_detection_waits_for_no_lock_longer_than_it_is_told(
 
 
 def test_a_detection_without_a_limit_ends_as_well(filled: Conn, other: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
-    """But for another detection of the scene, whose end is in sight."""
+    """Except for another detection of the scene, whose end is in sight."""
     monkeypatch.setattr(locking, "LOCK_WAIT_S", 0.3)
     other.execute("LOCK TABLE conflictdb.scene")
     with pytest.raises(LockTimeout, match="locked by: process"):
@@ -83,7 +83,7 @@ def test_a_detection_without_a_limit_ends_as_well(filled: Conn, other: Conn, mon
 def test_a_command_with_a_limit_ends_in_time(
     dsn: str, filled: Conn, other: Conn, table: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    other.execute("SET ROLE conflictdb_worker")  # whom nobody keeps from it
+    other.execute("SET ROLE conflictdb_worker")  # which may lock the tables
     other.execute(f"LOCK TABLE conflictdb.{table} IN ACCESS EXCLUSIVE MODE".encode())
     run = runner(dsn, capsys)
     for arguments in (["--tolerance-m", "2"], []):
@@ -95,7 +95,7 @@ def test_a_command_with_a_limit_ends_in_time(
 
 
 def test_what_a_program_opens_has_a_limit(dsn: str, filled: Conn, other: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also for what has no option for it, and takes no limit of its own."""
+    """Also calls without an option for it, which use the default limit."""
     for module in (connection, locking):
         monkeypatch.setattr(module, "LOCK_WAIT_S", 0.3)
     other.execute("LOCK TABLE conflictdb.scene")

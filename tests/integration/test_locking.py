@@ -26,9 +26,9 @@ from conflictdb.stages.run import run_scene
 Conn = psycopg.Connection[Any]
 
 WAIT_S = 30.0
-# The method that costs least: what matters here is which objects and settings an answer belongs to.
+# The cheapest method: these tests are about the objects and settings that an answer belongs to.
 SCENE = Scene("s", method=Method.SCREEN)
-# Tracks pass through the area, and C beside it, 2 km further north: it is in conflict with A by a separation only.
+# Tracks pass through the area, and C 2 km north of it: it is in conflict with A by a separation only.
 AREA = Area("A", shapely.MultiPolygon([shapely.box(4.0, 56.98, 4.1, 57.02)]))
 OUTLINE = rectangle_outline_m(100.0, 100.0, 100.0, 100.0)
 
@@ -60,7 +60,7 @@ def other(dsn: str) -> Iterator[Conn]:
 
 
 def test_one_detection_of_a_scene_at_a_time(conn: Conn, other: Conn, scene_id: int) -> None:
-    """The second one learns who the first is; another scene is free; the lock ends with the transaction."""
+    """The second detection's error names the first; another scene is free; the lock ends with the transaction."""
     other_scene = store.set_scene(conn, Scene("another"))
     number = begin(other, scene_id)
     with pytest.raises(
@@ -126,7 +126,7 @@ def test_commands_say_for_whom_they_wait_and_take_a_limit(
 def test_who_can_only_connect_cannot_keep_a_scene_from_being_detected(
     conn: Conn, dsn: str, scene_id: int, server_dsn: str
 ) -> None:
-    """Advisory locks anybody can take, rows of the table and the table itself only workers."""
+    """Any role can take advisory locks; only workers can lock rows of the table and the table itself."""
     detect.detect(conn, SCENE.name, jobs=1)
     with psycopg.connect(dsn) as attacker:
         attacker.execute("CREATE ROLE locks_stranger")
@@ -269,7 +269,7 @@ def test_two_detections_interleaved_in_every_order_with_edits_between_all_transa
 
 
 def assert_current_ones_are_right(conn: Conn, content: Content) -> None:
-    """What is said to be current is so; where nothing waits, nothing is missing."""
+    """Conflicts marked current are right; if nothing waits, none is missing."""
     right = solved(*content)
     rows = store.conflicts(conn, SCENE.name)
     current: dict[Pair, Reported] = by_pair(row for row in rows if row.is_current)
@@ -281,7 +281,7 @@ def assert_current_ones_are_right(conn: Conn, content: Content) -> None:
 def test_limits_of_time_do_not_end_a_detection(
     conn: Conn, dsn: str, scene_id: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It solves while its transaction is idle, and its statements take what they take."""
+    """It solves while its transaction is idle, and its statements run as long as they need."""
     limits = {"idle_in_transaction_session_timeout": "700ms", "statement_timeout": "900ms", "lock_timeout": "500ms"}
 
     def slowly(*arguments: Any, **named: Any) -> Any:
@@ -318,7 +318,7 @@ def test_an_interrupted_detection_leaves_the_connection_without_its_lock(
 
 
 def test_detection_needs_a_connection_without_an_open_transaction(conn: Conn, scene_id: int) -> None:
-    """And leaves the transaction alone that is the caller's."""
+    """And leaves the caller's transaction alone."""
     conn.commit()
     conn.execute("CREATE TEMPORARY TABLE mine (n integer)")
     with pytest.raises(StoreError, match="open transaction"):
@@ -375,7 +375,7 @@ def test_a_scene_may_be_removed_while_it_is_detected(
     is_one_transaction: bool,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """At once but while the detection writes, which says what has become of the scene."""
+    """At once, except while the detection writes, which then reports that the scene is gone."""
     another = store.set_scene(conn, Scene("another"))
     # Few changes are written from the beginning of their one transaction on.
     waits = is_one_transaction or place == "end_write"

@@ -1,4 +1,4 @@
-"""The server of `conflictdb map`: what it answers, and to whom."""
+"""The server of `conflictdb map`: its answers, and the roles that get them."""
 
 import gzip
 import hashlib
@@ -37,7 +37,7 @@ from conflictdb.model.plans import Area, EarthModel, Motion, Scene
 
 VENDOR = Path(str(files("conflictdb"))) / "map" / "vendor"
 HOSTILE = "<img src=x onerror=alert(1)>"
-# z, x and y that are no numbers, or too large for the database or for Python.
+# z, x and y that are not numbers, or too large for the database or for Python.
 BAD_TILES = [
     f"{bad}/0/0" for bad in ("-1", "1.5", "NaN", "%D9%A1", "%00", "1e1", "31", str(2**31), "9" * 30, "9" * 5_000)
 ]
@@ -91,7 +91,7 @@ def test_page_reads_the_scene(strait: Client, dsn: str) -> None:
 
 
 def test_page_asks_for_its_modules_at_once() -> None:
-    """Not for each when the one that imports it has come."""
+    """The page requests all modules itself, before the modules that import them arrive."""
     page = VENDOR.parent / "page"
     asked = (page / "index.html").read_text()
     assert [module.name for module in page.glob("*.js") if f'"/page/{module.name}"' not in asked] == []
@@ -103,7 +103,7 @@ def _polygons(text: str) -> Any:
 
 
 def test_land_in_a_box_is_land() -> None:
-    """Where coasts cross the edge of a box often, what is within stays what it is."""
+    """Even if coasts cross the edge of a box often, the inside keeps its land."""
     places = [(4.0, 57.0), (-4.0, 52.5), (9.5, 61.5), (2.5, 49.0), (0.5, 55.5)]
     box = (-7.0, 47.0, 15.0, 67.0)
     for detail in (land.COARSE, land.FINE):
@@ -116,13 +116,13 @@ def test_land_in_a_box_is_land() -> None:
 
 
 def test_no_transaction_stays_open(strait: Client, conn: psycopg.Connection[Any]) -> None:
-    """Not between two questions of the page: it would hold up whoever changes tables, such as `upgrade`."""
+    """Not between two requests of the page: it would block changes of tables, such as `upgrade`."""
     query = "SELECT query FROM pg_stat_activity WHERE datname = current_database() AND starts_with(state, 'idle in')"
     conn.autocommit = True
     for path in [*READS[:-1], "/api/pair?a=CABLE&b=nobody"]:
         strait.ask("GET", path)
         until_s = time.monotonic() + 10.0
-        while found := conn.execute(query).fetchall():  # of the one that listens they are short
+        while found := conn.execute(query).fetchall():  # those of the listening connection are short
             assert time.monotonic() < until_s, (path, found)
             time.sleep(0.02)
 
@@ -239,7 +239,7 @@ def test_only_the_page_acknowledges(strait: Client, dsn: str) -> None:
 
 
 def test_who_only_reads_cannot_acknowledge(dsn: str, conn: psycopg.Connection[Any]) -> None:
-    """The page says so; and if it asked all the same, the database would refuse."""
+    """The page says so; and if it sent the request all the same, the database would refuse."""
     with conflictdb.connect(dsn) as db:
         db.load_demo()
         db.scene("strait").detect()
@@ -261,7 +261,7 @@ def test_who_only_reads_cannot_acknowledge(dsn: str, conn: psycopg.Connection[An
 
 
 def test_who_may_not_see_a_scene_gets_nothing_of_it(dsn: str, conn: psycopg.Connection[Any]) -> None:
-    """Once scenes are protected: no objects, no tiles, not even those that are kept, and not that something changed."""
+    """In protected scenes: no objects, no tiles, not even cached ones, and no notice of a change."""
     alice, bob = (f"{name}_{conn.info.dbname}" for name in ("alice", "bob"))
     shape = "'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 1, 0 0))'"
 
@@ -273,7 +273,7 @@ def test_who_may_not_see_a_scene_gets_nothing_of_it(dsn: str, conn: psycopg.Conn
         conn.commit()
 
     def said(listens: socket.socket) -> bytes:
-        """Return what comes next but heads and signs of life, nothing if that is nothing for a while."""
+        """Return the next message except heads and signs of life; nothing if there is none for a while."""
         try:
             while not re.search(b"retry:|event:|^$", got := listens.recv(10_000)):
                 pass
@@ -312,7 +312,7 @@ def test_who_may_not_see_a_scene_gets_nothing_of_it(dsn: str, conn: psycopg.Conn
                 does(alice, f"SELECT conflictdb.unshare_scene('hers', '{bob}')")
                 for path in asked:
                     assert client.ask("GET", path)[0] == 400, path
-                # That it is over is told soon, without another change, and then nothing more.
+                # The end of the permission is reported soon, without another change, and then nothing more.
                 assert b"event: objects" in said(listens)
                 listens.settimeout(2.5)
                 does(alice, "SELECT conflictdb.remove_object('hers', 'A')")
@@ -374,7 +374,7 @@ def test_names_of_this_machine() -> None:
 
 
 def test_a_notification_that_is_nested_deeply_is_ignored() -> None:
-    """Everybody may notify: what cannot be read must not end the thread that listens."""
+    """Any role may notify: an unreadable message must not end the listening thread."""
     changes = Changes("s", lambda: pytest.fail("it does not connect"))
     assert changes._meaning("[" * 7_900) is None
     assert changes._meaning('{"scene": "s"}') == CONFLICTS
@@ -457,7 +457,7 @@ def test_land_is_cut() -> None:
     assert shapely.box(*box).contains(shapely.box(*near.bounds))
     rest, rest_coasts = shapely.from_geojson(land.geojson(land.COARSE, land.WORLD, box)).geoms
     assert rest.intersection(shapely.box(*box)).area < 1e-2
-    # Where land is cut there is no coast.
+    # A cut through land is no coast.
     for lines in (near_coasts, rest_coasts):
         assert shapely.length(shapely.intersection(lines, shapely.box(*box).boundary)) == 0.0
     assert shapely.contains_xy(rest, 100.0, 60.0)
@@ -475,7 +475,7 @@ def test_land_at_the_date_line_and_the_pole_is_where_it_is(detail: str) -> None:
     # Chukotka, west and east; Wrangel Island, west and east; Antarctica, and all of the pole.
     dry = [(179.0, 68.0), (-178.0, 67.5), (179.5, 71.2), (-179.5, 71.2), (0.0, -80.0), (179.9, -86.0), (-100.0, -89.9)]
     assert [place for place in dry if not is_land(*place)] == []
-    # The same latitudes elsewhere: Atlantic, Norwegian Sea, Greenland Sea, Barents Sea, Pacific, Indian Ocean.
+    # The same latitudes in other seas: Atlantic, Norwegian Sea, Greenland Sea, Barents Sea, Pacific, Indian Ocean.
     wet = [(-30.0, 50.0), (3.0, 67.5), (0.0, 71.2), (40.0, 71.2), (-120.0, -16.5), (80.0, -16.8), (-150.0, -60.0)]
     assert [place for place in wet if is_land(*place)] == []
     longest = max(np.abs(np.diff(shapely.get_coordinates(line)[:, 0])).max() for line in known.coasts)
@@ -483,7 +483,7 @@ def test_land_at_the_date_line_and_the_pole_is_where_it_is(detail: str) -> None:
 
 
 def test_names_of_areas_have_a_place_within_them(dsn: str, conn: psycopg.Connection[Any]) -> None:
-    """Not in the middle of their boxes, where that is outside; as they are drawn, where edges bend."""
+    """In the middle of their boxes only if that is inside; as they are drawn, where edges bend."""
     corner = [(0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)]
     shapes: dict[str, Any] = {
         "SQUARE": shapely.box(10, 10, 12, 11),
@@ -523,7 +523,7 @@ def test_a_file_is_for_scenes_that_a_browser_opens(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """What is too large is refused before it is read, and no file is left."""
+    """A scene that is too large is refused before it is read, and no file is left."""
     load(conn, Scene("s"), [Area(key, shapely.MultiPolygon([shapely.box(1, 1, 2, 2)])) for key in "ABC"], [])
     conn.commit()
     monkeypatch.setattr("conflictdb.map.html.MOST_OBJECTS", 2)

@@ -1,4 +1,4 @@
-"""Who has no right to something is told the grant that is missing: with it, it works."""
+"""A missing right is reported with the grant that gives it; with the grant, it works."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -42,7 +42,7 @@ def administrator(dsn: str) -> Iterator[psycopg.Connection[Any]]:
 def user(
     administrator: psycopg.Connection[Any], dsn: str, capsys: pytest.CaptureFixture[str]
 ) -> Iterator[Callable[..., User]]:
-    """Return what makes a user of some roles; names need quotes."""
+    """Return a function that creates a user with some roles; names need quotes."""
     made: list[sql.Identifier] = []
 
     def make(*roles: str) -> User:
@@ -126,7 +126,7 @@ def test_python_is_told_the_same(user: Callable[..., User], run: Run) -> None:
 def test_what_no_grant_allows_is_told_as_it_is(
     administrator: psycopg.Connection[Any], user: Callable[..., User], run: Run
 ) -> None:
-    """A scene of somebody else's is no matter of grants, whatever else is missing."""
+    """No grant gives access to a scene of another owner, whatever else is missing."""
     run("load", STRAIT)
     run("admin", "protect")
     one = user("conflictdb_worker")

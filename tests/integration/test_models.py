@@ -27,7 +27,7 @@ FROM pg_attribute a JOIN pg_class c ON c.oid = a.attrelid
 LEFT JOIN pg_attrdef d ON (d.adrelid, d.adnum) = (a.attrelid, a.attnum)
 WHERE a.attrelid = %s::regclass AND a.attnum > 0 AND NOT a.attisdropped ORDER BY a.attnum
 """
-TYPES = {"name": "text"}  # what reads the same
+TYPES = {"name": "text"}  # types that read the same
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def type_of(column: sqlalchemy.Column[Any]) -> str:
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda one: one.__name__)
 def test_model_has_the_columns_of_the_database(model: type[models.Base], conn: psycopg.Connection[Any]) -> None:
-    """Names in their order, types, nullability; what the comment of a view's column says of null counts."""
+    """Names in their order, types, nullability; the comment of a view's column on null counts."""
     table = inspect(model).local_table
     rows = conn.execute(COLUMNS.encode(), [str(table)]).fetchall()
     assert [column.name for column in table.columns] == [row[0] for row in rows]
@@ -64,7 +64,7 @@ def test_model_has_the_columns_of_the_database(model: type[models.Base], conn: p
 
 def test_every_table_of_inputs_and_every_view_has_a_model(conn: psycopg.Connection[Any]) -> None:
     views = "SELECT relname FROM pg_class WHERE relnamespace = 'conflictdb'::regnamespace AND relkind = 'v'"
-    # Layers for maps repeat what others have.
+    # Layers for maps repeat columns of other views.
     named = {name for (name,) in conn.execute(f"{views} AND relname !~ '^(_|map_)'".encode())}
     assert {one.__tablename__ for one in MODELS} == named | {"scene", "area", "track"}
 
@@ -89,7 +89,7 @@ def test_no_view_has_a_null_that_its_model_has_not(engine: sqlalchemy.Engine) ->
 
 
 def test_objects_are_added_changed_and_detected(engine: sqlalchemy.Engine) -> None:
-    """By the unit of work of a session: two squares that overlap until one is moved."""
+    """By the unit of work of a session: two squares overlap until one is moved."""
     square = "MULTIPOLYGON((({0} 57, {1} 57, {1} 58, {0} 58, {0} 57)))"
     with Session(engine) as session:
         scene = models.Scene(name="plan")
@@ -115,7 +115,7 @@ def test_objects_are_added_changed_and_detected(engine: sqlalchemy.Engine) -> No
 
 @pytest.mark.parametrize("kind", ["connection", "session", "begun"])
 def test_a_transaction_of_sqlalchemy_is_the_callers(engine: sqlalchemy.Engine, kind: str) -> None:
-    """What is done within it is gone when it is rolled back, and there when it is committed."""
+    """Changes within it disappear on rollback, and stay on commit."""
 
     def count() -> Any:
         with engine.connect() as other:
@@ -148,7 +148,7 @@ def test_a_connection_of_sqlalchemy_without_transaction_detects(engine: sqlalche
 
 
 def test_a_session_sees_what_it_has_not_written_yet(engine: sqlalchemy.Engine) -> None:
-    """As queries of its own do: what is pending is flushed first."""
+    """As for its own queries: pending changes are flushed first."""
     with Session(engine) as session, conflictdb.connect(session) as db:
         session.add(models.Scene(name="pending"))
         assert [one.scene.name for one in db.scenes()] == ["pending"]

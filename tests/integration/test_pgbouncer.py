@@ -48,7 +48,7 @@ query_wait_timeout = 20
 
 
 def owner(dsn: str) -> dict[str, Any]:
-    """Return who may reach the server: PgBouncer refuses to run as root."""
+    """Return a user who may reach the server: PgBouncer refuses to run as root."""
     if os.geteuid():
         return {}
     directory = Path(conninfo.conninfo_to_dict(dsn).get("host") or "/")
@@ -98,7 +98,7 @@ def pooled(dsn: str) -> Iterator[str]:
 
 
 def test_a_detection_leaves_no_lock_in_the_pool(dsn: str, pooled: str) -> None:
-    """Whichever sessions the transactions of some clients get, nobody waits for a lock that nobody holds."""
+    """Whichever sessions the transactions of the clients get, nobody waits for a lock left behind."""
     with connect(pooled) as one, connect(pooled) as two, psycopg.connect(pooled) as third:
         one.load(STRAIT)
         sessions = set()
@@ -156,7 +156,7 @@ def test_all_commands_work(empty_dsn: str, capsys: pytest.CaptureFixture[str], t
 
 @pytest.mark.parametrize("how", ["connection", "engine"])
 def test_a_connection_of_the_caller_works_as_it_is(pooled: str, how: str) -> None:
-    """With a driver that prepares statements, for nobody told it of the pooler."""
+    """With a driver that prepares statements, since it is not configured for the pooler."""
     with psycopg.connect(pooled) as busy:
         engine = sqlalchemy.create_engine("postgresql+psycopg://", creator=lambda: psycopg.connect(pooled))
         target: Any = engine if how == "engine" else psycopg.connect(pooled)
@@ -191,7 +191,7 @@ def test_a_pooler_in_session_mode_is_as_good_as_none(dsn: str) -> None:
 
 
 def worked(through: str, dsn: str) -> tuple[list[str], list[str]]:
-    """Have a worker do two scenes, and lose its connection in between; return what it said, and which it did."""
+    """Have a worker detect two scenes, and lose its connection in between; return its output, and the scenes."""
     said: list[str] = []
     done: list[str] = []
     connections: list[psycopg.Connection[Any]] = []

@@ -1,4 +1,4 @@
-"""A probe says what a detection would say of the plan: from Python, and from SQL where a worker answers."""
+"""A probe gives the answer that a detection would give for the plan: from Python, and from SQL by a worker."""
 
 import threading
 from collections.abc import Iterator
@@ -27,14 +27,14 @@ T0 = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=T0_US)
 
 
 def said(found: list[Conflict]) -> list[Conflict]:
-    """Return conflicts without what only the database knows."""
+    """Return conflicts without columns that only the database fills."""
     unknown: dict[str, Any] = dict.fromkeys(("region", "is_current", "scene_is_current", "run_id", "found_at"))
     rows = [replace(one, **unknown) for one in found]
     return sorted(rows, key=lambda one: (one.a_key, one.b_key))
 
 
 def same(found: list[Conflict], expected: list[Conflict]) -> bool:
-    """Compare what must not differ: who, what, and when to the bounds of both."""
+    """Compare the parts that must not differ: members, verdict, and times to the bounds of both."""
     if [(c.a_key, c.b_key, c.verdict, len(c.periods)) for c in found] != [
         (c.a_key, c.b_key, c.verdict, len(c.periods)) for c in expected
     ]:
@@ -92,7 +92,7 @@ def test_a_probe_writes_nothing_and_says_what_is_not_current(conn: Conn) -> None
 
 
 def test_several_plans_replace_their_namesakes_together(conn: Conn, dsn: str) -> None:
-    """From here and from a worker: the old places meet nobody, and the new ones each other."""
+    """In this process and by a worker: the old places meet nothing, and the new ones each other."""
     old = [box("A", 0.4, -0.1, 0.6, 0.1), box("B", 2.4, -0.1, 2.6, 0.1)]
     load(conn, Scene("s"), old, [sail("T", (0.0, 0.0), (3.0, 0.0))])
     detect.detect(conn, "s", jobs=1)
@@ -157,12 +157,12 @@ def test_who_asks_in_sql_is_answered_by_a_worker(conn: Conn, dsn: str) -> None:
     with answering(dsn):
         rows = conn.execute(ANSWER, [ask(conn, ASK, "s")]).fetchall()
         assert [(row[0], row[1], row[2]) for row in rows] == [("N", "area", "near"), ("T", "track", "conflict")]
-        _, _, _, periods, first, last, error_s, point, closest_at, closest_m, _ = rows[1]
+        _, _, _, periods, first, last, error_s, point, closest_at, closest_m, _, lacking_s = rows[1]
         assert len(periods) == 1
         assert T0 < first < last < T0 + timedelta(hours=1)
         assert 0 < error_s < 1e-6
         assert point is not None
-        assert (closest_at, closest_m) == (first, 0.0)
+        assert (closest_at, closest_m, lacking_s) == (first, 0.0, None)
         path = f"LINESTRING M (0.5 -1 {T0_US / 1e6}, 0.5 1 {T0_US / 1e6 + 3600})"
         crossing = conn.execute(ANSWER, [ask(conn, ASK_TRACK, "s", path)]).fetchall()
         assert [row[0] for row in crossing] == ["T", "N"]  # the earlier first
@@ -171,7 +171,7 @@ def test_who_asks_in_sql_is_answered_by_a_worker(conn: Conn, dsn: str) -> None:
         same_time = "SELECT count(*) FROM conflictdb.wait_for_probe(%s) WHERE first_contact = to_timestamp(%s)"
         assert conn.execute(same_time, [again, first.timestamp()]).fetchone() == (1,)
         conn.execute("RESET DateStyle; RESET TimeZone")
-        # What no object can be is told to who asked, and stops no other question.
+        # An impossible object is reported to its sender, and stops no other request.
         dented = "'POLYGON((0 0, 9 0, 1 1, 0 9, 0 0))'"
         bad = f"SELECT conflictdb.request_track_probe('s', ST_GeomFromText(%s, 4326), {dented})"
         assert refused(conn, ANSWER, ask(conn, bad, path)) == "ZC016"
@@ -180,7 +180,7 @@ def test_who_asks_in_sql_is_answered_by_a_worker(conn: Conn, dsn: str) -> None:
 
 
 def test_workers_are_asked_from_python_and_say_the_same(conn: Conn, dsn: str) -> None:
-    """All but the nearest points, which they do not tell; also of points and lines as havens."""
+    """All columns except the nearest points, which probes do not return; also for points and lines as havens."""
     areas = [box("A", 0.4, -0.1, 0.6, 0.1, start_us=T0_US), box("N", 0.4, 0.11, 0.6, 0.2)]
     load(conn, Scene("s", nearest_m=2000.0), areas, [sail("T", (0.0, 0.0), (1.0, 0.0))])
     detect.detect(conn, "s", jobs=1)
@@ -355,7 +355,7 @@ def test_a_row_that_a_reader_writes_stops_no_worker(
 def test_a_request_that_always_fails_is_refused_after_three_attempts(
     conn: Conn, dsn: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And holds up no other meanwhile, of its scene or another."""
+    """And delays no other request meanwhile, of its scene or another."""
     load(conn, Scene("s"), [], [sail("T", (0.0, 0.0), (1.0, 0.0))])
     detect.detect(conn, "s", jobs=1)
     ids = []

@@ -1,4 +1,4 @@
-"""A user with no more than conflictdb_reader: what reads works, what writes ends with one message."""
+"""A user with no more than conflictdb_reader: reading works, writing ends with one message."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +14,7 @@ from conflictdb.cli.codes import DONE, FAILED
 
 @pytest.fixture
 def reader_dsn(dsn: str) -> Iterator[str]:
-    """How to connect to a database with a detected scene, as a user who may read."""
+    """Connection string of a database with a detected scene, as a user who may read."""
     with connect(dsn) as db:
         db.load(STRAIT)
         db.scene("strait").detect()
@@ -64,7 +64,7 @@ def test_writing_is_refused(reader_dsn: str, capsys: pytest.CaptureFixture[str])
 def test_a_worker_that_may_not_detect_says_so_at_once(
     reader_dsn: str, capsys: pytest.CaptureFixture[str], words: list[str]
 ) -> None:
-    """Not when the first change comes, and not by trying again and again."""
+    """It does not wait for the first change, nor retry."""
     done = runner(reader_dsn, capsys)(*words)
     assert (done.code, done.out) == (FAILED, "")
     assert "let an administrator run: GRANT conflictdb_worker TO reader_of_" in done.err

@@ -12,7 +12,7 @@ SELECT conflictdb.create_scene('s');
 SELECT conflictdb.put_area('s', 'A', ST_SetSRID(ST_MakeEnvelope(4, 57, 5, 58), 4326));
 SELECT conflictdb.put_area('s', 'B', ST_SetSRID(ST_MakeEnvelope(4, 57, 5, 58), 4326));
 """
-# What is removed, so that the next test gets the same database.
+# Leftovers that are removed, so that the next test gets the same database.
 REMOVED = {
     "nothing": "SELECT 1",
     "objects": OBJECTS,
@@ -30,7 +30,7 @@ REMOVED = {
     "an extension": "CREATE EXTENSION postgres_fdw; CREATE SERVER mine FOREIGN DATA WRAPPER postgres_fdw",
     "a policy": "CREATE POLICY mine ON conflictdb.scene FOR SELECT",
 }
-# What is not, so that the next test gets another one.
+# Leftovers that are not removed, so that the next test gets another database.
 REPLACED = {
     "a column": "ALTER TABLE conflictdb.scene ADD mine int",
     "a column of PostGIS": "ALTER TABLE spatial_ref_sys ADD mine int",
@@ -87,7 +87,7 @@ def test_what_cannot_be_removed_costs_another_database(reused: ReusedDatabase, l
 
 def test_sessions_that_are_left_end(reused: ReusedDatabase) -> None:
     with psycopg.connect(reused.dsn()) as conn:
-        conn.execute(OBJECTS)  # holds its locks
+        conn.execute(OBJECTS)  # takes its locks
         reused.clean()
         with pytest.raises(psycopg.OperationalError):
             conn.execute("SELECT 1")

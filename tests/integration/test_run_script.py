@@ -1,4 +1,4 @@
-"""./run: what it says when it cannot make its environment, and that it leaves a complete one alone."""
+"""./run: its message when it cannot create its environment, and that it leaves a complete one alone."""
 
 import os
 import re
@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def run(path: Path, venv: Path, *arguments: str, called: Path = ROOT / "run") -> "subprocess.CompletedProcess[str]":
-    """Run ./run, or what links to it, with nothing on PATH but what is in `path`."""
+    """Run ./run, or a link to it, with only the directory `path` on PATH."""
     environ = {"PATH": str(path), "CONFLICTDB_VENV": str(venv)}
     return subprocess.run([called, *arguments], env=environ, capture_output=True, text=True, timeout=60, check=False)
 
@@ -36,7 +36,7 @@ def program(path: Path, script: str) -> None:
 
 @pytest.mark.parametrize("found", ["Python 3.9.2", None])
 def test_old_python_is_said(tmp_path: Path, path: Path, found: str | None) -> None:
-    """A Python that is too old, or none, ends in one line that says what is needed and how to name another."""
+    """A Python that is too old, or missing, ends in one line that states the needed version and how to name another."""
     if found:
         program(path / "python3", f'[ "$1" = --version ] && echo {found}; exit 1')
     answer = run(path, tmp_path / "venv", "demo")
@@ -56,7 +56,7 @@ def test_python_without_venv_names_the_package(tmp_path: Path, path: Path) -> No
 
 
 def test_complete_environment_is_used_as_it_is(tmp_path: Path, path: Path) -> None:
-    """Nothing is made, nothing is said, and the command gets its arguments unchanged."""
+    """Nothing is created, nothing is printed, and the command gets its arguments unchanged."""
     venv = tmp_path / "venv"
     shows = 'for a in "$@"; do echo "<$a>"; done; exit 7'
     program(venv / "bin/python", shows)
@@ -91,7 +91,7 @@ def test_link_to_it_runs_what_it_points_to(tmp_path: Path, path: Path, absolute:
 
 
 def test_tools_are_added_when_they_are_first_asked_for(tmp_path: Path, path: Path) -> None:
-    """What runs the program stays as it is meanwhile; nothing but the pinned tools is installed."""
+    """The packages of run time stay as they are meanwhile; only the pinned tools are installed."""
     venv = tmp_path / "venv"
     made(venv, "requirements.txt")
     program(path / "python3", "exit 0")
@@ -165,7 +165,7 @@ def test_environment_whose_update_was_killed_is_made_anew(tmp_path: Path, path: 
 
 
 def test_environment_whose_removal_was_killed_is_made_anew(tmp_path: Path, path: Path) -> None:
-    """What says that it is one may be the first to go."""
+    """The file that marks an environment may be removed first."""
     venv = tmp_path / "venv"
     program(venv / "bin/python", "exit 0")
     (venv / "pyvenv.cfg").touch()
@@ -193,7 +193,7 @@ def test_environment_is_made_in_a_directory_that_is_not_there_yet(tmp_path: Path
 
 @pytest.mark.parametrize("file", ["letter", "bin/python"])
 def test_a_directory_that_is_no_environment_is_left_alone(tmp_path: Path, path: Path, file: str) -> None:
-    """A CONFLICTDB_VENV that names somebody's files is refused, not emptied, and nothing is installed into it."""
+    """A CONFLICTDB_VENV with foreign files is refused, not emptied, and nothing is installed into it."""
     program(path / "python3", "exit 0")
     program(tmp_path / "letters" / file, f'echo "$@" >>{tmp_path}/calls')
     answer = run(path, tmp_path / "letters", "demo")
@@ -221,7 +221,7 @@ def test_pins_carry_hashes_and_no_addresses(file: str) -> None:
 
 
 def test_there_is_one_set_of_versions() -> None:
-    """What run time needs is pinned for development too, perhaps on more systems, and developers' tools only there."""
+    """Pins of run time are among those of development, perhaps on more systems; developers' tools are only there."""
     run_time, development = (pins(ROOT / file) for file in ("requirements.txt", "requirements-dev.txt"))
     assert run_time < development
     names = {pin.partition("==")[0] for pin in run_time}

@@ -36,7 +36,7 @@ def test_a_scene_is_renamed_with_its_conflicts(run: Run) -> None:
     run("detect", STRAIT)
     before = run("conflicts", "--scene", "strait", "--format", "json").json
     assert run("rename", "sound", "--scene", "strait").out == "strait is now sound\n"
-    after = run("conflicts", "--format", "json").json  # the renamed one is the last one used
+    after = run("conflicts", "--format", "json").json  # the renamed scene is the last used
     assert [row | {"scene": "strait"} for row in after] == before
     assert {row["scene"] for row in after} == {"sound"}
     assert len(run("history", "--scene", "sound", "--format", "json").json) == len(before)
@@ -135,7 +135,7 @@ def stranger(dsn: str) -> Iterator[str]:
 def test_protected_scenes_stay_with_their_owner(
     run: Run, stranger: str, dsn: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Who may read may copy; who may write may rename, and rename and delete objects; the owner may delete."""
+    """Readers may copy; writers may rename, and rename and delete objects; the owner may delete."""
     run("load", STRAIT)
     run("admin", "protect")
     theirs = runner(stranger, capsys)

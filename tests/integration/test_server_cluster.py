@@ -1,4 +1,4 @@
-"""The private cluster for real: who keeps it running, when it stops, and what it survives.
+"""The private cluster for real: the processes that keep it running, its end, and crashes that it survives.
 
 Users are processes of their own, so that they can be killed. Each test gets a copy of one initialised home.
 """
@@ -41,7 +41,7 @@ with server.embedded(Path(sys.argv[1]), durable=False) as embedded:
 
 
 class User:
-    """A process that uses a server until it is told to leave, or killed."""
+    """A process that uses a server until it gets a line to leave, or is killed."""
 
     def __init__(self, home: Path) -> None:
         self.process = subprocess.Popen(
@@ -103,7 +103,7 @@ def home(initialised: Path, new_home: Path) -> Path:
 
 @pytest.fixture
 def user(home: Path) -> Iterator[Callable[[], User]]:
-    """Return what starts users of the home; those that are left in the end are killed."""
+    """Return a function that starts users of the home; those that are left in the end are killed."""
     with ExitStack() as stack:
 
         def start() -> User:
@@ -126,7 +126,7 @@ def await_stop(home: Path) -> None:
 
 
 def has_reader(fifo: Path) -> bool:
-    """Return whether a process holds the read end."""
+    """Return whether a process has the read end open."""
     try:
         os.close(os.open(fifo, os.O_WRONLY | os.O_NONBLOCK))
     except OSError as error:
@@ -152,7 +152,7 @@ def query(dsn: str, statement: str) -> Any:
 
 
 def test_new_home_is_private_and_serves_its_database(new_home: Path) -> None:
-    """A new cluster has its database, takes connections on its socket alone, and nobody else can enter."""
+    """A new cluster has its database, takes connections on its socket alone, and no other user can enter."""
     said: list[str] = []
     with server.embedded(new_home, say=said.append) as embedded:
         assert query(embedded.dsn, "SELECT current_database()") == "conflictdb"
@@ -190,7 +190,7 @@ def test_kill_of_the_only_user_leaves_nothing(home: Path, user: Callable[[], Use
 
 
 def test_server_stays_until_the_last_user_leaves(home: Path, user: Callable[[], User]) -> None:
-    """It does not matter who started the server, nor how its users end."""
+    """The process that started the server does not matter, nor how its users end."""
     first, second, third = user(), user(), user()
     pid = first.server_pid()
     assert (second.server_pid(), third.server_pid()) == (pid, pid)
@@ -225,7 +225,7 @@ while True:
 
 @pytest.mark.parametrize("start", ["", "sleep 0.5; "], ids=["deaf", "not there yet"])
 def test_server_that_does_not_hear_yet_is_told_again_to_stop(tmp_path: Path, start: str) -> None:
-    """The last user may go before the server is there or has set up its signals: the supervisor ends all the same."""
+    """The last user may leave before the server runs or has set up its signals: the supervisor ends all the same."""
     os.mkfifo(tmp_path / "alive")
     reading = os.open(tmp_path / "alive", os.O_RDONLY | os.O_NONBLOCK)
     writing = os.open(tmp_path / "alive", os.O_WRONLY)
@@ -277,7 +277,7 @@ def test_held_server_runs_without_users_until_released(home: Path) -> None:
 
 
 def test_release_while_used_stops_later(home: Path) -> None:
-    """A server that is no longer held runs on for the users it has."""
+    """A server whose holder has stopped runs on for its users."""
     server.start_holder(home)
     with server.embedded(home) as embedded:
         left = server.stop_holder(home)
@@ -361,7 +361,7 @@ def test_stopped_while_initialising_leaves_nothing_broken(new_home: Path, number
 
 
 def is_free(lock: Path) -> bool:
-    """Return whether no process holds a lock file."""
+    """Return whether no process has locked a file."""
     with lock.open("r+") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -372,7 +372,7 @@ def is_free(lock: Path) -> bool:
 
 @pytest.mark.parametrize(("name", "is_short"), [("deep" * 40, False), ("a,b", False), ("ä 'b' \"c\" $d", True)])
 def test_any_path_will_do(initialised: Path, new_home: Path, name: str, is_short: bool) -> None:
-    """A path that is no good for a socket gets a short private directory, gone afterwards."""
+    """A path that is unsuitable for a socket gets a short private directory, gone afterwards."""
     new_home.mkdir(mode=0o755)
     new_home.chmod(0o755)
     home = new_home / name

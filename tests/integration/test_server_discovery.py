@@ -136,7 +136,7 @@ def test_archive_out_of_reach_is_said(machine: FakeMachine) -> None:
 
 
 def test_highest_major_version_wins(machine: FakeMachine) -> None:
-    """Of the servers that will do, the newest is taken; versions compare as numbers."""
+    """The newest suitable server is taken; versions compare as numbers."""
     machine.server("usr/lib/postgresql/14", "14.1")
     best = machine.server("usr/pgsql-100", "100.2")
     machine.server("onpath", "16.3")
@@ -178,7 +178,7 @@ def test_existing_data_want_their_own_version(machine: FakeMachine) -> None:
 
 @pytest.mark.parametrize("kind", ["absent", "without postgis", "other version"])
 def test_wrong_pg_bin_is_an_error(machine: FakeMachine, kind: str) -> None:
-    """CONFLICTDB_PG_BIN is the only place then: a good server elsewhere does not help."""
+    """CONFLICTDB_PG_BIN is the only place then: a good server in another place does not help."""
     machine.server("onpath", "16.1")
     given = {
         "absent": lambda: machine.root / "nowhere/bin",
@@ -218,7 +218,7 @@ def test_tree_with_missing_libraries_is_refused(machine: FakeMachine) -> None:
 
 
 def test_half_unpacked_tree_is_not_used(machine: FakeMachine) -> None:
-    """What a killed fetch leaves has another name than a complete tree."""
+    """The leftovers of a killed fetch have another name than a complete tree."""
     machine.unpacked(15).parents[5].rename(machine.root / "cache/fetch-1.part")
     with pytest.raises(ServerError, match=r"nothing\s+unpacked"):
         machine.find()
@@ -284,7 +284,7 @@ SETTINGS: list[tuple[dict[str, str], Callable[[Settings], object], object]] = [
 def test_settings_come_from_the_environment(
     environ: dict[str, str], read: Callable[[Settings], object], expected: object
 ) -> None:
-    """Each variable sets what it says; an empty one is as good as none."""
+    """Each variable changes its setting; an empty variable is ignored."""
     assert read(Settings.from_environment({"HOME": "/home/somebody", **environ})) == expected
 
 

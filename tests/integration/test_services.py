@@ -1,4 +1,4 @@
-"""What has a system keep scenes current works as it is shipped: units of systemd, a line for cron, jobs of pg_cron."""
+"""The shipped files that keep scenes current work: units of systemd, a line for cron, jobs of pg_cron."""
 
 import re
 import shlex
@@ -76,7 +76,7 @@ def test_the_line_for_cron_detects_what_waits(dsn: str) -> None:
 
 
 def jobs() -> dict[str, tuple[str, str]]:
-    """Return the jobs of pg_cron by name: when, and what."""
+    """Return the jobs of pg_cron by name: schedule and command."""
     found = re.findall(r"cron\.schedule\('([^']*)', '([^']*)',\s*'([^']*)'\)", (FILES / "pg_cron.sql").read_text())
     return {name: (schedule, statement) for name, schedule, statement in found}
 
@@ -96,7 +96,7 @@ def test_jobs_of_pg_cron_ask_for_detections(dsn: str) -> None:
 
 @pytest.mark.slow
 def test_pg_cron_asks_and_a_worker_does(server_dsn: str) -> None:
-    """The jobs are made by the file, the one of the night runs every minute, and the worker is told by it alone."""
+    """The file creates the jobs; the nightly job runs every minute here, and it alone wakes the worker."""
     settings = {"shared_preload_libraries": "pg_cron", "cron.database_name": "conflictdb",
                 "cron.use_background_workers": "on"}  # fmt: skip
     with own_server() as server:
@@ -167,7 +167,7 @@ def test_directories_that_units_hide_are_known(path: str, said: list[tuple[str, 
 
 
 def test_links_into_hidden_directories_are_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both the link and what it leads to must be visible to the unit."""
+    """Both the link and its target must be visible to the unit."""
     (tmp_path / "home").mkdir()
     (tmp_path / "home/run").touch()
     (tmp_path / "link").symlink_to("home/run")

@@ -1,4 +1,4 @@
-"""What a role, a database, an environment or a caller's connection sets does not change what comes in and out."""
+"""Settings of a role, a database, an environment or a caller's connection change neither input nor output."""
 
 import shutil
 import subprocess
@@ -38,7 +38,7 @@ SETTINGS = {
     "search_path": "pg_catalog",
 }
 NUMBERS_AND_TIMES = {"run_id", "found_at", "conflict_id", "changed_at", "a_id", "a_version", "b_id", "b_version"}
-# Not in LATIN1, and not the same bytes in it as in UTF-8.
+# Not in LATIN1, or with other bytes in it than in UTF-8.
 KEY, NAME = "Ærø-Ω", "Übung 北"
 GREAT = """{"type": "FeatureCollection", "scene": {"name": "great", "motion": "great_circle", "earth": "sphere",
 "centre": [4.123456789012345, 57.98765432109876]}, "features": [
@@ -49,7 +49,7 @@ GREAT = """{"type": "FeatureCollection", "scene": {"name": "great", "motion": "g
 
 
 def everything(db: Database, tmp_path: Path) -> list[object]:
-    """Load, detect and read back by all ways there are; what comes out, but for numbers of runs and times of work."""
+    """Load, detect and read back in every way; return the output, except numbers of runs and times of work."""
     db.load(STRAIT)
     great = tmp_path / "great.geojson"
     great.write_text(GREAT)
@@ -72,7 +72,7 @@ def everything(db: Database, tmp_path: Path) -> list[object]:
 
 @pytest.fixture
 def expected(server_dsn: str, template: str, tmp_path: Path, dsn: str) -> list[object]:
-    """Return what comes out of a database that sets nothing; it is cleared for the test."""
+    """Return the output of a database without settings; it is cleared for the test."""
     with connect(dsn) as db:
         found = everything(db, tmp_path)
         db.connection.execute("DELETE FROM conflictdb.scene")
@@ -116,14 +116,14 @@ def test_settings_of_a_session_change_nothing(odd_dsn: str, expected: list[objec
 
 
 def psycopg_settings(target: Any) -> dict[str, str | None]:
-    """Return what a connection of the caller's shows; it is to stay so."""
+    """Return the settings that the caller's connection shows; they are to stay so."""
     if not isinstance(target, psycopg.Connection):
         return {}
     return {name: target.info.parameter_status(name) for name in ("DateStyle", "TimeZone", "client_encoding")}
 
 
 def in_a_transaction_of_the_caller(db: Database) -> bool:
-    """Texts go in and out, and what the caller's transaction had set is as before."""
+    """Texts go in and out, and settings of the caller's transaction stay as before."""
     with db.connection.transaction():
         store.replace_scene(db.connection, Scene(NAME), [], [], merge=False)
         assert [one.scene.name for one in db.scenes()] == [NAME]
@@ -147,7 +147,7 @@ def test_environment_of_libpq_changes_nothing(
 
 
 def test_a_connection_whose_transactions_are_read_only(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Reading works; what writes says in one line why it does not."""
+    """Reading works; writing fails with one line that gives the reason."""
     with connect(dsn) as db:
         db.load(STRAIT)
         db.scene("strait").detect()
@@ -178,7 +178,7 @@ def standby() -> Iterator[tuple[str, str]]:
     home = Path(tempfile.mkdtemp(prefix="conflictdb-"))
     home.chmod(0o755)
     try:
-        # What a server wrote before it knew of standbys (wal_level) cannot become one.
+        # A server that ran with another wal_level before cannot become a standby.
         with server.embedded(home / "db", durable=False) as embedded, psycopg.connect(embedded.admin_dsn) as conn:
             conn.autocommit = True
             conn.execute("ALTER SYSTEM SET wal_level = 'replica'")
@@ -233,7 +233,7 @@ def running_standby(home: Path) -> Iterator[tuple[str, str]]:
 def test_a_hot_standby_is_read_and_says_what_it_is(
     standby: tuple[str, str], capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    """Reading works; what writes, the worker too, ends with one line."""
+    """Reading works; writing, by the worker too, ends with one line."""
     dsn, empty = standby
     run = runner(dsn, capsys)
     assert run("conflicts", "--scene", "strait").out.count("\n") == 8

@@ -26,14 +26,13 @@ pytestmark = pytest.mark.xdist_group("spark")
 
 
 def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path, spark: Spark) -> None:
-    """All columns that are not of a database alone: by few partitions and many, also where an executor is killed with
-    what it held."""
+    """All columns except those of a database: few partitions and many, also if an executor with data is killed."""
     strait, areas, tracks, _ = read(str(files("conflictdb") / "scenes" / "strait.geojson"))
     assert strait is not None
     near, closed, moving = throw(SEAM, 3, 12, 24)
     # A crowd, which is dealt into blocks.
     objects = closed, [*moving, *(replace(moving[0], key=f"version {i}") for i in range(50))]
-    near = replace(near, nearest_m=20_000.0, separation_m=500.0)
+    near = replace(near, nearest_m=20_000.0, separation_m=500.0, time_separation_s=600.0)
     of_strait = Job("strait", strait, areas, tracks, 3)
     of_near = Job("near at the seam", near, *objects, 5, kills=True)
     names = ("exported.parquet", "output", "refused.parquet", "twins.parquet", "strange.parquet", "around.parquet")
@@ -70,7 +69,7 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path, spark: Spa
         assert expected.num_rows
         assert found[job.name].to_pylist() == expected.to_pylist(), job.name
 
-    # The command has the settings of the file, and one line for what it refuses.
+    # The command uses the settings of the file, and prints one line for each refusal.
     told = spark.run(commands)
     refusal, done, twice, no_parquet, no_object, same_key, no_centre, empty, projected = told
     said = refusal, twice, no_parquet, no_object, same_key, no_centre, empty, projected
@@ -92,7 +91,7 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path, spark: Spa
 
 
 def polar() -> Area:
-    """An area that no Mercator plane holds."""
+    """An area that fits no Mercator plane."""
     return Area("N", shapely.MultiPolygon([shapely.box(0, 89.5, 1, 89.9)]))
 
 

@@ -29,7 +29,7 @@ from conflictdb.model.results import Kind
 pytestmark = pytest.mark.xdist_group("spark")
 
 PASSWORD = "never-to-be-seen"  # noqa: S105
-# Objects without what `put_area` and `put_track` do for scenes of great circles.
+# Objects of scenes of great circles, without the processing by `put_area` and `put_track`.
 ROWS = """
 INSERT INTO conflictdb.scene (name, motion, earth) VALUES ('late', 'great_circle', 'sphere');
 INSERT INTO conflictdb.track (scene_id, key, path, outline, outlines, grow_mps, floor_m, ceiling_m)
@@ -43,7 +43,7 @@ FROM conflictdb.area WHERE scene_id = conflictdb_internal._scene_id('circles')
 
 @dataclass(frozen=True)
 class Networked:
-    """How to connect to a server over the network: as its owner, and as a user with a password who may only read."""
+    """Connection strings of a server over the network: as its owner, and as a read-only user with a password."""
 
     owner: str
     reader: str
@@ -77,10 +77,10 @@ def over_the_pole(path: Path) -> None:
 
 
 def test_a_scene_goes_through_spark_and_back(networked: Networked, run: Run, tmp_path: Path, spark: Spark) -> None:
-    """Exported, read by workers and over a socket, what is written back is what `detect` finds; again, it is nothing.
+    """Scenes exported, read by workers and over a socket: `detect` finds the conflicts that are written back.
 
-    Of a row that was edited in the file nothing is written: that object waits for a detection. The password of a reader
-    is in no log, neither of this program nor of Spark.
+    A second write-back changes nothing. No conflict of an object that was edited in the file is written: it waits for a
+    detection. The password of a reader is in no log, neither of this program nor of Spark.
     """
     over_the_pole(tmp_path / "circles.parquet")
     assert run("load", STRAIT, tmp_path / "circles.parquet").code == 0
@@ -115,7 +115,7 @@ def test_a_scene_goes_through_spark_and_back(networked: Networked, run: Run, tmp
     assert refused[0] == 4
     assert "is not in this database" in refused[1]
     logs = [path.read_text() for path in events.iterdir()]
-    # The scenes `strait` and `circles`, and no other, were read by workers.
+    # Workers read only the scenes `strait` and `circles`.
     relations = [line for text in logs for line in text.splitlines() if "JDBCRelation" in line]
     assert len({number for line in relations for number in re.findall(r"_read_tracks\((\d+), NULL\)", line)}) == 2
     assert not any(PASSWORD in text for text in [*logs, *(text for _, text in done)])
@@ -161,7 +161,7 @@ def test_readers_see_the_state_that_is_shared(dsn: str) -> None:
 
 
 def rows_of(reader: psycopg.Connection[Any], number: int, kind: Kind, shared: store.Shared) -> store.Numbered:
-    """The objects of a kind as somebody else reads them."""
+    """The objects of a kind as another program reads them."""
     cursor = reader.execute(store.query(number, kind).encode(), binary=True)
     names = [column.name for column in cursor.description or ()]
     columns = dict(zip(names, zip(*cursor.fetchall(), strict=True), strict=True))

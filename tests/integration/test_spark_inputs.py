@@ -1,4 +1,4 @@
-"""What `spark detect` reads and writes: paths, URIs and globs alike, parts of other columns, outputs that are there."""
+"""Inputs and outputs of `spark detect`: paths, URIs and globs alike, parts of other columns, existing outputs."""
 
 import json
 import os
@@ -43,7 +43,7 @@ def exported(path: Path, scene: Scene | None, table: pa.Table) -> None:
 
 
 def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path, spark: Spark) -> None:
-    """A URI, a glob and another file system read as a path does; columns of all parts are read, or one is refused."""
+    """A URI, a glob and another file system are read like a path; columns of all parts are read, or refused."""
     areas, tracks = (pa.table(of_objects(*some)) for some in ((AREAS, []), ([], TRACKS)))
     both = pa.concat_tables([tracks, areas])
     for name in ("whole", "parts", "untyped", "of others", "strange", "garbage", "earlier"):
@@ -54,7 +54,7 @@ def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path, sp
     steady = tracks.slice(0, 1).drop_columns(["start", "end", "grow_mps"])
     exported(tmp_path / "parts" / "1 {a}.parquet", SCENE, steady)
     exported(tmp_path / "parts" / "2.parquet", SCENE, pa.concat_tables([tracks.slice(1), areas]))
-    # As pandas writes columns of which it knows nothing, and small numbers.
+    # As pandas writes columns of unknown type, and small numbers.
     place = areas.schema.get_field_index("times")
     untyped = areas.set_column(place, "times", pa.nulls(1)).set_column(3, "version", pa.array([1], pa.int32()))
     exported(tmp_path / "untyped" / "1.parquet", SCENE, untyped)
@@ -100,7 +100,7 @@ def test_any_way_to_name_files_has_their_settings_and_columns(tmp_path: Path, sp
         detect(str(tmp_path / "untyped" / "[12].parquet")),
         detect(str(tmp_path / "of others"), "--separation-m", "5000", "--scene", "apart"),
         detect(str(tmp_path / "valid.parquet")),
-        # What is there is replaced, also where work had ended too early.
+        # An existing output is replaced, also one whose run ended too early.
         detect(str(whole), "--overwrite", into=str(tmp_path / "out 0")),
     ]
     of_lake = detect("viewfs://lake/plans", "--conf", lake)

@@ -1,4 +1,4 @@
-"""Over TLS, with a certificate that the client checks: every command works, or ends with what is wrong."""
+"""Over TLS, with a certificate that the client checks: every command works, or ends with the error."""
 
 import os
 import shutil
@@ -43,7 +43,7 @@ def make_certificates(directory: Path) -> None:
 
 @pytest.fixture(scope="module")
 def secured() -> Iterator[tuple[Path, int]]:
-    """A server that lets in nobody without TLS: where the certificates are, and its port."""
+    """A server that refuses connections without TLS: the directory of certificates, and its port."""
     home = Path(tempfile.mkdtemp(prefix="conflictdb-tls-"))
     home.chmod(0o755)
     account, programs = account_for(home), local_server()

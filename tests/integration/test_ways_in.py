@@ -1,4 +1,4 @@
-"""Every way in, against what may be wrong with what comes in: refused, or remarked; never taken without a word.
+"""Every way in, against defects of the input: refused, or remarked; never taken silently.
 
 The table of docs/reference/files.md, "All ways in", has a row for each way and a column for each defect.
 """
@@ -30,7 +30,7 @@ POINTS = '<{0} lat="57" lon="9"/><{0} lat="57.1" lon="9"/>'
 
 NO_OBJECTS = "holds no area and no track: nothing is changed"
 NOT_READ = "valid_from look like times and are not read"
-# Of each defect of each file what is said: refused, but for the last column, which is remarked.
+# The refusal for each defect of each file.
 FILES = {
     "empty.geojson": "the file ends too early",
     "empty.csv": "column id: is missing",
@@ -107,7 +107,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def layers() -> dict[Path, list[ogr.Layer] | InvalidInput]:
-    """Return what the OGR library made of each file."""
+    """Return the objects that the OGR library made of each file."""
     return {}
 
 

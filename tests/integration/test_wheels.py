@@ -1,4 +1,4 @@
-"""Wheels: of one platform each, and whole. One is installed into an empty environment and solves a scene."""
+"""Wheels: each for one platform, and complete. A wheel is installed into an empty environment and solves a scene."""
 
 import re
 import struct
@@ -15,9 +15,9 @@ from build_wheels import TARGETS
 
 ROOT = Path(__file__).parents[2]
 LIBRARY = "conflictdb/kernel/libkernel.so"
-# Of the page of `conflictdb map`.
+# Files of the page of `conflictdb map`.
 PAGE = ("conflictdb/map/page/index.html", "conflictdb/map/vendor/maplibre-gl.mjs", "conflictdb/map/vendor/vendor.json")
-# Of what others wrote, as pyproject.toml declares them.
+# Licences of third-party code, as pyproject.toml declares them.
 LICENCES = tuple(f"conflictdb/map/vendor/{name}.LICENSE.txt" for name in ("maplibre-gl", "world-atlas"))
 # As ELF and Mach-O number them.
 MACHINES = {"x86_64": (62, 0x01000007), "aarch64": (183, 0x0100000C), "arm64": (183, 0x0100000C)}
@@ -43,7 +43,7 @@ def built(tmp_path: Path, kind: str = "wheel", root: Path = ROOT) -> Path:
 
 
 def check(wheel: Path, platform: str) -> bytes:
-    """What a wheel must hold and say; the library in it."""
+    """Check the content and metadata of a wheel; return its library."""
     tag = f"py3-none-{platform}"
     assert wheel.name.endswith(f"-{tag}.whl")
     with zipfile.ZipFile(wheel) as archive:
@@ -64,7 +64,7 @@ def check(wheel: Path, platform: str) -> bytes:
 
 
 def solves_a_scene(wheel: Path, tmp_path: Path) -> None:
-    """In an environment that has nothing but the wheel; what it needs lies beside."""
+    """In an environment with the wheel only; its dependencies are on PYTHONPATH."""
     venv = tmp_path / "venv"
     subprocess.run([sys.executable, "-m", "venv", str(venv)], check=True, timeout=120)
     install = [str(venv / "bin/python"), "-m", "pip", "install", "-q", "--disable-pip-version-check", "--no-index"]
@@ -86,7 +86,7 @@ def solves_a_scene(wheel: Path, tmp_path: Path) -> None:
 
 
 def test_the_wheel_of_this_platform_solves_a_scene(tmp_path: Path) -> None:
-    """Of whatever compiler there is here."""
+    """It is built with the compiler of this machine."""
     wheel = built(tmp_path)
     platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
     assert check(wheel, platform) == (ROOT / LIBRARY).read_bytes()
@@ -123,7 +123,7 @@ def test_all_wheels_of_a_release(tmp_path: Path) -> None:
         else:
             assert library[:4] == b"\x7fELF"
             assert struct.unpack("<H", library[18:20])[0] == elf
-            # Of the C library nothing newer than the tag says, or of musl, which has no versions.
+            # No newer version of the C library than the tag's, or musl, which has no versions.
             needs = {tuple(map(int, found)) for found in re.findall(rb"GLIBC_(\d+)\.(\d+)", library)}
             assert bool(needs) == target.wheel.startswith("manylinux")
             assert max(needs, default=(0, 0)) <= (2, 17)

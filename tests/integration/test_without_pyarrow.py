@@ -29,7 +29,7 @@ print(json.dumps(done))
 
 
 def test_without_pyarrow_every_command_that_needs_it_names_the_extra(dsn: str, tmp_path: Path) -> None:
-    """Reading, writing and writing back of Parquet end with the one command that brings what is missing."""
+    """Reading, writing and writing back of Parquet end with the one command that installs the missing package."""
     for name in ("file.parquet", "file.geoparquet"):
         (tmp_path / name).write_bytes(b"PAR1")
     with connect(dsn) as db:

@@ -1,7 +1,7 @@
-"""Work that seeded scenes take, counted and not timed: a change that makes it grow has to say so here.
+"""Work of seeded scenes, counted and not timed: a change that increases it has to change the limits here.
 
-Limits are what was counted when they were last set, and a twentieth more. Whoever makes work shrink lowers them.
-benchmarks/unit_costs.py says what a unit of each costs.
+Limits are the counts at the time that they were set, and a twentieth more. A change that reduces work lowers them.
+benchmarks/unit_costs.py measures the cost per unit.
 """
 
 from collections.abc import Callable
@@ -22,9 +22,9 @@ Conn = psycopg.Connection[Any]
 
 @dataclass
 class Traffic:
-    """What went between the program and the server.
+    """Traffic between the program and the server.
 
-    statements : that were sent, COPY included; commits : of transactions
+    statements : number sent, COPY included; commits : of transactions
     sent, received : bytes of COPY, of arrays that are sent as parameters, and of rows
     """
 
@@ -34,7 +34,7 @@ class Traffic:
     received: int = 0
 
     def since(self, began: "Traffic") -> "Traffic":
-        """Return what was counted since then."""
+        """Return the counts since then."""
         return Traffic(*(now - then for now, then in zip(astuple(self), astuple(began), strict=True)))
 
 
@@ -83,7 +83,7 @@ def traffic(monkeypatch: pytest.MonkeyPatch) -> Traffic:
 
 
 def scene_of(name: str) -> tuple[Scene, list[Area], list[Track]]:
-    """Return one of the scenes: the paper's box, or a sea."""
+    """Return a scene by name: the paper's box, or a sea."""
     if name == "box":
         scene, areas, tracks = box(Kind.MIXED, 600, 1)
         return replace(scene, name=name), areas, tracks
@@ -92,7 +92,7 @@ def scene_of(name: str) -> tuple[Scene, list[Area], list[Track]]:
 
 
 def effort(conn: Conn, run: Run) -> dict[str, int]:
-    """Return what stage 4 counted of a run."""
+    """Return the counts of stage 4 of a run."""
     row = conn.execute("SELECT settings FROM conflictdb.run WHERE run_id = %s", [run.run_id]).fetchone()
     conn.rollback()
     assert row is not None
@@ -101,7 +101,7 @@ def effort(conn: Conn, run: Run) -> dict[str, int]:
 
 @pytest.fixture
 def touched(conn: Conn) -> Callable[[str], int]:
-    """Return a function that tells how many rows of a table are new, or were written again, since it was last asked."""
+    """Return a function that counts the rows of a table that are new or rewritten since its last call."""
     seen: dict[str, set[tuple[str, str]]] = {}
 
     def count(table: str) -> int:
@@ -114,8 +114,7 @@ def touched(conn: Conn) -> Callable[[str], int]:
     return count
 
 
-# Counts of a first detection, every row of which is new; received and sent are kilobytes,
-# 130 bytes a row of its box.
+# Counts of a first detection, where every row is new; received and sent are kilobytes, 130 bytes per row of its box.
 FIRST = {
     "box": {
         "pieces": 600,
@@ -146,7 +145,7 @@ FIRST = {
         "received": 1251,
     },
 }
-# Of a detection after one track of these was delayed by a minute; received and sent are bytes.
+# Counts of a detection after one of these tracks was delayed by a minute; received and sent are bytes.
 ONE_CHANGE = {
     "box": {
         "pieces": 1,
@@ -171,7 +170,7 @@ MORE = 1.05
 
 
 def grown(counted: dict[str, int], limits: dict[str, int]) -> dict[str, tuple[int, int]]:
-    """Return what grew beyond its limit: counted, and when the limit was set."""
+    """Return counts above their limits, each with its limit."""
     return {name: (counted[name], limit) for name, limit in limits.items() if counted[name] > limit * MORE}
 
 
@@ -195,7 +194,7 @@ def test_a_detection_in_full_mends_pieces_and_leaves_the_others(conn: Conn, touc
 
 @pytest.mark.parametrize("name", list(FIRST))
 def test_work_does_not_grow(conn: Conn, traffic: Traffic, touched: Callable[[str], int], name: str) -> None:
-    """Of a first detection; of the same again, which writes no row; of one change, by what it touches alone."""
+    """For a first detection, for a second one, which writes no row, and for one change, by the rows it touches."""
     scene, areas, tracks = scene_of(name)
     store.replace_scene(conn, scene, areas, tracks, merge=False)
 

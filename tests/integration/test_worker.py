@@ -1,4 +1,4 @@
-"""A worker keeps scenes current, survives a scene that fails and a lost connection, and stops when told."""
+"""A worker keeps scenes current, survives a scene that fails and a lost connection, and stops on a signal."""
 
 import json
 import os
@@ -304,7 +304,7 @@ def test_several_workers_do_the_work_once(dsn: str, tmp_path: Path) -> None:
 
 
 def worker(dsn: str, reports: list[tuple[str, object]], **more: Any) -> Worker:
-    """Return a worker that notes what it reports."""
+    """Return a worker that records its reports."""
     return Worker(
         lambda: store.connect(dsn), lambda scene, outcome, _: reports.append((scene, outcome)), jobs=1, **more
     )
@@ -459,7 +459,7 @@ def test_a_scene_that_always_waits_leaves_the_others_their_turn(dsn: str) -> Non
 
 
 def test_a_worker_notices_that_a_network_is_gone(dsn: str) -> None:
-    """Connections say so to the system; what the user says of that stays, and of everything else."""
+    """Connections set TCP options for it; the user's own options for that stay, and all other ones."""
     given = store.worker_dsn(f"{dsn} keepalives_idle=7 application_name=mine connect_timeout=3")
     found = conninfo_to_dict(given)
     assert conninfo_to_dict(dsn).items() <= found.items()

@@ -1,4 +1,4 @@
-"""What a worker shows over HTTP: whether it does its work, and what Prometheus wants to know."""
+"""The worker's HTTP endpoints: whether it does its work, and metrics for Prometheus."""
 
 import json
 import socket

@@ -1,4 +1,4 @@
-"""Conflicts that were computed elsewhere are written as `detect` writes them, or refused if they would be untrue."""
+"""Conflicts that another program computed are written as `detect` writes them, or refused if they would be untrue."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -33,7 +33,7 @@ from conflictdb.stages.stage1_broad_phase import candidates
 
 
 class Elsewhere:
-    """The stages on numbered objects, without a database: what executors do."""
+    """The stages on numbered objects, without a database: the work of executors."""
 
     def __init__(self, pieces: Pieces, footprint: dict[int, Any]) -> None:
         self._pieces, self._footprint = pieces, footprint
@@ -86,7 +86,7 @@ def computed(objects: Path, directory: Path, scene: Scene) -> Path:
 
 @pytest.fixture
 def strait(run: Run, tmp_path: Path) -> Path:
-    """Return what was computed of the shipped scene, which was loaded, exported and not detected."""
+    """Return the computed conflicts of the shipped scene, which was loaded, exported and not detected."""
     run("load", STRAIT)
     assert run("export", "--scene", "strait", tmp_path / "strait.parquet").code == 0
     scene = read(tmp_path / "strait.parquet").scene
@@ -121,7 +121,7 @@ def test_what_is_written_back_is_what_detect_finds(run: Run, conn: psycopg.Conne
 
 
 def test_what_changed_since_waits_for_a_detection(run: Run, conn: psycopg.Connection[Any], strait: Path) -> None:
-    """Of an object that moved, one that is new and one that is gone nothing is said; the rest is written."""
+    """Nothing is written about a moved, a new and a removed object; the rest is written."""
     with conn.transaction():
         moved, gone = (key for (key,) in told(conn, "SELECT key FROM conflictdb.track ORDER BY key LIMIT 2"))
         conn.execute("UPDATE conflictdb.track SET grow_mps = 0.5 WHERE key = %s", [moved])
@@ -143,7 +143,7 @@ def test_what_changed_since_waits_for_a_detection(run: Run, conn: psycopg.Connec
     run("detect", "--scene", "strait", "--full")
     assert found == known(run, "strait")
     assert {"NEW", moved} <= {row[name] for row in found for name in ("a_key", "b_key")}
-    # What was detected since is newer than what was computed, and stays.
+    # Newer results of a detection stay.
     assert run("spark", "write-back", "--scene", "strait", strait).code == 0
     assert found == known(run, "strait")
 
@@ -180,13 +180,13 @@ def test_what_was_computed_of_a_part_of_a_scene_hides_nothing(
     found = known(run, "strait")
     run("detect", "--scene", "strait", "--full")
     assert found == known(run, "strait")
-    # Where no object of the file waits, all of its pairs are known: nobody has to wait.
+    # If no object of the file waits, all of its pairs are known: no other object waits either.
     assert run("spark", "write-back", "--scene", "strait", tmp_path / "part").code == 0
     assert told(conn, "SELECT pending, is_current FROM conflictdb.scenes WHERE scene = 'strait'") == [(0, True)]
 
 
 def moved(table: pa.Table, key: str) -> pa.Table:
-    """Objects of which one is a bit further north, as any tool has it that knows nothing of versions."""
+    """Objects, one of them a bit further north, as written by a tool that does not know versions."""
     shapes = shapely.from_wkb(table["geometry"].to_numpy())
     further = shapely.to_wkb(shapely.transform(shapes, lambda xy: xy + np.array([0.0, 0.02])))
     return given(table, key, geometry=dict(zip(table["id"].to_pylist(), further, strict=True))[key])
@@ -197,7 +197,7 @@ def put(table: pa.Table, name: str, column: pa.Array) -> pa.Table:
 
 
 def given(table: pa.Table, key: str, **values: Any) -> pa.Table:
-    """Objects of which one has other values."""
+    """Objects, one of them with other values."""
     return pa.Table.from_pylist(
         [row | values if row["id"] == key else row for row in table.to_pylist()], schema=table.schema
     )
@@ -223,7 +223,7 @@ EDITS: dict[str, tuple[set[str], Callable[[pa.Table], pa.Table]]] = {
 def test_objects_that_were_edited_in_the_file_wait_for_a_detection(
     run: Run, conn: psycopg.Connection[Any], tmp_path: Path, edit: str
 ) -> None:
-    """What was computed of something else says nothing of them, whatever the file says of their versions."""
+    """Conflicts computed from other values do not apply to them, whatever the file says of their versions."""
     run("load", STRAIT)
     run("load", STRAIT, "--scene", "copy")
     run("detect", "--scene", "copy")
@@ -251,7 +251,7 @@ def test_objects_that_were_edited_in_the_file_wait_for_a_detection(
 def test_objects_that_were_added_to_the_file_are_not_written(
     run: Run, conn: psycopg.Connection[Any], tmp_path: Path
 ) -> None:
-    """They have a number that somebody made up, and count as gone; or none, and their conflicts are refused."""
+    """An invented number counts as a deleted object; without a number, the conflicts are refused."""
     run("load", STRAIT)
     file = tmp_path / "strait.parquet"
     assert run("export", "--scene", "strait", file).code == 0
@@ -307,7 +307,7 @@ def test_digests_of_the_database_are_those_of_what_was_exported(dsn: str, tmp_pa
 
 
 def test_files_that_were_rewritten_and_say_the_same_are_written_back(run: Run, tmp_path: Path) -> None:
-    """Rows in another order, in parts, of other types and otherwise compressed are what was exported."""
+    """Rows in another order, in parts, of other types and otherwise compressed are equal to the export."""
     run("load", STRAIT)
     file, parts = tmp_path / "strait.parquet", tmp_path / "parts.parquet"
     assert run("export", "--scene", "strait", file).code == 0
@@ -330,7 +330,7 @@ def refuse(run: Run, path: Path, scene: str = "strait") -> str:
 
 
 def test_what_would_be_untrue_is_refused(run: Run, conn: psycopg.Connection[Any], strait: Path, tmp_path: Path) -> None:
-    """Other settings, another scene, conflicts of nobody: nothing is written, and no run is recorded."""
+    """Other settings, another scene, conflicts of unknown objects: nothing is written, and no run is recorded."""
     scene = read(tmp_path / "strait.parquet").scene
     assert scene is not None
     other = computed(tmp_path / "strait.parquet", tmp_path / "other", replace(scene, separation_m=500.0))

@@ -1,6 +1,6 @@
 """CREATE EXTENSION conflictdb: the schema of `conflictdb admin init`, dumped, restored and updated with its data.
 
-On a server whose files are a copy: nobody else's may be changed.
+On a server whose files are a copy: files of other servers must not change.
 """
 
 import subprocess
@@ -115,7 +115,7 @@ def test_the_catalog_is_that_of_init(installed: str) -> None:
 def test_everything_belongs_to_the_extension(installed: str) -> None:
     database = new(installed, template="by_extension")
     assert rows(database, STRAY) == []
-    # Routines that change between releases, and triggers that somebody reset, are mended as elsewhere.
+    # Routines that change between releases, and triggers that were reset, are repaired as without an extension.
     with psycopg.connect(database) as conn:
         conn.execute("ALTER EXTENSION conflictdb DROP FUNCTION conflictdb_internal._footprints")
         conn.execute("DROP FUNCTION conflictdb_internal._footprints")
@@ -125,7 +125,7 @@ def test_everything_belongs_to_the_extension(installed: str) -> None:
     assert rows(database, STRAY) == []
     with psycopg.connect(database) as conn:
         schema.check(conn)
-        # So is an extension of a program that had private routines beside the public ones.
+        # So is an extension of a program that had private routines in another schema.
         conn.execute(TOGETHER.encode())
         conn.execute("ALTER EXTENSION conflictdb DROP SCHEMA conflictdb_internal")
         conn.execute("DROP SCHEMA conflictdb_internal")
@@ -138,7 +138,7 @@ def test_everything_belongs_to_the_extension(installed: str) -> None:
 
 
 def test_dump_and_restore_keep_everything(server: tuple[Path, str], installed: str) -> None:
-    """Objects, conflicts, attached tables, numbers, and what was granted; and then it goes on as before."""
+    """Objects, conflicts, attached tables, numbers, and grants; and then work goes on as before."""
     database = new(installed, ELSEWHERE, CREATE, READABLE, TABLE, ROW)
     with connect(database) as db:
         db.load(STRAIT)
@@ -163,7 +163,7 @@ def test_dump_and_restore_keep_everything(server: tuple[Path, str], installed: s
     assert rows(copy, counted) == rows(database, counted)
     assert rows(copy, granted) == [(True,) * 4]
     with connect(copy) as db:
-        # What comes back through triggers is marked, and computed again.
+        # Rows that come back through triggers are marked, and computed again.
         with pytest.warns(IncompleteWarning, match="12 objects wait for detection"):
             assert answer(db) == before
         run = db.scene("strait").detect()
@@ -181,7 +181,7 @@ def test_dump_and_restore_keep_everything(server: tuple[Path, str], installed: s
 def test_updates_take_the_data_along(
     installed: str, server: tuple[Path, str], capsys: pytest.CaptureFixture[str], request: pytest.FixtureRequest
 ) -> None:
-    """Also with attached tables, whose functions are no part of the extension; a fresh one is the same."""
+    """Also with attached tables, whose functions are no part of the extension; a fresh extension is the same."""
     database = new(installed, TABLE.replace('"My GIS".', ""), ROW, template="by_extension")
     with connect(database) as db:
         db.load(STRAIT)

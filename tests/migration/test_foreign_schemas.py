@@ -1,4 +1,4 @@
-"""A schema that somebody else could put names into is refused: routines that run as another role would call them."""
+"""A schema that other roles could put names into is refused: routines that run as another role would call them."""
 
 from typing import Any
 
@@ -120,7 +120,7 @@ def test_a_role_that_was_given_the_schemas_installs_into_them(empty_dsn: str) ->
     ],
 )
 def test_a_name_in_the_schema_of_postgis_is_bound_by_nothing_of_ours(empty_dsn: str, planted: str) -> None:
-    """Functions in SQL, views and policies stay bound to what they found when they were made."""
+    """Functions in SQL, views and policies stay bound to the objects found at their creation."""
     execute(empty_dsn, "CREATE EXTENSION postgis; GRANT CREATE ON SCHEMA public TO conflictdb_editor")
     execute(empty_dsn, f"SET ROLE conflictdb_editor; {planted}")
     bound = """SELECT count(*) FROM pg_depend d

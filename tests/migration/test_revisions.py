@@ -1,4 +1,4 @@
-"""Revisions hold structure only, are numbered and named, and never change once another follows."""
+"""Revisions change structure only, are numbered and named, and never change once another follows."""
 
 import hashlib
 import importlib.util

@@ -26,7 +26,7 @@ def elsewhere_template(_server: TestServer, worker_id: str) -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def shared_dsn(_server: TestServer, template: str, worker_id: str) -> Iterator[str]:
-    """Return how to connect to a database with the schema that nobody commits to."""
+    """Return the connection string of a database with the schema; tests must not commit to it."""
     name = f"{_server.prefix}_{worker_id}_shared"
     yield _server.clone(template, name)
     _server.drop(name)

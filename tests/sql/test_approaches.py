@@ -1,4 +1,4 @@
-"""The view approaches, and what pairs that are only near leave alone."""
+"""The view approaches, and results that near pairs do not affect."""
 
 import json
 from dataclasses import replace
@@ -26,7 +26,7 @@ THROUGH = scenes.track("through", [(1.0, 0.05), (0.0, 0.05)], [0, 3600], 0, 0, 0
 
 @pytest.fixture
 def planned(conn: Conn) -> Conn:
-    """A scene of which one track passes below an area and one goes through it."""
+    """A scene of two tracks: one passes below an area and the other through it."""
     store.replace_scene(conn, SCENE, [BOX, FAR], [UNDER, THROUGH], merge=False)
     detect(conn, "s", jobs=1)
     conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
@@ -84,7 +84,7 @@ def test_approaches_of_an_object(planned: Conn) -> None:
 
 
 def test_what_comes_and_goes_between_near_and_conflict_is_counted_as_conflicts_are(conn: Conn, dsn: str) -> None:
-    """A near pair that becomes a conflict opens it, and is found then; one that was near from the start does not."""
+    """A near pair that becomes a conflict opens it, and is found then; a pair that was near from the start does not."""
     scene = replace(SCENE, name="t")
     store.replace_scene(conn, scene, [BOX], [UNDER], merge=False)
     assert (detect(conn, "t", jobs=1).opened, detect(conn, "t", jobs=1).conflicts) == (0, 0)

@@ -23,13 +23,13 @@ SCENE = "INSERT INTO conflictdb.scene (scene_id, name) OVERRIDING SYSTEM VALUE V
 MARK = (
     "INSERT INTO conflictdb.change (scene_id, object_kind, object_id, version) SELECT scene_id, 0, {id}, 1 FROM scene"
 )
-# What somebody else does next, with the number that comes next.
+# Inserts of another session, with the number that comes next.
 NEXT = {
     AREA: "SELECT put_area('s', 'Y', 'SRID=4326;POLYGON((0 0,1 0,1 1,0 1,0 0))')",
     TRACK: f"SELECT put_track('s', 'Y', {PATH}, rectangle_outline(9, 9, 9, 9))",
     SCENE: "SELECT create_scene('t')",
 }
-# Of each table that has an identity column and that editors or readers add rows to.
+# For each table with an identity column that editors or readers add rows to.
 CHOSEN = [
     *(statement.format(id=2) for statement in NEXT),
     "INSERT INTO attached_change (attached_change_id, attachment_id) OVERRIDING SYSTEM VALUE VALUES (1, 1)",
@@ -81,7 +81,7 @@ def test_an_editor_does_not_block_the_next_number(filled: Conn, statement: str) 
 def test_nobody_gives_a_number_that_means_another_object(
     rolled_back: Conn, statement: str, number: int, as_replica: bool
 ) -> None:
-    """Also not who owns the tables: an object goes by its kind above 62 bits."""
+    """Even the owner of the tables cannot: an object goes by its kind above 62 bits."""
     rolled_back.execute("SELECT create_scene('s')")
     if as_replica:
         rolled_back.execute("SET LOCAL session_replication_role = replica")
@@ -101,7 +101,7 @@ def test_restores_and_replicas_bring_numbers_beyond_the_sequence(rolled_back: Co
 
 
 def test_marks_that_an_editor_makes_lose_no_conflict(conn: Conn) -> None:
-    """Nothing depends on their version, and marks of what is not there are cleared."""
+    """Nothing depends on their version, and marks of missing objects are cleared."""
     conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
     conn.commit()
     scene, areas, tracks = throw(LOW_LATITUDE, 31, 8, 8)

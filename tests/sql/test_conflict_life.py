@@ -1,4 +1,4 @@
-"""A conflict has a life: it opens, changes, closes; what was known when stays known, and who has taken note of it."""
+"""The life of a conflict: it opens, changes, closes; earlier states stay known, and acknowledgements, too."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -147,7 +147,7 @@ def test_history_that_was_pruned_is_refused_and_the_rest_is_told(scene: Conn) ->
     scene.commit()
     run(scene)
     late = clock(scene)
-    # Of A and B one event, of C and of runs but the last nothing.
+    # One event of A and B is left, and none of C.
     assert rows(scene, "SELECT conflictdb.prune_history('s', '0')") == [(5,)]
     assert rows(scene, "SELECT kind, a_key, b_key FROM conflictdb.conflict_events") == [("changed", "A", "B")]
     assert rows(scene, KNOWN, late) == [("A", "B", False)]
@@ -311,7 +311,7 @@ def test_of_two_who_acknowledge_at_once_the_second_waits_and_replaces_the_first(
     waits = "SELECT FROM pg_locks WHERE pid = %s AND NOT granted"
     with psycopg.connect(dsn) as second, ThreadPoolExecutor(1) as beside:
         scene.execute(acknowledge.encode(), ["first"])
-        # Anybody who can connect could hold one, and hold up everybody.
+        # Any role that can connect could take an advisory lock, and block all others.
         held = scene.execute("SELECT FROM pg_locks WHERE locktype = 'advisory' AND pid = pg_backend_pid()")
         assert held.rowcount == 0
         later = beside.submit(rows, second, acknowledge, "second")
@@ -335,7 +335,7 @@ def test_listeners_are_told_the_keys_in_parts_that_fit(conn: Conn, dsn: str, nam
     with psycopg.connect(dsn, autocommit=True) as listener:
         listener.execute("LISTEN conflictdb_event; LISTEN conflictdb")
         opened, _, _ = run(conn, name)
-        # What the run did as a whole is told last.
+        # The summary of the run comes last.
         heard = list(takewhile(lambda one: one.channel == "conflictdb_event", listener.notifies(timeout=10)))
     assert opened == 62 * 61 / 2
     assert max(len(one.payload.encode()) for one in heard) < 8000

@@ -10,7 +10,7 @@ import pytest
 Conn = psycopg.Connection[Any]
 ROOT = Path(__file__).resolve().parents[2]
 ONLY_OURS = ["search_path=conflictdb, conflictdb_internal, pg_temp"]
-# A function that fits better than the one of pg_catalog, which takes anything: who defines it sees who calls it.
+# A function that fits better than that of pg_catalog, which takes any type: its owner sees the callers.
 TRAPS = """
 GRANT CREATE ON SCHEMA public TO PUBLIC;
 CREATE TABLE public.caught (by_role name);
@@ -27,7 +27,7 @@ CREATE FUNCTION public.format(text, text, text, text) RETURNS text LANGUAGE plpg
 
 
 def test_all_that_they_call_finds_only_what_is_ours(conn: Conn) -> None:
-    """Functions in SQL are bound to what they call when they are made; the others look names up when they run."""
+    """Functions in SQL are bound to their callees at creation; the others look names up when they run."""
     ours = """SELECT p.proname, p.prosecdef, p.proconfig, p.prosrc
               FROM pg_proc p JOIN pg_language l ON l.oid = p.prolang
               WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
@@ -41,7 +41,7 @@ def test_all_that_they_call_finds_only_what_is_ours(conn: Conn) -> None:
         seen.add(name)
         _, path, code = functions[name]
         assert path[:1] == ONLY_OURS, name
-        called = re.findall(r"(?<!')\b(\w+)\(", code)  # but for what hints name
+        called = re.findall(r"(?<!')\b(\w+)\(", code)  # except names in hints
         waiting += [other for other in called if other in functions and other not in seen]
     assert "_raise" in seen
 
@@ -84,7 +84,7 @@ def test_a_worker_makes_no_trigger_of_ours(conn: Conn) -> None:
 
 
 def test_each_routine_that_runs_as_its_owner_says_what_restricts_it(conn: Conn) -> None:
-    """The table in docs/reference/sql.md is made of these comments; one that is missing fails here."""
+    """These comments make the table in docs/reference/sql.md; a missing comment fails here."""
     query = """SELECT p.proname, obj_description(p.oid, 'pg_proc') FROM pg_proc p
                WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND p.prosecdef"""
     found = dict(conn.execute(query.encode()).fetchall())

@@ -1,4 +1,4 @@
-"""explain_conflict says what is known of a pair and who decided it, and says so when that is not known."""
+"""explain_conflict reports the known facts of a pair and the stage that decided it, or that they are not known."""
 
 from typing import Any
 
@@ -38,7 +38,7 @@ PAIRS = {
     "behind": (sail("X", (-0.02, 0.0), (0.98, 0.0)), "apart", 4, "their motion"),
     "near": (box("X", 0.4, 0.0025, 0.6, 0.1), "near", 4, "their motion"),
 }  # fmt: skip
-# Pairs of pieces that are decided in closed form, and of how many.
+# Pairs of pieces decided in closed form, and their total.
 CLOSED = {"meets": (2, 2), "behind": (2, 3), "near": (2, 2)}
 
 
@@ -63,7 +63,7 @@ def test_pairs_are_decided_by_what_keeps_them_apart(conn: Conn, case: str) -> No
         told = db.scene("s").explain("X", "T")
     assert (told.facts["closest"] is None) == (by in ("time", "height"))
     assert told.facts["are_never_together"] == (told.facts["closest"] is None)
-    # The database does not store what was decided in closed form: Python solves the pair again.
+    # The database does not store which pairs were decided in closed form: Python solves the pair again.
     closed, of = CLOSED.get(case, (0, 0))
     decided = {"stage": 3 if closed == of > 0 and verdict != "near" else stage, "by": by}
     if closed:
@@ -95,7 +95,7 @@ def test_pairs_are_decided_by_what_keeps_them_apart(conn: Conn, case: str) -> No
 
 @pytest.mark.parametrize("method", list(Method))
 def test_every_pair_is_explained_as_it_is_reported(conn: Conn, method: Method) -> None:
-    """Who is no conflict is apart, and not by a stage that left something of the pair."""
+    """A pair without a conflict is apart, and the stage that decided left nothing of it."""
     scene, areas, tracks = throw(LOW_LATITUDE, 7, 6, 6)
     scene = Scene("s", method=method)
     load(conn, scene, areas, tracks)

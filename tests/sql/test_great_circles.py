@@ -53,7 +53,7 @@ def pending(conn: Conn) -> int:
 
 
 def refused(conn: Conn, query: str, values: list[Any] | None = None) -> tuple[str, str]:
-    """SQLSTATE and rule with which a statement is refused; what went before it stays."""
+    """SQLSTATE and rule with which a statement is refused; earlier changes stay."""
     with pytest.raises(psycopg.Error) as raised, conn.transaction():
         conn.execute(query.encode(), values)
     return str(raised.value.sqlstate), str(raised.value.diag.constraint_name)
@@ -310,7 +310,7 @@ def one_region(conn: Conn, query: str) -> shapely.Geometry:
 
 @pytest.mark.parametrize("name", REGIONS)
 def test_region_is_where_areas_overlap(conn: Conn, name: str) -> None:
-    """Of the conflict, of the candidates and of a probe with one of them: right at places thrown all over it."""
+    """The region of the conflict, of the candidates and of a probe with an area: right at random places all over it."""
     areas, middle = REGIONS[name]
     middle = (middle[0] - 360.0 if middle[0] > 180.0 else middle[0], middle[1])
     load(conn, Scene("s", Motion.GREAT_CIRCLE, centre=middle), areas, [])
@@ -327,7 +327,7 @@ def test_region_is_where_areas_overlap(conn: Conn, name: str) -> None:
 
 
 def test_conflicts_within_counts_edges_as_great_circles(conn: Conn) -> None:
-    """The northern edge of the place asked about, from 40 W to 40 E along 62 N, runs over 67 N half way."""
+    """The northern edge of the requested place, from 40 W to 40 E along 62 N, runs over 67 N half way."""
     load(conn, CIRCLES, [box("A", -1, 64.5, 1, 65.5), box("B", -1, 65, 1, 66), box("C", -1, 68, 1, 69)], [])
     detect(conn, "s", jobs=1)
     asked = "SELECT a_key, b_key FROM conflictdb.conflicts_within('s', ST_MakeEnvelope(-40, %s, 40, %s, 4326), '(,)')"

@@ -1,4 +1,4 @@
-"""havens has the rows of haven_at and heights_at of all tracks, at all instants, and no others."""
+"""havens has exactly the rows of haven_at and heights_at of all tracks, at all instants."""
 
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -31,7 +31,7 @@ def instant(us: int) -> datetime:
 
 
 def assert_same(conn: Conn, scene: str, first_us: int, last_us: int, step: timedelta) -> int:
-    """Compare with one haven at a time, to the bit, and return how many there are."""
+    """Compare with one haven at a time, to the bit, and return their number."""
     asked = [instant(first_us), instant(last_us), step]
     found = conn.execute(ALL, [scene, *asked]).fetchall()
     assert found == conn.execute(ONE_BY_ONE, asked).fetchall()
@@ -67,7 +67,7 @@ def test_at_waypoints_and_in_loiters(conn: Conn, settings: Scene) -> None:
 
 
 def test_loiters_have_the_heading_that_the_whole_path_gives_them(conn: Conn) -> None:
-    """Of many in a row, and at the pole, where every longitude is the same place."""
+    """Several loiters in a row, and at the pole, where every longitude is the same place."""
     outline = np.array([[0.0, 0.0], [0.0, 1000.0]])
     times = T0_US + HOUR_US * np.arange(4)
     load(conn, Scene("s", Motion.GREAT_CIRCLE, centre=(0.0, 80.0)), [], [
@@ -83,7 +83,7 @@ def test_steps_are_those_of_generate_series_in_any_session(conn: Conn) -> None:
     ])  # fmt: skip
     conn.execute("SET TimeZone = 'Europe/Copenhagen'")
     days = [T0_US, T0_US + 60 * 24 * HOUR_US]
-    assert assert_same(conn, "s", *days, timedelta(days=1)) == 41  # one of them has 23 hours
+    assert assert_same(conn, "s", *days, timedelta(days=1)) == 41  # a day has 23 hours
     conn.execute("SET DateStyle = 'SQL, DMY'; SET IntervalStyle = 'iso_8601'")
     count = "SELECT count(*) FROM conflictdb.havens('s', to_timestamp(%s), to_timestamp(%s), 'P1D')"
     assert conn.execute(count, [us / 1e6 for us in days]).fetchone() == (41,)

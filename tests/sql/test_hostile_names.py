@@ -28,7 +28,7 @@ NAMES = {
     "case": "MiXed Case é \U0001f6a2",
 }
 BOX = "SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 1, 0 0))"
-# What a role may put where it comes first: functions, operators and relations that fit better than what is meant.
+# Objects that a role may create in a schema earlier on the path: functions, operators, relations that fit better.
 TRAPS = """
 CREATE SCHEMA trap;
 CREATE TABLE trap.caught (by_role name DEFAULT current_user, what text);
@@ -55,7 +55,7 @@ CREATE VIEW trap.scene AS SELECT 1 AS scene_id, 'trap' AS name;
 CREATE VIEW trap.area AS SELECT 1 AS area_id, 'trap' AS key;
 GRANT SELECT ON ALL TABLES IN SCHEMA trap TO PUBLIC;
 """
-# What comes first even before pg_catalog, for whoever says so.
+# Search paths that put schemas even before pg_catalog, as any role may set.
 HOSTILE_PATHS = ["trap, pg_catalog, public, conflictdb", "pg_temp, trap, pg_catalog, public", "trap"]
 
 
@@ -66,7 +66,7 @@ def name(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture
 def hostile_role(conn: Conn, name: str) -> Iterator[str]:
-    """Return the name of a role who edits; bytes of it, so that no two workers have the same."""
+    """Return the name of an editor's role, as bytes, different in each worker."""
     role = (name[:20] + conn.info.dbname[-20:]).strip()
     conn.execute(sql.SQL("CREATE ROLE {} IN ROLE conflictdb_editor").format(sql.Identifier(role)))
     conn.commit()
@@ -90,7 +90,7 @@ def test_names_of_everything_are_data(conn: Conn, name: str, hostile_role: str) 
         [name, name + "T"],
     )
     conn.execute(sql.SQL("CREATE TABLE {0}.{0} ({1} text, shape public.geometry)").format(table, column))
-    # Without parameters: a % of a name is no placeholder then.
+    # Without parameters, % in a name is not a placeholder.
     rows = sql.SQL("INSERT INTO {0}.{0} VALUES ({1}, {2}), ({3}, 'POINT(1 1)')")
     conn.execute(rows.format(table, *map(sql.Literal, (name + "R", BOX, name))))
     mapped = json.dumps({"key": name[:30], "footprint": "shape"})
@@ -157,7 +157,7 @@ def test_commands_show_names_and_run_none(dsn: str, name: str, capsys: pytest.Ca
 
 @pytest.mark.parametrize("path", HOSTILE_PATHS)
 def test_a_hostile_search_path_changes_nothing(conn: Conn, path: str) -> None:
-    """Of a superuser, who would run whatever was found, and of an editor."""
+    """For a superuser, who would run any planted function, and for an editor."""
     conn.execute(TRAPS.encode())
     conn.execute("CREATE TEMPORARY VIEW change AS SELECT 1 AS scene_id; SET search_path = public")
     conn.commit()

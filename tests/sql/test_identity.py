@@ -75,7 +75,7 @@ def pairs(conn: Conn, what: str) -> list[tuple[Any, ...]]:
 
 
 def state(conn: Conn, scene: str) -> list[tuple[Any, ...]]:
-    """Return what is known of a scene, with its pieces."""
+    """Return the conflicts of a scene, with its number of pieces."""
     return conn.execute(
         """SELECT c.a_key, c.b_key, c.is_current, c.run_id, c.found_at, ST_AsText(c.region),
                   (SELECT count(*) FROM piece p JOIN scene s USING (scene_id) WHERE s.name = c.scene)
@@ -144,7 +144,7 @@ def test_both_numbers_of_a_pair_pass_to_another_scene(conn: Conn, numbers: dict[
 
 
 def test_a_number_that_passes_on_during_a_detection(conn: Conn, numbers: dict[str, int]) -> None:
-    """Pieces of the old object are there, the new one has its number when its conflicts are written."""
+    """Pieces of the old object exist, and the new object has its number when its conflicts are written."""
     put(conn, "one", "B", 0.6)
     conn.commit()
     refresh(conn, store.scene_id(conn, "one"))
@@ -180,7 +180,7 @@ def test_regions_are_not_made_of_the_pieces_of_another(conn: Conn, numbers: dict
 
 
 def test_a_sequence_that_was_set_back(conn: Conn, numbers: dict[str, int]) -> None:
-    """As restores do: versions stay later than what is there of the number."""
+    """As after restores: versions stay later than the existing ones of the number."""
     conn.execute("SELECT setval('version_seq', 1, false)")
     pass_on(conn, numbers["one B"], "one", "NEW", 0.5)
     assert pairs(conn, "candidates('one')") == []

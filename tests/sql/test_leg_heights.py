@@ -1,4 +1,4 @@
-"""Heights per leg in SQL: put, read back, held to their rules, and followed by pieces and conflicts."""
+"""Heights per leg in SQL: stored, read back, checked, and used by pieces and conflicts."""
 
 from typing import Any
 

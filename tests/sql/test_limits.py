@@ -1,4 +1,4 @@
-"""How many vertices and waypoints there may be: settings of the database, the same rule wherever objects come from."""
+"""Limits of vertices and waypoints: settings of the database, the same rule for objects from any source."""
 
 import json
 from pathlib import Path

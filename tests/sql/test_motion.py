@@ -22,7 +22,7 @@ Conn = psycopg.Connection[Any]
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 T0_US = 1_772_323_200_000_000
 HOUR_US = 3_600_000_000
-# Of longitude and latitude, after two ways of computing them: 1e-11 degrees is a micrometre.
+# Difference of longitude and latitude between two computations: 1e-11 degrees is a micrometre.
 CLOSE_DEG = 3e-11
 
 

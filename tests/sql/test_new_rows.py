@@ -1,4 +1,4 @@
-"""New conflicts that are many are copied into their tables: what then stands there is what the statement writes."""
+"""Many new conflicts are copied into their tables: the rows are those that the statement writes."""
 
 import json
 from itertools import takewhile
@@ -36,7 +36,7 @@ JOIN conflictdb.conflict c USING (scene_id, conflict_id) WHERE s.name = %s ORDER
 
 
 def crossing() -> tuple[list[Area], list[Track]]:
-    """Return areas that overlap, and tracks through and beside them, under keys of all kinds."""
+    """Return areas that overlap, and tracks that cross them or pass outside, under keys of all kinds."""
     areas = [
         Area(key, shapely.MultiPolygon([shapely.box(0.1 * k, 50, 0.1 * k + 0.3, 50.2)]), start_us=T0_US + k)
         for k, key in enumerate(HOSTILE)
@@ -54,7 +54,7 @@ def told(conn: Conn, query: str, scene: str) -> list[tuple[Any, ...]]:
 
 
 def test_copied_rows_are_those_of_the_statement(conn: Conn, dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rows, events, the run and what is notified, also of pairs that are only near."""
+    """Rows, events, the run and notifications, also of pairs that are only near."""
     heard, runs = {}, {}
     for name, many in (("copied", 1), ("stated", ALL_BY_STATEMENT)):
         with psycopg.connect(dsn, autocommit=True) as listener:
@@ -106,7 +106,7 @@ def test_copied_rows_have_numbers_that_grow(conn: Conn, monkeypatch: pytest.Monk
 
 
 def test_workers_of_protected_scenes_write_by_the_statement(conn: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Row-level security lets nobody COPY: the rows are there all the same."""
+    """Row-level security forbids COPY: the rows are written all the same."""
     monkeypatch.setattr(write_rows, "_MANY_NEW", 1)
     for name in ("bare", "protected"):
         load(conn, Scene(name), *crossing())

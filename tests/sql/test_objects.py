@@ -1,4 +1,4 @@
-"""Scenes go in and come out unchanged, set by set; what does not change is not touched."""
+"""Scenes go in and come out unchanged, set by set; unchanged rows are not touched."""
 
 from dataclasses import replace
 from typing import Any
@@ -92,7 +92,7 @@ def test_scene_comes_back_as_it_was_loaded(conn: Conn) -> None:
 
 
 def test_a_haven_whose_area_is_hardly_a_number_is_stored(conn: Conn) -> None:
-    """A part of it would be none: PostgreSQL calls that underflow, and refused the whole load."""
+    """Part of its area underflows: PostgreSQL raises an error for that, and refused the whole load."""
     corner = 5e-161
     outline_m = np.array([[corner, corner], [corner, 0.0], [0.0, 0.0], [0.0, corner]])
     tiny = replace(TRACKS[0], outline_m=outline_m, max_speed_kn=np.inf)

@@ -1,6 +1,6 @@
-"""A scene that came after the last ANALYZE is small in the planner's eyes; no routine may then compare all with all.
+"""A scene loaded after the last ANALYZE looks small to the planner; no routine may then compare all with all.
 
-Told by the number of rows that plans threw away, not by time: a nested loop over n objects throws away n squared.
+The measure is the number of rows that plans threw away, not time: a nested loop over n objects throws away n squared.
 """
 
 import json
@@ -89,13 +89,13 @@ def plans(conn: Conn) -> list[dict[str, Any]]:
 
 
 def times_taken_apart(plan: dict[str, Any]) -> int:
-    """Return how often functions in FROM, which take rows of pieces apart, were called anew."""
+    """Return the number of calls of functions in FROM, which unnest rows of pieces."""
     own = plan["Actual Loops"] if plan["Node Type"] == "Function Scan" else 0
     return own + sum(times_taken_apart(child) for child in plan.get("Plans", []))
 
 
 def test_rows_of_pieces_are_taken_apart_once_for_each_row_that_they_meet(conn: Conn) -> None:
-    """And not for each piece of that: ships at anchor are rows of sixty-four."""
+    """And not for each of its pieces: a row of a ship at anchor has up to sixty-four."""
     swings = np.array([[0.0, 4e-4 * (i % 2)] for i in range(51)])
     minutes_us = 60_000_000 * np.arange(51)
     ships = [
@@ -144,7 +144,7 @@ def test_scene_that_statistics_do_not_know_is_handled_without_comparing_all_with
     conn.commit()
 
     assert len(plans) > 50
-    # 1500 objects against each other are 2,250,000 pairs; what boxes cannot tell apart are some dozen an object.
+    # 1500 objects against each other are 2,250,000 pairs; boxes leave about a dozen pairs an object.
     wasteful = [plan for plan in plans if plan["waste"] > 100 * COUNT]
     assert wasteful == []
 
@@ -203,13 +203,13 @@ def test_one_change_reads_what_it_touches_while_the_statistics_know_of_many_mark
 
 
 def test_more_changes_than_fit_a_table_of_hashes_are_looked_up(conn: Conn, plans: list[dict[str, Any]]) -> None:
-    """A server with little work_mem and a scene of millions: which of its conflicts are to be found anew."""
+    """A server with little work_mem and a scene of millions: a lookup of the conflicts to compute again."""
     scene_id = load(conn, Scene("s"), grid(), [])
     conn.execute("SET work_mem = '64kB'")
     conn.execute("SET hash_mem_multiplier = 1")
     conn.commit()
     for version in (2, 3):
-        # So many objects that are gone: the table of hashes would have to hold them, too.
+        # Deleted objects, more than fit: the hash table would have to contain them, too.
         conn.execute(
             "INSERT INTO conflictdb.change (scene_id, object_kind, object_id, version) "
             "SELECT %s, n %% 2, n, %s FROM generate_series(100000, 110000) n",
@@ -232,7 +232,7 @@ def test_more_changes_than_fit_a_table_of_hashes_are_looked_up(conn: Conn, plans
 
 
 def test_marks_that_are_gone_cost_the_list_of_conflicts_nothing(conn: Conn) -> None:
-    """Their table is long, empty and full in the planner's eyes: whether a scene is current is asked once."""
+    """Their table is long, empty and full in the planner's eyes: the query checks once whether a scene is current."""
     scene_id = load(conn, Scene("s"), grid(), [])
     refresh(conn, scene_id)
     store.begin_snapshot(conn)
@@ -304,7 +304,7 @@ def test_questions_about_one_object_or_place_read_few_of_many_conflicts(
 
 
 def test_what_was_planned_while_there_were_no_conflicts_reads_few_of_many(conn: Conn) -> None:
-    """A worker's session keeps its plans while conflicts come, and nobody has analyzed them yet."""
+    """A worker's session keeps its plans while conflicts come, and no ANALYZE has run yet."""
     ask = """SELECT octet_length(a_ids)
              FROM conflictdb_internal._known_conflicts_of(1, array_fill(1::smallint, '{20}'), %s)"""
     read = """SELECT sum(pg_stat_get_xact_blocks_fetched(indexrelid)) FROM pg_index
@@ -324,7 +324,7 @@ def test_what_was_planned_while_there_were_no_conflicts_reads_few_of_many(conn: 
 
 
 def test_routines_that_rule_out_plans_compile_none(conn: Conn) -> None:
-    """What is ruled out and taken all the same counts as 1e10, as worth a second of compiling (JIT) for two rows."""
+    """A disabled plan that is used all the same costs 1e10, so two rows seem worth a second of compiling (JIT)."""
     query = r"""SELECT p.oid::regprocedure::text FROM pg_proc p
                 WHERE p.pronamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[])
                       AND 'jit=off' <> ALL (coalesce(p.proconfig, '{}'))

@@ -1,7 +1,7 @@
 """Names that a user plants where PostgreSQL might look run with the rights of that user, never with those of another.
 
-A function or operator whose argument types fit better than those of PostgreSQL's own is called in its place, if its
-schema is on the search path; a relation that a routine does not find in its schemas is looked up among temporary ones.
+If its schema is on the search path, a function or operator whose argument types fit better is called in place of
+PostgreSQL's own. A relation that a routine does not find in its schemas is looked up among temporary relations.
 """
 
 import re
@@ -62,7 +62,7 @@ $plant$
 SHAPE = "'SRID=4326;POLYGON((0 0,1 0,1 1,0 1,0 0))'"
 OPS = "CREATE TABLE conflictdb_editor.ops (id integer PRIMARY KEY, shape public.geometry)"
 ATTACH = """SELECT conflictdb.attach('s', 'area', 'conflictdb_editor.ops', '{"key": "id", "footprint": "shape"}')"""
-# All that an editor may do, and with it what runs as the owner.
+# All statements that an editor may run, and so all routines that run as the owner.
 STATEMENTS = [
     "SELECT conflictdb.create_scene('s')",
     f"SELECT conflictdb.put_area('s', 'A', {SHAPE})",
@@ -114,7 +114,7 @@ def called_names(conn: Conn) -> list[str]:
 
 @pytest.fixture
 def caught(conn: Conn) -> set[tuple[str, str]]:
-    """Plant all of them in public, where users may create, beside PostGIS; return which ran, and as whom."""
+    """Plant all of them in public, next to PostGIS, where users may create; return those that ran, and as whom."""
     found: set[tuple[str, str]] = set()
 
     def look(diag: psycopg.errors.Diagnostic) -> None:
@@ -137,7 +137,7 @@ def caught(conn: Conn) -> set[tuple[str, str]]:
 
 
 def test_what_runs_as_another_role_runs_nothing_that_a_user_planted(conn: Conn, caught: set[tuple[str, str]]) -> None:
-    """Not even beside PostGIS, where the routines that run as their caller look."""
+    """Not even in the schema of PostGIS, where routines that run as their caller look."""
     (name,) = conn.execute("SELECT current_database()").fetchall()[0]
     conn.execute(sql.SQL("GRANT CREATE ON DATABASE {} TO {}").format(sql.Identifier(name), sql.Identifier(PLANTER)))
     conn.execute(sql.SQL("SET ROLE {}").format(sql.Identifier(PLANTER)))
@@ -150,7 +150,7 @@ def test_what_runs_as_another_role_runs_nothing_that_a_user_planted(conn: Conn, 
 def test_programs_look_at_a_schema_and_run_nothing_that_a_user_planted(
     conn: Conn, caught: set[tuple[str, str]]
 ) -> None:
-    """What every command does first, also those of an administrator."""
+    """The first statements of every command, also those of an administrator."""
     schema.check(conn)
     assert schema.missing_grants(conn) is None
     assert schema._holders(conn) == ""
@@ -200,7 +200,7 @@ def test_a_view_does_not_pass_for_a_transition_table(conn: Conn, event: str, dec
 
 
 def test_a_schema_of_attached_tables_that_another_role_made_is_refused(conn: Conn) -> None:
-    """It could replace the functions in it. And it is not removed."""
+    """That role could replace its functions. The schema is not removed."""
     conn.execute("CREATE SCHEMA conflictdb_attached AUTHORIZATION conflictdb_reader")
     conn.execute("CREATE SCHEMA AUTHORIZATION conflictdb_editor")
     conn.execute("SET ROLE conflictdb_editor")

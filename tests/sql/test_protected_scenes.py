@@ -1,6 +1,6 @@
-"""Once scenes are protected, a role sees and changes its own, and what is shared with it; workers see all.
+"""Once scenes are protected, a role sees and changes its own scenes and those shared with it; workers see all.
 
-One database for all tests: scene "hers" is alice's and has a row of everything there is; each test is rolled back.
+One database for all tests: scene "hers" is alice's and has a row in every table; each test is rolled back.
 """
 
 import json
@@ -31,7 +31,7 @@ CREATE TABLE alices.ops (id integer, shape public.geometry);
 INSERT INTO alices.ops VALUES (1, 'SRID=4326;POLYGON((5 5, 6 5, 6 6, 5 5))'), (2, 'POINT(1 1)');
 SELECT conflictdb.attach('hers', 'area', 'alices.ops', '{"key": "id", "footprint": "shape"}');
 """
-# What detections leave behind; then what waits for the next.
+# Rows that detections write; then rows that wait for the next detection.
 LATER = """
 SELECT conflictdb.acknowledge('hers', 'A', 'B', 'seen');
 SELECT conflictdb.request_probe('hers', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 1, 0 0))', p_key => 'A');
@@ -43,7 +43,7 @@ SELECT c.relname FROM pg_class c
 WHERE c.relnamespace = ANY ('{conflictdb, conflictdb_internal}'::regnamespace[]) AND c.relkind IN ('r', 'v')
     AND c.relname NOT IN ('alembic_version', '_my_role') ORDER BY 1
 """
-# Each function that takes the name of a scene, as somebody else might call it.
+# Each function that takes the name of a scene, as another role might call it.
 READS = [
     "SELECT count(*) FROM conflictdb.conflicts_at('hers', '2026-03-01 12:00Z')",
     "SELECT count(*) FROM conflictdb.conflicts_of('hers', 'A')",
@@ -86,7 +86,7 @@ OF_THE_OWNER = [
     "SELECT conflictdb.unshare_scene('hers', {bob})",
     "SELECT conflictdb.give_scene('hers', {bob})",
 ]
-# Statements on the tables touch nothing; what would add a row is refused.
+# Statements on the tables touch nothing; a statement that would add a row is refused.
 STATEMENTS = [
     "UPDATE conflictdb.scene SET tolerance_m = 7 WHERE scene_id = {hers}",
     "DELETE FROM conflictdb.scene WHERE scene_id = {hers}",
@@ -264,7 +264,7 @@ def test_who_it_is_shared_with_reads_and_who_may_write_changes_it(protected: Con
             for statement in [] if role == stage.carol else WRITES:
                 if access == "read":
                     assert "lets role" in refused(protected, statement, "42501"), statement
-                elif "detach" not in statement:  # who does must own the table, too
+                elif "detach" not in statement:  # the caller must own the table, too
                     with protected.transaction(force_rollback=True):
                         protected.execute(statement.encode())
             for statement in OF_THE_OWNER:
@@ -324,7 +324,7 @@ def test_only_the_owner_of_the_schema_protects(protected: Conn, stage: Stage) ->
 
 
 def test_notifications_name_nothing(protected: Conn, stage: Stage) -> None:
-    """Who can connect can listen, whatever else it may."""
+    """Any role that can connect can listen, whatever its other rights."""
     with psycopg.connect(stage.dsn, autocommit=True) as conn:
         conn.execute("LISTEN conflictdb; LISTEN conflictdb_event; LISTEN conflictdb_request")
         with acting(conn, stage.alice):
@@ -386,7 +386,7 @@ def test_shares_from_the_command_line(stage: Stage, capsys: pytest.CaptureFixtur
 
 
 def test_scenes_without_protection_are_everybodys(conn: Conn, capsys: pytest.CaptureFixture[str]) -> None:
-    """As it was before there were owners; sharing says that it does not matter yet, protecting what it hides."""
+    """As before there were owners; sharing warns that it has no effect yet, protecting counts the scenes it hides."""
     conn.execute("SET ROLE conflictdb_editor; SELECT conflictdb.create_scene('s'); RESET ROLE")
     conn.execute("SELECT conflictdb.create_scene('old'); UPDATE conflictdb.scene SET owner = NULL WHERE name = 'old'")
     conn.commit()

@@ -1,4 +1,4 @@
-"""What SQL users ask: conflicts by time, place and object, candidates, what a new area would meet."""
+"""Queries of SQL users: conflicts by time, place and object, candidates, conflicts of a new area."""
 
 import json
 from collections.abc import Iterator
@@ -43,7 +43,7 @@ TRACKS = [
 
 @pytest.fixture(scope="module", params=list(EarthModel))
 def detected_dsn(_server: TestServer, template: str, worker_id: str, request: pytest.FixtureRequest) -> Iterator[str]:
-    """Return how to connect to a database with the scene, detected; nobody commits to it."""
+    """Return the connection string of a database with the scene, detected; tests must not commit to it."""
     name = f"{_server.prefix}_{worker_id}_queries"
     dsn = _server.clone(template, name)
     with psycopg.connect(dsn) as connection:
@@ -86,7 +86,7 @@ def test_view_holds_every_pair(conn_with_conflicts: Conn) -> None:
         *("closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point"),
         *("scene_is_current", "conflict_id", "opened_at", "changed_at"),
         *("acknowledged_by", "acknowledged_at", "acknowledged_for", "acknowledged_until"),
-        *("first_contact_lon_deg", "first_contact_lat_deg", "a_name", "b_name"),
+        *("first_contact_lon_deg", "first_contact_lat_deg", "a_name", "b_name", "lacking_s"),
     ]
 
 

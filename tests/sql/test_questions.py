@@ -16,7 +16,7 @@ AREA = Area("A", shapely.MultiPolygon([shapely.box(4, 57, 5, 58)]))
 OTHER = Area("B", shapely.MultiPolygon([shapely.box(4.5, 57, 5, 58)]))
 HERE = "ST_MakeEnvelope(4.6, 57.1, 4.7, 57.2, 4326)"
 
-# What is wrong with a place, with the SQLSTATE of the refusal and the rule it names.
+# Errors of a place, with the SQLSTATE of the refusal and the rule it names.
 BAD_PLACES = {
     "no geometry": ("NULL", "NULL", "ZC001", "geometry_given"),
     "empty geometry": ("'SRID=4326;POLYGON EMPTY'", "NULL", "ZC001", "geometry_given"),

@@ -1,4 +1,4 @@
-"""The view `queue`: which scenes wait for detection, since when, and who works on them."""
+"""The view `queue`: scenes that wait for detection, since when, and their workers."""
 
 from typing import Any
 

@@ -47,7 +47,7 @@ def test_comments_begin_with_the_sentence_of_the_record(conn: psycopg.Connection
 
 
 def test_the_first_contact_is_a_point_and_two_numbers(dsn: str) -> None:
-    """In the view, in Python, and null in both where the method does not tell."""
+    """In the view and in Python; null in both if the method does not compute it."""
     with connect(dsn) as db:
         for method in ("exact", "screen"):
             db.load_demo()

@@ -12,7 +12,7 @@ Conn = psycopg.Connection[Any]
 SQUARE = "'SRID=4326;POLYGON((4 57,5 57,5 58,4 58,4 57))'::geometry"
 PATH = "'SRID=4326;LINESTRING M(3 57 1000,4 57 2000)'::geometry"
 HIGH = "'SRID=4326;LINESTRING M(5 88 0,5 88 3600)'"
-# Properties of so many levels below the object itself.
+# Properties nested to a number of levels below the object itself.
 NESTED = "jsonb_build_object('x', (repeat('[', {0}) || repeat(']', {0}))::jsonb)"
 OUTLINE = "rectangle_outline(100, 100, 50, 50)"
 

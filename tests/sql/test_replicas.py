@@ -1,4 +1,4 @@
-"""What arrives as a replica is marked as any change is; triggers that were switched off are noticed."""
+"""Replicated rows are marked like any change; disabled triggers are noticed."""
 
 from typing import Any
 
@@ -24,7 +24,7 @@ def scene(conn: Conn) -> Scene:
 
 
 def replicate(conn: Conn, *statements: str) -> None:
-    """Run statements as the process of a subscription applies what it is sent."""
+    """Run statements as the process of a subscription applies its changes."""
     with conn.transaction():
         conn.execute("SET LOCAL session_replication_role = replica")
         for statement in statements:
@@ -115,7 +115,7 @@ def test_triggers_that_do_not_fire_are_noticed_and_mended(conn: Conn, dsn: str, 
 
 
 def test_a_sequence_that_was_set_back_hides_no_change(conn: Conn, scene: Scene) -> None:
-    """Restores set sequences to what they were in the dump."""
+    """Restores set sequences to their values in the dump."""
     (version,) = conn.execute("SELECT version FROM conflictdb.area WHERE key = 'A1'").fetchall()[0]
     conn.execute("SELECT setval('conflictdb.version_seq', %s, false)", [version])
     conn.execute("UPDATE conflictdb.area SET floor_m = 3, ceiling_m = NULL WHERE key = 'A1'")

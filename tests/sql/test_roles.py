@@ -1,4 +1,4 @@
-"""Readers query, editors change the input, workers keep the rest; nobody else may do anything."""
+"""Readers query, editors change the input, workers update the rest; other roles may do nothing."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -38,7 +38,7 @@ def scene(conn: Conn) -> Scene:
 
 @pytest.fixture
 def acting(conn: Conn, dsn: str) -> Iterator[Any]:
-    """Return a function that gives a connection of a user who has one role only."""
+    """Return a function that connects as a user with a single role."""
     made: list[tuple[Conn, str]] = []
 
     def act(role: str) -> Conn:
@@ -157,7 +157,7 @@ def test_editor_changes_the_input_and_leaves_marks_it_cannot_touch(acting: Any, 
         conn.execute("SELECT conflictdb.remove_object(%s, %s)", [scene.name, key])
     conn.execute("UPDATE conflictdb.scene SET tolerance_m = 2 WHERE name = %s", [scene.name])
     conn.execute("UPDATE conflictdb.scene SET tolerance_m = 1 WHERE name = %s", [scene.name])
-    # 18 objects, and what came and went.
+    # 18 objects, and temporary ones.
     assert conn.execute("SELECT conflictdb.request_detection(%s)", [scene.name]).fetchone() == (21,)
     conn.commit()
     for statement in DERIVED + KEPT_BY_TRIGGERS:

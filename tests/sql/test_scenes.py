@@ -1,4 +1,4 @@
-"""What the database says about what it knows: is a scene's list complete, and waiting until it is."""
+"""The database on its own completeness: whether a scene's list is complete, and waiting until it is."""
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -31,7 +31,7 @@ def state(conn: Conn) -> tuple[Any, ...]:
 
 @pytest.fixture
 def told(conn: Conn) -> list[str]:
-    """Return a list that what the session is told is added to."""
+    """Return a list that collects the notices of the session."""
     messages: list[str] = []
     conn.add_notice_handler(lambda diagnostic: messages.append(str(diagnostic.message_primary)))
     return messages
@@ -118,7 +118,7 @@ QUESTIONS = (
 
 @pytest.mark.parametrize("motion", list(Motion))
 def test_who_asks_is_told_once_that_the_answer_may_not_be_complete(conn: Conn, told: list[str], motion: Motion) -> None:
-    """Also where the answer is empty, and whatever is asked of it."""
+    """Also for an empty answer, and for any query."""
 
     def ask() -> set[str]:
         heard = set()
@@ -144,7 +144,7 @@ def test_who_asks_is_told_once_that_the_answer_may_not_be_complete(conn: Conn, t
 
 @pytest.fixture
 def waiting(conn: Conn, dsn: str) -> Iterator[Any]:
-    """Return a function that waits for the scene in a session of its own, and gives what becomes of it."""
+    """Return a function that waits for the scene in a session of its own, and returns its result."""
     with ThreadPoolExecutor(1) as pool:
 
         def wait(timeout: str, before: str = "SELECT 1") -> Any:

@@ -15,7 +15,7 @@ from conflictdb.model.settings import SETTINGS, Type
 
 Conn = psycopg.Connection[Any]
 COLUMNS = tuple(column for setting in SETTINGS for column in setting.columns)
-TYPES = {Type.CHOICE: "text"} | dict.fromkeys((Type.METRES, Type.SECONDS, Type.PLACE), "double precision")
+TYPES = dict.fromkeys(Type, "double precision") | {Type.CHOICE: "text"}
 
 
 def catalog(conn: Conn, relation: str) -> dict[str, tuple[str, str, str | None]]:
@@ -41,7 +41,7 @@ def test_columns_have_the_types_and_sentences_of_the_table(conn: Conn, relation:
 
 
 def test_a_scene_has_the_settings_of_the_table_and_nothing_else(conn: Conn) -> None:
-    """What is not a setting is listed once, in _settings_of."""
+    """_settings_of lists, in one place, the columns that are not settings."""
     conn.execute("SELECT conflictdb.create_scene('s')")
     row = conn.execute("SELECT conflictdb_internal._settings_of(s) FROM conflictdb.scene s").fetchone()
     assert row is not None
@@ -60,7 +60,7 @@ def test_defaults_are_those_of_the_table(conn: Conn) -> None:
 @pytest.mark.parametrize("motion", ["rhumb", "great_circle"])
 def test_a_copy_has_every_setting(conn: Conn, motion: str) -> None:
     """A copy without a separation would miss conflicts."""
-    distances = {one.name: 0.1 + k for k, one in enumerate(SETTINGS) if one.type in (Type.METRES, Type.SECONDS)}
+    distances = {one.name: 0.1 + k for k, one in enumerate(SETTINGS) if one.name in settings.NUMBERS}
     place = {"centre": (10.1, 57.3)} if motion == "great_circle" else {}
     given = Scene("s", motion=motion, earth="sphere", method="screen", **distances, **place)  # type: ignore[arg-type]
     changed = {one.name for one in SETTINGS if getattr(given, one.name) != one.default}

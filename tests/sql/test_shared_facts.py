@@ -1,4 +1,4 @@
-"""What Python and SQL both know is the same in both: verdicts, kinds, choices, the earth's size, counts of a run."""
+"""Facts in both Python and SQL are equal: verdicts, kinds, choices, the earth's size, counts of a run."""
 
 import re
 from dataclasses import fields
@@ -58,7 +58,7 @@ def test_kinds_have_one_code(conn: Conn) -> None:
 
 
 def test_the_earth_has_one_size(conn: Conn) -> None:
-    """And stands once in SQL; what follows from the flattening is what Python makes of it."""
+    """And SQL has it once; constants derived from the flattening equal those of Python."""
     found = conn.execute(
         """SELECT conflictdb_internal._radius_m('sphere'), conflictdb_internal._radius_m('wgs84'),
                   conflictdb_internal._rectifying_m('sphere'), conflictdb_internal._rectifying_m('wgs84'),
@@ -79,7 +79,7 @@ def test_the_earth_has_one_size(conn: Conn) -> None:
 
 
 def test_the_table_of_runs_has_the_names_of_what_is_counted(conn: Conn) -> None:
-    """Its columns are those of RunStatus; counts that are none of them are kept with the settings, or not."""
+    """Its columns are those of RunStatus; other counts are stored with the settings, or not at all."""
     columns = [
         name
         for (name,) in conn.execute(
@@ -110,7 +110,7 @@ def test_comments_of_the_table_of_runs_say_what_is_counted(conn: Conn) -> None:
 
 
 def test_every_measure_is_recorded(conn: Conn) -> None:
-    """Of a run that succeeds, and as far as it got of one that fails; those without a column beside the settings."""
+    """For a run that succeeds, and a failed run up to its failure; measures without a column are in the settings."""
     with connect(conn) as db:
         db.load_demo()
         done = db.scene("strait").detect()

@@ -27,7 +27,7 @@ def candidates(conn: Conn, scene_id: int, at_once: int = 1_000_000) -> list[tupl
 
 
 def assert_exactly(found: list[tuple[int, int]], pieces: list[Stored], changed: set[str] | None = None) -> None:
-    """Every pair that must be there is, once; none is there that boxes rounded to float32 would not explain."""
+    """Every required pair is there, once; any other pair must be explained by boxes rounded to float32."""
     key = {p.piece_id: p.key for p in pieces}
     pairs = {frozenset(pair) for pair in found}
     assert len(pairs) == len(found)
@@ -50,9 +50,9 @@ def joined_pairs(conn: Conn, scene_id: int, at_once: int = 1_000_000) -> list[li
 def test_a_whole_scene_joined_in_memory_has_the_pairs_of_the_database(
     conn: Conn, workload: Any, is_layered: bool
 ) -> None:
-    """Every pair whose boxes meet, once, and none with another scene or at other heights.
+    """Every pair whose boxes meet, once; no pair with another scene or at other heights.
 
-    But for boxes that meet only because the index rounds them outward; all of two objects in one chunk.
+    Except boxes that meet only because the index rounds them outward. All pairs of two objects are in one chunk.
     """
     scene, areas, tracks = throw(workload, 3, 25, 25, EarthModel.SPHERE if is_layered else EarthModel.WGS84)
     if is_layered:
@@ -86,7 +86,7 @@ def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn) -> No
     store.begin_snapshot(conn)
     assert len(store.boxes(conn, scene_id, count)[0]) == count
     assert len(store.boxes(conn, scene_id, count - 1)[0]) == 0
-    # Whatever memory there is: more than a gigabyte is no answer of a server.
+    # Whatever the memory: a server returns no answer of more than a gigabyte.
     assert len(store.boxes(conn, scene_id, count, fit=count - 1)[0]) == 0
     assert len(list(store.candidates(conn, scene_id, 10**9))) == 1
     assert len(list(store.candidates(conn, scene_id, 10**9, fit=2))) > 1
@@ -115,7 +115,7 @@ def test_only_pairs_with_a_changed_member_are_looked_at_again(conn: Conn) -> Non
 
 @pytest.mark.parametrize(("is_all", "others"), [(True, 5), (True, 30), (False, 5)])
 def test_pairs_come_some_at_a_time_and_those_of_two_objects_together(conn: Conn, is_all: bool, others: int) -> None:
-    """Beside another scene in the same place, which is smaller or larger."""
+    """With another scene in the same place, which is smaller or larger."""
     scene_id = load(conn, *throw(LOW_LATITUDE, 15, 20, 20))
     refresh(conn, load(conn, *throw(replace(LOW_LATITUDE, name="other"), 16, others, others)))
     refresh(conn, scene_id)
@@ -150,7 +150,7 @@ def test_change_that_no_piece_reflects_yet_is_left_for_later(conn: Conn) -> None
 
 
 def test_changed_pieces_are_looked_up_in_the_index(conn: Conn) -> None:
-    """Every one of them, whatever the planner thinks of a table that small."""
+    """Each changed piece, whatever the planner thinks of so small a table."""
     scene, areas, tracks = throw(LOW_LATITUDE, 7, 30, 30)
     scene_id = load(conn, scene, areas, tracks)
     refresh(conn, scene_id)

@@ -1,4 +1,4 @@
-"""Vector tiles hold what is there, where and when it is; map views are layers with a key, a type and times."""
+"""Vector tiles contain the objects there and then; map views are layers with a key, a type and times."""
 
 import json
 from typing import Any
@@ -44,7 +44,7 @@ def keys(found: dict[str, list[Feature]], layer: str) -> list[str]:
 
 @pytest.fixture
 def crossing(conn: Conn) -> Conn:
-    """A track along the equator through one area of two; the other is there on another day, and high up."""
+    """A track along the equator through one of two areas; the other is active on another day, and high up."""
     areas = [
         box("NOW", 9.0, -1.0, 11.0, 1.0, start_us=T0_US, end_us=T0_US + 24 * HOUR_US, floor_m=0.0, ceiling_m=100.0),
         box("LATER", 9.5, -0.5, 10.5, 0.5, start_us=T0_US + 48 * HOUR_US, floor_m=5000.0),
@@ -171,7 +171,7 @@ def test_across_the_seam_both_sides_show_it(conn: Conn, scene: Scene) -> None:
 
 
 def test_near_the_poles_the_map_ends(conn: Conn) -> None:
-    """What lies around a pole shows as far as Web Mercator reaches, what lies beyond does not."""
+    """An area around a pole shows as far as Web Mercator reaches; an area north of its end does not show."""
     cap = shapely.segmentize(shapely.box(-180.0, 84.0, 180.0, 90.0), 10.0)
     areas = [Area("CAP", shapely.MultiPolygon([cap])), box("BEYOND", 10.0, 86.0, 20.0, 87.0)]
     load(conn, Scene("s", Motion.GREAT_CIRCLE, centre=(0.0, 90.0)), areas, [track("T", (10.0, 80.0), (-170.0, 80.0))])
@@ -211,9 +211,9 @@ def test_small_things_are_points_and_lines_far_out(conn: Conn) -> None:
 
 
 def test_one_tile_of_a_large_scene_reads_few_rows(conn: Conn) -> None:
-    """Of 1600 areas and their conflicts with the next, a tile of a few reads a few; told by rows, not by time.
+    """A tile of a few of 1600 areas, and of conflicts of neighbours, reads a few rows; counted, not timed.
 
-    Also right after marks of all were deleted, which statistics still know of.
+    Also right after the marks of all objects were deleted, which statistics still count.
     """
     try:
         conn.execute("LOAD 'auto_explain'")
@@ -255,7 +255,7 @@ def read(plan: dict[str, Any]) -> float:
 
 
 def test_what_waits_for_detection_is_drawn_in_one_pass(conn: Conn) -> None:
-    """Of 400 areas and tracks that wait, a tile draws those that it shows, and none point by point; told by calls."""
+    """A tile draws only the visible ones of 400 waiting objects, never point by point; calls are counted."""
     areas = [box(f"A{n}", n % 40, n // 40, n % 40 + 0.9, n // 40 + 0.9) for n in range(200)]
     tracks = [track(f"T{n}", (n % 40, n // 40), (n % 40 + 0.5, n // 40 + 0.5)) for n in range(200)]
     load(conn, Scene("s"), areas, tracks)
@@ -298,7 +298,7 @@ def test_what_is_drawn_in_one_pass_is_drawn_as_the_rest(conn: Conn, scene: Scene
                 f"conflictdb_internal._tile_shape(conflictdb_internal.{drawn}, %s), %s, %s, %s) s WHERE s IS NOT NULL"
             )
             known = {key: shapely.from_wkb(shape) for key, shape in conn.execute(query.encode(), [row[0], *place])}
-            # As it is read, a tile ends at its edge; what is next to that is in it or not by how it is rounded.
+            # As read, a tile ends at its edge; rounding decides whether shapes next to the edge are in it.
             inner = shapely.box(3, 3, 4093, 4093)
             assert {key for key, shape in known.items() if shape.intersects(inner)} <= set(found) <= set(known)
             assert found
@@ -406,7 +406,7 @@ def test_views_draw_edges_as_they_run_in_the_plane(
             window = [
                 *corner,
                 *(corner + 0.03 + rng.uniform(0, size_deg, 2) / 4),
-            ]  # larger than what is left of it below
+            ]  # larger than the rest of it below
             found, sure, possible = conn.execute(
                 f"""WITH window_ AS (SELECT ST_MakeEnvelope(%s, %s, %s, %s, 4326) AS box)
                     SELECT array_agg(v.key) FILTER (WHERE v.{column} && w.box),

@@ -54,7 +54,7 @@ def track(key: str, east: float) -> Track:
     return Track(key, np.array([[0.0, 50.5], [east, 50.5]]), times, rectangle_outline_m(100, 100, 100, 100))
 
 
-# B and A overlap; T passes through both, U sails beside it.
+# B and A overlap; T passes through both, U sails past them.
 AREAS = [square("B", 0.5), square("A", 0.0)]
 TRACKS = [track("T", 2.0), track("U", 3.0)]
 
@@ -92,7 +92,7 @@ def found(
 def detect(
     conn: Conn, scene_id: int, pairs: dict[tuple[str, str], list[tuple[int, int]]], **more: Any
 ) -> store.RunOutcome:
-    """Detect with a given answer; a session that was closed a moment ago may still hold the lock."""
+    """Detect with a given answer; a session that was just closed may still have the lock."""
     begin(conn, scene_id, lock_timeout_s=None)
     conn.rollback()
     refresh(conn, scene_id)
@@ -145,7 +145,7 @@ def test_detection_without_changes_changes_nothing(conn: Conn, scene_id: int) ->
 
 
 def test_rows_that_are_the_same_are_not_written_again(conn: Conn, scene_id: int) -> None:
-    """Nor those of a changed object but its own: no row dies that tells what it told."""
+    """Not even rows of a changed object, if they are equal: only the row that differs is written."""
     versions = "SELECT a_key, b_key, xmin::text, ctid::text FROM conflictdb.conflict ORDER BY a_key, b_key"
     detect(conn, scene_id, ALL)
     before = conn.execute(versions.encode()).fetchall()
@@ -188,7 +188,7 @@ def test_rows_found_under_other_settings_are_written_again(conn: Conn, scene_id:
 
 
 def test_where_is_found_out_for_what_differs_alone(conn: Conn, scene_id: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a real detection: again in full it asks for no region, and what is written anew has the same."""
+    """For a real detection: a second full one computes no region, and rewritten rows keep the same region."""
     asked: list[int] = []
     regions = Meetings.regions
 
@@ -214,7 +214,7 @@ def test_where_is_found_out_for_what_differs_alone(conn: Conn, scene_id: int, mo
 
 
 def test_many_rows_are_written_in_parts(conn: Conn, scene_id: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One run, which counts them all, and those that go."""
+    """One run counts all of them, and the removed rows."""
     monkeypatch.setattr(write_rows, "_ROWS_AT_ONCE", 1)
     first = detect(conn, scene_id, ALL, verdict=2)
     assert (first.opened, first.conflicts, first.unresolved) == (3, 3, 3)
@@ -232,7 +232,7 @@ def test_many_rows_are_written_in_parts(conn: Conn, scene_id: int, monkeypatch: 
 
 @pytest.mark.parametrize("many", [False, True])
 def test_runs_count_the_conflicts_of_the_scene(conn: Conn, scene_id: int, many: bool) -> None:
-    """Also those that they had no reason to look at, and whether few objects changed or many."""
+    """Also conflicts that they did not examine, and whether few objects changed or many."""
     detect(conn, scene_id, ALL, verdict=2)
     if many:
         conn.execute(
@@ -269,7 +269,7 @@ def test_conflicts_of_a_removed_object_stay_until_the_next_detection(conn: Conn,
 
 
 def test_changes_made_during_a_detection_stay_marked_and_disturb_nobody(conn: Conn, dsn: str, scene_id: int) -> None:
-    """Writers change, add and remove objects, and settings, between and within both transactions: nobody fails."""
+    """Writers change, add and remove objects, and settings, between and within both transactions: none fails."""
     with store.connect(dsn) as writer:
         begin(conn, scene_id)
         areas, _ = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)

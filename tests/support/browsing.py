@@ -10,12 +10,12 @@ from playwright.sync_api import Page
 Open = Callable[..., Page]
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
-# As root there is no sandbox. Without a graphics card Chromium draws pages by itself, and WebGL where that is allowed.
+# As root there is no sandbox. Without a graphics card Chromium renders in software, and WebGL if that is allowed.
 ARGUMENTS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 
 
 def chromium() -> str | None:
-    """Return the program: what CONFLICTDB_TEST_BROWSER names, else the first that is installed; None if none is."""
+    """Return the path of the browser: CONFLICTDB_TEST_BROWSER, else the first installed one; None if there is none."""
     return os.environ.get("CONFLICTDB_TEST_BROWSER") or next(filter(None, map(shutil.which, _NAMES)), None)
 
 
@@ -30,7 +30,7 @@ def time_of(page: Page) -> float:
 
 
 def wait_until(page: Page, expression: str) -> None:
-    """Wait until something holds; Playwright's own way evaluates texts in the page, which its policy forbids."""
+    """Wait until an expression is true; Playwright's own way evaluates texts in the page, which its policy forbids."""
     until_s = time.monotonic() + 20
     while not page.evaluate(expression):
         assert time.monotonic() < until_s, expression

@@ -13,7 +13,7 @@ PRIVILEGES_HEADER = """\
 What each role may do with each relation and function: conflictdb_reader, _editor, _worker; PUBLIC may nothing.
 Generated: CONFLICTDB_UPDATE_SNAPSHOT=1 ./run test tests/migration writes it anew; a change of it is reviewed.
 """
-# Makes a database what earlier programs made: private routines and views in the schema of the public ones.
+# Turns a database into one of earlier programs: private routines and views in the schema of the public ones.
 TOGETHER = """
 DO $$
 DECLARE
@@ -90,7 +90,7 @@ FROM (
 WHERE x.grantee <> o.owner
 GROUP BY o.what, x.grantee ORDER BY o.what, x.grantee::regrole::text
 """
-# What a role may do includes what those may that it can do all of; what only the owner may do is left out.
+# A role's rights include those of the roles that it is a member of; rights of the owner only are left out.
 PRIVILEGES = """
 WITH role (name, place) AS (VALUES ('reader', 1), ('editor', 2), ('worker', 3)),
 thing AS (
@@ -129,7 +129,7 @@ ORDER BY 1
 
 
 def describe(conn: psycopg.Connection[Any]) -> str:
-    """Return the description that docs/reference/schema.sql holds: everything but the bodies of routines."""
+    """Return the description in docs/reference/schema.sql: everything except the bodies of routines."""
     conn.execute("SET LOCAL search_path = conflictdb, conflictdb_internal, public")
     parts = []
     for query, gap in ((RELATIONS, "\n\n"), (CONSTRAINTS, "\n"), (INDEXES, "\n"), (TRIGGERS, "\n"), (ROUTINES, "\n\n")):
@@ -138,13 +138,13 @@ def describe(conn: psycopg.Connection[Any]) -> str:
 
 
 def privileges(conn: psycopg.Connection[Any]) -> str:
-    """Return what docs/reference/privileges.txt holds: what each role may do with each relation and function."""
+    """Return the text of docs/reference/privileges.txt: rights of each role on each relation and function."""
     conn.execute("SET LOCAL search_path = conflictdb, conflictdb_internal, public")
     rows = [row[0] for row in conn.execute(PRIVILEGES.encode())]
     return PRIVILEGES_HEADER + "\n".join([*rows, ""])
 
 
 def details(conn: psycopg.Connection[Any]) -> list[str]:
-    """Return what the description leaves out: grants, bodies of routines and views, comments."""
+    """Return parts that the description omits: grants, bodies of routines and views, comments."""
     conn.execute("SET LOCAL search_path = conflictdb, conflictdb_internal, public")
     return [row[0] for query in (GRANTS, BODIES) for row in conn.execute(query.encode())]

@@ -11,7 +11,7 @@ import pytest
 import conflictdb
 from conflictdb.cli import main
 
-# What a detection, and who computed elsewhere, say alike.
+# Columns that are equal for a detection and for conflicts computed by another program.
 KEPT = (
     "a_key", "a_kind", "b_key", "b_kind", "verdict", "periods", "region", "first_contact_point", "method",
     "time_error_s", "closest_at", "closest_m", "closest_error_m", "closest_a_point", "closest_b_point",
@@ -48,6 +48,6 @@ def runner(dsn: str, capsys: pytest.CaptureFixture[str]) -> Run:
 
 
 def known(run: Run, scene: str) -> list[dict[str, Any]]:
-    """Return the conflicts of a scene, without who found them when."""
+    """Return the conflicts of a scene, without run and time of detection."""
     rows = json.loads(run("conflicts", "--scene", scene, "--format", "json").out)
     return [{name: row[name] for name in KEPT} for row in rows]

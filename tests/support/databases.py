@@ -39,9 +39,9 @@ DOCKER_IMAGE = "postgis/postgis:16-3.4"
 class TestServer:
     """A server for tests.
 
-    dsn : how to connect as a user who may create databases
-    prefix : what the names of databases on it begin with
-    description : which one it is, for the run's summary
+    dsn : connects as a user who may create databases
+    prefix : first part of the names of databases on it
+    description : its kind, for the run's summary
     """
 
     __test__ = False
@@ -55,7 +55,7 @@ class TestServer:
         return conninfo.make_conninfo(self.dsn, dbname=name)
 
     def execute(self, statement: LiteralString, *names: str) -> None:
-        """Run a statement that no transaction may hold, with names in the place of its braces."""
+        """Run a statement that cannot run in a transaction, with names in place of its braces."""
         with psycopg.connect(self.dsn, autocommit=True) as conn:
             conn.execute(sql.SQL(statement).format(*map(sql.Identifier, names)))
 
@@ -89,7 +89,7 @@ class TestServer:
 
 @contextmanager
 def test_server(run: str, worker: str) -> Iterator[TestServer]:
-    """Hold a server for one worker of a test run; workers of a run share it where they can."""
+    """Keep a server for one worker of a test run; workers of a run share it if they can."""
     given = os.environ.get("CONFLICTDB_TEST_DSN")
     if given:
         _require_postgis(given)
@@ -130,7 +130,7 @@ def run_home(run: str) -> Path:
 
 
 def clean_up(run: str) -> None:
-    """Remove what a run leaves, once its workers have ended."""
+    """Remove leftovers of a run, once its workers have ended."""
     given = os.environ.get("CONFLICTDB_TEST_DSN")
     if given:
         left = TestServer(given, f"conflictdb_test_{run}", "")
@@ -138,14 +138,14 @@ def clean_up(run: str) -> None:
             left.drop(f"{left.prefix}_template")
             left.drop(f"{left.prefix}_making")
         except psycopg.OperationalError:
-            return  # the server could not be reached, which the tests have said already
+            return  # the server could not be reached, which the tests have reported already
     home = run_home(run)
     for _ in range(1000):
         if server.status(home).pid is None:
             break
         time.sleep(0.01)
     for left_home in home.parent.glob(run_home("*").name):
-        # Those of runs that were killed, too, once nobody can miss them.
+        # Also databases of killed runs, once they are old enough.
         if left_home == home or (_age_s(left_home) > 86400 and _is_idle(left_home)):
             shutil.rmtree(left_home, ignore_errors=True)
 
@@ -197,7 +197,7 @@ def _docker_answers() -> bool:
 
 @contextmanager
 def _docker_leaks() -> Iterator[None]:
-    # Docker's client leaves sockets open, which is an error in our tests; they are collected while it is none.
+    # Docker's client leaves sockets open, which is an error in our tests: collect them while warnings are off.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:

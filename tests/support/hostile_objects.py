@@ -139,7 +139,7 @@ def spike(rng: np.random.Generator, common: dict[str, Any]) -> Hostile:
 
 
 def scribble(rng: np.random.Generator, common: dict[str, Any]) -> Hostile:
-    """What make_valid makes of a random ring: parts that touch, holes, dents."""
+    """The result of make_valid for a random ring: parts that touch, holes, dents."""
     size = _pick(rng, SIZES_DEG[1:])
     ring = _place(rng) + rng.uniform(-1, 1, (int(rng.integers(4, 20)), 2)) * size * [1.0, rng.choice([1.0, 1e-7])]
     if rng.random() < 0.3:
@@ -197,7 +197,7 @@ def seam(rng: np.random.Generator, common: dict[str, Any]) -> Hostile:
 
 
 def broken(rng: np.random.Generator, common: dict[str, Any]) -> Hostile:
-    """What no polygon is: numbers that are none, rings of too few points."""
+    """Invalid polygons: numbers that are NaN or infinite, rings of too few points."""
     ring = [*_place(rng) + np.array([(0, 0), (1, 0), (1, 1), (0, 1)])]
     kind = rng.integers(4)
     if kind == 0:
@@ -242,7 +242,7 @@ def _track(rng: np.random.Generator, common: dict[str, Any], places: Any, times:
     elif rng.random() < 0.15:
         base, end = np.array(_outline(rng)), 10.0 ** rng.uniform(-3, 3)
         turned = base[:, ::-1] if rng.random() < 0.2 else base
-        with np.errstate(over="ignore"):  # what is too large is infinite then
+        with np.errstate(over="ignore"):  # numbers that are too large become infinite
             outlines = tuple(
                 tuple(map(tuple, ((turned if k % 2 else base) * (end if k % 3 else 1.0)).tolist()))
                 for k in range(len(path))

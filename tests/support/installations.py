@@ -1,4 +1,4 @@
-"""Servers whose files a test may change: a tree of links to an installed one, and copies of what finds its place."""
+"""Servers whose files a test may change: a tree of links to an installed server, and copies of files that locate it."""
 
 import os
 import shutil
@@ -66,7 +66,7 @@ def own_installation() -> Iterator[tuple[Path, server.EmbeddedServer]]:
     """Run a server from files of its own; give the directory of its programs, and the server."""
     original = local_server()
     directory = Path(tempfile.mkdtemp(prefix="conflictdb-installed-"))
-    directory.chmod(0o755)  # the server runs as another user where this one is root
+    directory.chmod(0o755)  # as root the tests run the server as another user
     try:
         programs = linked(original, directory)
         settings = Settings(directory / "home", directory, pg_bin=programs)

@@ -91,9 +91,9 @@ def distance_error_m(plane: Plane, distance_m: float) -> float:
 
 
 def distance_m(plane: Plane, a: np.ndarray, b: np.ndarray, halvings_left: ctypes.c_int64 | None = None) -> float:
-    """How far apart polygons with corners (2, v) and (2, w) are, counted from the first corner, as the kernel does.
+    """Distance of polygons with corners (2, v) and (2, w), relative to the first corner, as computed by the kernel.
 
-    halvings_left : of sides that it may take; what is left of them is written there
+    halvings_left : budget of bisections of sides; the remainder is stored there
     """
     function: Any = internals().plane_distance_m
     function.restype, function.argtypes = _NUMBER, [ctypes.c_void_p] * 3 + [Vector, ctypes.c_void_p]

@@ -12,7 +12,7 @@ _SAMPLES: Final = 65
 
 
 def tightness(one: Movement) -> tuple[tuple[float, ...], NDArray[np.float64], Any]:
-    """Return each bound of one motion of LASTS_S as so many times what it bounds, the places, and the bounds.
+    """Return the ratio of each bound of one motion of LASTS_S to its exact value, the places, and the bounds.
 
     In the order of acceleration, deviation (from the chords of vertices, as the reference point goes) and spread.
     """

@@ -1,4 +1,4 @@
-"""A server of a test's own, which may be killed: what ends one backend by force ends all sessions of its server."""
+"""A server of a test's own, which may be killed: a backend that ends by force ends all sessions of its server."""
 
 import shutil
 import signal
@@ -18,7 +18,7 @@ from conflictdb.server.account import account_for
 from conflictdb.server.discovery import find_server
 
 WAIT_S = 60.0
-# What is committed survives the end of any process, though not that of the machine.
+# A commit survives the end of any process, though not of the machine.
 SETTINGS = {"full_page_writes": "on", "synchronous_commit": "on", "listen_addresses": ""}
 
 

@@ -1,4 +1,4 @@
-"""What tests wait for, though not for ever."""
+"""Waits of tests, with a limit."""
 
 import subprocess
 import threading
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def until(reached: Callable[[], object], within_s: float = 60.0, what: str = "waited too long") -> float:
-    """Wait until something is so; return how long it took, seconds."""
+    """Wait until a condition is true; return the time, seconds."""
     start = time.monotonic()
     while not reached():
         assert time.monotonic() < start + within_s, what
@@ -19,7 +19,7 @@ def until(reached: Callable[[], object], within_s: float = 60.0, what: str = "wa
 
 @contextmanager
 def killed_after(process: "subprocess.Popen[Any]", most_s: float) -> Iterator[None]:
-    """Kill a program whose output is waited for inside, if that takes longer: what reads it then comes to its end."""
+    """Kill a program, whose output the body reads, if that takes longer: the reader then gets the end of it."""
     too_late = threading.Timer(most_s, process.kill)
     too_late.start()
     try:

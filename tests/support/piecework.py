@@ -1,4 +1,4 @@
-"""Takes a scene through transaction 1, and says by brute force what stages 1 and 2 must find in it."""
+"""Takes a scene through transaction 1, and computes by brute force the pairs that stages 1 and 2 must find in it."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +19,7 @@ Conn = psycopg.Connection[Any]
 
 @dataclass(frozen=True)
 class Stored:
-    """A piece as the table holds it."""
+    """A piece as stored in the table."""
 
     piece_id: int
     key: str
@@ -40,14 +40,14 @@ def load(conn: Conn, scene: Scene, areas: list[Area], tracks: list[Track]) -> in
 
 
 def mark_all(conn: Conn, scene_id: int) -> int:
-    """Mark every object of a scene as changed, and return how many it has."""
+    """Mark every object of a scene as changed, and return their number."""
     row = conn.execute("SELECT conflictdb_internal._mark_all(%s)", [scene_id]).fetchone()
     assert row is not None
     return int(row[0])
 
 
 def refresh(conn: Conn, scene_id: int) -> Pieces:
-    """Make the pieces of what changed, as a detection does, and return them."""
+    """Make the pieces of changed objects, as a detection does, and return them."""
     store.begin_snapshot(conn)
     settings = store.read_settings(conn, scene_id)
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
@@ -58,7 +58,7 @@ def refresh(conn: Conn, scene_id: int) -> Pieces:
 
 
 def write_run(conn: Conn, scene_id: int, run: store.RunRecord, found: Conflicts) -> store.RunOutcome:
-    """Write back what was found, in two parts, in the open transaction."""
+    """Write back conflicts, in two parts, in the open transaction."""
     staged = store.begin_write(conn, scene_id, run)
     for rows in np.array_split(np.arange(len(found)), 2):
         stage(conn, staged, found.take(rows))
@@ -66,7 +66,7 @@ def write_run(conn: Conn, scene_id: int, run: store.RunRecord, found: Conflicts)
 
 
 def stage(conn: Conn, staged: store.Staged, found: Conflicts) -> None:
-    """Hand over a part of what was found, as a detection does."""
+    """Hand over a part of the conflicts, as a detection does."""
     for part in store.differing(staged, found):
         store.stage(conn, staged, part, found.where(part.rows))
 

@@ -12,7 +12,7 @@ from conflictdb.errors import InvalidInput
 
 HAVEN = {"fore_m": 5, "aft_m": 5, "port_m": 2, "starboard_m": 2}
 TIMES = ["2026-03-01T05:00:00Z", "2026-03-01T06:00:00Z"]
-LONGEST_S = 60.0  # far more than a hostile file takes; what is quadratic takes hours
+LONGEST_S = 60.0  # far more than a hostile file takes; quadratic time would be hours
 SQUARE = [[4, 57], [5, 57], [5, 58], [4, 58], [4, 57]]
 
 

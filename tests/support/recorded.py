@@ -1,7 +1,7 @@
-"""Recorded answers of the oracle: to compute them again would take more time than all other tests.
+"""Recorded answers of the oracle: computing them again would take more time than all other tests.
 
-An answer is found by a digest of all that it depends on: the sources of the oracle, both objects, the settings it
-reads. The oracle computes what is not recorded, and one answer in `FRESH`, others every day.
+The key of an answer is a digest of all its inputs: the sources of the oracle, both objects, the settings it reads. The
+oracle computes missing answers, and one answer in `FRESH`, others every day.
 
     ./run python tests/support/recorded.py     computes all answers of the suite and records them (ten minutes)
 """

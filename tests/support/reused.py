@@ -28,7 +28,7 @@ SELECT count(*), array_agg(hashtextextended({content}, 0))
                      FILTER (WHERE age(r.xmin) < (SELECT age(%(since)s::text::xid)))
 FROM pg_catalog.pg_{catalog} r WHERE {condition}
 """
-# What is dropped if a test made it, in this order.
+# Objects that are dropped if a test created them, in this order.
 DROPPED = {
     "event_trigger": "true",
     "publication": "true",
@@ -87,7 +87,7 @@ WAIT_S = 30.0
 class ReusedDatabase:
     """A clone of a template that tests use in turn.
 
-    server : where it is
+    server : its server
     template : name of the database to clone
     prefix : what names of its clones begin with
     """
@@ -118,7 +118,7 @@ class ReusedDatabase:
         return self._server.database(self._name)
 
     def clean(self) -> None:
-        """Remove what a test left; drop the database if anything remains."""
+        """Remove leftovers of a test; drop the database if anything remains."""
         if self._conn is None:
             return
         try:
@@ -174,7 +174,7 @@ class ReusedDatabase:
             conn.execute("; ".join(f"DELETE FROM {table}" for table in full))
             emptied.update(full)
         conn.execute(RESTART)
-        if emptied:  # its pages, too: rows come in the order in which a test inserts them
+        if emptied:  # free the pages, too, so that rows come in the order in which a test inserts them
             conn.execute(f"VACUUM (INDEX_CLEANUP ON, PARALLEL 0) {', '.join(emptied)}")
         # Plans must not depend on earlier tests.
         changed = self._statistics - set(conn.execute(STATISTICS))

@@ -1,4 +1,4 @@
-"""What samples of the true motion say of a solver's answers: `sampling.c`, compiled for the occasion."""
+"""Samples of the true motion, compared with a solver's answers: `sampling.c`, compiled for the occasion."""
 
 import ctypes
 import subprocess
@@ -23,15 +23,15 @@ KINDS: Final = {
     2: "apart within a certain contact",
     3: "a certain contact without any overlap",
 }
-# Contradictions of which the place is kept.
+# Number of contradictions whose place is kept.
 KEPT: Final = 16
 
 
 @dataclass
 class Sampled:
-    """What was sampled.
+    """Counts of a sampling.
 
-    wrong : contradictions; `told` says of the first ones which pair, of what kind, at which second, with which gap
+    wrong : contradictions; `told` describes the first of them: pair, kind, second and gap
     """
 
     samples: int = 0
@@ -119,7 +119,7 @@ def _library() -> Any:
 
 
 def sampled(scene: Scene, pieces: Pieces, pairs: Pairs, contacts: Contacts, rng: np.random.Generator) -> Sampled:
-    """Hold all contacts of pairs, no separation wanted, against samples of where pieces are while both are there."""
+    """Compare all contacts of pairs, without a separation, with samples of the pieces while both exist."""
     start, end = pieces.shared_span(pairs.a, pairs.b)
     offset = np.searchsorted(contacts.pair, np.arange(len(pairs) + 1))
     claims = _Claims().hold(

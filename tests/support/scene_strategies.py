@@ -1,4 +1,4 @@
-"""Scenes with anything in them that a scene may hold, for properties of files and of the database."""
+"""Scenes with anything valid in them, for properties of files and of the database."""
 
 import numpy as np
 import shapely
@@ -20,7 +20,7 @@ from conflictdb.model.plans import (
 TEXT = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=12)
 KEY = TEXT.filter(bool)
 INSTANT = st.integers(MIN_INSTANT_US, MAX_INSTANT_US)
-# The M of a database's path, float64 Unix seconds, tells microseconds apart in these.
+# In this range the M of a database's path, float64 Unix seconds, resolves microseconds.
 STORABLE_INSTANT = st.integers(-8_000_000_000_000_000, 8_000_000_000_000_000)
 SIZE = st.floats(0.0, 1e5)
 JSON = st.recursive(
@@ -73,7 +73,7 @@ def tracks(draw: st.DrawFn, instant: st.SearchStrategy[int], north: float) -> Tr
         )
     )
     name, band, properties = draw(st.none() | TEXT), draw(heights()), draw(PROPERTIES)
-    # By up to 200 km, so that a plane can hold it.
+    # By up to 200 km, so that they fit a plane.
     growth, outlines = draw(st.sampled_from([0.0, 0.1, 2.0])) * 1e5 / max((times[-1] - times[0]) / 1e6, 1.0), None
     if not growth and draw(st.booleans()):
         outlines = np.array([outline * draw(st.floats(0.0, 2.0)) for _ in times])
@@ -95,7 +95,7 @@ def tracks(draw: st.DrawFn, instant: st.SearchStrategy[int], north: float) -> Tr
 def scenes(
     draw: st.DrawFn, instant: st.SearchStrategy[int] = INSTANT, north: float = 90.0
 ) -> tuple[Scene, list[Area], list[Track]]:
-    """A scene with a few objects; instants of its tracks, and how far north they go, can be limited."""
+    """A scene with a few objects; the instants of its tracks, and their latitudes, can be limited."""
     scene = Scene(
         draw(TEXT.filter(str.strip)),
         earth=draw(st.sampled_from(EarthModel)),

@@ -32,8 +32,8 @@ class Known:
     """A scene and its answer.
 
     expected : for each pair that meets, its intervals, seconds after T0 (None: unbounded); all other pairs never meet
-    undecided : pairs that may be reported or not: touching at an instant that rounding or the end of a span decides
-    grazing : pairs of those expected that only touch; all others are in conflict
+    undecided : pairs that may be reported or not: rounding or the end of a span decides an instant of touch
+    grazing : the expected pairs that only touch; all others are in conflict
     """
 
     name: str
@@ -218,7 +218,7 @@ def loiter(earth: EarthModel) -> Known:
 
 
 def seam(earth: EarthModel) -> Known:
-    """Across +-180 in both directions, with areas in every way of writing one that lies across it."""
+    """Across +-180 in both directions, with areas in every notation of an area across it."""
     cut = shapely.MultiPolygon([shapely.box(179.5, -1, 180, 1), shapely.box(-180, -1, -179.5, 1)])
     east = [(179, 0), (-179, 0)]
     times = [0, 2 * HOUR_S]
@@ -310,7 +310,7 @@ def touching(earth: EarthModel) -> Known:
 
 
 def hole(earth: EarthModel) -> Known:
-    """A haven inside the hole of an area is clear of it; one that crosses it meets the area on both sides."""
+    """A haven inside the hole of an area is clear of it; a haven that crosses it meets the area on both sides."""
     ring = shapely.Polygon(shapely.box(2, -2, 6, 2).exterior, [shapely.box(3, -1, 5, 1).exterior])
     first = _passing(earth, 0.0, 2.0, 3.0, 1.0, 2000, 1000)
     second = _passing(earth, 0.0, 5.0, 6.0, 1.0, 2000, 1000)
@@ -388,7 +388,7 @@ def turning(earth: EarthModel) -> Known:
 
 
 def heights(earth: EarthModel) -> Known:
-    """Bands [floor, ceiling) that only touch are apart; a missing bound is no bound."""
+    """Bands [floor, ceiling) that only touch are apart; a missing bound is unlimited."""
     box = shapely.box(3.0, -0.5, 4.0, 0.5)
     path, day = [(0, 0), (10, 0)], [0, 10 * HOUR_S]
     meets = [_passing(earth, 0.0, 3.0, 4.0, 1.0, 5000, 5000)]
@@ -459,7 +459,7 @@ def identical(earth: EarthModel) -> Known:
 
 
 def growing(earth: EarthModel) -> Known:
-    """Havens whose sides move outward: moored ones that meet a wall or each other, one under way, one that stops."""
+    """Growing havens: moored ones meet a wall or each other, one moves, one stops."""
     degree, hours = parallel_m(earth, 0.0), 2 * HOUR_S
     moored = meridian_m(earth, 0.1)
     stop, wall = meridian_m(earth, 61.0), meridian_m(earth, 61.11)
@@ -498,7 +498,7 @@ def growing(earth: EarthModel) -> Known:
 
 
 def outline_per_waypoint(earth: EarthModel) -> Known:
-    """A haven that opens ahead of itself and draws in behind; and one that turns from a line across to one along."""
+    """A haven opens ahead of itself and draws in behind; another turns from a line across to a line along."""
     hours = 2 * HOUR_S
     speed = meridian_m(earth, 1.0) / hours
     opens = track("opens", [(60, 0), (60, 1)], [0, hours], fore=1000.0, aft=1000.0)
@@ -552,7 +552,7 @@ def circles_over_the_pole() -> Known:
         ],
         {
             ("back", "over"): [((way - 80000) / (first + second), (way + 3000) / (first + second))],
-            # It widens on both sides of the meridian, so that the area's own edges tell: see the oracle for these.
+            # It widens on both sides of the meridian, so the area's own edges decide: see the oracle for these.
             ("A", "line"): [
                 (
                     100 * HOUR_S + (reached - 7000) / first,

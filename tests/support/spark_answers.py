@@ -1,11 +1,12 @@
-"""Answers of Spark, and what they must be: Spark runs in one program beside the tests, which all of them use.
+"""Answers of Spark, and the expected ones: all tests share one program that runs Spark.
 
     python spark_answers.py
 
-reads requests, one JSON object a line, and answers each with a line. `master`, `directory` take every `*.job` of a
-directory, a pickled Job, through a session of Spark, and leave the conflicts of each beside it. `commands` are run, and
-the answer is what they end with and say; they share one session, which begins at the first. With `is_alone` they have
-one of their own, and with `kills_worker` the first worker of Python that appears is killed meanwhile.
+reads requests, one JSON object a line, and answers each with a line. `master`, `directory` run every `*.job` of a
+directory, a pickled Job, in a Spark session, and write the conflicts of each into the same directory. `commands` are
+run, and the answer is their exit codes and output; they share one session, which begins at the first command. With
+`is_alone` they have a session of their own. With `kills_worker` the first Python worker that appears is killed
+meanwhile.
 """
 
 import importlib
@@ -56,7 +57,7 @@ _LONGEST_S = 120.0
 
 @dataclass(frozen=True)
 class Job:
-    """A scene, into how many partitions it is cut, and whether an executor is killed meanwhile."""
+    """A scene, its number of partitions, and whether an executor is killed meanwhile."""
 
     name: str
     scene: Scene
@@ -71,7 +72,8 @@ def answer_of_one_machine(scene: Scene, areas: Sequence[Area], tracks: Sequence[
     scene = centred(scene, areas, tracks)
     areas, tracks = (sorted(some, key=lambda one: one.key.encode()) for some in (areas, tracks))
     batch = AreaBatch.of(areas)
-    source = _InMemory(pieces_of(scene, plane_of(scene), batch, TrackBatch.of(tracks)), batch.footprint)
+    pieces = pieces_of(scene, plane_of(scene), batch, TrackBatch.of(tracks))
+    source = _InMemory(pieces, batch.footprint, scene.time_separation_us)
     keys = {Kind.AREA.code: [one.key for one in areas], Kind.TRACK.code: [one.key for one in tracks]}
     parts = []
     for found, _ in run_scene(scene, plane_of(scene), source):
@@ -93,7 +95,7 @@ class Spark:
         self._process, self._said = process, said
 
     def found(self, jobs: Sequence[Job], directory: Path, master: str = _MASTER) -> dict[str, pa.Table]:
-        """Return what Spark finds, by the names of jobs."""
+        """Return the conflicts of Spark, by the names of jobs."""
         for job in jobs:
             (directory / f"{job.name}.job").write_bytes(pickle.dumps(job))
         self._ask(directory=str(directory), master=master)
@@ -102,7 +104,7 @@ class Spark:
     def run(
         self, commands: Sequence[Sequence[str]], *, is_alone: bool = False, kills_worker: bool = False
     ) -> list[tuple[int, str]]:
-        """Return exit codes of commands of the command line, and what they say."""
+        """Return exit codes of commands of the command line, and their output."""
         answer = self._ask(commands=commands, is_alone=is_alone or kills_worker, kills_worker=kills_worker)
         return [(code, text) for code, text in answer["said"]]
 
@@ -157,7 +159,7 @@ def _add_extra() -> None:
 
 def _main() -> None:
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what Java prints is no answer
+    os.dup2(2, 1)  # output of Java is no answer
     missing = _begin()
     for line in sys.stdin:
         try:
@@ -170,7 +172,7 @@ def _main() -> None:
 
 
 def _begin() -> str | None:
-    """Start Java with all jars, also the driver of databases; return what is missing."""
+    """Start Java with all jars, also the driver of databases; return missing ones."""
     try:
         with engine.session(_MASTER, _cache(), os.environ, is_quiet=False, reads_database=True):
             return None

@@ -1,4 +1,4 @@
-"""A scene in memory after stages 1 and 2: what tests of the later stages begin with."""
+"""A scene in memory after stages 1 and 2: the input of tests of the later stages."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ from conflictdb.stages.stage4.effort import Effort
 
 
 def still(*rings: Any) -> Pieces:
-    """Return areas with these corners, plane metres, counter-clockwise; their hulls are elsewhere."""
+    """Return areas with these corners, plane metres, counter-clockwise; their hulls are at another place."""
     areas = [box(f"A{k}", k, 0.0, k + 0.5, 0.5) for k in range(len(rings))]
     pieces = Staged.of(Scene("s"), areas, []).pieces
     shape = np.array([corner for ring in rings for corner in ring], np.float64).reshape(-1, 2)

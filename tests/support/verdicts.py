@@ -1,4 +1,4 @@
-"""Compares what the product reports with what the oracle found, pair by pair."""
+"""Compares the product's reports with the oracle's answers, pair by pair."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +15,7 @@ from conflictdb.model.methods import METHODS, Method
 from conflictdb.model.plans import Area, Motion, Scene, Track
 from conflictdb.model.results import Conflict, Verdict
 
-# Methods whose answers are certain; the reference one is slow.
+# Methods with certified answers; the reference method is slow.
 CERTIFIED: Final = [
     pytest.param(method, marks=pytest.mark.slow) if method is Method.NLP else method
     for method in Method
@@ -28,7 +28,7 @@ Period = tuple[int | None, int | None]
 ROUNDING_S: Final = 3e-6  # periods are whole microseconds rounded outward, and the oracle is good to one
 # Plane coordinates are rounded to about 1e-8 m: closer than this, touching or not is not known.
 TOUCH_M: Final = 2e-6
-SURE_DEPTH_M: Final = 1e-3  # what is deeper is no touch, however it is rounded
+SURE_DEPTH_M: Final = 1e-3  # a deeper contact is no touch, however it is rounded
 SURE_SHARE: Final = 0.99  # of the tolerance: a pair that comes so near is grazing
 
 
@@ -43,7 +43,7 @@ class Reported:
 
 @dataclass
 class Comparison:
-    """What was compared, and everything that is wrong."""
+    """Counts of a comparison, and all errors."""
 
     pairs: int = 0
     touching: int = 0
@@ -64,12 +64,12 @@ class Comparison:
 
 
 def solved(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict[Pair, Reported]:
-    """What `solve` reports, by pair."""
+    """The conflicts of `solve`, by pair."""
     return by_pair(solve(tracks, areas, scene))
 
 
 def by_pair(conflicts: Iterable[Conflict]) -> dict[Pair, Reported]:
-    """What conflicts say, of `solve` or of the database, by pair."""
+    """Conflicts of `solve` or of the database, by pair."""
     return {(one.a_key, one.b_key): Reported(one.verdict, periods_us(one), one.time_error_s) for one in conflicts}
 
 
@@ -90,7 +90,7 @@ def compared(
     reported: dict[Pair, Reported],
     truth: dict[Pair, oracle.Meeting] | None = None,
 ) -> Comparison:
-    """Compare what was reported of a scene with the oracle (or with what it has said)."""
+    """Compare the reports of a scene with the oracle (or with its recorded answers)."""
     care_m = care_of(scene, areas, tracks)
     truth = truth or oracle.meetings(scene, areas, tracks, care_m)
     outer = None
@@ -112,7 +112,8 @@ def compared(
 def is_deep(scene: Scene, a: Area | Track, b: Area | Track, meeting: oracle.Meeting) -> bool:
     """Whether one polygon is seen to reach into the other deeper than the tolerance, so that they do not only graze.
 
-    Seen at some instants, and only of scenes of rhumb lines that want no separation: what is not deep here may be so.
+    It looks at some instants only, and only at scenes of rhumb lines without a separation: other pairs may be deep,
+    too.
     """
     if scene.motion is not Motion.RHUMB or scene.separation_m > 0.0:
         return False
@@ -135,7 +136,7 @@ def is_deep(scene: Scene, a: Area | Track, b: Area | Track, meeting: oracle.Meet
 
 
 def care_of(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> float:
-    """How closely the oracle has to look, plane metres: well beyond the tolerance wherever objects come within it."""
+    """Range that the oracle has to resolve, plane metres: well above the tolerance wherever objects come within it."""
     latitudes = [lat for area in areas for lat in area.footprint.bounds[1::2]]
     latitudes += [float(lat) for track in tracks for lat in track.positions_deg[:, 1]]
     scale = 3.0 / float(np.cos(np.radians(np.abs(latitudes).max(initial=0.0))))
@@ -148,9 +149,9 @@ def compare(
     reported: dict[Pair, Reported],
     outer: dict[Pair, oracle.Meeting] | None = None,
 ) -> Comparison:
-    """Hold a complete answer to the truth: none missed, none false beyond the tolerance, times within the bound.
+    """Compare a complete answer with the truth: no miss, no conflict outside the tolerance, times within the bound.
 
-    outer : what is true of a separation larger by the tolerance; how early and late a wanted separation may be reported
+    outer : the truth for a separation larger by the tolerance; limits how early and late a period may be reported
     """
     found = Comparison(pairs=len(truth), reported=len(reported))
     for pair in reported.keys() - truth.keys():
@@ -201,7 +202,7 @@ def _periods(meeting: oracle.Meeting, widest: oracle.Meeting, answer: Reported, 
         return
     for start, end in periods:
         if widest is not meeting:
-            # Between the separation wanted and the tolerance more: somewhere in there an end may be.
+            # An end may be anywhere between the separation and the separation plus the tolerance.
             if not any(s - allowed <= start and end <= e + allowed for s, e in widest.intervals):
                 yield f"period {start, end} is not within {widest.intervals} up to {answer.time_error_s} s"
             continue

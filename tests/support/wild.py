@@ -19,14 +19,14 @@ SAME = [(False, False)] * 7 + [(True, True), (True, False), (False, True)]
 
 
 def throw_wild(seed: int, objects: int = 4, changing_share: float = 0.0) -> tuple[Scene, list[Area], list[Track]]:
-    """A scene of up to so many areas and tracks, two to thousands of kilometres across; without what is refused.
+    """A scene of at most `objects` valid areas and as many tracks, two to thousands of kilometres across.
 
-    changing_share : of havens that grow, or change from waypoint to waypoint
+    changing_share : share of havens that grow, or change from waypoint to waypoint
     """
     rng = np.random.default_rng([seed, 77])
     middle = np.array([rng.uniform(-180, 180), rng.uniform(-84, 84)])
     size_m = _log_uniform(rng, 2e3, 5e6)
-    # From years to what makes 2,000 knots.
+    # From years to a speed of 2,000 knots.
     duration_s = _log_uniform(rng, max(size_m / 1000.0, 1.0), SLOWEST_S)
     scene = Scene(
         f"wild {seed}", earth=list(EarthModel)[seed % 2], tolerance_m=float(rng.choice([0.0, 0.01, 1.0, 50.0]))

@@ -1,8 +1,9 @@
 """Random scenes, seeded, at low latitudes and where it is harder.
 
-`low latitude` has areas of 3 to 10 vertices, 50 to 100 nmi around, tracks of 50 to 100 nmi and havens 20 to 40 nmi
-around, between latitudes 0 and 30. Every scene is thrown into a small window of that region, so that a few dozen
-objects meet often. Objects of Bienkowski, Sidoti and Pattipati (2021) are larger: benchmarks/made_scenes.py has these.
+`low latitude` lies between latitudes 0 and 30. Its areas have 3 to 10 vertices, 50 to 100 nmi around, its tracks 50 to
+100 nmi, and its havens are 20 to 40 nmi around. Every scene is thrown into a small window of that region, so that a few
+dozen objects meet often. Objects of Bienkowski, Sidoti and Pattipati (2021) are larger: benchmarks/made_scenes.py has
+these.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +21,7 @@ METRES_PER_DEGREE: Final = 60 * NMI  # near enough to lay out a scene
 
 @dataclass(frozen=True)
 class Workload:
-    """How to throw a scene; lengths in nautical miles, latitudes and longitudes in degrees, times in hours.
+    """Parameters of random scenes. Lengths are in nautical miles, latitudes and longitudes in degrees, times in hours.
 
     window : side of the square (in latitude degrees) that a scene is thrown into
     radius_area : of each vertex of a convex area, in place of `around_area`
@@ -97,7 +98,7 @@ def throw(
     tolerance_m: float = 1.0,
     separation_m: float = 0.0,
 ) -> tuple[Scene, list[Area], list[Track]]:
-    """A random scene of so many areas and tracks; the same for the same arguments. Great circles are on the sphere."""
+    """A random scene of some areas and tracks; the same for the same arguments. Great circles are on the sphere."""
     earth = EarthModel.SPHERE if workload.motion is Motion.GREAT_CIRCLE else earth
     rng = np.random.default_rng([seed, areas, tracks])
     lat = rng.uniform(*workload.latitudes)
@@ -147,7 +148,7 @@ def _ground(lon: float, lat: float, xy_m: np.ndarray) -> np.ndarray:
 
 
 def _wrapped(polygon: shapely.Polygon) -> shapely.MultiPolygon:
-    """Unwrapped coordinates are allowed, but not much beyond one turn."""
+    """Unwrapped coordinates are valid, but not far outside one turn."""
     west = shapely.bounds(polygon)[0]
     turn = 360.0 * np.floor((west + 180.0) / 360.0)
     return shapely.MultiPolygon([shapely.transform(polygon, lambda xy: xy - np.array([turn, 0.0]))])

@@ -65,7 +65,7 @@ def test_row_counts_what_is_missed_false_and_only_near() -> None:
 
 @pytest.mark.parametrize("earth", EarthModel)
 def test_batch_of_scenes_gives_the_answers_of_each(earth: EarthModel) -> None:
-    """What is timed in one batch is what `solve` says of the scenes one by one."""
+    """The answers of scenes timed in one batch are those of `solve` on each scene."""
     scenes = Scenes.of(LOW_LATITUDE, earth, scenes=3, objects=5)
     batch = replace(scenes.scene, method=Method.SCREEN, tolerance_m=10.0)
     answer = by_name(run_stages(batch, plane_of(batch), *scenes.batch(10.0), scenes.footprints)[0])

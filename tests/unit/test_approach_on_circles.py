@@ -25,7 +25,7 @@ def apart_m(a_deg: tuple[float, float], b_deg: tuple[float, float]) -> float:
 def test_a_point_is_closest_to_the_foot_of_its_perpendicular_on_the_earth(half_deg: float) -> None:
     """On a slanted side 55 degrees out, where the plane stretches outward 1.7 times as much as across.
 
-    Also a millimetre away, where in a plane that keeps angles the plane itself would tell.
+    Also a millimetre away, where a conformal plane would suffice.
     """
     size = half_deg / 2.0
     area = scenes.area("A", shapely.Polygon([(55.0, -half_deg), (55.0 + half_deg, 0.0), (55.0, half_deg)]))
@@ -61,7 +61,7 @@ def test_a_point_is_closest_to_the_foot_of_its_perpendicular_on_the_earth(half_d
     ids=["great circles", "arctic circles", "growing circles"],
 )
 def test_brute_force_comes_as_close_and_no_closer(workload: Workload, seeds: range) -> None:
-    """Up to 100 km; points that are told are on both objects' ways, and as far apart as it says."""
+    """Up to 100 km; reported points lie on both objects' ways, at the reported distance."""
     compared = 0
     for seed in seeds:
         scene, areas, tracks = throw(workload, seed, 2, 3, tolerance_m=0.0)
@@ -76,7 +76,7 @@ def test_brute_force_comes_as_close_and_no_closer(workload: Workload, seeds: ran
             assert found.closest_b_deg is not None
             meeting = oracle_circle.meeting(scene, things[found.a_key], things[found.b_key], care_m=2e5)
             assert not meeting.touches
-            # What brute force sees is never less than the least, and hardly more where it looks closely.
+            # Brute force never sees less than the least, and hardly more where it samples densely.
             assert found.closest_m - found.closest_error_m <= meeting.least_m + 1e-4
             assert found.closest_m <= meeting.least_m + 1e-3 + found.closest_error_m
             assert apart_m(found.closest_a_deg, found.closest_b_deg) == pytest.approx(found.closest_m, abs=1e-3)

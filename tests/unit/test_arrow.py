@@ -1,4 +1,4 @@
-"""The Arrow form of objects and conflicts: bit by bit, and one error for what does not fit."""
+"""The Arrow form of objects and conflicts: bit by bit, and one error for unsuitable values."""
 
 import subprocess
 import sys
@@ -87,7 +87,7 @@ def test_conflicts_come_back_as_they_were(workload: Workload) -> None:
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM], ids=lambda one: one.name)
 def test_rows_are_told_alike_from_arrays_and_by_solve(workload: Workload) -> None:
-    """What executors make of arrays is what `solve` returns, in columns."""
+    """Executors make of arrays the rows that `solve` returns, in columns."""
     scene, areas, tracks = throw(workload, 7, 8, 12)
     scene = replace(scene, nearest_m=5_000.0)
     solved = of_rows(solve(tracks, areas, scene))

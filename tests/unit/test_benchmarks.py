@@ -1,4 +1,4 @@
-"""What benchmarks share: scenes of a size, medians, exponents and files of numbers."""
+"""Common parts of benchmarks: scenes of a size, medians, exponents and files of numbers."""
 
 import json
 import math
@@ -30,7 +30,7 @@ DETECTION = Detection(10, 8, 6, 4, 2, 0.1, 0.2, 0.3, 0.0, 0.5, 0.4, 1.5, None, 1
 
 @pytest.mark.parametrize("kind", Kind)
 def test_box_holds_what_its_kind_says(kind: Kind) -> None:
-    """Areas are there throughout; the same seed throws the same."""
+    """Areas have no time limits; the same seed throws the same scene."""
     scene, areas, tracks = box(kind, 7, 3)
     assert (len(areas), len(tracks)) == {Kind.STATIC: (7, 0), Kind.MIXED: (4, 3), Kind.TRACKS: (0, 7)}[kind]
     assert all(area.start_us is None and area.end_us is None for area in areas)
@@ -67,7 +67,7 @@ def test_box_has_as_many_conflicts_as_the_papers_numbers_give(kind: Kind, confli
 
 
 def test_sea_has_every_object_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where it comes in parts, the last of which is smaller."""
+    """Also if it comes in parts, with a smaller last part."""
     assert AT_ONCE > 100
     monkeypatch.setattr("made_scenes.AT_ONCE", 10)
     parts = list(sea(25, 1))
@@ -79,7 +79,7 @@ def test_sea_has_every_object_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_quick_sea_is_as_dense_as_the_sea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every object is accepted and there once, legs are about as many as asked for, and as many conflicts are found."""
+    """Every object is valid and unique, the number of legs is about as requested, and as many conflicts are found."""
     monkeypatch.setattr("quick_sea.AT_ONCE", 400)
     count = quick_sea.write(tmp_path / "sea.parquet", Scene("sea"), 1_150, 1)
     areas, tracks = to_objects(pq.read_table(tmp_path / "sea.parquet", columns=OBJECTS.schema.names))
@@ -91,7 +91,7 @@ def test_quick_sea_is_as_dense_as_the_sea(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_more_than_a_day_of_the_quick_sea_is_as_dense(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each day has tracks of its own, and areas but for those that are there for ever: as many conflicts follow."""
+    """Each day has tracks of its own; areas without time limits are shared. Both seas have as many conflicts."""
     found = []
     for most in (1_200, 400):
         monkeypatch.setattr("quick_sea.MOST", most)
@@ -136,14 +136,14 @@ def test_seconds_of_spark_come_from_its_log(tmp_path: Path) -> None:
 
 
 def test_medians_go_column_by_column() -> None:
-    """What is known of none is not known."""
+    """The median of unknown values is unknown."""
     others = replace(DETECTION, total_s=3.0, conflicts=5), replace(DETECTION, total_s=2.0, pieces_s=9.0)
     found = medians([DETECTION, *others])
     assert (found.total_s, found.pieces_s, found.conflicts, found.cpu_s) == (2.0, 0.1, 2, None)
 
 
 def test_spread_is_the_least_and_the_most_of_some_scenes() -> None:
-    """What is known of none is not known."""
+    """The spread of unknown values is unknown."""
     found = study.spread([DETECTION, replace(DETECTION, conflicts=5, cpu_s=0.7), replace(DETECTION, cpu_s=0.2)])
     assert found == {"conflicts_least": 2, "conflicts_most": 5, "cpu_s_least": 0.2, "cpu_s_most": 0.7}
     assert study.spread([DETECTION])["cpu_s_most"] is None
@@ -157,7 +157,7 @@ def test_exponent_is_that_of_the_power_law() -> None:
 
 
 def test_numbers_come_back_from_a_file(tmp_path: Path) -> None:
-    """Rounded to four digits; words stay words, and what is not known stays unknown."""
+    """Rounded to four digits; words stay words, and unknown values stay unknown."""
     path = tmp_path / "numbers.csv"
     write_csv(path, [{"series": "sea", "objects": 1_000_000, "total_s": 1.23456, "cpu_s": None}])
     assert read_csv(path) == [{"series": "sea", "objects": 1_000_000, "total_s": 1.235, "cpu_s": None}]
@@ -168,7 +168,7 @@ def test_memory_is_told_in_megabytes() -> None:
 
 
 def test_real_runs_stand_side_by_side() -> None:
-    """A column for each scene; what is found is held to what is known of it."""
+    """A column for each scene; its conflicts are compared with the known ones."""
     assert set(real_runs.SEPARATION_M) <= set(real_runs.KNOWN)
     run = real_runs.RealRun(
         "ais-hour",

@@ -1,4 +1,4 @@
-"""Hostile objects cost so much work and no more, counted and not timed: the answer must not depend on the machine."""
+"""Hostile objects cost a bounded amount of work, counted and not timed: the test must not depend on the machine."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -57,7 +57,7 @@ def test_a_wide_haven_that_bends_near_the_poles_makes_a_bounded_number_of_pieces
     assert len(pieces) > MAX_SLICES  # it bends
     own = np.count_nonzero(pieces.turn == 0)
     assert own <= 29 * MAX_SLICES + MAX_SLICES_FOR_DEVIATION
-    # In company it is cut as it is alone.
+    # In a batch it is cut as it is alone.
     both = track_pieces(Scene("s"), plane_of(Scene("s")), TrackBatch.of([wide, track("other", there[:3], 40_000.0)]))
     assert np.count_nonzero(both.object_id == both.object_id[0]) == len(pieces)
 
@@ -86,9 +86,9 @@ def test_a_track_of_which_nothing_can_be_proven_takes_bounded_work() -> None:
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS, HARBOUR], ids=lambda w: w.name)
 def test_a_larger_tolerance_takes_no_more_work_for_a_pair(workload: Workload) -> None:
-    """Closest approaches counted: what only comes within the tolerance is asked no more than the tolerance allows.
+    """Closest approaches, counted: a pair that only comes within the tolerance costs no more than the tolerance allows.
 
-    Also in a harbour, of which nothing is as large as the tolerance.
+    Also in a harbour, where everything is smaller than the tolerance.
     """
     taken = []
     for tolerance_m in (0.0, 0.01, 1.0, 10.0, 100.0, 1000.0):
@@ -102,7 +102,7 @@ def test_a_larger_tolerance_takes_no_more_work_for_a_pair(workload: Workload) ->
             close += int((conflicts.closest_m > 0.0).sum())
             assert (conflicts.closest_error_m <= tolerance_m + 1e-3).all()
         taken.append(work / pairs)
-        # Corners that pass each other at about the tolerance are told apart without a search.
+        # Corners that pass each other at about the tolerance are decided without a search.
         assert searched <= 0.01 * pairs
     assert close >= 1
     assert max(later / earlier for k, earlier in enumerate(taken) for later in taken[k:]) <= 1.03
@@ -132,8 +132,8 @@ def test_pairs_of_pieces_share_with_those_of_the_same_objects() -> None:
     assert company_of(staged.pieces, staged.pairs).tolist() == [len(staged.pairs)] * len(staged.pairs)
 
 
-# Evaluations of two polygons at an instant, for each pair of pieces after stage 2, when the limits were last set: for
-# conflicts alone, with a separation of 500 m, with closest approaches within 5 km.
+# Evaluations of two polygons at an instant, per pair of pieces after stage 2, when the limits were last set. Columns:
+# conflicts alone, a separation of 500 m, closest approaches within 5 km.
 EVALUATIONS = {
     LOW_LATITUDE: (3.23, 103.0, 160.9),
     HIGH_LATITUDE: (3.44, 20.4, 158.8),

@@ -13,7 +13,7 @@ Pairs = set[tuple[int, int]]
 
 
 def thrown(seed: int, n: int, wide: float, objects: int) -> RowBoxes:
-    """Boxes in a unit square that are up to so wide: some for ever, some at all heights, some beside each other."""
+    """Boxes in a unit square, of bounded width: some always active, some at all heights, some side by side."""
     rng = np.random.default_rng(seed)
     low = np.round(rng.random((n, 2)), 2)
     start = rng.integers(0, 50, n)
@@ -60,7 +60,7 @@ def test_boxes_that_meet_are_found_once(seed: int, n: int) -> None:
             found = [pair for a, b in chunks for pair in zip(a.tolist(), b.tolist(), strict=True)]
             assert len(found) == len(set(found))
             assert set(found) == expected
-            # All of a first object are together; of several there are no more than were asked for.
+            # All pairs of a first object are together; of several objects there are no more than requested.
             first = [set(rows.object[a].tolist()) for a, _ in chunks]
             assert sum(map(len, first)) == len(set[int]().union(*first))
             for (a, _), objects in zip(chunks, first, strict=True):
@@ -68,7 +68,7 @@ def test_boxes_that_meet_are_found_once(seed: int, n: int) -> None:
 
 
 def test_few_boxes_are_compared_in_vain() -> None:
-    """Of boxes side by side, and of those in one place one after the other: all with all would be 25,000,000."""
+    """For boxes side by side, and for boxes at one place in turn: all with all would be 25,000,000."""
     n = 5_000
     beside = thrown(1, n, 0.04, n)
     at = np.arange(n)
@@ -81,7 +81,7 @@ def test_few_boxes_are_compared_in_vain() -> None:
         object=at,
         is_copy=np.zeros(n, np.bool_),
     )
-    # Layers of one airspace, and seam copies of one place but for one box.
+    # Layers of one airspace, and seam copies of one place except for one box.
     height = np.random.default_rng(2).permutation(n) * 10.0
     layers = replace(anchored, start_us=np.zeros(n), end_us=np.ones(n), floor_m=height, ceiling_m=height + 11.0)
     copies = replace(layers, floor_m=np.zeros(n), ceiling_m=np.ones(n), is_copy=at > 0)
@@ -93,7 +93,7 @@ def test_few_boxes_are_compared_in_vain() -> None:
 
 
 def test_boxes_that_are_all_one_meet_all() -> None:
-    """They have no order that tells any apart."""
+    """No order separates equal boxes."""
     n = 300
     one = [np.full(n, at) for at in (0.0, 1.0, 5, 5)]
     whole = RowBoxes(np.zeros((n, 4)), *one, object=np.arange(n) % 150, is_copy=np.zeros(n, np.bool_))

@@ -1,4 +1,4 @@
-"""Bundles hold every piece once, of one object each and near each other; their pairs are those of the pieces."""
+"""Bundles contain every piece once, of one object each and near each other; their pairs are those of the pieces."""
 
 from dataclasses import replace
 
@@ -63,7 +63,7 @@ def test_bundles_hold_every_piece_and_meet_where_pieces_do(workload: Workload) -
 
 @pytest.mark.parametrize("room", [1, 3, 2**24])
 def test_pairs_of_bundles_need_no_more_room_than_they_take(room: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two areas of 200,000 parts each, of which two pairs meet: all pairs would be 320 GB."""
+    """Two areas of 200,000 parts each; two pairs of parts meet. All pairs would be 320 GB."""
     monkeypatch.setattr("conflictdb.kernel.bundles._FIRST_ROOM", room)
     places = ((0.0, 1.0, 1.1), (3.0, 1.0, 1.1))
     areas = [
@@ -111,7 +111,7 @@ def test_legs_of_other_heights_or_outlines_are_bundles_of_their_own() -> None:
 
 
 def test_parts_along_a_diagonal_are_bundled_apart() -> None:
-    """One box around a long channel would meet everything beside it."""
+    """One box around a long channel would meet everything next to it."""
     steps = np.arange(40) * 0.25
     banks = [np.stack([steps, steps + 0.1 * (np.arange(40) % 2) + side], axis=1) for side in (0.0, 0.15)]
     channel = Area("channel", shapely.MultiPolygon([shapely.Polygon(np.concatenate([banks[0], banks[1][::-1]]))]))
@@ -129,7 +129,7 @@ def test_parts_along_a_diagonal_are_bundled_apart() -> None:
 
 
 def test_instants_are_shared_where_both_hold_them() -> None:
-    """Slices of one ship end when the next begins: both meet who is there for that instant alone."""
+    """Slices of one ship end when the next begins: both meet objects that are active for that instant alone."""
     pieces = made(Scene("s"), [], [anchored("first", 4), anchored("second", 4)])
     whole = Bundles(pieces, np.array([0, 4, 8]))
     a, b = bundled_pairs(whole, np.array([0]), np.array([1]))

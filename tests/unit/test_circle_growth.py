@@ -73,9 +73,9 @@ def test_bounds_are_near_what_they_bound(
     mps: float,
     limits: tuple[float, float, float],
 ) -> None:
-    """Each bound as so many times what it bounds on a whole leg: as measured, and a hundredth more.
+    """The ratio of each bound to its exact value on a whole leg: as measured, and a hundredth more.
 
-    A bound that grows costs time and widens what is reported, and nothing else tells.
+    A bound that grows costs time and widens the reported intervals; no other test notices.
     """
     end = (start[0] + way[0], start[1] + way[1])
     track = replace(scenes.track("T", [start, end], [0, LASTS_S], *sizes), grow_mps=mps)
@@ -89,7 +89,7 @@ def test_bounds_are_near_what_they_bound(
 
 
 def test_corners_may_dent_alike_whether_they_grow_or_shrink_and_however_they_are_turned() -> None:
-    """Rectangles of 250 to 3,200 km, of which some are known to stay convex."""
+    """Rectangles of 250 to 3,200 km; some of them are known to stay convex."""
     rng = np.random.default_rng(1)
     corners = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     start, end = (np.concatenate(corners * rng.uniform(0.02, 0.25, (200, 1, 2))) for _ in range(2))
@@ -124,7 +124,7 @@ def test_a_point_that_grows_reaches_a_wall_when_it_says() -> None:
 
 
 def test_a_haven_that_outgrows_the_plane_is_refused() -> None:
-    """And told by which field it does."""
+    """And the message names the field that causes it."""
     track = scenes.track("T", [(20, -18), (20, -18)], [0, 10 * HOUR_S], 1000.0, 1000.0, 1000.0, 1000.0)
     check_plane(plane_of(SCENE), [], [track])
     for other, field in (

@@ -81,7 +81,7 @@ def test_a_wrong_choice_is_told_with_the_right_ones(capsys: pytest.CaptureFixtur
     ],
 )
 def test_unknown_option_is_told_by_its_command(typed: str, told: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """The command that was given an unknown option says so, names its own help, and what could have been meant."""
+    """The command with an unknown option names its own help, and the option probably intended."""
     with pytest.raises(SystemExit) as ended:
         build().parse_args(typed.split())
     assert ended.value.code == codes.USAGE
@@ -115,13 +115,13 @@ def test_the_help_has_each_command_once_in_a_group_and_fits_a_screen(monkeypatch
 
 
 def test_all_help_together_is_short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It was 4,041 words; half of them said the rest."""
+    """It was 4,041 words; half of them repeated the rest."""
     monkeypatch.setenv("COLUMNS", "100")
     assert sum(len(one.format_help().split()) for one in ALL.values()) <= 4041 // 2
 
 
 def completed(shell_words: Sequence[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> list[str]:
-    """Return what bash offers for the last word."""
+    """Return the completions of bash for the last word."""
     assert main(["completion", "bash"]) == 0
     script = tmp_path / "completion.bash"
     script.write_text(capsys.readouterr().out)

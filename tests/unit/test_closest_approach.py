@@ -48,7 +48,7 @@ SAMPLES = 33
 
 
 class Given:
-    """Pairs of pieces of a random scene that share a time, one of which moves, or standing ones."""
+    """Pairs of pieces of a random scene that share a time: pairs with a track, or only standing pieces."""
 
     def __init__(self, scene: Scene, areas: list[Any], tracks: list[Any], near: bool = False) -> None:
         staged = Staged.of(scene, areas, tracks)
@@ -100,7 +100,7 @@ def _floors() -> Any:
 
 
 def floors(given: Given, low_s: Floats, high_s: Floats) -> tuple[Floats, Floats, Floats]:
-    """Distances in the middle of times, and the two bounds of what they are nowhere below."""
+    """Distances in the middle of times, and their two lower bounds."""
     found = [np.empty(len(low_s)) for _ in range(3)]
     columns = HeldPairs.arrays(given.a, given.b, given.start_us, low_s, high_s)
     held = HeldPairs.of(columns, slice(0, len(low_s)))
@@ -112,7 +112,7 @@ def floors(given: Given, low_s: Floats, high_s: Floats) -> tuple[Floats, Floats,
 @pytest.mark.parametrize("earth", EarthModel)
 @pytest.mark.parametrize("workload", WORKLOADS, ids=lambda w: w.name)
 def test_nothing_is_nearer_than_the_bounds_of_its_time(workload: Workload, earth: EarthModel) -> None:
-    """Of long times and of short ones; and the bounds of short ones are close."""
+    """For long times and for short ones; and the bounds of short times are close."""
     if workload.motion is Motion.GREAT_CIRCLE and earth is EarthModel.WGS84:
         pytest.skip("great circles are on the sphere")
     given = Given.of(workload, 3, 8, earth).some(1500)
@@ -268,10 +268,10 @@ MANY = [(w, e) for w in WORKLOADS for e in ("wgs84", "sphere") if e == "sphere" 
     ],
 )
 def test_an_independent_look_finds_the_distance_and_nothing_nearer(workload: Workload, earth: str, count: int) -> None:
-    """Motion and distances by formulas that share nothing with the kernel, before, at and after what it tells.
+    """Motion and distances by formulas independent of the kernel, before, at and after the reported instant.
 
-    The distance is that of the places told, these are on the polygons at that instant, and at no instant looked at are
-    polygons nearer than the bound allows.
+    The distance is that of the reported points. These lie on the polygons at that instant, and at no sampled instant
+    are polygons nearer than the bound allows.
     """
     given = Given.of(workload, 7, 12, EarthModel(earth), nearest_m=1e3 if workload is HARBOUR else 1e5).some(count)
     found = given.closest()
@@ -349,7 +349,7 @@ def test_nothing_is_told_of_what_is_further_than_wanted() -> None:
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, GROWING_CIRCLES], ids=lambda w: w.name)
 def test_a_distance_that_need_not_be_known_well_takes_less_work_and_is_not_far_off(workload: Workload) -> None:
-    """Then it is the distance told, to a hundredth of what was asked for, and nowhere less than the bound."""
+    """It is the distance at the reported instant, to a hundredth of the aim, and nowhere less than the bound."""
     given = Given.of(workload, 7, 12, EarthModel.SPHERE, nearest_m=1e5).some(200)
     fine = given.closest()
     windows = given.work.windows

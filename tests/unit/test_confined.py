@@ -1,4 +1,4 @@
-"""What programs that read files of others may do, and what is told of them."""
+"""Rights of programs that read foreign files, and the messages about their failures."""
 
 import json
 import os
@@ -40,7 +40,7 @@ stream.write(json.dumps([most_bytes, limits, arguments, dict(os.environ)]).encod
     [
         ("raise ValueError('no\\nlayers')", "cannot be read: no layers"),
         ("os.write(2, b'warning: {}'); raise ValueError('x' * 1000)", f"cannot be read: {'x' * 500}"),
-        # More than a pipe holds, which nobody reads meanwhile.
+        # More than a pipe's buffer, which nobody reads meanwhile.
         ("raise ValueError('x' * 1_000_000)", f"cannot be read: {'x' * 500}"),
         ("os.write(2, b'x' * 1_000_000); raise ValueError('no')", "cannot be read: no"),
         ("raise MemoryError", "holds more than 3 MB"),
@@ -51,7 +51,7 @@ stream.write(json.dumps([most_bytes, limits, arguments, dict(os.environ)]).encod
     ],
 )
 def test_why_nothing_was_read_is_told_in_one_line(tmp_path: Path, body: str, rule: str) -> None:
-    """Whether what it writes is read at once or as it comes."""
+    """Whether its output is read at once or as it comes."""
     program = written(tmp_path, body)
     with program.running([], 3.0) as running, pytest.raises(InvalidInput) as by_answer:
         running.answer()

@@ -1,4 +1,4 @@
-"""Digests of objects: of the same contents the same one, in whatever company; of others another one."""
+"""Digests of objects: equal for equal contents, in any batch; different for different contents."""
 
 from dataclasses import replace
 
@@ -50,7 +50,7 @@ def test_digests_differ_where_conflicts_may(changed: Area | Track) -> None:
 
 
 def test_digests_are_of_contents_alone() -> None:
-    """Neither the company nor the order of objects changes theirs, nor do keys, names and properties."""
+    """Neither other objects nor their order change theirs, nor do keys, names and properties."""
     for one in (AREA, TRACK):
         assert of(replace(one, key="B", name="b", properties={"a": 1})) == of(one)
     _, areas, tracks = throw(GROWING, 5, 40, 40)

@@ -26,7 +26,7 @@ def parts_of(polygons: list[shapely.Polygon]) -> list[list[shapely.Polygon]]:
 @settings(max_examples=50, deadline=None)
 @given(st.integers(3, 40), st.integers(0, 10_000), st.booleans())
 def test_parts_fill_polygons_and_are_convex_and_few(count: int, seed: int, has_hole: bool) -> None:
-    """Also of polygons with holes, and of the same polygon twice: the sides of one are none of the other."""
+    """Also of polygons with holes, and of the same polygon twice: their sides do not mix."""
     polygon = star(count, seed)
     if has_hole:
         polygon = polygon.difference(star(5, seed + 1).buffer(0).intersection(polygon).buffer(-400.0))

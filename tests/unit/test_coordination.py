@@ -33,7 +33,7 @@ def diagonal(track: Track, delay_s: float) -> shapely.LineString:
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, GROWING_CIRCLES], ids=lambda workload: workload.name)
 def test_a_diagonal_meets_the_contact_set_if_the_delay_is_forbidden(workload: Workload) -> None:
-    """Of tracks and of areas; the outer set misses no contact, and the inner one has no other diagonals."""
+    """For tracks and areas; the outer set misses no contact, and the inner set has no other diagonals."""
     scene, areas, tracks = throw(workload, 3, 6, 7, separation_m=500.0)
     rng, seen, met = np.random.default_rng(0), 0, 0
     for track, other in [(track, other) for track in tracks[:5] for other in [*areas, *tracks] if other is not track]:

@@ -1,4 +1,4 @@
-"""COPY BINARY as arrays: what is encoded in bulk is what PostgreSQL's own format says, row by row."""
+"""COPY BINARY from arrays: rows encoded in bulk are those of PostgreSQL's own format, row by row."""
 
 import struct
 import tracemalloc
@@ -211,7 +211,7 @@ def test_parts_of_other_lengths_are_refused() -> None:
 
 
 def test_rows_are_their_parts_one_after_the_other() -> None:
-    """Also of parts that are empty, and of bytes of which none are used."""
+    """Also of empty parts, and of bytes that are not used at all."""
     fixed = np.arange(4, dtype=np.uint8).reshape(2, 2)
     ragged = np.arange(10, 20, dtype=np.uint8), np.array([1, 1, 4])
     assert interleaved([fixed, ragged, np.empty((2, 0), np.uint8)]).tolist() == [0, 1, 2, 3, 11, 12, 13]

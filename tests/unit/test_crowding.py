@@ -1,4 +1,4 @@
-"""Cells of space and time in which the pieces of a scene are joined."""
+"""Cells of space and time, in which the pieces of a scene are joined."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ def boxes(rng: np.random.Generator, count: int, size: float) -> tuple[np.ndarray
 
 
 def test_every_place_is_in_one_cell() -> None:
-    """Cells fill space and time, also far outside of what they were made of, and do not overlap."""
+    """Cells fill space and time, also far outside of the sample, and do not overlap."""
     rng = np.random.default_rng(1)
     low, high = boxes(rng, 3_000, 0.4)
     low[:40, 2], high[:40, 2] = -(2.0**63), 2.0**63  # there for ever
@@ -25,7 +25,7 @@ def test_every_place_is_in_one_cell() -> None:
 
 
 def test_a_crowd_is_dealt_into_blocks() -> None:
-    """Where 2,000 are in one place there are as many blocks as make its units like others; elsewhere there is one."""
+    """A cell with 2,000 pieces is cut into blocks until its units are as large as others; other cells are one block."""
     rng = np.random.default_rng(2)
     low, high = boxes(rng, 10_000, 0.01)
     low[:2_000], high[:2_000] = 0.4, 0.5
@@ -51,7 +51,7 @@ def test_units_are_twos_of_blocks() -> None:
 
 
 def test_a_sample_tells_of_all() -> None:
-    """Of a tenth of the pieces about as many pairs follow as of all of them."""
+    """A tenth of the pieces gives about the same estimate of pairs as all pieces."""
     low, high = np.full((3_000, 3), 0.2), np.full((3_000, 3), 0.3)
     of_all, of_some = Cells.of(low, high, 1.0, 64), Cells.of(low[:300], high[:300], 0.1, 64)
     assert of_some.pairs == pytest.approx(of_all.pairs, rel=0.01)

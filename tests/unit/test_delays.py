@@ -138,7 +138,7 @@ def test_what_cannot_be_cut_forbids_every_delay_at_which_it_is_there(monkeypatch
 
 
 def test_a_track_that_cannot_be_cut_may_wait_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    """So whatever is there after its planned departure forbids every later one; what was there before does not."""
+    """So a later object forbids every later departure; an object before the planned departure forbids none."""
     from conflictdb.stages.pieces import covers
 
     def fail(*_: object) -> None:
@@ -187,7 +187,7 @@ def waits_first(track: Track, waits_s: float) -> Track:
 
 
 def test_a_track_whose_first_leg_stands_still_waits_there() -> None:
-    """So what comes by while it waits forbids every later departure; an earlier one does not wait."""
+    """So an object that passes while it waits forbids every later departure; an earlier departure does not wait."""
     waiting = waits_first(EAST, 600.0)
     by = replace(NORTH, key="by", positions_deg=NORTH.positions_deg - [0.5, 0.0])
     [plain], [found] = (one_of(track, by, within_s=20_000.0).forbidden for track in (EAST, waiting))
@@ -195,7 +195,7 @@ def test_a_track_whose_first_leg_stands_still_waits_there() -> None:
     assert found.to_s == 20_000.0
     assert found.from_s == pytest.approx(plain.from_s, abs=3e-6)
     assert found.is_proven
-    # It comes by before the track is there, after the horizon, or below it.
+    # It passes before the track begins, after the horizon, or below it.
     gone = replace(by, times_us=by.times_us - 9_000_000_000)
     assert all(one.to_s < 0.0 for one in one_of(waiting, gone, within_s=20_000.0).forbidden)
     assert one_of(waiting, by, within_s=1000.0).forbidden == ()
@@ -234,12 +234,12 @@ def test_a_haven_that_changes_its_shape_may_leave_an_area_and_meet_it_again() ->
 
 
 def at(s: float) -> np.datetime64:
-    """The instant so many seconds after east departs."""
+    """The instant `s` seconds after east departs."""
     return np.datetime64(T0_US + round(1e6 * s), "us")
 
 
 def test_nothing_departs_before_now() -> None:
-    """An earlier departure is not offered if it is past; the forbidden departures stay what they are."""
+    """An earlier departure is not offered if it is past; the forbidden departures stay the same."""
     [free] = delays([EAST, NORTH], [], SCENE, "east")
     least_s = free.least_earlier_s
     assert least_s is not None
@@ -265,7 +265,7 @@ def test_what_has_departed_cannot_shift() -> None:
 
 
 def test_a_track_that_stands_at_its_first_waypoint_may_still_leave() -> None:
-    """Before it is there it shifts as others do; it has departed once its legs that stand still are over."""
+    """Before its start it shifts as others do; it has departed once its legs that stand still are over."""
     waiting = waits_first(waits_first(EAST, 600.0), 300.0)
     for now_s, has_departed, earliest_s in (
         (-1000.0, False, -100.0),
@@ -299,6 +299,8 @@ def test_a_horizon_that_is_none_is_refused(within_s: float) -> None:
 def test_other_input_is_refused() -> None:
     with pytest.raises(InvalidInput, match="'south' is not known"):
         delays([EAST], [], SCENE, "south")
+    with pytest.raises(InvalidInput, match="'closed' is an area, which does not depart"):
+        delays([EAST], [area("closed")], SCENE, "closed")
     with pytest.raises(InvalidInput, match="are they swapped"):
         delays([area("closed")], [EAST], SCENE)  # type: ignore[list-item]
     with pytest.raises(InvalidInput, match="occurs more than once"):

@@ -1,4 +1,4 @@
-"""Figures show what is so: separations between their bounds, shapes where they are, names as they are."""
+"""Figures are true: separations between their bounds, shapes in their places, names unchanged."""
 
 import logging
 import pickle
@@ -142,7 +142,7 @@ def test_objects_at_the_date_line_are_near_on_the_page(west: float) -> None:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_scene_at_the_date_line_is_one_piece(sign: float) -> None:
-    """Its map is as wide as the scene, with ways, hulls, havens and what the stages leave on the same side of it."""
+    """Its map is as wide as the scene, with ways, hulls, havens and the results of stages on the same side of it."""
     at = [sign * lon for lon in (176.0, 183.0)]
     wrapped = [(lon + 180.0) % 360.0 - 180.0 for lon in at]
     east = track("EAST", (wrapped[0], 4.0), (wrapped[1], 8.5), hours=12.0)
@@ -181,7 +181,7 @@ def test_what_is_not_decided_is_not_called_a_conflict(strait: Any) -> None:
 
 
 def test_names_from_right_to_left_stand_in_their_place() -> None:
-    """What is beside one keeps its own direction: marks hold it."""
+    """Neighbouring text keeps its own direction: marks enclose the name."""
     ships = [track("\N{HEBREW LETTER ALEF}1", (0.0, 0.0), (0.1, 0.0)), track("<b>", (0.1, 0.0), (0.0, 0.0))]
     said = texts(plot_timeline(solve(ships, [], Scene("s"))))
     mark = "\N{LEFT-TO-RIGHT MARK}"
@@ -231,7 +231,7 @@ def test_a_pair_shows_what_is_known_of_it(strait: Any, tmp_path: Path) -> None:
     assert "Firing practice and Survey aircraft: conflict" in said
     assert "projected onto the way (stage 3)" in said
     assert "1 µs" in said
-    # Three periods are shaded, beside the band of the bounds.
+    # Three periods are shaded, apart from the band of the bounds.
     assert len(figure.axes[1].patches) == len(conflict.periods) == 3
     figures.save(figure, tmp_path / "pair.png")
     assert (tmp_path / "pair.png").read_bytes().startswith(b"\x89PNG")
@@ -329,7 +329,7 @@ def test_areas_that_have_nothing_in_common_are_shown_whole(gap_deg: float) -> No
 )
 @pytest.mark.parametrize("motion", list(Motion))
 def test_any_pair_can_be_drawn(a: Area | Track, b: Area | Track, motion: Motion) -> None:
-    """What is always there, what is never there together, what has no size and does not move."""
+    """Objects without time limits, never together, without size, or without motion."""
     scene = Scene("s", motion=motion)
     areas, tracks = ([one for one in (a, b) if isinstance(one, kind)] for kind in (Area, Track))
     found = solve(tracks, areas, scene)
@@ -526,7 +526,7 @@ def test_a_page_of_pdf_has_headings_with_what_they_are_of(
     assert pages["headings"] == pages["figures"][:2]
     assert all(align == "L" for text, align in said if text.startswith(("Of ", "Interference")))
     assert said[0][0].startswith("Interference report: 1-\N{HEBREW LETTER BET}\N{HEBREW LETTER ALEF} and")
-    # Of the table of conflicts, the longest column leaves the others what they need.
+    # In the table of conflicts, the longest column leaves the others enough width.
     columns, across = next((columns, across) for columns, across in widths if len(columns) == 7)
     assert sum(columns) == pytest.approx(across, rel=1e-6)
     assert columns[5] > 22.0  # "57.95000, 8.40711", millimetres
@@ -543,7 +543,7 @@ def test_periods_without_an_end_are_told_in_words() -> None:
 def test_letters_of_other_scripts_are_drawn_where_a_font_has_them(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """By one of the fonts that are asked, as far as it is installed; and nothing is said of it."""
+    """By one of the requested fonts, if it is installed; and without warnings."""
     from fontTools.fontBuilder import FontBuilder
     from fontTools.pens.ttGlyphPen import TTGlyphPen
     from matplotlib import font_manager
@@ -612,7 +612,7 @@ def test_notebooks_show_tables(strait: Any) -> None:
 
 
 def test_a_vertical_separation_counts_and_is_not_drawn_as_height(strait: Any) -> None:
-    """The submarines' bands touch: closer than any vertical separation. Bands further apart say how far."""
+    """The submarines' bands touch: closer than any vertical separation. Bands further apart state their distance."""
     scene = replace(strait[0], vertical_separation_m=10.0)
     figure = plot_pair(scene, *named(strait, "SUB-1", "SUB-2"))
     assert "apart" not in figure.get_suptitle()

@@ -34,7 +34,7 @@ def test_periods_are_compared_at_both_ends_of_pairs_that_meet() -> None:
 @pytest.mark.parametrize("rate", [0.003, 0.05, 0.5])
 @pytest.mark.parametrize("n", [20, 150])
 def test_intervals_of_shares_contain_the_truth(rate: float, n: int) -> None:
-    """Of 400 pairs of which hardly any, some or half have a property; also where none of the sample has it."""
+    """Hardly any, some or half of 400 pairs have a property; also if none of the sample has it."""
     rng = np.random.default_rng(5)
     population = rng.random(400) < rate
     population[0] = True
@@ -49,7 +49,7 @@ def test_intervals_of_shares_contain_the_truth(rate: float, n: int) -> None:
 @pytest.mark.parametrize(
     ("count", "of", "low", "high"),
     [
-        # C. J. Clopper, E. S. Pearson, Biometrika 26 (1934): 1 - 0.025^(1/n) where there is none, and so on.
+        # C. J. Clopper, E. S. Pearson, Biometrika 26 (1934): 1 - 0.025^(1/n) if the count is 0, and so on.
         (0, 10, 0.0, 0.3085),
         (0, 100, 0.0, 0.03622),
         (1, 10, 0.00253, 0.4450),

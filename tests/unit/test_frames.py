@@ -1,4 +1,4 @@
-"""Data frames: what `solve` takes from geopandas, and what is found as frames."""
+"""Data frames: input of `solve` from geopandas, and conflicts as frames."""
 
 import subprocess
 import sys
@@ -81,7 +81,7 @@ def test_frames_of_objects_are_solved_as_the_objects() -> None:
 
 
 def test_projected_frames_are_transformed() -> None:
-    """Metres of UTM become degrees: the same pairs, and the same times to what the transformation rounds."""
+    """Metres of UTM become degrees: the same pairs, and the same times up to the rounding of the transformation."""
     (in_degrees,) = solve(one_track(), one_area())
     (in_metres,) = solve(one_track().to_crs(32632), one_area().to_crs(32632))
     assert in_degrees.first_contact is not None
@@ -115,7 +115,7 @@ def test_frame_that_cannot_be_meant_is_refused(tracks: Any, areas: Any, said: st
 
 
 def test_places_that_a_system_does_not_reach_are_refused() -> None:
-    """Where PROJ has no answer it says infinity, which is no place."""
+    """PROJ returns infinity outside of a system, which is not a valid place."""
     beyond = one_area().set_crs(32632, allow_override=True)
     beyond.geometry = [shapely.box(1e9, 1e9, 1e9 + 1, 1e9 + 1)]
     with pytest.raises(InvalidInput, match="area 'A': geometry"):
@@ -123,7 +123,7 @@ def test_places_that_a_system_does_not_reach_are_refused() -> None:
 
 
 def test_haven_is_of_tracks_that_have_none() -> None:
-    """What a row says of its size counts; a size that is no size is refused."""
+    """A row's own size comes first; an invalid size is refused."""
     bare = one_track(**dict.fromkeys(HAVEN))
     wide = {**HAVEN, "fore_m": 1000}
     area = one_area()
@@ -136,7 +136,7 @@ def test_haven_is_of_tracks_that_have_none() -> None:
 
 
 def test_instants_without_zone_take_the_one_that_is_given() -> None:
-    """Wall clocks of a zone, but for the hours that are there twice, or not at all."""
+    """Wall clocks of a zone, except hours that occur twice, or not at all."""
     area = one_area(start=[pd.Timestamp("2026-06-01 08:40")])
     (found,) = solve(one_track(), area, time_zone="UTC")
     assert found.first_contact == pd.Timestamp("2026-06-01 08:40", tz="UTC")
@@ -208,7 +208,7 @@ def test_found_is_written_by_geopandas(tmp_path: Path, suffix: str) -> None:
 
 
 def test_found_is_a_frame_with_the_columns_of_the_view() -> None:
-    """Names and types, also of nothing; what is absent is NaT or missing, and unbounded times are."""
+    """Names and types, also of an empty frame; absent values are NaT or missing, and so are unbounded times."""
     scene, areas, tracks, _ = read(STRAIT)
     assert scene is not None
     found = solve(tracks, areas, Scene(scene.name, nearest_m=20_000))
@@ -243,7 +243,7 @@ def test_place_of_a_conflict_is_its_region_where_that_was_read() -> None:
 
 @pytest.mark.parametrize("missing", ["pandas", "geopandas"])
 def test_missing_library_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
-    """Without geopandas a frame of pandas is there all the same."""
+    """Without geopandas a frame of pandas is still available."""
     monkeypatch.setitem(sys.modules, missing, None)
     nothing = Results([], Conflict)
     with pytest.raises(ConflictDBError, match=rf"needs {missing}: pip install 'conflictdb\[pandas\]'"):
@@ -253,7 +253,7 @@ def test_missing_library_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch
 
 
 def test_solving_objects_imports_no_frames() -> None:
-    """Who has none does not wait for them."""
+    """Users without frames need not wait for their import."""
     script = (
         "import sys\nfrom conflictdb import solve\nassert solve([], []) == []\n"
         "print(sorted({'pandas', 'geopandas', 'movingpandas', 'geoalchemy2', 'pyproj'} & set(sys.modules)))"
@@ -270,14 +270,14 @@ def test_numbers_of_numpy_are_ids() -> None:
         assert found.a_key == "7"
 
 
-# What MovingPandas does within itself.
+# Calls of MovingPandas to itself.
 ITS_OWN = pytest.mark.filterwarnings("ignore:The inplace keyword")
 
 
 @pytest.fixture(scope="module")
 def movingpandas() -> Any:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it tells of libraries that it could use
+        warnings.simplefilter("ignore")  # it warns about optional libraries
         return pytest.importorskip("movingpandas")
 
 
@@ -311,7 +311,7 @@ def test_trajectories_are_tracks(movingpandas: Any) -> None:
 
 @ITS_OWN
 def test_trajectories_need_a_zone_a_size_and_a_system(movingpandas: Any) -> None:
-    """A zone that MovingPandas took off is put back; without one, and none given, they are refused."""
+    """A zone that MovingPandas removed is restored; naive times without a given zone are refused."""
     area = one_area()
     collection = movingpandas.TrajectoryCollection(fixes(), "ship")
     with pytest.raises(InvalidInput, match=r"trajectory 'E': times\[0\]: has no time zone"):

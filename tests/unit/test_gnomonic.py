@@ -19,7 +19,7 @@ from conflictdb.stages.pieces.cutting import track_pieces
 
 CLOSE_M = 1e-8
 LEG_S = 1000.0
-# Whatever is asked: places and outlines are replaced.
+# Placeholders: places and outlines are replaced.
 LEG = scenes.track("T", [(0, 0), (0, 0)], [0, LEG_S], 1.0, 1.0, 1.0, 1.0)
 Place = tuple[float, float]
 

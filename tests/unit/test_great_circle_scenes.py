@@ -1,4 +1,4 @@
-"""Scenes of great circles on their way in and out: settings, files, what their plane holds, and what it makes whole."""
+"""Scenes of great circles on their way in and out: settings, files, the limits of their plane, and polar polygons."""
 
 import json
 from dataclasses import replace
@@ -91,7 +91,7 @@ def test_file_with_a_bad_setting_is_refused(scene: dict[str, Any], match: str) -
 
 
 def test_speeds_are_along_great_circles() -> None:
-    """Over the pole from 60 to 60 degrees is 60 degrees of a great circle, and no rhumb line at all."""
+    """Over the pole from 60 to 60 degrees is 60 degrees of a great circle, although not a rhumb line at all."""
     track = {
         "type": "Feature",
         "id": "T",
@@ -148,7 +148,7 @@ CENTRED = Scene("s", Motion.GREAT_CIRCLE, centre=(0.0, 0.0))
     ],
 )
 def test_what_the_plane_cannot_hold_is_named(areas: list[Area], tracks: list[Track], match: str) -> None:
-    """With the limit, the centre and what to do."""
+    """With the limit, the centre and a remedy."""
     with pytest.raises(InvalidInput, match=match) as refused:
         check_plane(plane_of(CENTRED), areas, tracks)
     assert "(0, 0)" in str(refused.value)
@@ -199,7 +199,7 @@ def test_area_without_an_end_around_the_pole_meets_what_passes_over_it() -> None
     tracks = [sail("OVER", (0, 85), (180, 85), size_m=0.0), sail("PAST", (-60, 80), (60, 80), size_m=0.0)]
     (found,) = solve(tracks, areas, Scene("s", Motion.GREAT_CIRCLE))
     assert (found.a_key, found.b_key) == ("POLE", "OVER")
-    # Of the triangle around the pole one corner lies on the way, and the middle of the opposite edge.
+    # The way passes a corner of the triangle around the pole, and the middle of the opposite edge.
     edge = np.degrees(np.arctan(np.tan(np.radians(1.0)) * np.cos(np.radians(60.0))))
     ((start, end),) = periods_us(found)
     assert start is not None

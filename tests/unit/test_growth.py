@@ -29,7 +29,7 @@ def shapes_at(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarra
 
 
 def whole_legs(pieces: Pieces) -> Pieces:
-    """Shapes are asked about the time of their slices: here those are the whole legs."""
+    """Shapes exist for the time of their slices: here those are the whole legs."""
     return replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
 
 
@@ -85,9 +85,9 @@ def test_bounds_are_near_what_they_bound(
     mps: float,
     limits: tuple[float, float, float],
 ) -> None:
-    """Each bound as so many times what it bounds on a whole leg: as measured, and a hundredth more.
+    """The ratio of each bound to its exact value on a whole leg: as measured, and a hundredth more.
 
-    A bound that grows costs time and widens what is reported, and nothing else tells.
+    A bound that grows costs time and widens the reported intervals; no other test notices.
     """
     end = (start[0] + way[0], start[1] + way[1])
     _, one = leg_shapes(
@@ -111,7 +111,7 @@ def test_a_place_that_goes_over_to_the_other_side_stays_near_its_chord(earth: Ea
 
 
 def test_no_growth_is_no_change_in_any_company() -> None:
-    """What is computed of a rigid haven is the same to the bit beside one that grows."""
+    """Pieces of a rigid haven are the same to the bit in a batch with a growing one."""
     scene = Scene("s")
     rigid = scenes.track("R", [(0, 50), (3, 60)], [0, LASTS_S], 9000.0, 3000.0, 500.0, 4000.0)
     grows = replace(rigid, key="G", grow_mps=1.0)
@@ -160,7 +160,7 @@ def test_the_same_growth_as_speed_and_as_outlines_is_the_same_answer(earth: Eart
     by_outlines = []
     for t in tracks:
         age_s = (t.times_us - t.times_us[0]) / 1e6
-        # Of a rectangle about the reference point every corner moves away from both axes.
+        # In a rectangle about the reference point every corner moves away from both axes.
         outlines = t.outline_m + 0.5 * age_s[:, None, None] * np.sign(t.outline_m)
         by_outlines.append(replace(t, outlines_m=outlines))
     found = solve(by_speed, areas, scene)
@@ -176,7 +176,7 @@ def test_a_growth_of_nothing_is_the_same_answer() -> None:
 
 
 def test_more_growth_meets_no_later() -> None:
-    """The haven that grows faster holds the other one: its first contact is no later, its last no earlier."""
+    """The haven that grows faster contains the other one: its first contact is no later, its last no earlier."""
     wall = scenes.area("A", shapely.box(1.0, -1, 1.2, 1))
     track = scenes.track("T", [(0, 0.3), (2, -0.4)], [0, 10 * HOUR_S], 3000.0, 100.0, 100.0, 2000.0)
     spans = [periods_us(solve([replace(track, grow_mps=mps)], [wall])[0])[0] for mps in (0.0, 0.01, 0.1, 1.0)]

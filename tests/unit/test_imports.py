@@ -1,4 +1,4 @@
-"""What the tree promises: names that say what is inside, SQL in one place, and a command line that starts at once."""
+"""Promises of the tree: names that describe the content, SQL in one place, and a command line that starts at once."""
 
 import re
 import subprocess
@@ -14,7 +14,7 @@ WITH_SQL = ("db/store/", "db/schema.py", "server/")
 
 
 def test_no_module_is_named_after_nothing() -> None:
-    """A module called utils holds whatever nobody found a place for."""
+    """A module called utils collects code without a better place."""
     vague = re.compile(r"util|helper|common|misc", re.IGNORECASE)
     assert [path for path in SOURCES if vague.search(str(path.relative_to(PACKAGE)))] == []
 

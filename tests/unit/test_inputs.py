@@ -1,4 +1,4 @@
-"""What programs may hand in is taken as it is meant; what cannot be meant is refused with key, field and rule."""
+"""Valid input of programs keeps its meaning; invalid input is refused with key, field and rule."""
 
 import json
 from collections.abc import Callable
@@ -166,7 +166,7 @@ def test_what_cannot_be_meant_is_refused(make: Callable[[], object], key: str, f
 
 
 def test_instants_of_1970_are_taken_where_they_are_meant() -> None:
-    """As datetimes, or in a span that reaches beyond what seconds could mean."""
+    """As datetimes, or in a span that is too long for seconds."""
     early = datetime(1970, 1, 1, 0, 30, tzinfo=UTC)
     assert track([early, early + timedelta(minutes=10)]).times_us.tolist() == [1_800_000_000, 2_400_000_000]
     assert track([0, 3_600_000_000]).times_us.tolist() == [0, 3_600_000_000]

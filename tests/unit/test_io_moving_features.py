@@ -1,4 +1,4 @@
-"""OGC Moving Features JSON: moving points become tracks; what a track cannot be is refused by name."""
+"""OGC Moving Features JSON: moving points become tracks; parts that a track cannot represent are refused by name."""
 
 import json
 from pathlib import Path

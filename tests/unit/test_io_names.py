@@ -1,4 +1,4 @@
-"""A member that nobody reads is refused if it looks like one that is read; others are kept as properties."""
+"""An unknown member is refused if it looks like a known one; others are kept as properties."""
 
 import json
 from pathlib import Path

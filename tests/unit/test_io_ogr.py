@@ -34,7 +34,7 @@ def test_polygons_become_areas_with_their_columns(tmp_path: Path, name: str) -> 
 
 
 def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
-    """Of areas without start or end: they are active for longer than may be meant."""
+    """For areas without start or end: they are active for longer than perhaps intended."""
     path = write_layer(
         tmp_path / "zones.gpkg",
         [SQUARE, shapely.box(5.0, 57.0, 6.0, 58.0)],

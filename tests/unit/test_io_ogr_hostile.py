@@ -40,7 +40,7 @@ def secret(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def listener() -> Iterator[tuple[str, list[bytes]]]:
-    """A web server on this machine, and what was asked of it."""
+    """A web server on this machine, and the requests that it got."""
     asked: list[bytes] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
 
@@ -78,7 +78,7 @@ ENTITY = '<?xml version="1.0"?><!DOCTYPE kml [<!ENTITY x SYSTEM "{}">]><kml><Doc
 @pytest.mark.parametrize("name", ["areas.vrt", "areas.kml"])
 @pytest.mark.parametrize("text", [VRT, GDALG, GML, ENTITY, KML.format(LINK)])
 def test_no_other_file_is_read(tmp_path: Path, secret: Path, name: str, text: str) -> None:
-    """Whatever the name says; and nothing is written beside the file."""
+    """Whatever the name is; and no new file is written to the directory."""
     path = tmp_path / name
     path.write_text(text.format(secret))
     try:

@@ -1,4 +1,4 @@
-"""Files as other programs write them: ids, reference systems, instants, and what is left out on request."""
+"""Files of other programs: ids, reference systems, instants, and objects left out on request."""
 
 from pathlib import Path
 from typing import Any
@@ -49,7 +49,7 @@ def test_a_number_and_its_text_are_the_same_id(tmp_path: Path) -> None:
     ],
 )
 def test_longitude_and_latitude_have_many_names(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "pyproj", None)  # not even asked
+    monkeypatch.setitem(__import__("sys").modules, "pyproj", None)  # not even imported
     (one,) = formats.read(write(tmp_path, area(), crs={"type": "name", "properties": {"name": name}})).areas
     assert one.footprint.bounds == (4, 57, 5, 58)
 

@@ -1,4 +1,4 @@
-"""GeoParquet: what is written comes back to the bit, what others write is read, and the rest is one clear error."""
+"""GeoParquet: a scene reads back to the bit, files of other tools are read, and the rest is one clear error."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -33,7 +33,7 @@ LINE = shapely.LineString([(9.0, 54.0), (9.5, 54.5)])
 US = pa.timestamp("us", "UTC")
 EIGHT, TEN = 1_780_300_800_000_000, 1_780_308_000_000_000  # 2026-06-01, UTC
 
-# What is read as it is read outside of tests: by a process of its own.
+# These tests read as users do: in a process of its own.
 APART = (
     "test_parts_in_a_directory_are_one_file",
     "test_parts_that_do_not_belong_together_are_refused",
@@ -60,7 +60,7 @@ def _in_this_process(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyP
 
 
 def geo(**column: Any) -> dict[str, Any]:
-    """Metadata of GeoParquet in longitude and latitude, but for what is given."""
+    """Metadata of GeoParquet in longitude and latitude, except given members."""
     return {"primary_column": "geometry", "columns": {"geometry": {"encoding": "WKB", **column}}}
 
 
@@ -101,7 +101,7 @@ def test_a_scene_comes_back_as_it_was(tmp_path_factory: pytest.TempPathFactory, 
 
 
 def test_what_is_written_is_geoparquet(tmp_path: Path) -> None:
-    """By the schema of 1.1: coded as WKB, with a box for each row that its metadata name, and one of all."""
+    """By the schema of 1.1: WKB, with a box for each row that its metadata name, and one box of all rows."""
     scene, areas, tracks = throw(GROWING, 7, 8, 12)
     path = saved(tmp_path / "scene.parquet", areas, tracks, scene)
     metadata = json.loads(pq.read_schema(path).metadata[b"geo"])
@@ -143,7 +143,7 @@ def test_closest_approaches_are_no_conflicts(tmp_path: Path) -> None:
 
 
 def test_areas_of_geopandas_are_read(tmp_path: Path) -> None:
-    """With instants that pandas holds, a further property, its index aside, in any reference system."""
+    """With instants as pandas stores them, a further property, an ignored index, in any reference system."""
     frame = geopandas.GeoDataFrame(
         {
             "id": ["A", "B"],
@@ -213,7 +213,7 @@ def test_outlines_and_heights_of_legs_are_lists(tmp_path: Path) -> None:
 
 
 def fixes(geometry: bool) -> dict[str, Any]:
-    """Two waypoints each of two tracks, mixed, with a size and what changes."""
+    """Two waypoints each of two tracks, mixed, with a size and the given changes."""
     places = [(9.0, 54.0), (10.0, 55.0), (9.5, 54.5), (10.5, 55.5)]
     columns: dict[str, Any] = {
         "id": [1, 2, 1, 2],
@@ -264,7 +264,7 @@ def test_a_file_that_says_no_reference_system_is_remarked(tmp_path: Path) -> Non
 
 
 def test_parts_in_a_directory_are_one_file(tmp_path: Path) -> None:
-    """As Spark writes it, with files beside that are no parts."""
+    """As Spark writes it, with other files that are no parts."""
     directory = tmp_path / "areas.parquet"
     directory.mkdir()
     for k in range(3):
@@ -405,7 +405,7 @@ def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
 
 
 def test_names_of_columns_are_mapped(tmp_path: Path) -> None:
-    """Of areas and of positions, as in other files; and lines without times name columns that look like them."""
+    """For areas and positions, as in other files; and lines without times name columns that look like them."""
     columns = {"id": ["A"], "geometry": [SQUARE], "valid_from": pa.array([EIGHT], US)}
     path = written(tmp_path / "a.parquet", columns)
     (area,) = read(path, hints=FileHints({"start": "valid_from"})).areas
@@ -440,7 +440,7 @@ def test_a_misspelt_column_is_refused(tmp_path: Path) -> None:
 
 
 def of_form(name: str, column: pa.Array) -> Callable[[Path], Path]:
-    """Return what writes a scene of one area of which a column is another."""
+    """Return a function that writes a scene of one area, with another array as one of the columns."""
 
     def write_it(path: Path) -> Path:
         table = pq.read_table(saved(path, [Area("A", SQUARE)], []))
@@ -544,7 +544,7 @@ def test_what_unpacks_to_too_much_is_refused(tmp_path: Path, note: pa.Array) -> 
 
 
 def test_rows_per_waypoint_are_held_and_bounded_also_by_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are one part, of no more than fits; what is given goes before."""
+    """They are one part, limited by memory; a given limit comes first."""
     n = 4
     columns = {"mmsi": ["1"] * n, "time": pa.array([EIGHT + i * 10**9 for i in range(n)], US), "lon": [9.0] * n}
     path = written(tmp_path / "ais.parquet", {**columns, "lat": [54.0 + 0.01 * i for i in range(n)]}, {})

@@ -27,7 +27,7 @@ NESTED = "row 0 nests geometries more than 32 deep"
 
 
 def nested(kind: int) -> pa.Array:
-    """Geometries in geometries: GEOS overflows the stack long before so many."""
+    """Geometries in geometries: GEOS overflows the stack at far fewer levels."""
     return pa.array([struct.pack("<BII", 1, kind, 1) * 100_000 + struct.pack("<BII", 1, kind, 0)], pa.binary())
 
 
@@ -96,7 +96,7 @@ def test_hostile_conflicts_are_refused(tmp_path: Path, name: str) -> None:
 
 
 def test_nulls_count_as_what_they_take(tmp_path: Path) -> None:
-    """Of a type that has none but nulls a billion rows are a small file, and no bytes of Arrow."""
+    """A billion rows of the null type are a small file, and no bytes of Arrow."""
     path = tmp_path / "fixes.parquet"
     pq.write_table(pa.table({name: pa.nulls(100_000) for name in ("id", "time", "lon", "lat")}), path)
     with pytest.raises(InvalidInput, match="holds more than 3 MB"):
@@ -112,7 +112,7 @@ def test_mistakes_without_end_are_not_all_kept(tmp_path: Path, skip_invalid: boo
 
 
 def test_a_reference_system_opens_no_file(tmp_path: Path) -> None:
-    """PROJ would wait for ever for what a pipe says."""
+    """PROJ would wait for ever for the content of a pipe."""
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     escaped = json.dumps({"type": "x", "file": str(pipe)}).replace("/", "\\u002f")

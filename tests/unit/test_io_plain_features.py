@@ -39,7 +39,7 @@ NAMES = [
 
 
 def places(value: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """The way to each value within a value, its own but for the outermost."""
+    """The path of each value within a value, without the outermost value itself."""
     if at:
         yield at
     for name, member in (
@@ -49,7 +49,7 @@ def places(value: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 
 def changed(features: list[Any], seed: int) -> list[Any]:
-    """The features, some of which have other values, fewer members, or more."""
+    """The features, with some values replaced, and members removed or added."""
     rng = random.Random(seed)  # noqa: S311
     features = copy.deepcopy(features)
     for _ in range(rng.choice([0, 1, 1, 2, 5])):
@@ -120,7 +120,7 @@ def test_hostile_features_are_read_as_one_by_one() -> None:
 
 @given(scenes())
 def test_exported_objects_are_plain(content: tuple[Scene, list[Area], list[Track]]) -> None:
-    """What this package writes is read fast: all but havens and heights that change, and straight corners."""
+    """Files of this package are read fast: all but havens and heights that change, and straight corners."""
     scene, areas, tracks = content
     features = json.loads("".join(scene_text(scene, areas, tracks)))["features"]
     constant = [t.outlines_m is None and not t.grow_mps and t.floors_m is None and t.ceilings_m is None for t in tracks]

@@ -1,4 +1,4 @@
-"""Files of positions: what cannot be used is left out by name, what is no position file is refused."""
+"""Files of positions: unusable rows are left out by name, other files are refused."""
 
 import gzip
 from pathlib import Path
@@ -134,7 +134,7 @@ def test_rows_without_identity_time_or_position_are_left_out(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("size", ["100,20", ","])
 def test_an_object_without_any_position_is_left_out_once(tmp_path: Path, size: str) -> None:
-    """AIS says "not available" by latitude 91 and longitude 181; it is no refused plan."""
+    """AIS encodes "not available" as latitude 91 and longitude 181; such an object is not a refused plan."""
     lost = f"b,2026-03-01T00:00:00Z,181,91,{size}"
     contents = read(tmp_path, HEADER, fix("a", 0, 4.0), fix("a", 1, 4.01), lost)
     assert reasons(contents) == {("b", "no position"): ((4,), True)}

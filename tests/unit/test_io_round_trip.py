@@ -1,4 +1,4 @@
-"""What is exported reads back as exactly the same objects; what is read means what the file said."""
+"""An export reads back as exactly the same objects; reading keeps the meaning of the file."""
 
 import gzip
 from pathlib import Path

@@ -80,7 +80,7 @@ def test_hostile_geometries_are_refused_by_row(name: str) -> None:
 
 
 def test_any_bytes_are_decoded_or_refused() -> None:
-    """GEOS says no more than that a ring is open, of what passes."""
+    """The only error left to GEOS is an open ring."""
     chance = random.Random(7)  # noqa: S311
     for _ in range(20_000):
         data = bytearray(shapely.to_wkb(chance.choice(HONEST)))

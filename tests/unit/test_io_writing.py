@@ -27,7 +27,7 @@ def found() -> list[conflictdb.Conflict]:
 
 
 def test_the_name_says_the_format(found: list[conflictdb.Conflict], tmp_path: Path) -> None:
-    """What only a database knows is null, and an empty cell."""
+    """Columns that only a database fills are null, and empty cells."""
     for name in ("found.geojson", "found.json", "found.csv", "found.json.gz"):
         conflictdb.write(found, tmp_path / name)
     rows = json.loads((tmp_path / "found.json").read_text())
@@ -52,7 +52,7 @@ def test_the_name_says_the_format(found: list[conflictdb.Conflict], tmp_path: Pa
 
 
 def test_names_may_be_in_capitals(found: list[conflictdb.Conflict], tmp_path: Path) -> None:
-    """As `read` takes them: what is called .GZ is compressed."""
+    """As for `read`: a file called .GZ is compressed."""
     for name in ("found.json", "FOUND.JSON", "FOUND.JSON.GZ"):
         conflictdb.write(found, tmp_path / name)
     plain = (tmp_path / "found.json").read_bytes()
@@ -78,7 +78,7 @@ def test_an_empty_answer_has_the_columns_of_what_was_asked_for(tmp_path: Path) -
 
 
 def test_rows_are_written_as_they_come(found: list[conflictdb.Conflict], tmp_path: Path) -> None:
-    """Two thousand at a time or so are enough for a file of any length; what breaks off leaves the older file."""
+    """Batches of two thousand rows or so suffice for any length of file; an interrupted write leaves the old file."""
     conflictdb.write(found, tmp_path / "found.json")
     before = (tmp_path / "found.json").read_bytes()
     conflictdb.write((one for one in found), tmp_path / "found.json")

@@ -1,4 +1,4 @@
-"""An exception on one object or pair costs that one its answer, and no other."""
+"""An exception on one object or pair costs that one its answer; all others keep theirs."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -86,7 +86,7 @@ def failing_for(function: Callable[..., Any], is_hit: Callable[..., bool]) -> Ca
 def test_an_object_that_cannot_be_cut_is_unresolved_with_all_it_could_meet(
     scene: Scene, which: str, number: int, key: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With everything that shares its time; every other pair is what it was."""
+    """With every object that shares its time; every other pair stays the same."""
     expected = answer(scene)
     ids = "area_id" if which == "area_pieces" else "track_id"
     planted = failing_for(getattr(covers, which), lambda scene, plane, batch: number in getattr(batch, ids))
@@ -115,11 +115,11 @@ def test_an_object_whose_pieces_are_no_numbers_is_unresolved(bad: float, monkeyp
     monkeypatch.setattr(covers, "track_pieces", spoilt)
     found = answer(Scene("s"))
     assert {found[pair].verdict for pair in found if "T1" in pair} == {Verdict.UNRESOLVED}
-    assert len([pair for pair in found if "T1" in pair]) == 5  # not A3, which is there later
+    assert len([pair for pair in found if "T1" in pair]) == 5  # not A3, which is active later
 
 
 def test_a_pair_that_the_kernel_cannot_decide_is_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:
-    """While their pieces are near each other; pieces that are no numbers decide nothing."""
+    """While their pieces are near each other; pieces with NaN or infinity decide nothing."""
     expected = answer(Scene("s"))
 
     def spoilt(plane: kernel.KernelPlane, pieces: Any, *members: Any) -> kernel.KernelScene:
@@ -138,7 +138,7 @@ def test_a_pair_that_the_kernel_cannot_decide_is_unresolved(monkeypatch: pytest.
 
 
 def test_pairs_of_areas_whose_judgement_fails_are_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The kernel measures what is no number as none."""
+    """The kernel returns NaN for NaN."""
     monkeypatch.setattr(contact_search, "distances", lambda scene, a, *_: np.full(len(a), np.nan))
     assert answer(Scene("s"))["A0", "A1"].verdict == Verdict.UNRESOLVED
 

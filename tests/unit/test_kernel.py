@@ -1,4 +1,4 @@
-"""The kernel's border: what it refuses, what it leaves unresolved, that threads change nothing, and hostile arrays."""
+"""The kernel's border: refusals, unresolved pairs, hostile arrays, and independence of the number of threads."""
 
 import ctypes
 import re
@@ -72,7 +72,7 @@ def some(found: Contacts, wanted: np.ndarray) -> Contacts:
 
 
 def assert_unresolved(found: Contacts, pairs: np.ndarray) -> None:
-    """Each of these pairs is told as one that might meet, in all its time."""
+    """Each of these pairs is reported as unresolved, in all its time."""
     mine = some(found, pairs)
     assert mine.pair.tolist() == np.flatnonzero(pairs).tolist()
     assert (mine.verdict == UNRESOLVED).all()
@@ -166,7 +166,7 @@ def test_columns_of_other_lengths_are_refused() -> None:
 
 @pytest.mark.parametrize("turns", [1, 7], ids=["convex", "wound"])
 def test_thousands_of_vertices_are_taken(turns: int) -> None:
-    """In order, and seven times round, where the hull is meant: the same answer."""
+    """In order, and seven times round, where the kernel uses their hull: the same answer."""
     plane, pieces, pairs = batch(HIGH_LATITUDE)
     row = int(np.flatnonzero(pieces.kind[pairs[0]] == 1)[0])
     both = pieces.take(np.array([pairs[0][row], pairs[1][row]]))
@@ -181,7 +181,7 @@ def test_thousands_of_vertices_are_taken(turns: int) -> None:
 
 
 def wide(pieces: Pieces, pair: tuple[int, int], count: int) -> Pieces:
-    """Two pieces, the first of which is a circle of so many vertices about where it was, far larger than the other."""
+    """Two pieces: the first becomes a circle of `count` vertices about its middle, far larger than the other."""
     both = pieces.take(np.array(pair))
     angle = 2.0 * np.pi * np.arange(count) / count
     middle = both.shape_xy[: both.shape_offset[1]].mean(axis=0)
@@ -193,7 +193,7 @@ def wide(pieces: Pieces, pair: tuple[int, int], count: int) -> Pieces:
 
 
 def test_an_area_of_a_million_vertices_is_solved_in_seconds() -> None:
-    """And as one of a thousand is, whose circle is 0.5 m narrower."""
+    """The answer is that of a thousand vertices, whose circle is 0.5 m narrower."""
     plane, pieces, (a, b, zero, _, high) = batch(HIGH_LATITUDE)
     row = int(np.flatnonzero((pieces.kind[a] == 0) & (pieces.kind[b] == 1))[0])
     one = np.zeros(1, np.int64)
@@ -212,7 +212,7 @@ def test_an_area_of_a_million_vertices_is_solved_in_seconds() -> None:
     ("separation_m", "apart_m", "meets"), [(0.0, 199_900.0, 1), (0.0, 200_100.0, 0), (500.0, 200_100.0, 1)]
 )
 def test_two_areas_of_a_million_vertices_are_solved_in_seconds(separation_m: float, apart_m: float, meets: int) -> None:
-    """Circles of 100 km about the equator, where a metre is one of the plane."""
+    """Circles of 100 km about the equator, where the scale of the plane is 1."""
     plane, pieces, (a, _, zero, _, high) = batch(OCEAN)
     row, count, one = int(np.flatnonzero(pieces.kind[a] == 0)[0]), 1_000_000, np.zeros(1, np.int64)
     both = wide(pieces, (int(a[row]), int(a[row])), count)
@@ -227,7 +227,7 @@ def test_two_areas_of_a_million_vertices_are_solved_in_seconds(separation_m: flo
 
 @pytest.mark.parametrize(("more", "is_taken"), [(0, True), (1, False)])
 def test_havens_of_too_many_vertices_cannot_be(more: int, is_taken: bool) -> None:
-    """What two of them take grows with the square. The input refuses them, by the same limit."""
+    """The memory of two of them grows with the square. Input refuses them, by the same limit."""
     header = (build.HERE / "kernel.h").read_text()
     assert f"#define KERNEL_MOST_VERTICES {MAX_HAVEN_CORNERS}\n" in header
     plane, pieces, (_, b, *_) = batch(HIGH_LATITUDE)
@@ -259,7 +259,7 @@ def test_a_library_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch, tm
     "compiler", [None, "#!/bin/sh\necho 'stdlib.h: No such file' >&2\nexit 1\n"], ids=["none", "bad"]
 )
 def test_no_compiler_and_no_network_are_one_clear_error(tmp_path: Path, compiler: str | None) -> None:
-    """What the compiler or the installer says comes first, what to do last; one without headers counts as none."""
+    """The message of the compiler or installer comes first, the remedy last; no headers count as no compiler."""
     shutil.copytree(build.HERE, tmp_path, ignore=shutil.ignore_patterns("*.so", "__pycache__"), dirs_exist_ok=True)
     if compiler:
         (tmp_path / "cc").write_text(compiler)
@@ -359,7 +359,7 @@ def test_structures_have_the_size_that_the_library_has() -> None:
 
 
 def test_pairs_asked_about_beyond_a_pole_are_unresolved() -> None:
-    """A leg that would go on past a pole after its time is nowhere then: told at once, and other pairs as ever."""
+    """A leg that would go on past a pole after its end is undefined then: reported at once, and other pairs as ever."""
     plane, pieces, pairs = batch(HIGH_LATITUDE)
     scene = KernelScene(plane, pieces)
     change_deg = np.abs(pieces.leg_end_deg - pieces.leg_start_deg)[:, 1]
@@ -445,7 +445,7 @@ def test_shares_of_work_are_all_rows_in_order(threads: int) -> None:
 
 
 def test_what_fails_in_one_thread_ends_all() -> None:
-    """It is raised, and what no thread has begun is not done."""
+    """The error is raised, and questions that no thread has begun are skipped."""
     begun: list[int] = []
 
     def solve(rows: slice) -> None:

@@ -1,4 +1,4 @@
-"""A track may have a height band on every leg: it meets on each leg what a track of that leg alone would meet."""
+"""A track may have a height band on every leg: each leg meets the objects that a track of it alone meets."""
 
 import json
 from pathlib import Path
@@ -47,7 +47,7 @@ def test_only_legs_at_the_height_of_an_area_meet_it(
         return
     ((start_us, end_us),) = periods_us(found[0])
     assert start_us == TIMES_US[legs[0]]
-    # The last instant of a track is none of its own; the waypoint between belongs to both legs.
+    # The last instant of a track does not belong to it; the waypoint between belongs to both legs.
     assert end_us in (TIMES_US[legs[-1] + 1], TIMES_US[legs[-1] + 1] - 1)
 
 

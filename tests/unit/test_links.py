@@ -1,4 +1,4 @@
-"""What documents point at is there: linked pages and headings, and files that they name."""
+"""Targets of documents exist: linked pages and headings, and files that they name."""
 
 import re
 import unicodedata
@@ -33,7 +33,7 @@ def anchors(path: Path) -> set[str]:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_links_lead_somewhere(document: Path) -> None:
-    """Every relative link leads to a file that is there, and to a heading of it."""
+    """Every relative link leads to an existing file, and to a heading of it."""
     for target, anchor in re.findall(r"\]\((?!\w+:)([^)#]*)#?([^)]*)\)", prose(document)):
         path = (document.parent / target).resolve() if target else document
         assert path.exists(), target
@@ -43,7 +43,7 @@ def test_links_lead_somewhere(document: Path) -> None:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_files_that_are_named_are_there(document: Path) -> None:
-    """A path in code style, or in a command, that begins with a folder of the tree is one of the tree."""
+    """A path in code style, or in a command, exists if it begins with a folder of the tree."""
     for folder in FOLDERS:
         for path in re.findall(rf"(?<![\w/.$~-]){folder}/[\w./-]*\w", document.read_text()):
             is_start = path.endswith("_")  # of a name, as sql/20_ is

@@ -1,4 +1,4 @@
-"""Where polygons meet at an instant, and how far apart they are, by the kernel: known answers, and shapely."""
+"""Contact points of polygons at an instant, and their distances, by the kernel: known answers, and shapely."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ KNOWN = [
 @planes
 @pytest.mark.parametrize(("one", "other", "where"), KNOWN)
 def test_known_places(plane: Plane, one: Floats, other: Floats, where: tuple[float, float]) -> None:
-    """In metres and in kilometres: the middle of what is common, or halfway between what is nearest."""
+    """In metres and in kilometres: the middle of the intersection, or halfway between the closest points."""
     for size in (1.0, 1000.0):
         for both in ((one, other), (other, one)):
             found = meeting_xy(plane, *(size * corners + MIDDLE for corners in both))
@@ -101,7 +101,7 @@ def test_meeting_place_is_the_middle_of_what_shapely_finds_common(seed: int, whi
     "workload", [LOW_LATITUDE, HIGH_LATITUDE, SEAM, GROWING, OCEAN, GROWING_CIRCLES], ids=lambda w: w.name
 )
 def test_what_meets_in_motion_meets_in_both(workload: Workload) -> None:
-    """Pairs at instants at which they touch: the place is in both of the polygons, however many pairs are asked."""
+    """Pairs at instants at which they touch: the place is in both of the polygons, for any number of pairs."""
     scene, areas, tracks = throw(workload, 3, 24, 24)
     staged = Staged.of(scene, areas, tracks)
     plane, pieces, held = staged.plane, staged.pieces, staged.prepared

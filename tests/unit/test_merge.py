@@ -1,4 +1,4 @@
-"""Contacts of pieces merged to periods of objects: the ends, and by how much they may be off; by hand, in seconds."""
+"""Contacts of pieces merged to periods of objects: the ends, and their error bounds; by hand, in seconds."""
 
 import numpy as np
 import pytest
@@ -21,11 +21,11 @@ EVER = (-1e6, 1e6)
         ([(10, 30, 1), (30, 40, 3)], [(10, 40)], 3.0),
         ([(10, 40, 1), (20, 30, 3)], [(10, 40)], 1.0),
         ([(10, 30, 1), (31, 40, 3)], [(10, 30), (31, 40)], 3.0),
-        # The first one is in doubt altogether: the period may begin with the second one, or end with it.
+        # The first contact is in doubt altogether: the period may begin with the second, or end with it.
         ([(10, 20, 9), (14, 40, 1)], [(10, 40)], 5.0),
         ([(10, 30, 1), (25, 37, 9)], [(10, 37)], 8.0),
         ([(10, 20, 9), (20, 30, 9)], [(10, 30)], 20.0),
-        # Without an end there is none to be off.
+        # An unbounded end has no error.
         ([(EVER[0], 30, 1), (20, 40, 2)], [(EVER[0], 40)], 2.0),
         ([(10, EVER[1], 1)], [(10, EVER[1])], 1.0),
     ],
@@ -33,7 +33,7 @@ EVER = (-1e6, 1e6)
 def test_periods_and_their_errors(
     contacts: list[tuple[float, float, float]], periods: list[tuple[float, float]], error_s: float
 ) -> None:
-    """In the company of other groups, whose contacts have nothing to do with these."""
+    """In a batch with other groups, whose contacts do not matter here."""
     other = [(0, 100, 0)]
     many = [*other, *contacts, *other]
     group = np.repeat([0, 1, 2], [1, len(contacts), 1])

@@ -1,4 +1,4 @@
-"""One table says what a method does; a method that it does not know, or that has no stage 4, runs nothing in secret."""
+"""One table defines each method; an unknown method, or one without stage 4, runs no solver silently."""
 
 import inspect
 from dataclasses import replace
@@ -70,7 +70,7 @@ def test_a_method_that_stops_before_stage_4_is_not_solved_by_another() -> None:
 
 
 def test_a_solver_is_not_guessed() -> None:
-    """A row cannot be made without saying how far the method goes."""
+    """A row must also state the method's promises and costs."""
     with pytest.raises(TypeError):
         MethodSpec(solver=Solver.CERTIFIED)  # type: ignore[call-arg]
 

@@ -1,4 +1,4 @@
-"""The motion of havens against the oracle, its bounds against what they bound."""
+"""The motion of havens compared with the oracle, and its bounds with the exact values."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ def havens(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray) 
 def legs_as_shapes(scene: Scene, track: Track) -> tuple[Pieces, Movement]:
     """One row per leg of a track, time counted from the leg's start."""
     pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
-    # Shapes are asked about the time of their slices: here those are the whole legs.
+    # Shapes exist for the time of their slices: here those are the whole legs.
     pieces = replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
     _, first = np.unique(pieces.leg_start_us, return_index=True)
     return pieces, havens(scene, pieces, first, pieces.leg_start_us[first])
@@ -43,7 +43,7 @@ def oracle_plane(scene: Scene, track: Track, leg: int, seconds: np.ndarray) -> n
 
 
 def shape_error_m(earth: EarthModel, found: np.ndarray, expected: np.ndarray) -> float:
-    """How far the vertices of (2, v, n) shapes are from those of (n, w, 2) ones, in any order, whole turns aside."""
+    """Largest distance of the vertices of (2, v, n) shapes from those of (n, w, 2), in any order, up to whole turns."""
     found = found.transpose(2, 1, 0)
     turn = 2 * np.pi * oracle.Globe.of(earth).a
     shift = np.round((found[..., 0].mean() - expected[..., 0].mean()) / turn) * turn
@@ -118,7 +118,7 @@ def test_legs_from_near_one_pole_to_near_the_other_lose_no_digits(earth: EarthMo
 
 
 def test_tiny_leg_keeps_its_heading() -> None:
-    """A leg of a millimetre steers a haven of 10 nmi: its nose may be off by what a rounded degree makes of that."""
+    """A leg of a millimetre steers a haven of 10 nmi: its nose may be off by the effect of a rounded degree."""
     scene = Scene("s", earth=EarthModel.WGS84)
     track = scenes.track("T", [(10, 50), (10 + 9e-9, 50 + 9e-9)], [0, 60], 18520.0, 0.0, 10.0, 10.0)
     _, shapes = legs_as_shapes(scene, track)

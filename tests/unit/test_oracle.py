@@ -1,4 +1,4 @@
-"""The oracle is itself held to reference data, to 50 digits and to answers worked out by hand."""
+"""The oracle itself, compared with reference data, with 50 digits and with answers worked out by hand."""
 
 import csv
 from pathlib import Path
@@ -121,7 +121,7 @@ def dense(globe: oracle.Globe, edges: np.ndarray, count: int) -> np.ndarray:
 @pytest.mark.parametrize("earth", EarthModel)
 @pytest.mark.parametrize("lat", [-84.0, -30.0, 0.0, 55.0, 75.0])
 def test_distance_on_the_earth_agrees_with_dense_geodesics(earth: EarthModel, lat: float) -> None:
-    """Not more than the least geodesic of all pairs of many points on the boundaries, and not less by their spacing."""
+    """At most the least geodesic between many points on the boundaries, and at least this minus their spacing."""
     globe, rng = oracle.Globe.of(earth), np.random.default_rng(int(abs(lat)))
     geodesic = Geod(a=globe.a, es=globe.e2)
     wide = 1.0 / np.cos(np.radians(lat))
@@ -196,7 +196,7 @@ def test_a_least_separation_within_rounding_is_seen_as_such() -> None:
 
 
 def test_a_crossing_on_a_leg_of_months_is_seen() -> None:
-    """A point crosses a line that creeps along for a year: brute force looks there as closely as it is asked to."""
+    """A point crosses a line that creeps along for a year: brute force samples there as densely as requested."""
     day_us, start, month = 86_400_000_000, np.array([58.0, -37.0]), 30
     line = Track(
         "line",

@@ -1,4 +1,4 @@
-"""Outlines that change: corners of sides that move outward, and what stays convex on the way."""
+"""Outlines that change: corners of sides that move outward, and polygons that stay convex on the way."""
 
 from dataclasses import replace
 
@@ -68,7 +68,7 @@ def test_a_slanted_line_grows_to_a_rectangle() -> None:
 
 
 def test_outlines_of_a_batch_are_those_of_each_track() -> None:
-    """At both ends of every leg, in the company of tracks of every kind; as brute force has them."""
+    """At both ends of every leg, in a batch with tracks of every kind; brute force gives the same."""
     scene, _, tracks = throw(GROWING, 5, 0, 40)
     assert sum(t.grow_mps > 0 for t in tracks) > 5
     assert sum(t.outlines_m is not None for t in tracks) > 5
@@ -142,7 +142,7 @@ def test_a_vertex_on_a_side_is_convex_wherever_the_outline_lies(side: tuple[floa
 @settings(max_examples=200, deadline=None)
 @given(st.integers(0, 2**32))
 def test_staying_convex_is_what_sampling_says(seed: int) -> None:
-    """Between random convex rings of as many vertices; the answer is the one of 200 instants."""
+    """Between random convex rings of as many vertices; the answer is that of 200 instants."""
     rng = np.random.default_rng(seed)
     angle = [np.sort(rng.uniform(0, 2 * np.pi, 5)) + rng.uniform(-1, 1) for _ in range(2)]
     start, end = (np.stack([np.cos(a), np.sin(a)], axis=1) * rng.uniform(0.3, 2, 2) for a in angle)
@@ -196,7 +196,7 @@ def test_a_haven_that_is_pointed_but_not_sharp_may_grow() -> None:
 
 
 def test_steady_scenes_know_nothing_of_growth() -> None:
-    """A growth of 0, and an outline per waypoint that is always the same, are no change at all."""
+    """A growth of 0, and an outline per waypoint that is always the same, change nothing."""
     _, _, tracks = throw(GROWING, 5, 0, 8)
     for track in tracks:
         steady = replace(track, grow_mps=0.0, outlines_m=None)

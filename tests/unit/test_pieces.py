@@ -1,4 +1,4 @@
-"""Pieces hold all that their objects cover, in space and time, and nothing is convex that is not."""
+"""Pieces contain all that their objects cover, in space and time, and only convex pieces are marked convex."""
 
 from typing import Any
 
@@ -30,7 +30,7 @@ def shape(pieces: Pieces, k: int) -> np.ndarray:
 
 
 def true_phases(scene: Scene, thing: Area | Track) -> list[Any]:
-    """What brute force makes of an object, in the scene's plane."""
+    """The brute-force phases of an object, in the scene's plane."""
     if scene.motion is Motion.GREAT_CIRCLE:
         assert scene.centre is not None
         return oracle_circle.phases(oracle_circle.Chart.at(*scene.centre), thing)
@@ -50,7 +50,7 @@ def assert_holds_the_motion(scene: Scene, track: Track, samples: int = 33) -> Pi
         xy = phase.vertices(int(pieces.start_us[k]), seconds).reshape(-1, 2)
         shift = np.round((around.centroid.x - xy[:, 0].mean()) / turn_m) * turn_m
         points = shapely.points(xy + np.array([shift, 0.0]))
-        # Of use, too: padding for what bends within a slice may not dwarf the slice.
+        # Tight, too: the padding for the curvature within a slice may not dwarf the slice.
         spare_m = 200.0 * (scene.tolerance_m + scene.separation_m) + 1.0
         if scene.centre is not None:  # the plane stretches by up to 4 there, across by 2
             spare_m *= 4.0
@@ -125,7 +125,7 @@ def test_slices_follow_each_other_without_a_gap() -> None:
 
 
 def test_a_loiter_before_the_last_leg_has_its_heading() -> None:
-    """Also of a track alone; one that never moves heads north."""
+    """Also in a batch of its own; a track that never moves heads north."""
     waits = scenes.track("T", [(0, 0), (0, 0), (1, 0)], [0, 100, 200], 4e4, 0.0, 0.0, 0.0)
     stays = scenes.track("U", [(0, 0), (0, 0)], [0, 100], 4e4, 0.0, 0.0, 0.0)
     east, north = (track_pieces(Scene("s"), plane_of(Scene("s")), TrackBatch.of([track])) for track in (waits, stays))
@@ -193,7 +193,7 @@ def test_convex_areas_are_one_piece_and_others_few() -> None:
 
 
 def test_copies_across_the_seam() -> None:
-    """What reaches +180 degrees has a copy one turn west, and what lies beyond comes home."""
+    """An area that reaches +180 degrees has a copy one turn west, and an area outside +-180 is wrapped."""
     scene = Scene("s", earth=EarthModel.SPHERE)
     half = np.pi * earth_of(scene.earth).radius_m
     areas = [

@@ -1,4 +1,4 @@
-"""A scene through the stages: the answer does not depend on the chunks its pairs come in, nor on who solves them."""
+"""A scene through the stages: the answer does not depend on the chunks of its pairs, nor on the solver's process."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
@@ -30,7 +30,7 @@ SCENE = replace(SCENE, nearest_m=20_000.0)
 
 @dataclass
 class Chunked:
-    """Pairs handed out in so many chunks, those of the same two objects in one."""
+    """Pairs in `chunks` chunks; all pairs of two objects are in one."""
 
     pieces: Pieces
     footprint: NDArray[np.object_]
@@ -53,11 +53,11 @@ def source(chunks: int) -> PairSource:
 
 
 def rows(conflicts: Conflicts) -> set[str]:
-    """All that is said of each pair, whatever the order."""
+    """All fields of each pair, in any order."""
     told = []
     for k in range(len(conflicts)):
         periods = conflicts.period_us[conflicts.period_offset[k] : conflicts.period_offset[k + 1]].tolist()
-        # No regions are asked for here.
+        # No regions are needed here.
         columns = [one.name for one in fields(conflicts) if not one.name.startswith("period") and one.name != "where"]
         told.append(repr((periods, [getattr(conflicts, name)[k].tolist() for name in columns])))
     assert len(set(told)) == len(told)
@@ -65,7 +65,7 @@ def rows(conflicts: Conflicts) -> set[str]:
 
 
 def run(scene: Scene, source: PairSource, **how: Any) -> tuple[Conflicts, Funnel]:
-    """What becomes of all chunks."""
+    """The conflicts of all chunks."""
     parts, summed = [], Funnel()
     for found, funnel in run_scene(scene, plane_of(scene), source, **how):
         parts.append(found)
@@ -95,7 +95,7 @@ def test_chunks_of_pairs_give_what_all_of_them_give_at_once(method: Method) -> N
 
 @pytest.mark.parametrize(("share", "more"), [(0.25, 4), (None, 0)])
 def test_progress_of_a_chunk_extrapolates_to_all_pairs_from_its_share(share: float | None, more: int) -> None:
-    """An unknown share tells no end."""
+    """An unknown share gives no estimate of the end."""
 
     class Part:
         def candidates(self) -> Iterator[Chunk]:

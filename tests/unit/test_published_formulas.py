@@ -1,4 +1,4 @@
-"""The published formulas of stage 3, in benchmarks/published.py: wrong in the way and the size that is told of them."""
+"""The published formulas of stage 3, in benchmarks/published.py: their errors are those described there."""
 
 from pathlib import Path
 
@@ -61,7 +61,7 @@ def test_published_formulas_are_worse_than_mended_ones_and_stage_3_never_fails()
 
 
 def test_table_replaces_what_stood_there_before(tmp_path: Path) -> None:
-    """A document keeps what is around the table; one without a place for it is refused."""
+    """The rest of a document stays the same; a document without a place for the table is refused."""
     document = tmp_path / "page.md"
     document.write_text("above\n<!-- benchmark speed -->\nold\n<!-- end of speed -->\nbelow\n")
     for value in ("1", "2"):

@@ -127,7 +127,7 @@ def outputs(folder: Path) -> Iterator[str]:
 
 
 def test_every_column_is_an_attribute() -> None:
-    """Of both kinds of rows, and every field of theirs is of a column."""
+    """For both kinds of rows, and every field of theirs belongs to a column."""
     for kind, columns in ((Conflict, record.COLUMNS), (Approach, record.APPROACH_COLUMNS)):
         names = {one.field for one in (*columns, *record.STATES)}
         assert all(hasattr(kind, name) for name in names)
@@ -143,7 +143,7 @@ def test_every_array_is_a_field_of_conflicts() -> None:
 
 
 def test_outputs_are_what_they_were(tmp_path: Path) -> None:
-    """Otherwise, if the difference is meant: CONFLICTDB_UPDATE_SNAPSHOT=1 ./run test tests/unit/test_record.py."""
+    """If a difference is intended: CONFLICTDB_UPDATE_SNAPSHOT=1 ./run test tests/unit/test_record.py."""
     text = "".join(outputs(tmp_path))
     if os.environ.get("CONFLICTDB_UPDATE_SNAPSHOT") == "1":
         OUTPUTS.write_text(text)

@@ -10,9 +10,9 @@ from conflictdb.cli import commands
 from conflictdb.db.store.remedies import REMEDIES
 
 SQL = Path(__file__).resolve().parents[2] / "sql"
-# What a hint says that only who writes SQL can do.
+# Parts of hints that only users of SQL can apply.
 OF_SQL = re.compile(r"\b\w+\(|\bST_\w+|\bSELECT\b|\bview \w+|Give every,")
-# Arguments that this package makes itself, and what is done in SQL also by who uses commands: maps, settings, grants.
+# Arguments that this package creates itself, and steps done in SQL also by users of commands: maps, settings, grants.
 KEPT = {
     *("footprint_srid", "path_srid", "path_linestring_m", "outline_ring", "outlines_multipolygon", "outline_polygon"),
     *("path_trajectory", "geometry_srid", "geometry_valid", "attached_srid", "map_expression"),

@@ -1,4 +1,4 @@
-"""Where the kernel finds a change of sign: beyond doubt on either side, and no nearer to it than that."""
+"""Roots of the kernel: the sign on either side is certain, and neither side is nearer to the root than that allows."""
 
 import ctypes
 from collections.abc import Callable
@@ -46,7 +46,7 @@ def test_ends_are_beyond_doubt_and_no_further(power: int, zero: float, way: floa
 
 
 def test_an_outer_end_that_is_beyond_doubt_already_stays_where_it_is() -> None:
-    """It is not looked for again: the measure is asked on the inner side alone."""
+    """It is not searched again: the measure is evaluated on the inner side alone."""
     asked: list[float] = []
 
     def measure(t: float) -> float:
@@ -76,5 +76,5 @@ def test_a_pace_decides_the_work_alone(pace_share: float) -> None:
         assert TOUCH < measure(found.outer) < MOST_TOUCHES * TOUCH
         assert TOUCH < -measure(found.inner) < MOST_TOUCHES * TOUCH
     if pace_share == 1.0:
-        # Two of each for the ends, two for what is asserted.
+        # Two evaluations of each for the ends, two for the assertions.
         assert asked[True] - 4 <= 5 < asked[False] - 4

@@ -1,4 +1,4 @@
-"""Large polygons in runs of sides: what they find is what all sides and vertices show, in fewer steps."""
+"""Large polygons in runs of sides: the same results as from all sides and vertices, in fewer steps."""
 
 import ctypes
 import subprocess
@@ -17,7 +17,7 @@ SOURCES = [build.source("polygon"), build.source("runs")]
 
 @pytest.mark.parametrize("sanitizers", [(), ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")])
 def test_runs_find_what_all_sides_and_vertices_show(tmp_path: Path, sanitizers: tuple[str, ...]) -> None:
-    """Of ellipses, slivers, sides of many vertices, hulls, dents, repeated vertices, lines and points, moved."""
+    """For ellipses, slivers, sides of many vertices, hulls, dents, repeated vertices, lines and points, moved."""
     program = tmp_path / "compare_runs"
     command = ["cc", *build.FLAGS, "-g", *sanitizers, "-o", program, SUPPORT / "compare_runs.c"]
     compiled = subprocess.run([*command, *SOURCES, "-lm"], capture_output=True, text=True, timeout=120, check=False)

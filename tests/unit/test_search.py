@@ -18,7 +18,7 @@ from conflictdb.model.plans import EarthModel
 from conflictdb.model.results import Verdict
 
 SUPPORT: Final = Path(__file__).parents[1] / "support"
-# What a motion is behind, and what stands on it.
+# Files below the motion, and files above it.
 FILES: Final = ("earth", "polygon", "runs", "plane", "mercator", "gnomonic", "roots", "encounter", "window", "certain")
 MORE_FILES: Final = ("proofs", "search", "zone", "approach_bounds")
 SWING_S: Final = 100.0
@@ -47,14 +47,14 @@ def searched(
     separation_m: float = 0.0,
     earth: EarthModel = EarthModel.SPHERE,
 ) -> np.ndarray:
-    """The contacts of a square that comes as near as least_m to what is wanted, at 50 s, 150 s, ..."""
+    """The contacts of a square that comes as near as least_m to the required separation, at 50 s, 150 s, ..."""
     plane, found = Mercator(earth_of(earth)).kernel_plane, np.empty(64, CONTACT)
     asked = least_m, separation_m, tolerance_m, low_s, high_s
     return found[: _swinging().swings(ctypes.byref(plane), *asked, found.ctypes.data)]
 
 
 def half_s(least_m: float, within_m: float = 0.0) -> float:
-    """Half the seconds for which a swing is that near."""
+    """Half the seconds for which a swing is within `within_m`."""
     return float(np.arccos(1.0 - (within_m - least_m) / BY_M) / RATE)
 
 
@@ -93,7 +93,7 @@ def test_every_loss_of_separation_of_many_is_found(least_m: float, separation_m:
 def test_what_is_within_the_tolerance_grazes(
     least_m: float, verdict: int, touches: bool, low_s: float, high_s: float
 ) -> None:
-    """And it is told when; beyond the tolerance it is clear, deeper than it in conflict."""
+    """The report has its times; a pair outside the tolerance is clear, a deeper pair is in conflict."""
     found = searched(least_m, 1.0, low_s, high_s)
     assert found["verdict"].tolist() == [verdict]
     assert (found["touches"] == touches).all()

@@ -22,7 +22,7 @@ from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.cutting import track_pieces
 from conflictdb.stages.stage1_broad_phase import hulls_of
 
-# A ring may reach so many paddings, where two of its edges meet (kernel.h).
+# Largest reach of a ring, in paddings, where two of its edges meet (kernel.h).
 FURTHEST = 2.5
 ROUNDING_M = 1e-7
 
@@ -57,7 +57,7 @@ def grown(xy: np.ndarray, pad: float) -> shapely.Polygon:
 
 
 def assert_is_grown(ring: np.ndarray, xy: np.ndarray, pad: float) -> None:
-    """The ring is closed, convex, counter-clockwise, holds the squares, and is no larger than it says."""
+    """The ring is closed, convex, counter-clockwise, contains the squares, and is at most FURTHEST paddings away."""
     polygon, squares = shapely.Polygon(ring), grown(xy, pad)
     np.testing.assert_array_equal(ring[0], ring[-1])
     assert polygon.is_valid
@@ -87,7 +87,7 @@ NUMBERS = st.sampled_from([0.0, 1.0, -1.0, 2.0, 1e-9, 1e3, -1e3, 12345.678, -1e7
 @settings(max_examples=300, deadline=None)
 @given(st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=9), st.sampled_from([0.0, 1.0, 1e4]))
 def test_hulls_of_any_points(points: list[tuple[float, float]], reach_m: float) -> None:
-    """Also of one point, of the same point again and again, of lines along the axes and not, and of what has dents."""
+    """Also of one point, of a repeated point, of lines along the axes and not, and of nonconvex polygons."""
     pieces, plane = still(points), plane_of(Scene("s", earth=EarthModel.SPHERE))
     hulls = kernel.hulls(KERNEL_PLANE, pieces, reach_m)
     xy, pad, _ = swept(plane, pieces, 0, reach_m)
@@ -124,7 +124,7 @@ def test_whatever_is_told_apart_is(one: list[tuple[float, float]], other: list[t
 
 
 def test_hulls_that_touch_are_not_apart() -> None:
-    """At a corner, along an edge, and of an edge of rounding errors that leads elsewhere."""
+    """At a corner, along an edge, and at an edge of rounding errors in another direction."""
     square = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0)]) * 1e6 + 1.7e7 / 3.0
     away = square + np.array([1e6, 0.0])
     odd = np.insert(square, 2, square[1] + np.array([-1e-9, 2e-9]), axis=0)
@@ -186,7 +186,7 @@ def test_reaches_that_are_none_are_refused(reach_m: float) -> None:
 
 
 def test_a_haven_that_reaches_away_from_the_pole_has_a_hull() -> None:
-    """Also where it would reach beyond the pole if it went the other way."""
+    """Although it would reach past the pole if it went the other way."""
     scene = Scene("s")
     track = scenes.track("T", [(0.0, 82.0), (0.0, 0.0)], [0, 1e6], 900e3, 0.0, 0.0, 0.0)
     pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))

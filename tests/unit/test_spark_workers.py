@@ -1,4 +1,4 @@
-"""What workers of Spark do with batches of rows, without Spark: the same rows however batches are cut."""
+"""Spark workers on batches of rows, without Spark: the same rows however batches are cut."""
 
 import json
 import re
@@ -89,7 +89,7 @@ def test_options_of_the_user_go_before_ours(tmp_path: Path) -> None:
 
 
 def test_what_spark_cannot_do_is_one_line() -> None:
-    """Not pages of Java, and not a mistake of this program: a full disk, a worker that ended, Java that is gone."""
+    """Neither pages of Java nor an error of this program: a full disk, a worker that ended, Java that is gone."""
     need_pyspark()
     from py4j.protocol import Py4JError, Py4JNetworkError
     from pyspark.errors import PySparkException
@@ -125,7 +125,7 @@ def test_what_spark_cannot_do_is_one_line() -> None:
 
 
 def test_a_terminal_shows_how_far_spark_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """One line, again and again: what is done, and the tasks of active stages; it is removed at the end."""
+    """One line, rewritten: finished work, and the tasks of active stages; it is removed at the end."""
     from conflictdb.cli import on_spark
 
     class Tracker:
@@ -170,7 +170,7 @@ def in_batches(rows: pa.Table | pa.RecordBatch, most: int, rng: np.random.Genera
 
 
 def answer_of_workers(objects: Objects, seed: int) -> pa.Table:
-    """What workers answer, in random cells and blocks, by batches of random sizes."""
+    """The rows of workers, in random cells and blocks, by batches of random sizes."""
     rng = np.random.default_rng(seed)
     scene, areas, tracks = objects
     scene = centred(scene, areas, tracks)
@@ -285,7 +285,7 @@ def test_workers_know_the_whole_of_both_areas() -> None:
 
 
 def test_large_outlines_have_rows_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is too large to go with each row of an area is told once, and found where it is asked for."""
+    """An outline too large to go with each row of an area is sent once, and looked up where it is used."""
     ring = shapely.Point(0.1, 0.0).buffer(0.05, quad_segs=40)
     comb = shapely.union_all([ring, *(shapely.box(0.01 * i, 0, 0.01 * i + 0.004, 0.2) for i in range(20))])
     areas = [Area("COMB", comb), Area("BOX", shapely.MultiPolygon([shapely.box(0, 0.1, 1, 1)]))]
@@ -304,7 +304,7 @@ def test_large_outlines_have_rows_of_their_own(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_rows_are_made_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of crowded units they would be more than a column holds; however many at once, the pairs are the same."""
+    """Pairs of crowded units would be more than fits a column; for any number at once, the pairs are the same."""
     comb = shapely.MultiPolygon([shapely.box(0.01 * i, 0, 0.01 * i + 0.004, 0.2) for i in range(20)])
     areas = [Area("DOWN", comb), Area("ACROSS", shapely.affinity.rotate(comb, 90.0))]
     rows, _ = cut_objects.cut([of_objects(areas, [])], Scene("s"))
@@ -320,7 +320,7 @@ def test_rows_are_made_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_rows_of_a_unit_come_together() -> None:
-    """However they come: a run ends where the value changes, also between batches and beside empty ones."""
+    """In batches of any size: a run ends where the value changes, also across batches and next to empty ones."""
     rng = np.random.default_rng(4)
     of = np.repeat(np.arange(40), rng.choice([1, 2, 5, 60], 40))
     rows = pa.table({"unit": pa.array(of, pa.int32()), "row": np.arange(len(of))})
@@ -339,7 +339,7 @@ def test_packed_pieces_are_the_same_pieces() -> None:
         made = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
         words, offset = packed(made)
         again = unpacked(words, offset[:-1])
-        # Of runs of one, two, three pieces it is found out where each begins.
+        # Where each piece begins, in runs of one, two, three pieces.
         runs = np.unique([0, *np.cumsum(np.arange(len(made))), len(made)].copy())
         runs = runs[runs <= len(made)]
         begin, pieces_of_runs = begins_in(words, offset[runs[:-1]], offset[runs[1:]])
@@ -352,7 +352,7 @@ def test_packed_pieces_are_the_same_pieces() -> None:
 
 
 def test_refused_objects_are_rows_that_say_so() -> None:
-    """An object that the plane cannot hold is refused with the words of `solve`."""
+    """An object that does not fit the plane is refused with the message of `solve`."""
     known = scenes.hole(EarthModel.WGS84)
     polar = Area("N", shapely.MultiPolygon([shapely.box(0, 89.5, 1, 89.9)]))
     (row,) = next(iter(cut_objects.cut([of_objects([polar], [])], known.scene))).to_pylist()

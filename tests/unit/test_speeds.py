@@ -114,7 +114,7 @@ def test_an_area_with_times() -> None:
 
 
 def test_one_leg() -> None:
-    """North is met after the first leg, which only shifts what follows; about the second, the crossing is nearer."""
+    """North is met after the first leg, whose speed only shifts the rest; on the second leg, the crossing is nearer."""
     assert ends_of(one_of(EAST, NORTH, leg=1)) == near(LEG_S / (LEG_S + LATER_S), LEG_S / (LEG_S - EARLIER_S))
     left_m = 0.5 * HALF_M
     assert ends_of(one_of(EAST, NORTH, leg=2)) == near(
@@ -154,7 +154,7 @@ def test_a_wait_on_the_way() -> None:
 
 
 def test_what_comes_by_during_a_wait_forbids_longer_ones() -> None:
-    """It comes to the second waypoint 2,000 s after east: a wait until it is near is free, a longer one is not."""
+    """It comes to the second waypoint 2,000 s after east: a wait until it is near is free, a longer wait is not."""
     by = replace(NORTH, key="by", positions_deg=NORTH.positions_deg - [0.25, 0.0])
     by = replace(by, times_us=by.times_us + round(1e6 * (2000.0 - HALF_M / MPS + LEG_S)))
     [forbidden] = wait_of(EAST, by, waypoint=2).forbidden

@@ -65,7 +65,7 @@ def test_window_on_the_equator_is_the_contact_itself(separation_m: float, earth:
 
 @pytest.mark.parametrize(("lat", "slack_s"), [(20.0, 30.0), (75.0, 900.0)])
 def test_window_holds_a_growing_haven(lat: float, slack_s: float) -> None:
-    """Northbound along a meridian the image grows; the window still holds the contact, which is known."""
+    """Northbound along a meridian the image grows; the window still contains the contact, which is known."""
     earth = EarthModel.WGS84
     scene = Scene("s", earth=earth)
     m = [scenes.meridian_m(earth, x) for x in (lat, lat + 2, lat + 0.9, lat + 1.1)]

@@ -1,4 +1,4 @@
-"""Stage 4: the two programs on passages with known times, and what is certified when they fail."""
+"""Stage 4: the two programs on passages with known times, and their certificates when they fail."""
 
 from dataclasses import replace
 from types import ModuleType
@@ -122,7 +122,7 @@ def test_a_solver_that_fails_or_errs_changes_no_answer(monkeypatch: pytest.Monke
 
 
 def test_programs_do_their_linear_algebra_by_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Last digits follow the number of threads, and that the number of processors: on Spark and elsewhere it is one."""
+    """Last digits depend on the number of threads, and that on the number of processors: it is one on every machine."""
     program, seen = nonlinear_program.extreme_contact, []
 
     def watched(pair: Encounters, start_s: float, end_s: float, *, latest: bool) -> float | None:

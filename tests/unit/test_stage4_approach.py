@@ -117,7 +117,7 @@ def test_closer_than_the_separation_wanted_but_never_touching() -> None:
 
 @pytest.mark.parametrize("separation_m", [0.0, 2000.0])
 def test_pair_that_touches_is_closest_at_the_first_touch(separation_m: float) -> None:
-    """However early it comes closer than the separation wanted."""
+    """However early it comes closer than the required separation."""
     box = scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))
     found = only([box], [ship("b", 0.0, 1.0, 0.0)], replace(SCENE, separation_m=separation_m))
     assert found.verdict is Verdict.CONFLICT
@@ -213,7 +213,7 @@ def far_pair(seed: int) -> tuple[Area, Track]:
     ("motion", "earth"), [("rhumb", "wgs84"), ("rhumb", "sphere"), ("great_circle", "sphere")], ids=str
 )
 def test_large_polygons_far_apart_are_known_to_a_millimetre(motion: str, earth: str, seed: int) -> None:
-    """What the search leaves; at no instant are they nearer than the bound allows, by brute force."""
+    """The error left by the search; at no instant are they nearer than the bound allows, by brute force."""
     area, track = far_pair(seed)
     centre = (5.0, 55.0) if motion == "great_circle" else None
     scene = Scene("s", motion=Motion(motion), earth=EarthModel(earth), tolerance_m=0.0, nearest_m=2e6, centre=centre)
@@ -268,7 +268,7 @@ def test_lines_of_the_plane_bend_no_more_than_stated(name: str) -> None:
 
     first, middle, last = (apart_m(part) for part in (-1.0, 0.0, 1.0))
     tracks = [np.stack([at - step, at + step], axis=1) for at, step in ((a, a_step), (b, b_step))]
-    # Half of the way on the earth, and what the speed changes on it.
+    # Half of the way on the earth, and the change of speed on it.
     speeds = [0.51 * geod.inv(*plane.from_plane(*track[:, 0]), *plane.from_plane(*track[:, 1]))[2] for track in tracks]
     upward = (speeds[0] + speeds[1]) ** 2 / (middle - speeds[0] - speeds[1])
     for speed, track in zip(speeds, tracks, strict=True):
@@ -318,7 +318,7 @@ def test_random_scenes_against_brute_force(
 def test_what_is_near_to_the_tolerance_is_as_near_as_a_search_of_all_the_time_finds(
     tolerance_m: float,
 ) -> None:
-    """Within the errors of both, also with a separation; and what stays apart is told to the tolerance."""
+    """Within the errors of both, also with a separation; distances of pairs apart are known to the tolerance."""
     compared = 0
     for seed, separation_m in ((0, 0.0), (1, 0.0), (2, 3.0 * tolerance_m)):
         scene, areas, tracks = workloads.throw(workloads.HARBOUR, seed, 6, 6)

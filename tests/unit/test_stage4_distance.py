@@ -30,7 +30,7 @@ MIDDLE = np.array([1e7, 0.0])
 
 
 def apart_m(pieces: Pieces, a: int = 0, b: int = 1, at_s: float = 0.0, scene: Scene = SCENE) -> float:
-    """How far apart two pieces are, seconds after the start of the second one's leg."""
+    """Distance of two pieces, at a time in seconds after the start of the second one's leg."""
     held = kernel.KernelScene(plane_of(scene).kernel_plane, pieces)
     return float(distances(held, np.array([a]), np.array([b]), pieces.leg_start_us[[b]], np.array([at_s]))[0])
 
@@ -139,7 +139,7 @@ def least_on_sphere_m(a: np.ndarray, b: np.ndarray) -> float:
 @pytest.mark.parametrize("distance_m", [1e3, 2e4, 1e5])
 @pytest.mark.parametrize("lat", [0, 45, 60, 78, -80, 87])
 def test_distance_on_the_earth_is_never_overstated(lat: float, distance_m: float) -> None:
-    """Not more than the least great-circle distance, and at most micrometres less."""
+    """At most the least great-circle distance, and less by micrometres only."""
     rng = np.random.default_rng(7)
     scale = 1 / np.cos(np.radians(lat))
     middle = np.array([0.0, MEAN_RADIUS_M * np.arcsinh(np.tan(np.radians(lat)))])
@@ -158,7 +158,7 @@ def test_distance_on_the_earth_is_never_overstated(lat: float, distance_m: float
 @pytest.mark.parametrize("motion", Motion)
 @pytest.mark.parametrize("lat", [0.0, 45.0, 75.0, -80.0])
 def test_sides_that_dent_count_as_their_hull(motion: Motion, lat: float) -> None:
-    """A vertex on a straight side of a large haven may lie inside of its image: the hull is meant, and measured.
+    """A vertex on a straight side of a large haven may lie inside of its image: the distance is that of the hull.
 
     So it is as far from a small area as the haven of the hull's vertices is.
     """
@@ -230,7 +230,7 @@ def test_distance_of_a_parallel_from_near_a_pole(from_pole_m: float, south_deg: 
 
 
 def test_distance_of_what_touches_across_the_seam_takes_little_work() -> None:
-    """No digits tell how far apart it is, and so no halvings: corners of two triangles in one place."""
+    """The distance is below rounding, so it takes no halvings: corners of two triangles in one place."""
     corner, turn = np.array([-0.644734000621, 1.60003188456]), np.array([2.0 * np.pi, 0.0])
     a = corner + np.array([(0.0, 0.0), (0.0069, -0.0003), (0.007, 0.005)])
     b = corner - turn + np.array([(0.0, 0.0), (-0.0035, 0.005), (-0.00707936, 0.000304731)])

@@ -1,4 +1,4 @@
-"""The kernel's shortcuts held to its search, which shares none of them, and to answers known by hand."""
+"""The kernel's shortcuts compared with its search, which shares none of them, and with answers known by hand."""
 
 import signal
 import sys
@@ -43,7 +43,7 @@ class Batch:
         return kernel.contacts(self.prepared, self.questions, scene.separation_m, scene.tolerance_m, work or Work())
 
     def searched(self, work: Work) -> Contacts:
-        """The same without a shortcut: where somebody is asked for guesses, and has none, all pairs are searched."""
+        """The same without a shortcut: a `guess` function that returns no guesses makes the kernel search all pairs."""
         scene = self.scene
         asked = (scene.separation_m, scene.tolerance_m, work)
         return kernel.contacts(self.prepared, self.questions, *asked, guess=lambda *_: float("nan"))
@@ -90,7 +90,7 @@ def test_what_is_certain_is_what_the_search_finds(
 
 
 def test_an_interrupt_while_programs_are_asked_is_neither_lost_nor_said_twice(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It may come just as the kernel calls Python: where no `try` could catch what a handler raises."""
+    """It may come just as the kernel calls Python: where no `try` could catch an exception of a handler."""
     batch = Batch.of(*throw(HIGH_LATITUDE, 4, 30, 30, EarthModel.WGS84, 0.0))
     lost: list[object] = []
     monkeypatch.setattr(sys, "unraisablehook", lost.append)
@@ -121,7 +121,7 @@ def test_bounds_at_tolerance_0_are_below_a_microsecond_where_polygons_meet_at_a_
     assert (found.verdict == CONFLICT).sum() >= 50
     wide = np.flatnonzero(found.error_s > 1e-6)
     if wide.size:
-        # By how much the distance changes in the second before and after either end.
+        # Change of the distance in the second before and after either end.
         pair, slow = found.pair[wide], np.zeros(len(wide), np.bool_)
         for end in (found.start_s[wide], found.end_s[wide]):
             slow |= np.abs(batch.clearance_m(pair, end + 1.0) - batch.clearance_m(pair, end - 1.0)) < 1.5
@@ -131,7 +131,7 @@ def test_bounds_at_tolerance_0_are_below_a_microsecond_where_polygons_meet_at_a_
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, LONG_LEGS], ids=lambda w: w.name)
 @pytest.mark.parametrize("separation_m", [0.0, 500.0])
 def test_a_larger_tolerance_takes_no_more_work(workload: object, separation_m: float) -> None:
-    """Counted: a coarser answer is no dearer than an exact one, also where depths are just about the tolerance."""
+    """Counted: a coarser answer costs no more than an exact one, also where depths are just about the tolerance."""
     exact = None
     for tolerance_m in (0.0, 1.0, 100.0, 1000.0):
         work = Work()
@@ -174,7 +174,7 @@ def test_a_window_of_one_instant_is_looked_at() -> None:
 
 
 def test_answers_do_not_depend_on_the_company() -> None:
-    """Each pair alone, bit for bit what it is among all others."""
+    """Each pair alone, bit for bit as among all others."""
     batch = Batch.of(*throw(HIGH_LATITUDE, 3, 8, 8, EarthModel.WGS84, 1.0))
     together = batch.solved()
     for row in range(len(batch.questions)):

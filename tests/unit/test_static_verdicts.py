@@ -42,7 +42,7 @@ def test_verdicts_on_either_side_of_each_limit(earth: EarthModel, separation_m: 
 
 
 def test_what_is_not_known_to_the_tolerance_is_not_called() -> None:
-    """3,000 km away, distances are known to some metres: of what is nearer than that to a limit nothing is said."""
+    """3,000 km away, distances are known to some metres: a pair that is nearer than that to a limit is unresolved."""
     scene = Scene("s", earth=EarthModel.WGS84, separation_m=3e6, tolerance_m=0.01)
     error_m = float(plane_of(scene).distance_error_m(scene.separation_m))
     assert error_m > 0.1

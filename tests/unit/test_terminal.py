@@ -1,4 +1,4 @@
-"""What a terminal gets beyond a pipe: progress with estimates, tables that fit, colours; and nobody else's colours."""
+"""Output on a terminal: progress with estimates, tables that fit, colours; and no colours elsewhere."""
 
 import re
 import time

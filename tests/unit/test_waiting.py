@@ -1,4 +1,4 @@
-"""What waits for another thread ends by what interrupts it."""
+"""A wait for another thread ends with the exception that interrupts it."""
 
 import subprocess
 import sys
@@ -9,9 +9,10 @@ import pytest
 
 from conflictdb.kernel.waiting import cancel_thread, run_in_thread, wait_for
 
-# Of thousands of interrupts, some microseconds after a wait began, those that become something else: of Future.result
-# itself five in a thousand do. In a process of its own, since the signal comes again: one that comes just before the
-# thread sleeps does not wake it. Only the first of each round raises, so that none meets the handler of another.
+# Thousands of interrupts, some microseconds after a wait began: none may become another exception. Of waits by
+# Future.result itself, five in a thousand do. The signal repeats, since a signal just before the thread sleeps does not
+# wake it; so this runs in a process of its own. Only the first signal of each round raises, so that no exception meets
+# the handler of another.
 INTERRUPTED = """
 import signal
 from concurrent.futures import Future

@@ -1,4 +1,4 @@
-"""Depth in a whole area, where every part of it is too narrow for a conflict beyond the tolerance."""
+"""Depth in a whole area, if every part of it is too narrow for a conflict deeper than the tolerance."""
 
 from dataclasses import replace
 
@@ -109,7 +109,7 @@ def square(x: float, y: float, half: float) -> shapely.Polygon:
 
 
 def depth_of_squares(areas: Areas, one: shapely.Polygon, other: shapely.Polygon) -> int:
-    """How deep what two boxes have in common is in an area of the plane."""
+    """Depth of the intersection of two boxes in an area of the plane."""
     scene = Scene("s", earth=EarthModel.SPHERE)
     plane = plane_of(scene)
     boxes = [shapely.transform(box, lambda xy: xy / DEGREE_M) for box in (one, other)]
@@ -126,7 +126,7 @@ def area_of(xy: NDArray[np.float64], margin: float) -> Areas:
 
 
 def test_the_border_of_another_side_of_an_area_counts_and_what_is_outside_is_not_deep() -> None:
-    """Boxes, one of them a part: in a box, beside it, across its border; an area without sides, or of no numbers."""
+    """Boxes, including a part: in a box, outside it, across its border; an area without sides, or with NaN."""
     ring = shapely.get_coordinates(square(0.0, 0.0, 1000.0))
     part = square(0.0, 0.0, 990.0)
     assert depth_of_squares(area_of(ring, 890.0), part, square(100.0, 100.0, 5.0)) == Depth.DEEP

@@ -59,7 +59,7 @@ def _add_table(parser: Parser) -> None:
 
 
 def _add_rights(commands: Any) -> None:
-    about = "let a role see a scene, or list such roles"
+    about = "share a scene, or give it away"
     parser = command(commands, "share", "admin:share", about, "For the scene's owner.")
     parser.add_argument("role", nargs="?", metavar="ROLE", help="role, or public (default: list them)")
     parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")

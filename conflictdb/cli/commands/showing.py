@@ -17,7 +17,7 @@ def add(commands: Any) -> None:
     add_format(parser, "table", "json")
 
     about = "acknowledge the conflict of two objects"
-    parser = command(commands, "acknowledge", "history:acknowledge", about, "Ends when the conflict gets worse.")
+    parser = command(commands, "acknowledge", "history:acknowledge", about, "Holds unless the conflict gets worse.")
     parser.add_argument("keys", nargs=2, metavar="KEY", help="keys of both objects")
     add_scene(parser)
     what = parser.add_mutually_exclusive_group(required=True)

@@ -200,6 +200,7 @@ def wait_for_probe(
                 closest_at=row["closest_at"],
                 closest_m=row["closest_m"],
                 closest_error_m=row["closest_error_m"],
+                lacking_s=row["lacking_s"],
             )
         )
     return sorted(answer, key=lambda one: (one.a_kind.code, one.a_key.encode(), one.b_key.encode()))
@@ -225,6 +226,7 @@ def answer_probe(
                 "closest_at": _text(one.closest_at),
                 "closest_m": one.closest_m,
                 "closest_error_m": one.closest_error_m,
+                "lacking_s": one.lacking_s,
             }
         )
     call(conn, "_answer_probe", request.probe_id, None, json.dumps(rows), None)

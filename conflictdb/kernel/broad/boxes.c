@@ -1,4 +1,4 @@
-/* Broad phase in memory: rows whose bounding boxes overlap in space, height and time (stage 1 of a whole scene).
+/* Join rows whose bounding boxes overlap in space, height and time, in place of the database's index (stage 1).
  *
  * `kernel_box_order` sorts rows into a packed k-d tree: each half of the order is split along the axis (x, y, time or
  * height) that separates its boxes best. `kernel_box_pairs` builds the bounding boxes of that tree, and looks up each

@@ -18,7 +18,7 @@ typedef struct {
 } Bench;
 
 /* Doubles per vertex: columns, a frame, and polygons; the last two polygons have two and four times the vertices. */
-enum { FRAME = 9, PER_VERTEX = CIRCLE_COLUMNS + FRAME + 2 * (1 + 1 + 2 + 4) };
+enum { PER_VERTEX = CIRCLE_COLUMNS + FRAME + 2 * (1 + 1 + 2 + 4) };
 
 static void lay_out(Bench *bench, double *memory, int64_t largest) {
     bench->alone.bodies = &bench->body;

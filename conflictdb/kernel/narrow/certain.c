@@ -1,6 +1,7 @@
-/* Contact times of one pair of moving convex polygons: method `exact`.
+/* Contact times of one pair of moving convex polygons that are proven without a search.
  *
- * Each step runs only if the previous one could not decide:
+ * Step 1 runs without a separation, for motion within KERNEL_TOUCH_M of uniform; its answer is final. Other pairs go
+ * through at most MAX_WINDOWS rounds of step 2, then through steps 3 and 4:
  *
  * 1. Closed form. For rigid polygons in uniform motion the gap along each edge normal is linear in time, so the contact
  *    is one interval. The deviation from rigid uniform motion bounds its error.

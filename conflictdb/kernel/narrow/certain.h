@@ -1,6 +1,6 @@
-/* Method `exact`: what can be proven about a pair without a search. */
-#ifndef CONFLICTDB_CONTACT_H
-#define CONFLICTDB_CONTACT_H
+/* What can be proven about a pair without a search (search.c). */
+#ifndef CONFLICTDB_CERTAIN_H
+#define CONFLICTDB_CERTAIN_H
 
 #include "narrow/encounter.h"
 

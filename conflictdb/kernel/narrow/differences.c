@@ -210,7 +210,7 @@ static Box half_of(const Goal *goal, const Box *box, double sign, bool by_u, boo
     return half;
 }
 
-/* The largest sign (v - u) in contact within a box is at most the result; -INFINITY: there is no contact. */
+/* The largest sign times the goal in contact within a box is at most the result; -INFINITY: there is no contact. */
 static double highest(Search *search, const Box *whole, double sign, Seen *seen) {
     Box *boxes = search->boxes;
     Times at;

@@ -27,7 +27,7 @@ typedef struct {
  * margin_m: clearances within this of zero are too close to call, at least KERNEL_TOUCH_M.
  * deep_m: contact deeper than this violates the separation by more than the margin and the distance error.
  * undecided, deeper, spare_time: lists of the search.
- * looks_left: intervals that the search may still inspect and split.
+ * looks_left: intervals that the search may still split; inspections also count, so it may become negative.
  * parts_left: budget of plane_distance_m; below 0 all results of the pair are invalid.
  * in_closed_form: the closed form decides the pair. closed_form_since_s: when that began, 0 if it does not.
  */

@@ -25,7 +25,7 @@
 /* Clearances need not be exact above the margin plus this, metres: cheaper bounds suffice. Smaller: more intervals are
  * split; larger: more geodesic distances are computed. */
 static const double NEAR_M = 100.0;
-/* Intervals of a pair inspected before the bounds of closest approaches are tried, which cost three times as much: for
+/* Intervals of a call inspected before the bounds of closest approaches are tried, which cost three times as much: for
  * pairs that pass at just the required separation. Smaller: other pairs cost more. */
 enum { CHEAP_LOOKS = 16 };
 
@@ -151,7 +151,8 @@ void undecided_separation_in(Encounter *pair, Intervals *intervals, double start
     undecided_separation(pair, intervals, margin_m);
 }
 
-/* Upper bound on the clearance during an interval, plane metres; infinite if the pair is apart in the middle. */
+/* Upper bound on the clearance during an interval, plane metres (with a separation, metres on the earth); infinite if the
+ * pair is apart in the middle. */
 static double clearance_upper_bound(Encounter *pair, double start, double end) {
     double middle = 0.5 * (start + end), h = end - start, clearance_m = encounter_clearance_m(pair, middle, NEAR_M);
     if (clearance_m > KERNEL_TOUCH_M) return INFINITY;

@@ -4,9 +4,9 @@
  * 2. Bracket the first and the last contact on the true motion, between an instant apart and one in contact. A guess
  *    may say where to look.
  * 3. Prove the pair apart before the first contact and after the last; where that fails, search farther out.
- * 4. Prove that the contact lasts; cut it in two where the pair is apart in between.
- * 5. Decide the verdict: conflict, or grazing if the smallest clearance is within the margin of zero. A pair that stays
- *    undecided is unresolved, for the time in which contact is possible.
+ * 4. Bound the errors of both ends, and decide the verdict: conflict, or grazing if the smallest clearance is within the
+ *    margin of zero. A pair that stays undecided is unresolved, for the time in which contact is possible.
+ * 5. Prove that the contact lasts; cut it in two where the pair is apart in between. Both parts get that verdict.
  */
 #include "narrow/search.h"
 
@@ -292,7 +292,7 @@ static void search_contacts(Encounter *pair, double low, double high, double bey
     else add_close(pair, undecided, false, answers);
 }
 
-/* Add what method `exact` proves without a search; false if that is not everything. */
+/* Add what is proven without a search; false if that is not everything. */
 static bool add_certain(Encounter *pair, double low, double high, double beyond, Answers *answers) {
     Contact contact = certain_contact(pair, low, high);
     if (contact.outcome == IS_SEPARATED) return true;

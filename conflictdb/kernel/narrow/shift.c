@@ -9,15 +9,13 @@
 #include <stddef.h>
 
 #include "geometry/runs.h"
+#include "narrow/zone.h"
 
-/* Halvings of a way, its parts, its parts before a way by other points is tried, the points by which it may lead, and the steps towards such a point. Fewer: fewer proofs.
- */
+/* Halvings of a way, its parts, its parts before a way by other points is tried, the points by which it may lead, and the
+ * steps towards such a point. Fewer: fewer proofs. */
 enum { MOST_HALVINGS = 20, MOST_WAY_PARTS = 2000, FEW_WAY_PARTS = 50, MOST_BENDS = 5, DEEPEST_STEPS = 60 };
 /* A point is deep enough if its neighbours are not deeper by more than this share. */
 static const double DEEP_SHARE = 0.05;
-/* The curvature of any figure of the earth is at most that of a sphere with this share of the equator's radius; distant
- * polygons may have several shortest lines (zone.c). */
-static const double LEAST_RADIUS_SHARE = 0.99, FURTHEST_SHARE = 0.5;
 
 static void place(Shift *shift, Times at) {
     Encounter *pair = shift->pair;

@@ -6,8 +6,8 @@
 #include "narrow/goal.h"
 
 /* reach_m: within this, metres on the earth, the movers are in contact; 0: if they touch. u0 to v1: the times of the movers.
- * evaluations_left: budget of positions; when it is exhausted, nothing more is
- * proven. */
+ * evaluations_left: budget of positions; when it is exhausted, no further way is
+ * proven to be in contact; proofs of separation go on. */
 typedef struct {
     Encounter *pair;
     double reach_m;
@@ -22,8 +22,8 @@ typedef struct {
     Vector axis, from, to;
 } Nearest;
 
-/* Clearance at two times: an upper bound on the distance minus the reach, metres on the earth; negative is contact.
- * nearest: or NULL. */
+/* Clearance at two times; negative is contact. Apart with a reach: an upper bound on the distance minus the reach, metres on
+ * the earth. Else in plane metres, and only its sign counts. nearest: or NULL. */
 double shift_clearance_m(Shift *shift, Times at, Nearest *nearest);
 
 /* Whether each value of the goal between those of two contacts is one of contact, on a way between them. If that is not

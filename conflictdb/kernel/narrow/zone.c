@@ -20,10 +20,6 @@
 
 /* Times inspected per proof, usually one or two. Smaller: more pairs are searched. */
 enum { MAX_PARTS = 24 };
-/* Distant polygons may have several shortest lines: limit as a fraction of the earth's radius. */
-static const double FURTHEST_SHARE = 0.5;
-/* The curvature of any figure of the earth is at most that of a sphere with this fraction of the equator's radius. */
-static const double LEAST_RADIUS_SHARE = 0.99;
 static const double HALF_PI = 0x1.921fb54442d18p0;
 
 /* Let p and q be nearest on the earth at some instant. They are at most as far apart as the nearest places in the plane

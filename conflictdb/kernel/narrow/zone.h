@@ -4,6 +4,11 @@
 
 #include "narrow/encounter.h"
 
+/* Distant polygons may have several shortest lines: limit as a fraction of the earth's radius. */
+static const double FURTHEST_SHARE = 0.5;
+/* The curvature of any figure of the earth is at most that of a sphere with this fraction of the equator's radius. */
+static const double LEAST_RADIUS_SHARE = 0.99;
+
 /* Whether the distance on the earth changes in one direction only, from a limit to an end at which the pair is nearer.
  * scales: of a time around both, whose ends are a0, b0, a1 and b1. */
 bool zone_closes_in(Encounter *pair, double limit, double end, Scales scales);

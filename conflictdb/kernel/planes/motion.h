@@ -2,8 +2,9 @@
  * motion.
  *
  * A body is a piece of the scene, prepared once. A mover is a body in a pair: seconds count from the pair's zero and
- * plane metres from the pair's origin, so that coordinates keep their digits. To add a motion, add a case here, the
- * functions of `mover_...` and a file (docs/explanation/kernel.md).
+ * plane metres from the pair's origin, so that coordinates keep their digits. The reference point runs straight in the plane.
+ * To add a motion, add a case here, the functions of `mover_...`, a file, and what the projection decides: its pieces
+ * (scene/border.c), scale, distances and curvature (planes/plane.c; docs/explanation/kernel.md).
  */
 #ifndef CONFLICTDB_MOTION_H
 #define CONFLICTDB_MOTION_H
@@ -90,7 +91,10 @@ struct KernelScene {
 };
 typedef struct KernelScene Scene;
 
-/* A body in a pair. frame: (9, count) p, q, s of a great circle, relative to the origin. */
+/* Doubles per vertex of a mover's frame. */
+enum { FRAME = 9 };
+
+/* A body in a pair. frame: (FRAME, count) p, q, s of a great circle, relative to the origin. */
 typedef struct {
     const Scene *scene;
     const Body *body;
@@ -121,7 +125,7 @@ typedef struct {
     double deviation, scale;
 } Sweep;
 
-/* Make a mover. frame: room for 9 doubles per vertex. */
+/* Make a mover. frame: room for FRAME doubles per vertex. */
 Mover mover_make(const Scene *scene, const Body *body, int64_t zero_us, Vector origin, double *frame);
 
 /* Whether the haven stays short of the poles during a time. On its leg it does; beyond the leg's end it may not. */

@@ -84,7 +84,8 @@ double plane_short_m(const KernelPlane *plane);
 enum { PLANE_MAX_PARTS = 1 << 24 };
 
 /* Signed separation in metres on the earth: the length of the shortest line between polygons that are apart, minus the
- * depth of those that overlap. Never overstated; understated by at most plane_distance_error_m.
+ * depth of those that overlap. Of polygons apart never overstated; understated by at most plane_distance_error_m. A depth is
+ * measured in the plane, at the mean scale of both middles.
  *
  * parts_left: remaining budget of bisections, reduced by those used. Below 0 it is exhausted: far distances are
  * returned as 0, which is not overstated but means unknown.

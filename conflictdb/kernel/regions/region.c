@@ -17,7 +17,7 @@ static const double PI = 0x1.921fb54442d18p1;
 
 /* Doubles per vertex of a pair's larger piece: a frame, two positions, two swept hulls, three polygons for
  * intersections. */
-enum { FRAME = 9, PLACE = 2, SWEPT = 2 * 8, KEPT = 2 * 20, PER_VERTEX = FRAME + 2 * PLACE + 2 * SWEPT + 3 * KEPT };
+enum { PLACE = 2, SWEPT = 2 * 8, KEPT = 2 * 20, PER_VERTEX = FRAME + 2 * PLACE + 2 * SWEPT + 3 * KEPT };
 
 typedef struct {
     const Scene *scene;

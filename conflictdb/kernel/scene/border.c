@@ -11,7 +11,7 @@
 
 /* Memory of an encounter, in doubles per vertex: POLYGONS polygons, a spare one of twice the size, two frames of a
  * mover. */
-enum { POLYGONS = 6, FRAME = 9, NUMBERS = 2 * POLYGONS + 4 + 2 * FRAME };
+enum { POLYGONS = 6, NUMBERS = 2 * POLYGONS + 4 + 2 * FRAME };
 
 int32_t kernel_abi(void) { return KERNEL_ABI; }
 

@@ -3,9 +3,6 @@
 
 #include "planes/motion.h"
 
-/* Doubles per vertex of a mover's frame on a great circle. */
-enum { FRAME = 9 };
-
 /* Validate rows, and find the largest number of vertices of their pieces. */
 static KernelStatus check_rows(const Scene *scene, const KernelRows *rows, int64_t *largest) {
     if (!scene || !rows) return KERNEL_NULL;

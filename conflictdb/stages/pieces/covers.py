@@ -3,7 +3,7 @@
 A cover is one piece as wide as the plane, during all of the object's time and at all of its heights, with part number
 COVER. It is a candidate with everything, and is not solved: its pairs are `unresolved` while they share time and
 height. It is replaced like other pieces when the object changes. (A polygon that merely cannot be triangulated is
-replaced by its hull instead, see `convex`.)
+replaced by its hull instead, see `convex_parts`.)
 """
 
 from collections.abc import Callable

@@ -46,6 +46,9 @@ def contacts(
 ) -> tuple[Contacts, Effort]:
     """Return the contacts of pairs within their windows, and the work done.
 
+    A pair proven apart has none. A pair that is not decided has a contact UNRESOLVED for the time in which it may meet;
+    within rounding errors it is GRAZING.
+
     prepared : the pieces of the pairs
     first_s, last_s : (n,) the windows of stage 3, seconds after the start of the pairs' shared spans; both pieces of
         a pair must not be unbounded in time together (pairs of areas are `static_verdicts`).

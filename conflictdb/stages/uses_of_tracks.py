@@ -1,0 +1,216 @@
+"""Stages 3 and 4 of two tracks with a separation in time, T.
+
+Tracks A and B conflict if A at u and B at v come within the separation for instants u and v at most T apart. The
+differences v - u of contact within T decide that (`kernel.differences`). Contacts of A with B, shifted by such a
+difference, tell whether they are deeper than the tolerance.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb import kernel
+from conflictdb.arrays import Floats
+from conflictdb.arrays.pairs import PairRows, Pairs
+from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.earth.plane import Plane
+from conflictdb.kernel.differences import DifferenceState, Shifts, differences
+from conflictdb.kernel.meeting import meetings
+from conflictdb.model.plans import Scene
+from conflictdb.model.results import Verdict
+from conflictdb.stages.delays import solved_shifts
+from conflictdb.stages.ends_of_uses import ROUNDING_US, ends_of, guessed_ends, shifted
+from conflictdb.stages.uses import Uses
+
+_Ints = NDArray[np.int64]
+
+# Shifts at which two tracks are tested for an overlap deeper than the tolerance, if it is not as deep in the middle.
+# Clearance is nearly convex in the shift, so that an overlap which is deeper by an eighth is found.
+_SHIFTS: Final = 17
+# Pairs decided at once: their pieces, four jobs each, fit into memory.
+_AT_ONCE: Final = 20_000
+
+
+def uses_of_tracks(
+    scene: Scene,
+    plane: Plane,
+    prepared: kernel.KernelScene,
+    pairs: Pairs,
+    rows: PairRows,
+    work: kernel.Work,
+    threads: int,
+) -> Uses:
+    """Return when pairs of tracks use one place within the separation in time.
+
+    rows : (n,) pairs of pieces of tracks, without covers
+    work : counts the work
+    """
+    some = (PairRows(rows[first : first + _AT_ONCE]) for first in range(0, max(len(rows), 1), _AT_ONCE))
+    return Uses.concatenate(
+        [one for few in some for one in _of_some(scene, plane, prepared, pairs, few, work, threads)]
+    )
+
+
+def _of_some(
+    scene: Scene,
+    plane: Plane,
+    prepared: kernel.KernelScene,
+    pairs: Pairs,
+    rows: PairRows,
+    work: kernel.Work,
+    threads: int,
+) -> Iterator[Uses]:
+    """Yield the uses of pairs that come within the separation, then of the others that come within the tolerance."""
+    within_us = scene.time_separation_us
+    shifts = _shifts(prepared.pieces, PieceRows(pairs.a[rows]), PieceRows(pairs.b[rows]), within_us)
+    met = _of_reach(scene, plane, prepared, shifts, scene.separation_m, touches=True, work=work, threads=threads)
+    yield replace(met, pair=rows[met.pair])
+    rest = np.setdiff1d(np.arange(len(rows)), met.pair)
+    if len(rest) and scene.tolerance_m > 0.0:
+        reach_m = scene.separation_m + scene.tolerance_m
+        met = _of_reach(scene, plane, prepared, shifts.take(rest), reach_m, touches=False, work=work, threads=threads)
+        yield replace(met, pair=rows[rest[met.pair]])
+
+
+def _of_reach(
+    scene: Scene,
+    plane: Plane,
+    prepared: kernel.KernelScene,
+    shifts: Shifts,
+    reach_m: float,
+    *,
+    touches: bool,
+    work: kernel.Work,
+    threads: int,
+) -> Uses:
+    """Return uses of pairs of tracks (n,) that come within a reach of each other's places; `pair` counts from 0."""
+    within_us = scene.time_separation_us
+    between_us = shifts.b_zero_us - shifts.a_zero_us
+    row, found = solved_shifts(prepared, shifts, reach_m, threads, work)
+    outer = [
+        np.clip(1e6 * found[f"outer_{end}"] + between_us[row] + sign * ROUNDING_US, -within_us, within_us)
+        for end, sign in (("low", -1), ("high", 1))
+    ]
+    inner = [
+        1e6 * found[f"inner_{end}"] + between_us[row] - sign * ROUNDING_US for end, sign in (("low", -1), ("high", 1))
+    ]
+    is_sure = (np.maximum(inner[0], -within_us) <= np.minimum(inner[1], within_us)) & (
+        found["state"] == DifferenceState.INNER
+    )
+    pair, row = np.unique(row, return_inverse=True)
+    n = len(pair)
+    gap, sure_gap = np.full(n, np.inf), np.full(n, np.inf)
+    np.minimum.at(gap, row, np.maximum(0.0, np.maximum(outer[0], -outer[1])))
+    np.minimum.at(sure_gap, row[is_sure], np.maximum(0.0, np.maximum(inner[0], -inner[1]))[is_sure])
+    # Of several intervals of shifts the widest is tested.
+    order = np.lexsort((outer[1] - outer[0], row))
+    widest = order[np.append(np.flatnonzero(np.diff(row[order])), len(order) - 1)] if n else order
+    asked = shifts.take(pair)
+    verdict = _verdicts(scene, plane, prepared.pieces, asked, outer[0][widest], outer[1][widest], work, threads)
+    is_sure_pair = np.isfinite(sure_gap)
+    verdict[(verdict != Verdict.CONFLICT.code) & is_sure_pair] = Verdict.GRAZING.code
+    guesses_s = guessed_ends(plane, prepared, asked, reach_m, within_us, work, threads)
+    ends_s, error_s = ends_of(prepared, asked, guesses_s, reach_m, within_us, work, threads)
+    first_us = [
+        zero + np.floor(1e6 * ends_s[k]).astype(np.int64) for zero, k in ((asked.a_zero_us, 0), (asked.b_zero_us, 2))
+    ]
+    last_us = [
+        zero + np.ceil(1e6 * ends_s[k]).astype(np.int64) for zero, k in ((asked.a_zero_us, 1), (asked.b_zero_us, 3))
+    ]
+    lacking_s = np.maximum(np.rint(within_us - gap), 0.0) / 1e6
+    is_open = verdict == Verdict.UNRESOLVED.code
+    return Uses(
+        pair,
+        first_us[0],
+        last_us[0],
+        first_us[1],
+        last_us[1],
+        error_s,
+        verdict.astype(np.int8),
+        np.full(n, touches),
+        np.where(is_open, np.nan, lacking_s),
+        np.where(is_open, np.nan, np.minimum((sure_gap - gap + 1.0) / 1e6, lacking_s)),
+        _first_contacts(plane, prepared, asked, ends_s, error_s, reach_m, within_us, work, threads),
+    )
+
+
+def _shifts(pieces: Pieces, a: PieceRows, b: PieceRows, within_us: int) -> Shifts:
+    """Return pairs of tracks (n,), asked about differences of time within so many microseconds."""
+    zero_a, zero_b, nothing = pieces.start_us[a], pieces.start_us[b], np.zeros(len(a))
+    lasts_s = [(pieces.end_us[one] - pieces.start_us[one]) / 1e6 for one in (a, b)]
+    between_us = zero_b - zero_a
+    least, most = (np.asarray((sign * (within_us + ROUNDING_US) - between_us) / 1e6, np.float64) for sign in (-1, 1))
+    return Shifts(a, b, zero_a, zero_b, nothing, lasts_s[0], nothing, lasts_s[1], least, most)
+
+
+def _verdicts(
+    scene: Scene,
+    plane: Plane,
+    pieces: Pieces,
+    shifts: Shifts,
+    low_us: Floats,
+    high_us: Floats,
+    work: kernel.Work,
+    threads: int,
+) -> NDArray[np.int64]:
+    """Return verdicts on pairs of tracks (n,): conflict if at some tested shift they are deeper than the tolerance.
+
+    low_us, high_us : (n,) the shifts at which they meet
+    """
+    verdict = np.full(len(shifts), Verdict.UNRESOLVED.code)
+    middle, *others = np.roll(np.linspace(0.0, 1.0, _SHIFTS), -(_SHIFTS // 2))
+    for share in (np.array([middle]), np.array(others)):
+        left = np.flatnonzero(verdict != Verdict.CONFLICT.code)
+        rows = np.repeat(left, len(share))
+        tested = np.rint(low_us[rows] + np.tile(share, len(left)) * (high_us - low_us)[rows]).astype(np.int64)
+        moved, a, b = shifted(plane, pieces, shifts.take(rows), tested)
+        start, end = moved.pieces.shared_span(a, b)
+        there = np.flatnonzero(start <= end)
+        span_s = np.where(start <= end, end - start, 0) / 1e6
+        asked = kernel.Questions(a, b, start, np.zeros(len(a)), span_s, np.full(len(a), np.inf)).take(there)
+        if not len(asked):
+            continue
+        found = kernel.contacts(moved, asked, scene.separation_m, scene.tolerance_m, work, threads)
+        for code in (Verdict.GRAZING.code, Verdict.CONFLICT.code):
+            verdict[rows[there[found.pair[found.verdict == code]]]] = code
+    return verdict
+
+
+def _first_contacts(
+    plane: Plane,
+    prepared: kernel.KernelScene,
+    shifts: Shifts,
+    ends_s: Floats,
+    error_s: Floats,
+    reach_m: float,
+    within_us: int,
+    work: kernel.Work,
+    threads: int,
+) -> Floats:
+    """Return where the uses of pairs (n,) begin: the place of the first piece that is where the other will be."""
+    between_us = shifts.b_zero_us - shifts.a_zero_us
+    is_a = 1e6 * (ends_s[0] - ends_s[2]) <= between_us
+    times = {name: getattr(shifts, name) for name in ("a_start_s", "a_end_s", "b_start_s", "b_end_s")}
+    begins = np.where(is_a, ends_s[0], ends_s[2])
+    for member, is_first, at in (("a", is_a, ends_s[0]), ("b", ~is_a, ends_s[2])):
+        start, stop = times[f"{member}_start_s"], times[f"{member}_end_s"]
+        times[f"{member}_end_s"] = np.where(is_first, np.minimum(at + error_s, stop), stop)
+        times[f"{member}_start_s"] = np.where(is_first, np.minimum(at, stop), start)
+    found = differences(prepared, replace(shifts, **times), reach_m, work, threads)
+    sure = found["state"] == DifferenceState.INNER
+    low, high = (
+        np.where(
+            sure, found[f"inner_{name}"], np.where(np.isfinite(found[f"outer_{name}"]), found[f"outer_{name}"], 0.0)
+        )
+        for name in ("low", "high")
+    )
+    by_us = np.clip(np.rint(0.5e6 * (low + high)).astype(np.int64) + between_us, -within_us, within_us)
+    moved, a, b = shifted(plane, prepared.pieces, shifts, by_us)
+    start, end = moved.pieces.shared_span(a, b)
+    begins_us = np.rint(1e6 * begins).astype(np.int64)
+    at_us = np.where(is_a, shifts.a_zero_us + begins_us, shifts.b_zero_us + begins_us - by_us)
+    at_us = np.clip(at_us, np.minimum(start, end), np.maximum(start, end))
+    return meetings(moved, a, b, at_us, np.zeros(len(shifts)), threads)
