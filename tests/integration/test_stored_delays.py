@@ -232,7 +232,7 @@ def test_what_is_not_stored_is_computed(crossing: Crossing) -> None:
     assert known.delays("WAITS", waypoint=2) == conflictdb.delays(tracks, areas, settings, "WAITS", waypoint=2)
     assert known.delays("EAST", 60.0, clear_within_m=1000.0)[0].clear_by_m == 0.0
     for key in ("BAR", "nobody"):
-        with pytest.raises(InvalidInput, match="is not known|does not depart"):
+        with pytest.raises(InvalidInput, match=r"is not known|does not depart"):
             known.delays(key, WITHIN_S)
     worker = "SELECT conflictdb.request_delays('s', 'EAST', '1 hour') AS question"
     (question,) = db.connection.execute(worker).fetchall()[0]
