@@ -101,6 +101,7 @@ def detected(
     cut_objects.check_case("objects", objects.columns)
     if not isinstance(objects.schema["geometry"].dataType, BinaryType):
         objects = objects.withColumn("geometry", functions.expr("ST_AsBinary(geometry)"))
+    names = objects.select("id", "name").where("name IS NOT NULL") if "name" in objects.columns else None
     objects = objects.select([name for name in objects.columns if name in OBJECTS.schema.names and name not in _UNUSED])
     scene = _centred(objects, scene)
     count = partitions or spark.sparkContext.defaultParallelism * _PER_PROCESSOR
@@ -119,10 +120,23 @@ def detected(
     solve = partial(
         solving.solved, scene=scene, outlines=outlines, pairs_at_once=Memory.of(memory_mb - _SPARK_MB).pairs
     )
-    found = mapped(together, solve, solving.SCHEMA)
+    found = _named(mapped(together, solve, solving.SCHEMA), names)
     weakref.finalize(found, _free, cut).atexit = False
     read = cut.where("digest IS NOT NULL").select("key", "kind", "object_id", "version", "digest")
     return Detected(found, read)
+
+
+def _named(found: DataFrame, names: DataFrame | None) -> DataFrame:
+    """Return conflicts with the names of their objects; names: their columns id and name, None if there are none."""
+    if names is None:
+        return found
+    columns = found.columns
+    for side in ("a", "b"):
+        own = names.select(
+            names.id.cast("string").alias(f"{side}_key"), names.name.cast("string").alias(f"{side}_name")
+        )
+        found = found.drop(f"{side}_name").join(own, f"{side}_key", "left")
+    return found.select(columns)
 
 
 def _free(cached: DataFrame) -> None:

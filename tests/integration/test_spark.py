@@ -67,6 +67,7 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path, spark: Spa
     for job in (of_strait, of_near):
         expected = answer_of_one_machine(job.scene, job.areas, job.tracks)
         assert expected.num_rows
+        assert job is of_near or expected["a_name"].null_count < expected.num_rows, "it has names"
         assert found[job.name].to_pylist() == expected.to_pylist(), job.name
 
     # The command uses the settings of the file, and prints one line for each refusal.

@@ -80,7 +80,12 @@ def answer_of_one_machine(scene: Scene, areas: Sequence[Area], tracks: Sequence[
         pairs = ((found.a_kind, found.a_id), (found.b_kind, found.b_id))
         named = [[keys[kind][i] for kind, i in zip(*pair, strict=True)] for pair in pairs]
         parts.append(of_found(scene, found, found.where(np.arange(len(found))), *named))
-    return in_order(pa.Table.from_batches(parts))
+    answer = in_order(pa.Table.from_batches(parts))
+    names = {one.key: one.name for one in (*areas, *tracks)}
+    for side in ("a", "b"):
+        of_side = pa.array([names[key] for key in answer[f"{side}_key"].to_pylist()], pa.string())
+        answer = answer.set_column(answer.schema.get_field_index(f"{side}_name"), f"{side}_name", of_side)
+    return answer
 
 
 def in_order(found: pa.Table) -> pa.Table:
