@@ -291,8 +291,10 @@ CREATE OR REPLACE FUNCTION candidates(p_scene text)
 RETURNS TABLE (a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry)
 LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
-    SELECT coalesce(aa.key, ta.key), CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END,
-           coalesce(ab.key, tb.key), CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END, c.spans, c.region
+    SELECT CASE WHEN c.a_kind = c.b_kind THEN least(k.a, k.b) ELSE k.a END,
+           CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END,
+           CASE WHEN c.a_kind = c.b_kind THEN greatest(k.a, k.b) ELSE k.b END,
+           CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END, c.spans, c.region
     FROM (SELECT a.object_kind AS a_kind, a.object_id AS a_id, a.version AS a_version,
                  b.object_kind AS b_kind, b.object_id AS b_id, b.version AS b_version,
                  range_agg(m.span) AS spans, ST_Union(_part_from_plane(m.part, s.plane)) AS region
@@ -324,11 +326,12 @@ BEGIN ATOMIC
     LEFT JOIN track ta ON c.a_kind = 1 AND ta.track_id = c.a_id AND ta.first_version <= c.a_version
     LEFT JOIN area ab ON c.b_kind = 0 AND ab.area_id = c.b_id AND ab.first_version <= c.b_version
     LEFT JOIN track tb ON c.b_kind = 1 AND tb.track_id = c.b_id AND tb.first_version <= c.b_version
+    CROSS JOIN LATERAL (SELECT coalesce(aa.key, ta.key) AS a, coalesce(ab.key, tb.key) AS b) k
     WHERE coalesce(aa.scene_id, ta.scene_id) = (SELECT s.scene_id FROM scene s WHERE s.name = p_scene)
       AND coalesce(ab.scene_id, tb.scene_id) = (SELECT s.scene_id FROM scene s WHERE s.name = p_scene)
       AND _warn_if_incomplete(p_scene);
 END;
 COMMENT ON FUNCTION candidates(text) IS
 'Pairs of objects of a scene that might conflict: stages 1 and 2 on the pieces of the last detection, a superset of '
-'the truth. spans: when both are active; region: intersection of what both sweep, longitude and latitude in degrees; '
-'null if they only come within a micrometre.';
+'the truth. a and b as in the view conflicts. spans: when pieces that meet both exist; region: intersection of their '
+'hulls, longitude and latitude in degrees; null if they only come within a micrometre.';

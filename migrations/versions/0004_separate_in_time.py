@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "dc7bfdd662a29969a25b0d702ce00e991eb3b2aac3e91db88f645e7e93be4b48"
+routines_sha256 = "0f7ddf4b0c6d46dddda64f2a6e6c6d5455b7ed3e09a3e486f4148082c178bee4"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
