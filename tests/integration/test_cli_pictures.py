@@ -36,8 +36,15 @@ def test_a_scene_and_a_pair_are_drawn(run: Run, tmp_path: Path) -> None:
     assert "strait: 4 areas, 7 tracks, 7 conflicts" in drawn["scene"]
     assert "Tug with a barge on a long … and Ferry: conflict" in drawn["pair"]
     assert "Nature reserve, always clos… and Ferry: no conflict is known" in drawn["none"]
-    names = re.findall(r">([A-Z]+(?:-\d)?)</text>", drawn["bars"])
-    assert names == ["SUB-1", "FERRY", "SUB-2", "TOW", "SURVEY", "CONVOY-1", "CONVOY-2"]
+    names = [
+        "Submarine haven, deep",
+        "Ferry",
+        "Submarine haven, shallow",
+        "Tug with a barge on a long …",
+        "Survey aircraft",
+    ]
+    names += ["First ship of a convoy", "Second ship, 1 nautical mil…"]
+    assert [text for text in re.findall(r">([^<>]+)</text>", drawn["bars"]) if text in names] == names
     assert "FERRY 17 min 26 s earlier" in drawn["times"]
 
 
