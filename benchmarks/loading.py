@@ -206,6 +206,7 @@ def main() -> None:
     told = ""
     with TemporaryDirectory() as temporary:
         folder = args.files or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
         for objects in args.objects:
             with fresh_database(args.dsn) as dsn:
                 rows += measured(dsn, objects, made_file(objects, folder))
