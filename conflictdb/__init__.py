@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
     from conflictdb.formats import Contents, FileHints, Remark, Skipped, read, write
     from conflictdb.in_memory import chances, delays, solve, speeds
+    from conflictdb.index import Index
     from conflictdb.model.methods import Method
     from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
     from conflictdb.model.proposals import Goal, Left, Move, Passing, Proposal, Side
@@ -83,6 +84,7 @@ __all__ = [
     "ForbiddenSpeeds",
     "Goal",
     "IncompleteWarning",
+    "Index",
     "InvalidInput",
     "Kind",
     "Left",
@@ -142,8 +144,12 @@ _HOME: Final = {
     **dict.fromkeys(("plot_coordination", "plot_delays"), "conflictdb.drawing.departures"),
     **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
     **dict.fromkeys(("Method",), "conflictdb.model.methods"),
+<<<<<<< HEAD
     "resolve": "conflictdb.clearing.resolve",
     **dict.fromkeys(("Goal", "Left", "Move", "Passing", "Proposal", "Side"), "conflictdb.model.proposals"),
+=======
+    "Index": "conflictdb.index",
+>>>>>>> main
     **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.in_memory"),
     **dict.fromkeys(("Contents", "FileHints", "Remark", "Skipped", "read", "write"), "conflictdb.formats"),
     **dict.fromkeys(
