@@ -144,12 +144,9 @@ _HOME: Final = {
     **dict.fromkeys(("plot_coordination", "plot_delays"), "conflictdb.drawing.departures"),
     **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
     **dict.fromkeys(("Method",), "conflictdb.model.methods"),
-<<<<<<< HEAD
     "resolve": "conflictdb.clearing.resolve",
     **dict.fromkeys(("Goal", "Left", "Move", "Passing", "Proposal", "Side"), "conflictdb.model.proposals"),
-=======
     "Index": "conflictdb.index",
->>>>>>> main
     **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.in_memory"),
     **dict.fromkeys(("Contents", "FileHints", "Remark", "Skipped", "read", "write"), "conflictdb.formats"),
     **dict.fromkeys(
