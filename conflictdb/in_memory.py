@@ -367,7 +367,7 @@ def counts(scene: Scene, areas: list[Area], tracks: list[Track]) -> Funnel:
 def _run(scene: Scene, areas: list[Area], tracks: list[Track]) -> Iterator[tuple[Conflicts, Funnel]]:
     batch, plane = AreaBatch.of(areas), plane_of(scene)
     pieces = pieces_of(scene, plane, batch, TrackBatch.of(tracks))
-    return run_scene(scene, plane, _InMemory(pieces, batch.footprint, scene.time_separation_us))
+    return run_scene(scene, plane, _InMemory(pieces, batch.footprint, scene.longest_time_us))
 
 
 class Objects:

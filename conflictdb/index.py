@@ -293,7 +293,7 @@ def _object_rows(pieces: Pieces, plans: Sequence[Plan]) -> NDArray[np.int64]:
 
 
 def _boxes(scene: Scene, pieces: Pieces) -> RowBoxes:
-    spans = pieces.meeting_within(scene.time_separation_us)
+    spans = pieces.meeting_within(scene.longest_time_us)
     bands = pieces.floor_m, pieces.ceiling_m
     return RowBoxes(
         boxes_of(pieces), *bands, spans.start_us, spans.end_us, np.zeros(len(pieces), np.int64), pieces.turn != 0
@@ -332,7 +332,7 @@ def _conflicts(
     pieces, a, b = pieces.take(order), place[a], place[b]
     numbers = object_numbers(pieces)
     a, b = np.where(numbers[a] < numbers[b], (a, b), (b, a))
-    a, b = pairs_together(pieces.meeting_within(scene.time_separation_us), PieceRows(a), PieceRows(b))
+    a, b = pairs_together(pieces.meeting_within(scene.longest_time_us), PieceRows(a), PieceRows(b))
     order = np.lexsort((b, a))
     source = _Given(pieces, PieceRows(a[order]), PieceRows(b[order]), footprint)
     parts = [part for part, _ in run_scene(scene, plane, source)]

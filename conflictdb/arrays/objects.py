@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.ragged import offsets, ragged_rows, ragged_take, stacked
+from conflictdb.arrays.words import numbers_of_words
 from conflictdb.model.outlines import mitred
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Track
 
@@ -23,6 +24,7 @@ class AreaBatch:
     footprint : (n,) object, shapely MultiPolygon in degrees
     start_us, end_us : (n,) int64, MINUS_INFINITY_US and INFINITY_US where unbounded
     floor_m, ceiling_m : (n,) float64, -inf and +inf where unbounded
+    class_number, owner_number : (n,) int64, of class and owner (`words`), 0 without
     """
 
     area_id: NDArray[np.int64]
@@ -32,6 +34,8 @@ class AreaBatch:
     end_us: NDArray[np.int64]
     floor_m: NDArray[np.float64]
     ceiling_m: NDArray[np.float64]
+    class_number: NDArray[np.int64]
+    owner_number: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.area_id)
@@ -53,6 +57,8 @@ class AreaBatch:
             np.array([INFINITY_US if a.end_us is None else a.end_us for a in areas], dtype=np.int64),
             np.array([-np.inf if a.floor_m is None else a.floor_m for a in areas], dtype=np.float64),
             np.array([np.inf if a.ceiling_m is None else a.ceiling_m for a in areas], dtype=np.float64),
+            numbers_of_words([a.object_class for a in areas]),
+            numbers_of_words([a.owner for a in areas]),
         )
 
 
@@ -70,6 +76,7 @@ class TrackBatch:
     grow_mps : (n,) float64, outward speed of every side; 0 for a haven that does not grow
     outlines_offset : (n + 1,) int64
     outlines_m : (u, 2) float64, concatenated outlines of tracks that have one per waypoint; no rows for other tracks
+    class_number, owner_number : (n,) int64, of class and owner (`words`), 0 without
     """
 
     track_id: NDArray[np.int64]
@@ -84,6 +91,8 @@ class TrackBatch:
     grow_mps: NDArray[np.float64]
     outlines_offset: NDArray[np.int64]
     outlines_m: NDArray[np.float64]
+    class_number: NDArray[np.int64]
+    owner_number: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.track_id)
@@ -107,6 +116,8 @@ class TrackBatch:
             self.grow_mps[rows],
             outlines_offset,
             outlines_m,
+            self.class_number[rows],
+            self.owner_number[rows],
         )
 
     @classmethod
@@ -134,6 +145,8 @@ class TrackBatch:
             np.array([t.grow_mps for t in tracks], dtype=np.float64),
             offsets([0 if t.outlines_m is None else t.outlines_m[..., 0].size for t in tracks]),
             stacked([t.outlines_m.reshape(-1, 2) for t in tracks if t.outlines_m is not None]),
+            numbers_of_words([t.object_class for t in tracks]),
+            numbers_of_words([t.owner for t in tracks]),
         )
 
     def outlines_on(

@@ -206,7 +206,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
                 pending = _pending(conn, scene_id, options)
                 settings, record = refresh_pieces(conn, scene_id, pending, record, options.memory, is_first=False)
         writing = _Background(conn, partial(store.begin_write, conn, scene_id, record))
-        source = SceneSource(conn, scene_id, options.memory, writing.start, settings.time_separation_us)
+        source = SceneSource(conn, scene_id, options.memory, writing.start, settings.longest_time_us)
         return _refresh_conflicts(conn, writing.result, source, settings, record, options, started)
     except BaseException as error:
         # The lock ends with the transaction. A lost connection cannot record a failure; the marks remain.
@@ -260,7 +260,7 @@ def _detect_few(
     if few.known_objects is not None:
         record = replace(record, more_objects=len(areas) + len(tracks) - few.known_objects)
     record = replace(record, counted={"pieces_s": time.perf_counter() - clock})
-    source = FewSource(conn, scene_id, options.memory, few.srid, pieces, within_us=settings.time_separation_us)
+    source = FewSource(conn, scene_id, options.memory, few.srid, pieces, within_us=settings.longest_time_us)
     staged = store.begin_write(conn, scene_id, record, few.numbers)
     return _refresh_conflicts(conn, lambda: staged, source, settings, record, options, started, few.numbers)
 

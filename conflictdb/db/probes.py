@@ -222,7 +222,7 @@ def _probed(
     plane = plane_of(scene)
     check_plane(plane, areas, tracks)
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
-    source = _PlanSource(conn, scene_id, plan, replaced, pieces, memory, within_us=scene.time_separation_us)
+    source = _PlanSource(conn, scene_id, plan, replaced, pieces, memory, within_us=scene.longest_time_us)
     parts = [part for part, _ in run_scene(scene, plane, source, jobs=jobs)]
     if not parts:
         return []

@@ -6,9 +6,8 @@ Units: metres, degrees for longitude and latitude, whole microseconds since 1970
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import InitVar, dataclass, field
-from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
@@ -17,9 +16,10 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model import inputs
-from conflictdb.model.methods import METHODS, REMOVED, Method
+from conflictdb.model.methods import METHODS, Method
 from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
-from conflictdb.model.settings import MOST_M, MOST_S, NAMES, SETTINGS, Setting, SettingType
+from conflictdb.model.rules import Rule, RuleTable, check_class, check_word
+from conflictdb.model.settings import MOST_M, NAMES, SETTINGS, SettingType, checked
 from conflictdb.model.settings import EarthModel as EarthModel
 from conflictdb.model.settings import Motion as Motion
 from conflictdb.model.speed_limits import MAX_SPEED_KN, check_speed
@@ -32,8 +32,6 @@ MAX_RHUMB_LATITUDE_DEG: Final = 89.0  # the Mercator plane stretches without lim
 MAX_FROM_CENTRE_DEG: Final = 60.0  # the gnomonic plane stretches by 4 there, and without limit towards 90
 
 MAX_DISTANCE_M: Final = MOST_M
-# Decimal seconds of thirty days are doubles within this of whole microseconds.
-_ROUNDING_US: Final = 1e-3
 
 # Half round the equator; no haven reaches further from its reference point.
 MAX_HAVEN_M: Final = 20_037_508
@@ -46,11 +44,6 @@ HAVEN_SLACK: Final = 8.0 * sys.float_info.epsilon
 MAX_POINTS: Final = 1_000_000
 # No position is that uncertain; faster growth is a mistake in units.
 MAX_GROWTH_MPS: Final = 1e6
-
-# Words for all areas and all tracks in separation rules.
-KINDS: Final = ("area", "track")
-# Of a class or an owner; they are stored with every piece.
-MAX_WORD_BYTES: Final = 200
 
 # Range of instants (years 0001 to 9999): timestamps, ISO 8601 and Python can all express it.
 MIN_INSTANT_US: Final = -62_135_596_800_000_000
@@ -82,6 +75,7 @@ class Scene:
     delays_within_s : detections store the delays of each track that are in conflict, up to so many seconds, whole
         microseconds, 0 (none) to 30 days. `delays` within these is computed with this horizon, so that the answer is
         the stored one
+    rules : separation rules by class, in place of `separation_m`, `vertical_separation_m` and `time_separation_s`
     """
 
     name: str
@@ -95,6 +89,7 @@ class Scene:
     vertical_separation_m: float = 0.0
     time_separation_s: float = 0.0
     delays_within_s: float = 0.0
+    rules: Sequence[Rule] = ()
 
     def __post_init__(self) -> None:
         who = f"scene {self.name!r}"
@@ -105,12 +100,13 @@ class Scene:
             object.__setattr__(self, "earth", EarthModel.SPHERE if is_round else EarthModel.WGS84)
         for setting in SETTINGS:
             if setting.type is not SettingType.PLACE:
-                object.__setattr__(self, setting.name, _checked(who, setting, getattr(self, setting.name)))
+                object.__setattr__(self, setting.name, checked(who, setting, getattr(self, setting.name)))
         if self.motion == Motion.GREAT_CIRCLE and self.earth != EarthModel.SPHERE:
             raise InvalidInput(
                 who, "earth", f"must be 'sphere' with motion 'great_circle', or left out; got {self.earth.value!r}"
             )
-        if self.method == Method.NLP and self.time_separation_s > 0.0:
+        object.__setattr__(self, "rules", tuple(RuleTable.of(self.rules).rules) if self.rules else ())
+        if self.method == Method.NLP and (self.time_separation_s > 0.0 or any(rule.time_s for rule in self.rules)):
             rule = "is not known to method 'nlp', whose program knows one time only: use 'exact', or 0"
             raise InvalidInput(who, "time_separation_s", f"{rule}; got {self.time_separation_s!r}")
         if self.centre is not None:
@@ -139,33 +135,14 @@ class Scene:
         return conflict_m if METHODS[self.method].solver is None else max(conflict_m, self.nearest_m)
 
     @property
+    def longest_time_us(self) -> int:
+        """The largest separation in time of any pair, by its rules too, microseconds."""
+        return max([self.time_separation_us, *(round(1e6 * (rule.time_s or 0.0)) for rule in self.rules)])
+
+    @property
     def time_separation_us(self) -> int:
         """The separation in time, microseconds."""
         return round(1e6 * self.time_separation_s)
-
-
-def _checked(who: str, setting: Setting, value: Any) -> StrEnum | float:
-    """Return a choice, distance or time by the rule of its setting; raises InvalidInput."""
-    if setting.choices is not None:
-        try:
-            return setting.choices(value)
-        except ValueError:
-            removed = REMOVED.get(value) if setting.choices is Method and isinstance(value, str) else None
-            rule = f"must be one of {', '.join(setting.choices)}; got {value!r}"
-            raise InvalidInput(who, setting.name, f"{rule}, which {removed}" if removed else rule) from None
-    unit = "seconds" if setting.type is SettingType.SECONDS else "metres"
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < np.inf:
-        raise InvalidInput(who, setting.name, f"must be a finite number of {unit}, 0 or more; got {value!r}")
-    if setting.type is SettingType.SECONDS:
-        if value > MOST_S:
-            raise InvalidInput(who, setting.name, f"must be at most {MOST_S:.0f} seconds, 30 days; got {value!r}")
-        if abs(1e6 * value - round(1e6 * value)) > _ROUNDING_US:
-            raise InvalidInput(who, setting.name, f"must be whole microseconds; got {value!r}")
-        return round(1e6 * value) / 1e6
-    if value > MAX_DISTANCE_M:
-        rule = f"must be at most {MAX_DISTANCE_M:.0f} metres, half the way around the earth"
-        raise InvalidInput(who, setting.name, f"{rule}; got {value!r} (is it in metres?)")
-    return float(value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -442,20 +419,7 @@ def _keep_heights(who: str, one: Area | Track, refusals: Refusals) -> None:
 def check_ruled(who: str, object_class: Any, owner: Any) -> None:
     """Raise InvalidInput for an invalid class or owner; None is valid."""
     check_class(who, "class", object_class)
-    _check_word(who, "owner", owner)
-
-
-def check_class(who: str, field: str, value: Any) -> None:
-    """Raise InvalidInput unless a value is None or the name of a class."""
-    _check_word(who, field, value)
-    if value in KINDS:
-        rule = f"must not be {value!r}, which separation rules use for all {value}s: choose another name"
-        raise InvalidInput(who, field, rule)
-
-
-def _check_word(who: str, field: str, value: Any) -> None:
-    if value is not None and not (isinstance(value, str) and 0 < len(value.encode(errors="replace")) <= MAX_WORD_BYTES):
-        raise InvalidInput(who, field, f"must be a text of 1 to {MAX_WORD_BYTES} bytes, or absent; got {value!r:.60}")
+    check_word(who, "owner", owner)
 
 
 def _check_height(who: str, name: str, value: float | None) -> None:

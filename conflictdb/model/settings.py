@@ -10,7 +10,10 @@ from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
 from typing import Any, Final, TypeAlias, TypedDict
 
-from conflictdb.model.methods import Method
+import numpy as np
+
+from conflictdb.errors import InvalidInput
+from conflictdb.model.methods import REMOVED, Method
 
 
 class Motion(StrEnum):
@@ -40,6 +43,9 @@ class SettingType(Enum):
 MOST_M: Final = 20_000_000.0
 # Thirty days: spans that are widened by it stay within the instants of PostgreSQL.
 MOST_S: Final = 2_592_000.0
+
+# Decimal seconds of thirty days are doubles within this of whole microseconds.
+_ROUNDING_US: Final = 1e-3
 
 Choices: TypeAlias = type[StrEnum]
 
@@ -201,3 +207,28 @@ def given(values: Any, settings: tuple[Setting, ...] = SETTINGS) -> dict[str, An
     """Return the settings that an object, such as a namespace of argparse, has as attributes and that are not None."""
     named = {setting.name: getattr(values, setting.name) for setting in settings}
     return {name: value for name, value in named.items() if value is not None}
+
+
+def checked(who: str, setting: Setting, value: Any, name: str = "") -> StrEnum | float:
+    """Return a choice, distance or time by the rule of its setting; raises InvalidInput, naming it or `name`."""
+    name = name or setting.name
+    if setting.choices is not None:
+        try:
+            return setting.choices(value)
+        except ValueError:
+            removed = REMOVED.get(value) if setting.choices is Method and isinstance(value, str) else None
+            rule = f"must be one of {', '.join(setting.choices)}; got {value!r}"
+            raise InvalidInput(who, name, f"{rule}, which {removed}" if removed else rule) from None
+    unit = "seconds" if setting.type is SettingType.SECONDS else "metres"
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < float("inf"):
+        raise InvalidInput(who, name, f"must be a finite number of {unit}, 0 or more; got {value!r}")
+    if setting.type is SettingType.SECONDS:
+        if value > MOST_S:
+            raise InvalidInput(who, name, f"must be at most {MOST_S:.0f} seconds, 30 days; got {value!r}")
+        if abs(1e6 * value - round(1e6 * value)) > _ROUNDING_US:
+            raise InvalidInput(who, name, f"must be whole microseconds; got {value!r}")
+        return round(1e6 * value) / 1e6
+    if value > MOST_M:
+        rule = f"must be at most {MOST_M:.0f} metres, half the way around the earth"
+        raise InvalidInput(who, name, f"{rule}; got {value!r} (is it in metres?)")
+    return float(value)

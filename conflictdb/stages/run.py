@@ -26,6 +26,7 @@ from conflictdb.stages.merge import merged_by_object
 from conflictdb.stages.object_pairs import company_of
 from conflictdb.stages.pieces.covers import is_covered
 from conflictdb.stages.published.stage3_projection import windows
+from conflictdb.stages.separations import Separations
 from conflictdb.stages.source import PairSource
 from conflictdb.stages.stage2_intersection import intersections
 from conflictdb.stages.stage4.contact_search import contacts, static_verdicts
@@ -50,6 +51,7 @@ def run_scene(
     jobs, progress : see `run_stages`
     """
     decided = 0
+    separations = Separations.of(scene)
     chunks = source.candidates()
     while True:
         clock = time.perf_counter()
@@ -57,27 +59,37 @@ def run_scene(
         if chunk is None:
             return
         pieces, a, b, candidate_pairs, stage2_s, share = chunk
-        stage1_s = time.perf_counter() - clock - stage2_s
-        clock = time.perf_counter()
-        pairs = intersections(pieces, a, b, regions=METHODS[scene.method].needs_regions)
-        stage2_s += time.perf_counter() - clock
-        found, funnel = run_stages(
-            scene,
-            plane,
-            pieces,
-            pairs,
-            source.footprints,
-            jobs=jobs,
-            progress=_after(decided, share, progress),
-        )
-        funnel.candidate_pairs = len(a) if candidate_pairs is None else candidate_pairs
-        funnel.intersecting_pairs = len(pairs)
-        funnel.stage1_s, funnel.stage2_s = stage1_s, stage2_s
-        decided += funnel.solved_pairs + funnel.effort.exact.closed_forms
+        counted = Funnel(candidate_pairs=len(a) if candidate_pairs is None else candidate_pairs, stage2_s=stage2_s)
+        counted.stage1_s = time.perf_counter() - clock - stage2_s
+        parts = separations.split(pieces, a, b)
+        while True:
+            clock = time.perf_counter()
+            settings, rows = next(parts, (None, None))
+            if settings is None:
+                break
+            pairs = intersections(
+                pieces, PieceRows(a[rows]), PieceRows(b[rows]), regions=METHODS[scene.method].needs_regions
+            )
+            counted.stage2_s += time.perf_counter() - clock
+            found, funnel = run_stages(
+                settings,
+                plane,
+                pieces,
+                pairs,
+                source.footprints,
+                jobs=jobs,
+                progress=_after(decided, share, progress),
+            )
+            funnel.intersecting_pairs = len(pairs)
+            funnel.add(counted)
+            counted = Funnel()
+            decided += funnel.solved_pairs + funnel.effort.exact.closed_forms
+            # Free before the next pairs are allocated.
+            del pairs
+            yield found, funnel
+            del found, funnel
         # Free before the next chunk is allocated.
-        del chunk, pieces, a, b, pairs
-        yield found, funnel
-        del found, funnel
+        del chunk, pieces, a, b, parts
 
 
 def _after(decided: int, share: float | None, progress: Progress | None) -> Progress | None:

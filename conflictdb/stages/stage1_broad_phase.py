@@ -28,12 +28,17 @@ def pairs_together(pieces: Pieces, a: PieceRows, b: PieceRows) -> tuple[PieceRow
     keep = (pieces.turn[a] == 0) | (pieces.turn[b] == 0)
     keep &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
     a, b = PieceRows(a[keep]), PieceRows(b[keep])
+    keep = is_together(pieces, a, b)
+    return PieceRows(a[keep]), PieceRows(b[keep])
+
+
+def is_together(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
+    """Return (n,) whether pieces a and b share time."""
     start, end = pieces.shared_span(a, b)
     last = np.ones(len(a), np.bool_)
     for member in (a, b):
         last &= (pieces.end_us[member] > end) | pieces.end_inclusive[member]
-    keep = (start < end) | ((start == end) & last)
-    return PieceRows(a[keep]), PieceRows(b[keep])
+    return np.asarray((start < end) | ((start == end) & last))
 
 
 def hulls_of(pieces: Pieces) -> NDArray[np.object_]:

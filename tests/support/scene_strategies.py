@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.model.inputs import certain
 from conflictdb.model.plans import (
-    KINDS,
     MAX_INSTANT_US,
     MIN_INSTANT_US,
     Area,
@@ -17,6 +16,7 @@ from conflictdb.model.plans import (
     Track,
     rectangle_outline_m,
 )
+from conflictdb.model.rules import KINDS
 
 TEXT = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=12)
 KEY = TEXT.filter(bool)

@@ -22,6 +22,7 @@ from conflictdb.earth.plane import Plane
 from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, Scene
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.cutting import area_pieces, track_pieces
+from conflictdb.stages.separations import Separations
 
 # Part number of covers.
 COVER: Final = -1
@@ -36,9 +37,27 @@ Batch = TypeVar("Batch", AreaBatch, TrackBatch)
 def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
     """Return the pieces of objects; an object that cannot be cut is covered.
 
-    Each end of their heights is half of the scene's vertical separation further out, rounded to the micrometre, so that
-    two of them overlap where the objects' heights are closer than that.
+    Each end of their heights is half of the vertical separation further out, rounded to the micrometre, so that two of
+    them overlap where the objects' heights are closer than that. By separation rules the distances are the largest that
+    an object can need.
     """
+    if not scene.rules:
+        return _padded(scene, plane, areas, tracks)
+    separations, made = Separations.of(scene), []
+    for kind, batch in ((Kind.AREA, areas), (Kind.TRACK, tracks)):
+        types = separations.types(np.full(len(batch), kind.code, np.int8), batch.class_number)
+        needs = [separations.padding(one) for one in range(len(separations.of_types))]
+        distinct = list(dict.fromkeys(needs))
+        number = np.array([distinct.index(one) for one in needs])[types]
+        for i in np.unique(number).tolist():
+            some, nothing = batch.take(np.flatnonzero(number == i)), np.empty(0, np.int64)
+            both = (some, tracks.take(nothing)) if isinstance(some, AreaBatch) else (areas.take(nothing), some)
+            made.append(_padded(distinct[i], plane, *both))
+    return Pieces.concatenate(made) if made else _padded(separations.settings[0], plane, areas, tracks)
+
+
+def _padded(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
+    """Return the pieces of objects, by the separations of the scene."""
     made = [
         *_pieces(scene, plane, areas, areas.area_id, area_pieces, _area_covers),
         *_pieces(scene, plane, tracks, tracks.track_id, track_pieces, _track_covers),
@@ -155,6 +174,8 @@ def _covers(
         leg_start_deg=nothing,
         leg_end_deg=nothing,
         bearing_deg=np.zeros(n),
+        class_number=batch.class_number,
+        owner_number=batch.owner_number,
     )
 
 

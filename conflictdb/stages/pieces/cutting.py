@@ -119,6 +119,8 @@ def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
         leg_start_deg=nothing,
         leg_end_deg=nothing,
         bearing_deg=np.zeros(n),
+        class_number=areas.class_number[owner],
+        owner_number=areas.owner_number[owner],
     )
     hulls = kernel.hulls(plane.kernel_plane, pieces, scene.reach_m)
     # Shift coordinates beyond the seam back by whole turns, so that the copy below is always one turn west.
@@ -192,6 +194,8 @@ def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tupl
         leg_start_deg=legs.start_deg[leg],
         leg_end_deg=legs.end_deg[leg],
         bearing_deg=legs.bearing_deg[leg],
+        class_number=tracks.class_number[track],
+        owner_number=tracks.owner_number[track],
     )
     return pieces, leg
 

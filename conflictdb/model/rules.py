@@ -1,0 +1,192 @@
+"""Separation rules: how far apart the objects of two classes must be, and who yields."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.errors import InvalidInput
+from conflictdb.model.settings import SETTINGS, checked
+
+# Words for all areas and all tracks in separation rules.
+KINDS: Final = ("area", "track")
+# Of a class or an owner; they are stored with every piece.
+MAX_WORD_BYTES: Final = 200
+# Rules of a scene; each class in them adds two rows and columns to the table of all pairs.
+MAX_RULES: Final = 1_000
+# The settings that a rule replaces, by its own names.
+REPLACED: Final = {
+    "separation_m": "separation_m",
+    "vertical_m": "vertical_separation_m",
+    "time_s": "time_separation_s",
+}
+_SETTING: Final = {setting.name: setting for setting in SETTINGS}
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """A separation rule for the pairs of two classes, in either order.
+
+    Of several rules for a pair the most specific applies: first those with two classes, then those with a class and
+    `area` or `track`, a class and any, two kinds, a kind and any. Distances are of the pair, the same from both sides.
+
+    a_class, b_class : a class; `area` or `track` for all objects of that kind; None for any object
+    separation_m, vertical_m, time_s : in place of the scene's `separation_m`, `vertical_separation_m` and
+        `time_separation_s`; None: as in the scene
+    allowed : the pairs are not compared
+    yields : `a` or `b`: which side yields; None: not said
+    """
+
+    a_class: str | None
+    b_class: str | None
+    separation_m: float | None = None
+    vertical_m: float | None = None
+    time_s: float | None = None
+    allowed: bool = False
+    yields: str | None = None
+
+    def __post_init__(self) -> None:
+        who = str(self)
+        for field in ("a_class", "b_class"):
+            value = getattr(self, field)
+            if value not in KINDS:
+                check_class(who, field, value)
+        if self.a_class is None and self.b_class is None:
+            raise InvalidInput(who, "a_class", "must name a class: the scene's settings are the rule for any with any")
+        if not isinstance(self.allowed, bool):
+            raise InvalidInput(who, "allowed", f"must be true or false; got {self.allowed!r:.60}")
+        for name, setting in REPLACED.items():
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, checked(who, _SETTING[setting], getattr(self, name), name))
+        if self.yields not in (None, "a", "b"):
+            raise InvalidInput(who, "yields", f"must be 'a', 'b' or absent; got {self.yields!r:.60}")
+        if self.yields is not None and self.a_class == self.b_class:
+            raise InvalidInput(who, "yields", "needs two different sides, to say which of them yields")
+        said = [name for name in (*REPLACED, "yields") if getattr(self, name) is not None]
+        if self.allowed and said:
+            raise InvalidInput(who, said[0], "has no meaning where pairs are allowed, and not compared: leave it out")
+
+    def __str__(self) -> str:
+        return f"rule {self.a_class or 'any'!r} with {self.b_class or 'any'!r}"
+
+    @property
+    def sides(self) -> tuple[str, str]:
+        """The two sides in order, empty for any."""
+        a, b = sorted((self.a_class or "", self.b_class or ""))
+        return a, b
+
+    @property
+    def rank(self) -> int:
+        """How specific it is: 6 for two classes, then 4, 3, 2 and 1."""
+        return sum(0 if side is None else 1 if side in KINDS else 3 for side in (self.a_class, self.b_class))
+
+    def says_as(self, other: "Rule") -> bool:
+        """Return whether another rule says the same of all pairs; rules that say who yields do not."""
+        if self.yields is not None or other.yields is not None:
+            return False
+        return all(getattr(self, name) == getattr(other, name) for name in (*REPLACED, "allowed"))
+
+
+@dataclass(frozen=True, slots=True)
+class RuleTable:
+    """The rule of each pair of types of objects.
+
+    A type is a kind and a class that a rule names, or a kind and any other class. Type 2 i + k is of kind k and of
+    class i, counted from 1 in the order of `classes`; class 0 is any other.
+
+    rules : checked
+    classes : names of classes, in order
+    rule : (t, t) int64, number of the rule for two types, symmetric; -1: the scene's settings
+    """
+
+    rules: Sequence[Rule]
+    classes: Sequence[str]
+    rule: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, rules: Iterable[Rule]) -> "RuleTable":
+        """Return the table of some rules; raises InvalidInput if two rules are as specific for a possible pair."""
+        rules = listed(rules)
+        named = {side for rule in rules for side in rule.sides if side and side not in KINDS}
+        classes = sorted(named)
+        place = {name: i + 1 for i, name in enumerate(classes)}
+        n = 2 * (len(classes) + 1)
+        chosen, rank = np.full((n, n), -1), np.zeros((n, n), np.int64)
+        rival = np.full((n, n), -1)
+
+        def types(side: str | None) -> NDArray[np.int64]:
+            if side is None:
+                return np.arange(n)
+            return np.arange(KINDS.index(side), n, 2) if side in KINDS else 2 * place[side] + np.arange(2)
+
+        for number, rule in enumerate(rules):
+            cells = np.zeros((n, n), np.bool_)
+            cells[np.ix_(types(rule.a_class), types(rule.b_class))] = True
+            cells |= cells.T
+            tied = cells & (rank == rule.rank)
+            same = [one for one in np.unique(chosen[tied]).tolist() if rules[one].says_as(rule)]
+            rival[tied & ~np.isin(chosen, same)] = number
+            better = cells & (rank < rule.rank)
+            chosen[better], rank[better], rival[better] = number, rule.rank, -1
+        ties = np.argwhere(rival >= 0)
+        if len(ties):
+            one, other = ties[0].tolist()
+            sides = [cls._word(classes, type_) for type_ in (one, other)]
+            rule = "and {} apply alike to a pair of {} and {}: enter a rule for '{}' with '{}' first".format(
+                rules[rival[one, other]], *sides, *(side.split()[-1].strip("'") for side in sides)
+            )
+            raise InvalidInput(str(rules[chosen[one, other]]), "", rule)
+        return cls(rules, classes, chosen)
+
+    @staticmethod
+    def _word(classes: Sequence[str], type_: int) -> str:
+        kind = KINDS[type_ % 2]
+        return f"{kind} of class {classes[type_ // 2 - 1]!r}" if type_ > 1 else f"any {kind}"
+
+
+def listed(rules: Iterable[Rule]) -> list[Rule]:
+    """Return rules as a list; raises InvalidInput for other objects, for too many, and for sides given twice."""
+    found = list(rules)
+    known = set()
+    for i, rule in enumerate(found):
+        if not isinstance(rule, Rule):
+            raise InvalidInput("rules", f"rules[{i}]", f"must be a Rule; got {rule!r:.60}")
+        if rule.sides in known:
+            raise InvalidInput(str(rule), "", "is given twice; a rule holds in both orders of its sides")
+        known.add(rule.sides)
+    if len(found) > MAX_RULES:
+        raise InvalidInput("rules", "", f"must be at most {MAX_RULES:,}; got {len(found):,}")
+    return found
+
+
+def rule_of(members: Any, where: str) -> Rule:
+    """Return a rule from the members of a file or a row; raises InvalidInput for unknown ones."""
+    known = [field for field in Rule.__dataclass_fields__]
+    if not isinstance(members, dict):
+        raise InvalidInput(where, "", f"must be an object with {', '.join(known)}; got {members!r:.60}")
+    for name in members:
+        if name not in known:
+            raise InvalidInput(where, str(name), f"is not known; known are {', '.join(known)}")
+    return Rule(**{"a_class": None, "b_class": None, **members})
+
+
+def members_of(rule: Rule) -> dict[str, Any]:
+    """Return the members of a rule as files store them, without those that say nothing."""
+    found = {name: getattr(rule, name) for name in Rule.__dataclass_fields__}
+    return {name: value for name, value in found.items() if value is not None and value is not False}
+
+
+def check_class(who: str, field: str, value: Any) -> None:
+    """Raise InvalidInput unless a value is None or the name of a class."""
+    check_word(who, field, value)
+    if value in KINDS:
+        rule = f"must not be {value!r}, which separation rules use for all {value}s: choose another name"
+        raise InvalidInput(who, field, rule)
+
+
+def check_word(who: str, field: str, value: Any) -> None:
+    """Raise InvalidInput unless a value is None or may name a class or an owner."""
+    if value is not None and not (isinstance(value, str) and 0 < len(value.encode(errors="replace")) <= MAX_WORD_BYTES):
+        raise InvalidInput(who, field, f"must be a text of 1 to {MAX_WORD_BYTES} bytes, or absent; got {value!r:.60}")

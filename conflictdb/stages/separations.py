@@ -1,0 +1,111 @@
+"""Required separations of the pairs of a scene: one value made once per run, the only reader of its rules.
+
+Pairs that share required separations are solved together, with settings that have these and no rules.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays import Floats
+from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.words import numbers_of_words
+from conflictdb.model.plans import Scene
+from conflictdb.model.rules import REPLACED, RuleTable
+from conflictdb.stages.stage1_broad_phase import is_together
+
+NEVER: Final = -1  # in place of settings: the pair is not compared
+
+
+@dataclass(frozen=True, slots=True)
+class Separations:
+    """The settings of each pair of objects, by their types (`RuleTable`).
+
+    settings : distinct, without rules
+    of_types : (t, t) int64, the settings of two types; NEVER
+    numbers, number_type : (c,) int64, the numbers of classes that rules name, sorted, and the types of areas of each
+    """
+
+    settings: Sequence[Scene]
+    of_types: NDArray[np.int64]
+    numbers: NDArray[np.int64]
+    number_type: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, scene: Scene) -> "Separations":
+        """Return the separations of a scene."""
+        table = RuleTable.of(scene.rules)
+        plain = replace(scene, rules=())
+        found = {plain: 0}
+        # The last one is of the pairs without a rule.
+        of_rules = np.zeros(len(table.rules) + 1, np.int64)
+        for i, rule in enumerate(table.rules):
+            given = {setting: getattr(rule, name) for name, setting in REPLACED.items()}
+            own = replace(plain, **{name: value for name, value in given.items() if value is not None})
+            of_rules[i] = NEVER if rule.allowed else found.setdefault(own, len(found))
+        numbers = numbers_of_words(table.classes)
+        order = np.argsort(numbers)
+        return cls(list(found), of_rules[table.rule], numbers[order], 2 * (order + 1))
+
+    def types(self, kind: NDArray[np.int8], class_number: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the types of objects (n,), by their kinds and the numbers of their classes."""
+        if not len(self.numbers):
+            return kind.astype(np.int64)
+        at = np.minimum(np.searchsorted(self.numbers, class_number), len(self.numbers) - 1)
+        return np.where(self.numbers[at] == class_number, self.number_type[at], 0) + kind
+
+    def of_pairs(
+        self, kinds: Sequence[NDArray[np.int8]], classes: Sequence[NDArray[np.int64]], owners: Sequence[NDArray[np.int64]]
+    ) -> NDArray[np.int64]:
+        """Return the settings (n,) of pairs of objects, NEVER for pairs that are not compared.
+
+        kinds, classes, owners : (2, n) of both objects; numbers of classes and owners, 0 without
+        """
+        one, other = (self.types(kind, number) for kind, number in zip(kinds, classes, strict=True))
+        found = self.of_types[one, other]
+        return np.where((owners[0] == owners[1]) & (owners[0] != 0), NEVER, found)
+
+    def padding(self, type_: int) -> Scene:
+        """Return settings whose distances are the largest that objects of a type can need."""
+        able = [self.settings[i] for i in np.unique(self.of_types[type_]).tolist() if i != NEVER]
+        if not able:
+            return self.settings[0]
+        return replace(
+            self.settings[0],
+            separation_m=max(one.separation_m for one in able),
+            vertical_separation_m=max(one.vertical_separation_m for one in able),
+        )
+
+    def split(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> Iterator[tuple[Scene, NDArray[np.int64]]]:
+        """Yield settings and the rows of pairs of pieces that have them; at least once.
+
+        Pairs that are not compared are left out.
+        """
+        if (self.of_types == 0).all() and not pieces.owner_number.any():
+            yield self.settings[0], np.arange(len(a))
+            return
+        columns = ((column[a], column[b]) for column in (pieces.kind, pieces.class_number, pieces.owner_number))
+        found = self.of_pairs(*columns)
+        types = self.types(pieces.kind, pieces.class_number)
+        vertical_m = np.array([self.padding(one).vertical_separation_m for one in range(len(self.of_types))])[types]
+        for i in np.unique(found[found >= 0]).tolist() or [0]:
+            settings, rows = self.settings[i], np.flatnonzero(found == i)
+            yield settings, rows[_is_close(settings, pieces, vertical_m, PieceRows(a[rows]), PieceRows(b[rows]))]
+
+
+def _is_close(
+    settings: Scene, pieces: Pieces, vertical_m: Floats, a: PieceRows, b: PieceRows
+) -> NDArray[np.bool_]:
+    """Return (n,) whether pairs that stage 1 left come as close in time and height as their own settings ask for.
+
+    vertical_m : (p,) the vertical separation by whose half the heights of pieces are further out
+    """
+    keep = is_together(pieces.meeting_within(settings.time_separation_us), a, b)
+    spare_m = 0.5 * (vertical_m[a] + vertical_m[b]) - settings.vertical_separation_m
+    for one, other in ((a, b), (b, a)):
+        # Heights are to the micrometre: half of that is rounding.
+        keep &= (spare_m <= 0.0) | (pieces.floor_m[one] + spare_m + 5e-7 < pieces.ceiling_m[other])
+    return keep
