@@ -119,6 +119,7 @@ def delays(
     horizon_us, now_us = horizon_and_now(within_s, now)
     if clear_within_m is not None:
         clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
+        check_one_separation("delays", "clear_within_m", scene)
     scene, plane, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene)
     if waypoint is not None:
         number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
@@ -142,6 +143,12 @@ def delays(
         return answers
     batch = TrackBatch.of(tracks).take(kinds_and_ids(asked)[1])
     return _with_margins(answers, scene, plane, pieces, batch, clear_within_m)
+
+
+def check_one_separation(who: str, what: str, scene: Scene | None) -> None:
+    """Raise InvalidInput for a scene with separation rules, which `what` does not know."""
+    if scene is not None and scene.rules:
+        raise InvalidInput(who, what, "is not computed with separation rules: remove them from a copy of the scene")
 
 
 def horizon_and_now(within_s: float, now: inputs.Instant | None) -> tuple[int, int | None]:
@@ -198,9 +205,9 @@ def speeds(
     """
     slowest, fastest = limits(slowest, fastest)
     scene, plane, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene)
-    if scene.time_separation_s > 0.0:
+    if scene.longest_time_us:
         rule = "must be 0: speeds are not computed with a separation in time; delays are"
-        raise InvalidInput("speeds", "time_separation_s", f"{rule}; got {scene.time_separation_s!r}")
+        raise InvalidInput("speeds", "time_separation_s", f"{rule}; got {scene.longest_time_us / 1e6:g}")
     if leg is not None:
         number, times_us = _one_track("speeds", "leg", scene, keys, numbers, tracks, key)
         first = _place("speeds", "leg", leg, len(times_us) - 1) - 1

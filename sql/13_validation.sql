@@ -389,7 +389,8 @@ BEGIN
                             format('must be whole microseconds, 0 to 2592000 seconds (30 days); got %s', v_s),
                             format('scene_%s_known', left(v_name, -2)));
         END IF;
-        IF v_name = 'time_separation_s' AND v_s > 0 AND NEW.method = 'nlp' THEN
+        IF v_name = 'time_separation_s' AND NEW.method = 'nlp'
+           AND (v_s > 0 OR EXISTS (SELECT FROM rule r WHERE r.scene_id = NEW.scene_id AND r.time_s > 0)) THEN
             FOUND := _raise('ZC009', v_who, v_name,
                             format('is not known to method ''nlp'', whose program knows one time only: use exact, or '
                                    '0; got %s', v_s), format('scene_%s_solved', left(v_name, -2)));

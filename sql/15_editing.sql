@@ -1,7 +1,7 @@
 -- Adding, replacing and removing scenes, areas and tracks. All are upserts by scene and key; without a change they
 -- leave no mark. The triggers of 13_validation.sql check the rows.
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._set_scene(p_name text, p_settings jsonb) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._set_columns(p_name text, p_settings jsonb) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     -- Great circles are defined on the sphere only.
@@ -46,6 +46,19 @@ BEGIN
     END LOOP;
 END
 $$;
+COMMENT ON FUNCTION _set_columns(text, jsonb) IS 'As _set_scene, without rules.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._set_scene(p_name text, p_settings jsonb) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_scene_id bigint := _set_columns(p_name, p_settings - 'rules');
+BEGIN
+    IF p_settings ? 'rules' THEN
+        PERFORM _put_rules(v_scene_id, p_settings -> 'rules', true);
+    END IF;
+    RETURN v_scene_id;
+END
+$$;
 COMMENT ON FUNCTION _set_scene(text, jsonb) IS
 'As _put_scene, but checks only at commit whether objects fit the settings, so that objects may be changed too.';
 
@@ -60,7 +73,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _put_scene(text, jsonb) IS
-'As create_scene. p_settings: by the columns of the table scene; null, and what is left out: as it is, or the default.';
+'As create_scene. p_settings: by the columns of the table scene, and rules, all of them; null, and what is left out: '
+'as it is, or the default.';
 
 CREATE OR REPLACE FUNCTION create_scene(
     p_name text, p_motion text DEFAULT NULL, p_earth text DEFAULT NULL, p_method text DEFAULT NULL,

@@ -17,14 +17,15 @@ COMMENT ON FUNCTION _pending(bigint) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._area_row(p_scene_id bigint, p_area_id bigint) RETURNS TABLE (
     area_id bigint, version bigint, span_start timestamptz, span_end timestamptz, floor_m double precision,
-    ceiling_m double precision, footprint bytea
+    ceiling_m double precision, class_number bigint, owner_number bigint, footprint bytea
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- "+ 0" prevents use of the index on scene_id, which would read all objects of the scene.
     SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
            coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
-           coalesce(a.ceiling_m, 'infinity'), ST_AsBinary(a.footprint, 'NDR')
+           coalesce(a.ceiling_m, 'infinity'), _word_number(a.class), _word_number(a.owner),
+           ST_AsBinary(a.footprint, 'NDR')
     FROM area a WHERE a.area_id = p_area_id AND a.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _area_row(bigint, bigint) IS
@@ -33,7 +34,8 @@ COMMENT ON FUNCTION _area_row(bigint, bigint) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_areas(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
-    OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea
+    OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint,
+    OUT footprint bytea
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
@@ -59,14 +61,14 @@ COMMENT ON FUNCTION _footprints(bigint[]) IS 'Footprints of areas as WKB, longit
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._track_row(p_scene_id bigint, p_track_id bigint) RETURNS TABLE (
     track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision,
-    path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea
+    class_number bigint, owner_number bigint, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
-           t.grow_mps, ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
-           coalesce(ST_AsBinary(t.outlines, 'NDR'), ''), coalesce(array_send(t.floors_m), ''),
-           coalesce(array_send(t.ceilings_m), '')
+           t.grow_mps, _word_number(t.class), _word_number(t.owner), ST_AsBinary(t.path, 'NDR'),
+           ST_AsBinary(t.outline, 'NDR'), coalesce(ST_AsBinary(t.outlines, 'NDR'), ''),
+           coalesce(array_send(t.floors_m), ''), coalesce(array_send(t.ceilings_m), '')
     FROM track t WHERE t.track_id = p_track_id AND t.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _track_row(bigint, bigint) IS
@@ -76,8 +78,8 @@ COMMENT ON FUNCTION _track_row(bigint, bigint) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_tracks(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
-    OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea,
-    OUT outlines bytea, OUT floors bytea, OUT ceilings bytea
+    OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint,
+    OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
@@ -187,21 +189,22 @@ BEGIN
             USING (object_kind, object_id, part, turn)
         WHERE (k.version, k.hull, k.span, k.floor_m, k.ceiling_m, k.shape, k.shape_to, k.leg_start, k.leg_end,
                k.start_lon_deg, k.start_lat_deg, k.end_lon_deg, k.end_lat_deg, k.bearing_deg, k.parts, k.hulls,
-               k.shapes, k.cuts, k.leg_times, k.legs)
+               k.shapes, k.cuts, k.leg_times, k.legs, k.class_number, k.owner_number)
               IS DISTINCT FROM
               (m.version, m.hull, m.span, m.floor_m, m.ceiling_m, m.shape, m.shape_to, m.leg_start, m.leg_end,
                m.start_lon_deg, m.start_lat_deg, m.end_lon_deg, m.end_lat_deg, m.bearing_deg, m.parts, m.hulls,
-               m.shapes, m.cuts, m.leg_times, m.legs)
+               m.shapes, m.cuts, m.leg_times, m.legs, m.class_number, m.owner_number)
     ), removed AS (
         DELETE FROM piece p USING difference d WHERE p.piece_id = d.piece_id
     ), added AS (
         INSERT INTO piece (scene_id, object_kind, object_id, version, pieces, part, turn, hull, span, floor_m,
                            ceiling_m, shape, shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg,
-                           end_lat_deg, bearing_deg, parts, hulls, shapes, cuts, leg_times, legs)
+                           end_lat_deg, bearing_deg, parts, hulls, shapes, cuts, leg_times, legs, class_number,
+                           owner_number)
             SELECT m.scene_id, m.object_kind, m.object_id, m.version, m.pieces, m.part, m.turn, m.hull, m.span,
                    m.floor_m, m.ceiling_m, m.shape, m.shape_to, m.leg_start, m.leg_end, m.start_lon_deg,
                    m.start_lat_deg, m.end_lon_deg, m.end_lat_deg, m.bearing_deg, m.parts, m.hulls, m.shapes, m.cuts,
-                   m.leg_times, m.legs
+                   m.leg_times, m.legs, m.class_number, m.owner_number
             FROM difference d JOIN pg_temp.made_piece m ON m.ctid = d.place
     )
     SELECT count(*) INTO v_changed FROM difference;

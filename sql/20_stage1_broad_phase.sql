@@ -22,13 +22,15 @@ BEGIN ATOMIC
     -- OFFSET 0 forces index lookups; a hash table of all marks may exceed the memory.
     SELECT NOT EXISTS (SELECT FROM area a WHERE a.scene_id = p_scene_id
                        AND NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = 0
-                                       AND c.object_id = a.area_id AND c.is_covered OFFSET 0))
+                                       AND c.object_id = a.area_id AND c.is_covered AND c.with_number IS NULL
+                                       OFFSET 0))
        AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = p_scene_id
                        AND NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = 1
-                                       AND c.object_id = t.track_id AND c.is_covered OFFSET 0));
+                                       AND c.object_id = t.track_id AND c.is_covered AND c.with_number IS NULL
+                                       OFFSET 0));
 END;
 COMMENT ON FUNCTION _is_all_dirty(bigint) IS
-'Whether every object of a scene has a covered mark: changed, new pieces stored.';
+'Whether every object of a scene has a covered mark for all of its pairs: changed, new pieces stored.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._candidates_of_all(
     p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_pieces integer, OUT b_pieces integer,
@@ -41,7 +43,8 @@ SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     v_is_most boolean := 2 * (SELECT count(*) FROM piece p WHERE p.scene_id = p_scene_id)
                          > (SELECT c.reltuples FROM pg_class c WHERE c.oid = 'piece'::regclass);
-    v_within_s double precision := (SELECT s.time_separation_s FROM scene s WHERE s.scene_id = p_scene_id);
+    v_within_s double precision := _longest_time_s(p_scene_id);
+    v_allowed record := _allowed_types(p_scene_id);
 BEGIN
     -- Each pair once, in storage order, so that neighbours are close together. Parallel if the server has workers.
     -- "+ 0" prevents use of scene_id in the index.
@@ -54,6 +57,8 @@ BEGIN
             WHERE a.scene_id = p_scene_id AND b.scene_id + 0 = p_scene_id
               AND a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
               AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
+              AND _are_compared(a.object_kind, a.class_number, a.owner_number, b.object_kind, b.class_number,
+                                b.owner_number, v_allowed.classes, v_allowed.pairs)
               AND (a.turn = 0 OR b.turn = 0);
     ELSE
         -- OFFSET 0 hides that the scene is constant; otherwise it could become the only index condition.
@@ -64,6 +69,8 @@ BEGIN
             JOIN piece b ON b.hull && a.hull AND b.span && _widened(a.span, v_within_s) AND b.scene_id = a.scene_id
             WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
               AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
+              AND _are_compared(a.object_kind, a.class_number, a.owner_number, b.object_kind, b.class_number,
+                                b.owner_number, v_allowed.classes, v_allowed.pairs)
               AND (a.turn = 0 OR b.turn = 0);
     END IF;
 END
@@ -71,6 +78,24 @@ $$;
 COMMENT ON FUNCTION _candidates_of_all(bigint) IS
 'Stage 1 of a whole scene: pairs of rows of pieces whose boxes overlap in space, height, and time, as far as the '
 'scene''s separation in time asks for.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_with(
+    p_kind smallint, p_class bigint, p_numbers bigint[]
+) RETURNS boolean
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT p_class = ANY (p_numbers) OR _word_number(CASE p_kind WHEN 0 THEN 'area' ELSE 'track' END) = ANY (p_numbers);
+END;
+COMMENT ON FUNCTION _is_with(smallint, bigint, bigint[]) IS
+'Whether marks for pairs with some classes and kinds (change.with_number) concern an object. Inlined into queries.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._class_number(p_kind smallint, p_id bigint) RETURNS bigint
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE p_kind WHEN 0 THEN (SELECT _word_number(a.class) FROM area a WHERE a.area_id = p_id)
+                       ELSE (SELECT _word_number(t.class) FROM track t WHERE t.track_id = p_id) END;
+END;
+COMMENT ON FUNCTION _class_number(smallint, bigint) IS 'Number of the class of an object; null if it was removed.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._candidates_of_dirty(
     p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_pieces integer, OUT b_pieces integer,
@@ -81,21 +106,31 @@ LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
 SET enable_nestloop = on SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off
 SET enable_seqscan = off SET jit = off AS $$
 DECLARE
-    v_within_s double precision := (SELECT s.time_separation_s FROM scene s WHERE s.scene_id = p_scene_id);
+    v_within_s double precision := _longest_time_s(p_scene_id);
+    v_allowed record := _allowed_types(p_scene_id);
 BEGIN
     -- If both objects are dirty, the pair is found from the first. OFFSET 0 forces the join order: dirty objects, their
     -- pieces, then the index.
     RETURN QUERY
         SELECT a.piece_id, b.piece_id, a.pieces, b.pieces, _object_number(a.object_kind, a.object_id),
                _object_number(b.object_kind, b.object_id)
-        FROM (SELECT DISTINCT c.object_kind, c.object_id FROM change c
-              WHERE c.scene_id = p_scene_id AND c.is_covered) d
+        FROM (SELECT c.object_kind, c.object_id,
+                     CASE WHEN count(*) = count(c.with_number) THEN array_agg(DISTINCT c.with_number) END AS with
+              FROM change c WHERE c.scene_id = p_scene_id AND c.is_covered GROUP BY c.object_kind, c.object_id) d
         CROSS JOIN LATERAL (SELECT p.* FROM piece p
                             WHERE p.object_kind = d.object_kind AND p.object_id = d.object_id
                               AND p.scene_id + 0 = p_scene_id OFFSET 0) a
         JOIN piece b ON b.hull && a.hull AND b.span && _widened(a.span, v_within_s) AND b.scene_id = a.scene_id + 0
         WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
           AND (a.turn = 0 OR b.turn = 0)
+          AND _are_compared(a.object_kind, a.class_number, a.owner_number, b.object_kind, b.class_number,
+                            b.owner_number, v_allowed.classes, v_allowed.pairs)
+          -- Marks of rules concern the pairs with some classes only.
+          AND (d.with IS NULL OR _is_with(b.object_kind, b.class_number, d.with)
+               OR EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
+                          AND m.object_kind = b.object_kind AND m.object_id = b.object_id
+                          AND (m.with_number IS NULL
+                               OR _is_with(a.object_kind, a.class_number, ARRAY[m.with_number]))))
           AND ((a.object_kind, a.object_id) < (b.object_kind, b.object_id)
                OR (a.object_kind, a.object_id) > (b.object_kind, b.object_id)
                AND NOT EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
@@ -151,7 +186,7 @@ COMMENT ON FUNCTION _candidates(bigint, bigint) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._row_boxes(
     p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea,
     OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea,
-    OUT span_starts bytea, OUT span_ends bytea
+    OUT span_starts bytea, OUT span_ends bytea, OUT classes bytea, OUT owners bytea
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET jit = off AS $$
 DECLARE
@@ -165,12 +200,14 @@ BEGIN
            array_send(coalesce(array_agg(ST_XMin(r.box)), '{}')), array_send(coalesce(array_agg(ST_YMin(r.box)), '{}')),
            array_send(coalesce(array_agg(ST_XMax(r.box)), '{}')), array_send(coalesce(array_agg(ST_YMax(r.box)), '{}')),
            array_send(coalesce(array_agg(r.floor_m), '{}')), array_send(coalesce(array_agg(r.ceiling_m), '{}')),
-           array_send(coalesce(array_agg(r.span_start), '{}')), array_send(coalesce(array_agg(r.span_end), '{}'))
+           array_send(coalesce(array_agg(r.span_start), '{}')), array_send(coalesce(array_agg(r.span_end), '{}')),
+           array_send(coalesce(array_agg(r.class_number), '{}')), array_send(coalesce(array_agg(r.owner_number), '{}'))
         INTO piece_ids, pieces, objects, turns, low_xs, low_ys, high_xs, high_ys, floors_m, ceilings_m, span_starts,
-             span_ends
+             span_ends, classes, owners
         -- OFFSET 0: compute each box once.
         FROM (SELECT p.piece_id, p.pieces, _object_number(p.object_kind, p.object_id) AS object, p.turn,
-                     p.hull::box3d AS box, p.floor_m, p.ceiling_m, coalesce(lower(p.span), '-infinity') AS span_start,
+                     p.hull::box3d AS box, p.floor_m, p.ceiling_m, p.class_number, p.owner_number,
+                     coalesce(lower(p.span), '-infinity') AS span_start,
                      coalesce(upper(p.span), 'infinity') AS span_end
               FROM piece p WHERE v_is_asked AND p.scene_id = p_scene_id AND NOT isempty(p.span) OFFSET 0) r;
 END
@@ -186,7 +223,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._pieces(
     OUT span_start timestamptz, OUT span_end timestamptz, OUT end_inclusive boolean, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT leg_start timestamptz, OUT leg_end timestamptz,
     OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision,
-    OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea,
+    OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint,
+    OUT owner_number bigint, OUT hull bytea, OUT shape bytea,
     OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
@@ -197,6 +235,7 @@ BEGIN ATOMIC
            p.floor_m, p.ceiling_m, coalesce(p.leg_start, '1970-01-01 00:00+00'),
            coalesce(p.leg_end, '1970-01-01 00:00+00'), coalesce(p.start_lon_deg, 0), coalesce(p.start_lat_deg, 0),
            coalesce(p.end_lon_deg, 0), coalesce(p.end_lat_deg, 0), coalesce(p.bearing_deg, 0),
+           p.class_number, p.owner_number,
            ST_AsBinary(coalesce(p.hulls, p.hull), 'NDR'), ST_AsBinary(coalesce(p.shapes, p.shape), 'NDR'),
            coalesce(ST_AsBinary(p.shape_to, 'NDR'), ''), coalesce(array_send(p.parts), ''),
            coalesce(array_send(p.cuts), ''), coalesce(array_send(p.leg_times), ''), coalesce(array_send(p.legs), '')

@@ -22,7 +22,8 @@ BEGIN
     is_behind := p_try_again IS NOT NULL
                  AND EXISTS (SELECT FROM attachment a WHERE a.scene_id = _begin_detection.scene_id)
                  AND EXISTS (SELECT FROM _attachments_to_follow(p_scene, p_try_again));
-    SELECT _settings_of(s), _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat)) INTO settings, srid
+    SELECT _scene_settings(s.scene_id), _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat))
+        INTO settings, srid
         FROM scene s WHERE s.scene_id = _begin_detection.scene_id;
     IF is_behind OR p_few < 0 THEN
         RETURN;
@@ -66,7 +67,8 @@ COMMENT ON FUNCTION _begin_detection(text, double precision, integer, boolean) I
 CREATE OR REPLACE FUNCTION conflictdb_internal._some_areas(
     p_scene_id bigint, p_area_ids bigint[],
     OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
-    OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea
+    OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint,
+    OUT footprint bytea
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_seqscan = off SET jit = off AS $$
@@ -82,8 +84,8 @@ COMMENT ON FUNCTION _some_areas(bigint, bigint[]) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._some_tracks(
     p_scene_id bigint, p_track_ids bigint[],
     OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
-    OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea,
-    OUT outlines bytea, OUT floors bytea, OUT ceilings bytea
+    OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint,
+    OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_seqscan = off SET jit = off AS $$
@@ -102,14 +104,16 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._put_pieces(
     p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[],
     p_leg_start timestamptz[], p_leg_end timestamptz[], p_start_lon_deg double precision[],
     p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[],
-    p_bearing_deg double precision[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[],
+    p_bearing_deg double precision[], p_class_number bigint[], p_owner_number bigint[], p_first integer[],
+    p_hulls bytea[], p_shapes bytea[], p_parts integer[],
     p_starts timestamptz[], p_leg_times timestamptz[], p_legs double precision[],
     OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint,
     OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamptz, OUT span_end timestamptz,
     OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision,
     OUT leg_start timestamptz, OUT leg_end timestamptz, OUT start_lon_deg double precision,
     OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision,
-    OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea,
+    OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea,
+    OUT shape bytea, OUT shape_to bytea, OUT parts bytea,
     OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea,
     OUT candidate_pairs bigint, OUT stage2_us bigint
 ) RETURNS SETOF record
@@ -128,17 +132,19 @@ DECLARE
     v_candidates bigint := -1;
     v_began timestamptz;
     v_stage2_us bigint := 0;
-    v_within_s double precision := (SELECT s.time_separation_s FROM scene s WHERE s.scene_id = p_scene_id);
+    v_within_s double precision := _longest_time_s(p_scene_id);
+    v_allowed record := _allowed_types(p_scene_id);
 BEGIN
     -- The arrays contain the pieces of a bundle from index p_first on; each slice ends where the next one starts.
     WITH made AS (
         INSERT INTO piece (scene_id, object_kind, object_id, version, pieces, part, turn, hull, span, floor_m,
                            ceiling_m, shape, shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg,
-                           end_lat_deg, bearing_deg, parts, hulls, shapes, cuts, leg_times, legs)
+                           end_lat_deg, bearing_deg, class_number, owner_number, parts, hulls, shapes, cuts, leg_times,
+                           legs)
             SELECT p_scene_id, m.object_kind, m.object_id, m.version, m.pieces, m.part, m.turn,
                    ST_GeomFromEWKB(m.hull), m.span, m.floor_m, m.ceiling_m, ST_GeomFromEWKB(m.shape),
                    ST_GeomFromEWKB(m.shape_to), m.leg_start, m.leg_end, m.start_lon_deg, m.start_lat_deg,
-                   m.end_lon_deg, m.end_lat_deg, m.bearing_deg,
+                   m.end_lon_deg, m.end_lat_deg, m.bearing_deg, m.class_number, m.owner_number,
                    CASE WHEN m.pieces > 1 THEN p_parts[m.first:m.first + m.pieces - 1] END,
                    ST_GeomFromEWKB(m.hulls), ST_GeomFromEWKB(m.shapes),
                    CASE WHEN m.has_slices THEN p_starts[m.first:m.first + m.pieces - 1] || upper(m.span) END,
@@ -147,10 +153,11 @@ BEGIN
             FROM (SELECT u.*, u.pieces > 1 AND u.object_kind = 1 AS has_slices
                   FROM unnest(p_object_kind, p_object_id, p_version, p_pieces, p_part, p_turn, p_hull, p_span,
                               p_floor_m, p_ceiling_m, p_shape, p_shape_to, p_leg_start, p_leg_end, p_start_lon_deg,
-                              p_start_lat_deg, p_end_lon_deg, p_end_lat_deg, p_bearing_deg, p_first, p_hulls, p_shapes)
+                              p_start_lat_deg, p_end_lon_deg, p_end_lat_deg, p_bearing_deg, p_class_number,
+                              p_owner_number, p_first, p_hulls, p_shapes)
                        u (object_kind, object_id, version, pieces, part, turn, hull, span, floor_m, ceiling_m, shape,
                           shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg,
-                          bearing_deg, first, hulls, shapes)) m
+                          bearing_deg, class_number, owner_number, first, hulls, shapes)) m
             RETURNING piece_id, object_kind, object_id
     )
     SELECT array_agg(m.piece_id), array_agg(DISTINCT _object_number(m.object_kind, m.object_id))
@@ -164,7 +171,10 @@ BEGIN
                                     AND p.span && _widened(a.span, v_within_s)
                                     AND a.floor_m < p.ceiling_m AND p.floor_m < a.ceiling_m
                                     AND (a.turn = 0 OR p.turn = 0)
-                                    AND (p.object_kind, p.object_id) <> (a.object_kind, a.object_id) OFFSET 0) b
+                                    AND (p.object_kind, p.object_id) <> (a.object_kind, a.object_id)
+                                    AND _are_compared(a.object_kind, a.class_number, a.owner_number, p.object_kind,
+                                                      p.class_number, p.owner_number, v_allowed.classes,
+                                                      v_allowed.pairs) OFFSET 0) b
               -- A pair of two changed objects is found from both sides; keep it once.
               WHERE (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
                  OR _object_number(b.object_kind, b.object_id) <> ALL (v_numbers)
@@ -208,8 +218,8 @@ $$;
 COMMENT ON FUNCTION _put_pieces(
     bigint, bigint, bigint, smallint[], bigint[], bigint[], integer[], integer[], smallint[], bytea[], tstzrange[],
     double precision[], double precision[], bytea[], bytea[], timestamptz[], timestamptz[], double precision[],
-    double precision[], double precision[], double precision[], double precision[], integer[], bytea[], bytea[],
-    integer[], timestamptz[], timestamptz[], double precision[]) IS
+    double precision[], double precision[], double precision[], double precision[], bigint[], bigint[], integer[],
+    bytea[], bytea[], integer[], timestamptz[], timestamptz[], double precision[]) IS
 'Stores the pieces of the objects from _begin_detection and runs stage 1 for them, at most p_most pairs of rows; also '
 'stage 2 if they contain at most p_most_compared pairs of pieces. Returns all rows of pieces that are in a pair left, '
 'with the columns of _pieces, in order of rank; one row without a piece if there is none. met: ids of the rows that a '

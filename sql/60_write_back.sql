@@ -42,7 +42,7 @@ DECLARE
     -- Pieces from these versions on belong to other objects.
     v_a_until bigint := _next_owner(p_a_kind, p_a_id, p_a_version);
     v_b_until bigint := _next_owner(p_b_kind, p_b_id, p_b_version);
-    v_within_s double precision := (SELECT s.time_separation_s FROM scene s WHERE s.scene_id = p_scene_id);
+    v_within_s double precision := _longest_time_s(p_scene_id);
     v_region geometry;
 BEGIN
     -- Parts may lie on both sides of the antimeridian, so each is projected to longitude and latitude separately.
@@ -129,6 +129,24 @@ $$;
 COMMENT ON FUNCTION _known_conflicts_of(bigint, smallint[], bigint[]) IS
 'Conflicts of the given objects of a scene, with the columns of _known_conflicts.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_dirty_pair(
+    p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint
+) RETURNS boolean
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    -- The class of a removed object does not matter: it has a mark for all of its pairs.
+    SELECT EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
+                   AND m.object_kind = p_a_kind AND m.object_id = p_a_id
+                   AND (m.with_number IS NULL
+                        OR _is_with(p_b_kind, _class_number(p_b_kind, p_b_id), ARRAY[m.with_number])))
+        OR EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
+                   AND m.object_kind = p_b_kind AND m.object_id = p_b_id
+                   AND (m.with_number IS NULL
+                        OR _is_with(p_a_kind, _class_number(p_a_kind, p_a_id), ARRAY[m.with_number])));
+END;
+COMMENT ON FUNCTION _is_dirty_pair(bigint, smallint, bigint, smallint, bigint) IS
+'Whether covered marks of either object concern the pair. Inlined into queries.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._known_conflicts_among(
     p_scene_id bigint, p_is_all boolean,
     OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea
@@ -146,14 +164,11 @@ BEGIN
               UNION ALL
               SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c
               WHERE NOT p_is_all AND c.scene_id = p_scene_id
-                AND (EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
-                             AND m.object_kind = c.a_kind AND m.object_id = c.a_id)
-                     OR EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
-                                AND m.object_kind = c.b_kind AND m.object_id = c.b_id))) k;
+                AND _is_dirty_pair(p_scene_id, c.a_kind, c.a_id, c.b_kind, c.b_id)) k;
 END
 $$;
 COMMENT ON FUNCTION _known_conflicts_among(bigint, boolean) IS
-'All conflicts of a scene, or those with a changed member; with the columns of _known_conflicts.';
+'All conflicts of a scene, or those of pairs that marks concern; with the columns of _known_conflicts.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._known_conflicts(
     p_scene_id bigint, p_numbers bigint[],
@@ -176,7 +191,10 @@ BEGIN
         SELECT coalesce(array_agg((n >> 62)::smallint), '{}'), coalesce(array_agg(n & ((1::bigint << 62) - 1)), '{}')
             INTO v_kinds, v_ids FROM unnest(p_numbers) n;
     END IF;
-    IF cardinality(v_ids) <= c_few THEN
+    IF p_numbers IS NOT NULL OR cardinality(v_ids) <= c_few
+       AND NOT EXISTS (SELECT FROM change m
+                       WHERE m.scene_id = p_scene_id AND m.is_covered AND m.with_number IS NOT NULL)
+    THEN
         SELECT k.* INTO a_kinds, a_ids, b_kinds, b_ids, digests, places
             FROM _known_conflicts_of(p_scene_id, v_kinds, v_ids) k;
     ELSE

@@ -53,7 +53,7 @@ BEGIN
         WHEN unique_violation THEN
             PERFORM _refuse_taken(p_name);
     END;
-    PERFORM _set_scene(p_name, _settings_of(s) - 'name') FROM scene s WHERE s.scene_id = v_scene_id;
+    PERFORM _set_scene(p_name, _scene_settings(s.scene_id) - 'name') FROM scene s WHERE s.scene_id = v_scene_id;
     INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner)
         SELECT v_copy_id, a.key, a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class,
                a.owner
@@ -67,9 +67,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION copy_scene(text, text) IS
-'Copies settings and objects of a scene into a new one, which belongs to the current role; returns its id. Conflicts, '
-'history, shares and attached tables are not copied: the copy waits for a detection. Raises ZC007 if the name is '
-'taken.';
+'Copies settings, rules and objects of a scene into a new one, which belongs to the current role; returns its id. '
+'Conflicts, history, shares and attached tables are not copied: the copy waits for a detection. Raises ZC007 if the '
+'name is taken.';
 
 CREATE OR REPLACE FUNCTION remove_scene(p_scene text) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$

@@ -189,11 +189,17 @@ BEGIN ATOMIC
     WITH plane AS MATERIALIZED (
         SELECT _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane, s.motion,
                2 * pi() * _radius_m(s.earth) AS turn_m,
-               s.tolerance_m + s.separation_m AS wanted_m, s.time_separation_s AS within_s,
-               CASE WHEN s.vertical_separation_m > 0 THEN s.vertical_separation_m / 2 + 1e-6 ELSE 0 END AS half_m,
+               s.tolerance_m + greatest(s.separation_m, r.separation_m) AS wanted_m,
+               _longest_time_s(p_scene_id) AS within_s,
+               CASE WHEN greatest(s.vertical_separation_m, r.vertical_m) > 0
+                    THEN greatest(s.vertical_separation_m, r.vertical_m) / 2 + 1e-6 ELSE 0 END AS half_m,
                CASE s.motion WHEN 'great_circle' THEN _near_centre(p_geometry, s.centre_lon, s.centre_lat)
                              ELSE p_geometry END AS given
-        FROM scene s WHERE s.scene_id = p_scene_id
+        FROM scene s
+        -- The largest distance of any rule: what is asked about has no class.
+        CROSS JOIN (SELECT max(r.separation_m) AS separation_m, max(r.vertical_m) AS vertical_m FROM rule r
+                    WHERE r.scene_id = p_scene_id) r
+        WHERE s.scene_id = p_scene_id
     ), given AS MATERIALIZED (
         SELECT p.*, _to_plane(p.given, p.plane) AS shape FROM plane p
     ), wide AS MATERIALIZED (
@@ -299,7 +305,9 @@ BEGIN ATOMIC
                  b.object_kind AS b_kind, b.object_id AS b_id, b.version AS b_version,
                  range_agg(m.span) AS spans, ST_Union(_part_from_plane(m.part, s.plane)) AS region
           FROM (SELECT o.scene_id, _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane,
-                       o.time_separation_s AS within_s FROM scene o WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
+                       _longest_time_s(o.scene_id) AS within_s, r.classes, r.pairs
+                FROM scene o CROSS JOIN LATERAL _allowed_types(o.scene_id) r
+                WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
           -- OFFSET 0: the index looks up the wide span, too.
           CROSS JOIN LATERAL (SELECT o.*, _widened(o.span, s.within_s) AS wide FROM piece o
                               WHERE o.scene_id = s.scene_id OFFSET 0) a
@@ -321,6 +329,8 @@ BEGIN ATOMIC
           WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
             AND (a.object_kind, a.object_id) < (b.object_kind, b.object_id)
             AND (a.turn = 0 OR b.turn = 0)
+            AND _are_compared(a.object_kind, a.class_number, a.owner_number, b.object_kind, b.class_number,
+                              b.owner_number, s.classes, s.pairs)
           GROUP BY a.object_kind, a.object_id, a.version, b.object_kind, b.object_id, b.version) c
     LEFT JOIN area aa ON c.a_kind = 0 AND aa.area_id = c.a_id AND aa.first_version <= c.a_version
     LEFT JOIN track ta ON c.a_kind = 1 AND ta.track_id = c.a_id AND ta.first_version <= c.a_version

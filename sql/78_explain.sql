@@ -5,19 +5,20 @@
 -- of either object the verdict is unknown.
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._explained_object(
-    p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT name text, OUT waits boolean,
-    OUT pieces bigint, OUT is_covered boolean, OUT span tstzrange, OUT low_m double precision,
-    OUT high_m double precision, OUT box geometry, OUT floor_m double precision, OUT ceiling_m double precision
+    p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT name text, OUT class text,
+    OUT owner text, OUT waits boolean, OUT pieces bigint, OUT is_covered boolean, OUT span tstzrange, OUT box geometry,
+    OUT floor_m double precision, OUT ceiling_m double precision
 )
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
-DECLARE
-    v_half_m double precision := (SELECT s.vertical_separation_m / 2 FROM scene s WHERE s.scene_id = p_scene_id);
 BEGIN
-    SELECT o.kind, o.id, o.key, o.name INTO kind, id, key, name
-        FROM (SELECT 0::smallint AS kind, a.area_id AS id, a.key, a.name FROM area a
+    SELECT o.kind, o.id, o.key, o.name, o.class, o.owner, coalesce(o.floor_m, '-infinity'),
+           coalesce(o.ceiling_m, 'infinity')
+        INTO kind, id, key, name, class, owner, floor_m, ceiling_m
+        FROM (SELECT 0::smallint AS kind, a.area_id AS id, a.key, a.name, a.class, a.owner, a.floor_m, a.ceiling_m
+              FROM area a
               WHERE a.scene_id = p_scene_id AND a.key = p_key
               UNION ALL
-              SELECT 1::smallint, t.track_id, t.key, t.name FROM track t
+              SELECT 1::smallint, t.track_id, t.key, t.name, t.class, t.owner, t.floor_m, t.ceiling_m FROM track t
               WHERE t.scene_id = p_scene_id AND t.key = p_key) o;
     IF NOT FOUND THEN
         FOUND := _raise('ZC011', format('object %s', quote_nullable(p_key)), 'key',
@@ -26,25 +27,34 @@ BEGIN
     END IF;
     waits := EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.object_kind = _explained_object.kind
                      AND m.object_id = _explained_object.id);
-    SELECT sum(p.pieces), bool_or(p.part < 0), range_merge(range_agg(p.span)), min(p.floor_m), max(p.ceiling_m),
-           ST_Extent(p.hull)
-        INTO pieces, is_covered, span, low_m, high_m, box
+    SELECT sum(p.pieces), bool_or(p.part < 0), range_merge(range_agg(p.span)), ST_Extent(p.hull)
+        INTO pieces, is_covered, span, box
         FROM piece p WHERE p.object_kind = _explained_object.kind AND p.object_id = _explained_object.id
                        AND p.scene_id + 0 = p_scene_id;
-    floor_m := low_m + v_half_m;
-    ceiling_m := high_m - v_half_m;
-    -- Pieces are rounded to the micrometre if there is a vertical separation.
-    IF v_half_m > 0 AND abs(floor_m) < 1e9 THEN
-        floor_m := round(floor_m::numeric, 6);
-    END IF;
-    IF v_half_m > 0 AND abs(ceiling_m) < 1e9 THEN
-        ceiling_m := round(ceiling_m::numeric, 6);
-    END IF;
 END
 $$;
 COMMENT ON FUNCTION _explained_object(bigint, text) IS
-'An object of a scene, whether it waits for detection, and the extent of its pieces (low_m, high_m: with half of the '
-'vertical separation on either side); raises ZC011 for an unknown key.';
+'An object of a scene, whether it waits for detection, and the extent of its pieces; raises ZC011 for an unknown key.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._to_micrometres(
+    p_height_m double precision, p_more_m double precision
+) RETURNS double precision
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- As in conflictdb.stages.pieces.covers.
+    SELECT CASE WHEN p_more_m = 0 OR NOT abs(p_height_m) < 1e9 THEN p_height_m + p_more_m
+                ELSE round((p_height_m + p_more_m)::numeric, 6)::double precision END;
+END;
+COMMENT ON FUNCTION _to_micrometres(double precision, double precision) IS
+'A height with half of a vertical separation, metres, as pieces have it: rounded to the micrometre.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._shown_rule(p_a_class text, p_b_class text) RETURNS text
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT format('of %s with %s', coalesce(to_json(p_a_class)::text, 'any'),
+                  coalesce(to_json(p_b_class)::text, 'any'));
+END;
+COMMENT ON FUNCTION _shown_rule(text, text) IS 'Text of a rule for explanations; classes as JSON strings.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._explained_as_json(
     p_key text, p_name text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange,
@@ -136,9 +146,12 @@ DECLARE
     v_last_stage integer;
     v_further_than_m double precision;
     v_within_s double precision;
+    v_half_m double precision;
+    v_rule record;
+    v_settings jsonb;
 BEGIN
     SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
-    v_within_s := v_scene.time_separation_s;
+    v_settings := _settings_of(v_scene) - '{name,centre_lon,centre_lat,delays_within_s}'::text[];
     SELECT * INTO a FROM _explained_object(v_scene.scene_id, p_a);
     SELECT * INTO b FROM _explained_object(v_scene.scene_id, p_b);
     IF p_a = p_b THEN
@@ -150,6 +163,13 @@ BEGIN
         a := b;
         b := v_swapped;
     END IF;
+    SELECT r.* INTO v_rule FROM _rule_between(v_scene.scene_id, a.kind, a.class, b.kind, b.class) r;
+    -- Those of the pair.
+    v_scene.separation_m := coalesce(v_rule.separation_m, v_scene.separation_m);
+    v_scene.vertical_separation_m := coalesce(v_rule.vertical_m, v_scene.vertical_separation_m);
+    v_scene.time_separation_s := coalesce(v_rule.time_s, v_scene.time_separation_s);
+    v_within_s := v_scene.time_separation_s;
+    v_half_m := v_scene.vertical_separation_m / 2;
     SELECT c.* INTO v_conflict FROM conflict c
         WHERE c.scene_id = v_scene.scene_id AND c.a_kind = a.kind AND c.a_id = a.id AND c.b_kind = b.kind
           AND c.b_id = b.id;
@@ -205,13 +225,27 @@ BEGIN
         v_why := v_waiting;
     ELSE
         v_verdict := 'apart';
-        IF NOT _widened(a.span, v_within_s) && b.span THEN
+        IF a.owner = b.owner THEN
+            v_stage := 1;
+            v_by := 'owner';
+            v_why := format('both are of owner %s, whose objects are not compared', to_json(a.owner));
+            v_left.in_boxes := 0;
+            v_left.in_hulls := 0;
+        ELSIF v_rule.allowed THEN
+            v_stage := 1;
+            v_by := 'rule';
+            v_why := format('the rule %s allows it, so they are not compared',
+                            _shown_rule(v_rule.a_class, v_rule.b_class));
+            v_left.in_boxes := 0;
+            v_left.in_hulls := 0;
+        ELSIF NOT _widened(a.span, v_within_s) && b.span THEN
             v_stage := 1;
             v_by := 'time';
             v_why := format('one is there %s, the other %s', _shown(a.span), _shown(b.span))
                      || CASE WHEN v_within_s > 0 THEN format(': %s or more apart', _shown_seconds(v_within_s))
                              ELSE '' END;
-        ELSIF NOT (a.low_m < b.high_m AND b.low_m < a.high_m) THEN
+        ELSIF NOT (_to_micrometres(a.floor_m, -v_half_m) < _to_micrometres(b.ceiling_m, v_half_m)
+                   AND _to_micrometres(b.floor_m, -v_half_m) < _to_micrometres(a.ceiling_m, v_half_m)) THEN
             v_stage := 1;
             v_by := 'height';
             v_why := format('one is %s, the other %s', _shown_heights(a.floor_m, a.ceiling_m),
@@ -239,7 +273,7 @@ BEGIN
                           ELSE 'they are proven to stay further apart than the limit of a conflict' END;
         END IF;
         -- Only exact and nlp prove distances, and only for pairs that share time and heights.
-        IF v_by NOT IN ('time', 'height') AND v_method <> 'screen' AND a.span && b.span THEN
+        IF v_by NOT IN ('time', 'height', 'owner', 'rule') AND v_method <> 'screen' AND a.span && b.span THEN
             v_further_than_m := greatest(v_scene.separation_m, v_scene.nearest_m);
         END IF;
     END IF;
@@ -264,6 +298,11 @@ BEGIN
             'a', ST_AsGeoJSON(v_conflict.closest_a_point, 9)::jsonb -> 'coordinates',
             'b', ST_AsGeoJSON(v_conflict.closest_b_point, 9)::jsonb -> 'coordinates') END,
         'further_than_m', nullif(v_further_than_m, 0),
+        'rule', CASE WHEN v_rule.rule_id IS NOT NULL THEN jsonb_strip_nulls(jsonb_build_object(
+            'a_class', v_rule.a_class, 'b_class', v_rule.b_class, 'separation_m', v_rule.separation_m,
+            'vertical_m', v_rule.vertical_m, 'time_s', v_rule.time_s, 'allowed', nullif(v_rule.allowed, false),
+            'yields', CASE v_rule.yields WHEN 'a' THEN a.key WHEN 'b' THEN b.key END,
+            'text', _shown_rule(v_rule.a_class, v_rule.b_class))) END,
         'are_never_together', coalesce(v_by IN ('time', 'height'), false)
                               OR v_verdict <> 'unknown' AND v_within_s > 0 AND NOT a.span && b.span,
         'stages', CASE WHEN v_verdict <> 'unknown' THEN jsonb_build_array(
@@ -291,7 +330,7 @@ BEGIN
         'pieces', (SELECT coalesce(jsonb_agg(p.pair ORDER BY p.n), '[]')
                    FROM jsonb_array_elements(v_left.pieces) WITH ORDINALITY p (pair, n) WHERE p.n <= c_most_pieces),
         'pieces_not_listed', greatest(v_left.in_hulls - c_most_pieces, 0),
-        'settings', _settings_of(v_scene) - '{name,centre_lon,centre_lat,delays_within_s}'::text[],
+        'settings', v_settings,
         'run', CASE WHEN v_is_found THEN jsonb_build_object('run_id', v_conflict.run_id, 'method', v_conflict.method)
                     WHEN v_run.run_id IS NOT NULL THEN
                         jsonb_build_object('run_id', v_run.run_id, 'method', v_run.method) END

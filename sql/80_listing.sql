@@ -141,7 +141,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._scenes() RETURNS TABLE (
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT s.scene_id, _settings_of(s),
+    SELECT s.scene_id, _scene_settings(s.scene_id),
            (SELECT count(*) FROM area a WHERE a.scene_id = s.scene_id),
            (SELECT count(*) FROM track t WHERE t.scene_id = s.scene_id), v.pending,
            (SELECT count(*) FROM conflict c WHERE c.scene_id = s.scene_id AND c.verdict <> 'near'),
@@ -162,14 +162,14 @@ COMMENT ON FUNCTION _runs(text, integer) IS 'The last p_limit runs of a scene, n
 CREATE OR REPLACE FUNCTION conflictdb_internal._scene(p_scene_id bigint) RETURNS TABLE (settings jsonb)
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT _settings_of(s) FROM scene s WHERE s.scene_id = p_scene_id;
+    SELECT _scene_settings(s.scene_id) FROM scene s WHERE s.scene_id = p_scene_id;
 END;
 COMMENT ON FUNCTION _scene(bigint) IS 'Name and settings of a scene.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._scene_named(p_scene text) RETURNS TABLE (settings jsonb)
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT _settings_of(s) FROM scene s WHERE s.name = p_scene;
+    SELECT _scene_settings(s.scene_id) FROM scene s WHERE s.name = p_scene;
 END;
 COMMENT ON FUNCTION _scene_named(text) IS 'Name and settings of a scene; no row for an unknown name.';
 

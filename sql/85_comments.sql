@@ -67,6 +67,8 @@ COMMENT ON TABLE change IS
 'Marks: objects changed or removed since the last detection. Triggers insert them, detection deletes them.';
 COMMENT ON COLUMN change.change_id IS 'Number of the mark, in order of insertion; may repeat after a restore.';
 COMMENT ON COLUMN change.scene_id IS 'Scene of the object.';
+COMMENT ON COLUMN change.with_number IS
+'Only pairs with objects of this class or kind (_word_number) changed, by a separation rule; null: all pairs.';
 COMMENT ON COLUMN change.object_kind IS '0 area, 1 track.';
 COMMENT ON COLUMN change.object_id IS 'area_id or track_id.';
 COMMENT ON COLUMN change.version IS
@@ -89,6 +91,8 @@ COMMENT ON COLUMN piece.turn IS '0; -1 for a copy, one turn to the west, of a pi
 COMMENT ON COLUMN piece.hull IS
 'Convex hull swept during the span, padded by tolerance and separation: metres of the scene''s plane (EPSG:3395 for '
 'rhumb on wgs84, else no SRID), shifted by turn. For a bundle: bounding box of all hulls.';
+COMMENT ON COLUMN piece.class_number IS 'Number of the class of the object (_word_number), 0 without.';
+COMMENT ON COLUMN piece.owner_number IS 'Number of the owner of the object (_word_number), 0 without.';
 COMMENT ON COLUMN piece.span IS 'Time span; the end is inclusive between slices of a track.';
 COMMENT ON COLUMN piece.floor_m IS 'Lowest height, metres; -infinity: no limit.';
 COMMENT ON COLUMN piece.ceiling_m IS 'Highest height, metres, exclusive; infinity: no limit.';

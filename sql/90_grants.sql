@@ -64,7 +64,8 @@ END
 $$;
 
 -- Editors change the input. Triggers that run as their owner maintain marks and keys.
-GRANT DELETE ON scene, area, track, attachment, attached_change, attached_object, scene_share TO conflictdb_editor;
+GRANT DELETE ON scene, area, track, rule, attachment, attached_change, attached_object, scene_share
+    TO conflictdb_editor;
 GRANT USAGE ON SEQUENCE version_seq TO conflictdb_editor;
 -- By column, without ids and versions: an id ahead of its sequence would block rows of others, and first_version would
 -- claim the conflicts of a removed object.
@@ -76,7 +77,8 @@ DECLARE
 BEGIN
     FOR v_table, v_role IN
         SELECT t.name::regclass, t.role
-        FROM (VALUES ('scene', 'editor'), ('area', 'editor'), ('track', 'editor'), ('attachment', 'editor'),
+        FROM (VALUES ('scene', 'editor'), ('area', 'editor'), ('track', 'editor'), ('rule', 'editor'),
+                     ('attachment', 'editor'),
                      ('attached_change', 'editor'), ('attached_object', 'editor'), ('scene_share', 'editor'),
                      ('probe_request', 'reader')) t (name, role) LOOP
         SELECT string_agg(quote_ident(a.attname), ', ' ORDER BY a.attnum) INTO v_columns
@@ -92,7 +94,8 @@ BEGIN
     END LOOP;
 END
 $$;
-GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, remove_object, request_detection, _set_scene, _put_scene,
+GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, put_rule, remove_rule, _put_rules, _set_columns,
+                          remove_object, request_detection, _set_scene, _put_scene,
                           _ensure_centre, _first_version, _begin_load, _load, _add_staged, _mark_all, share_scene,
                           unshare_scene, give_scene, rename_scene, copy_scene, remove_scene, rename_object
     TO conflictdb_editor;

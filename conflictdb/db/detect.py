@@ -35,10 +35,12 @@ from conflictdb.kernel.waiting import cancel_thread, run_in_thread, wait_for
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
+from conflictdb.model.rules import members_of
 from conflictdb.stages.funnel import Funnel, Progress
 from conflictdb.stages.memory import MEMORY_MB, Memory
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_scene
+from conflictdb.stages.separations import Separations
 
 _log = logging.getLogger(__name__)
 
@@ -206,7 +208,9 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
                 pending = _pending(conn, scene_id, options)
                 settings, record = refresh_pieces(conn, scene_id, pending, record, options.memory, is_first=False)
         writing = _Background(conn, partial(store.begin_write, conn, scene_id, record))
-        source = SceneSource(conn, scene_id, options.memory, writing.start, settings.longest_time_us)
+        separations = Separations.of(settings)
+        within_us = settings.longest_time_us
+        source = SceneSource(conn, scene_id, options.memory, writing.start, within_us, separations)
         return _refresh_conflicts(conn, writing.result, source, settings, record, options, started)
     except BaseException as error:
         # The lock ends with the transaction. A lost connection cannot record a failure; the marks remain.
@@ -267,7 +271,8 @@ def _detect_few(
 
 def _recorded(settings: Scene) -> dict[str, Any]:
     """Return settings as a run records them."""
-    return {name: value for name, value in asdict(settings).items() if name != "name"}
+    recorded = {name: value for name, value in asdict(settings).items() if name not in ("name", "rules")}
+    return recorded | ({"rules": [members_of(rule) for rule in settings.rules]} if settings.rules else {})
 
 
 def _pending(conn: psycopg.Connection[Any], scene_id: int, options: _Options) -> store.Pending:
@@ -386,7 +391,7 @@ def _refresh_conflicts(
         writing = options.phase if is_last else _silent
         staged = begun()
         writing("writing conflicts", 0, len(found))
-        for part in store.differing(staged, found):
+        for part in store.differing(staged, found, of_chunk.settings):
             store.stage(conn, staged, part, found.where(part.rows))
             writing("writing conflicts", int(part.rows[-1]) + 1, len(found))
         funnel.add(of_chunk)

@@ -80,6 +80,6 @@ def _near(
     settings, _, tracks = store.read_scene(conn, scene, [key])
     wide = widened(settings, settings.separation_m + near_m) if near_m else settings
     pieces = pieces_of(wide, plane_of(settings), AreaBatch.of([]), TrackBatch.of(tracks))
-    horizon_us = max(map(most_us, tracks), default=0) + settings.time_separation_us
+    horizon_us = max(map(most_us, tracks), default=0) + settings.longest_time_us
     at_any_time = replace(pieces.longer(horizon_us, horizon_us), end_inclusive=np.ones(len(pieces), np.bool_))
     return store.keys_meeting(conn, store.scene_id(conn, scene), at_any_time, key)

@@ -12,12 +12,14 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
+from conflictdb.arrays.object_numbers import kinds_and_ids
 from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
 from conflictdb.db import store
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
 from conflictdb.kernel.bundles import bundled_pairs
 from conflictdb.stages.memory import DEFAULT_MEMORY, Memory
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
+from conflictdb.stages.separations import NEVER, Separations
 from conflictdb.stages.source import Chunk
 
 # Read bundles by id; also return the rank of each piece in object order.
@@ -38,7 +40,8 @@ class SceneSource:
     """The changed pieces of a scene of the database and all they may meet, as a source of pairs.
 
     meanwhile : called after each read of pieces, when the database is idle until they are solved
-    within_us : the scene's separation in time, microseconds
+    within_us : the largest separation in time of the scene's pairs, microseconds
+    separations : of the scene; None: all pairs are compared
     """
 
     def __init__(
@@ -48,16 +51,17 @@ class SceneSource:
         memory: Memory = DEFAULT_MEMORY,
         meanwhile: Callable[[], None] = lambda: None,
         within_us: int = 0,
+        separations: Separations | None = None,
     ) -> None:
         self._conn, self.scene_id, self._memory, self._meanwhile = conn, scene_id, memory, meanwhile
-        self._within_us = within_us
+        self._within_us, self._separations = within_us, separations
 
     def candidates(self) -> Iterator[Chunk]:
         """Implement `PairSource`; join boxes here if `store.boxes` returns them, else in the database.
 
         It returns them if all objects changed and they fit the memory (`_row_boxes`, sql/20_stage1_broad_phase.sql).
         """
-        ids, pieces, boxes = store.boxes(self._conn, self.scene_id, self._memory.boxes)
+        ids, pieces, boxes, numbers = store.boxes(self._conn, self.scene_id, self._memory.boxes)
         boxes = boxes.meeting_within(self._within_us)
         if not len(ids):
             for found in store.candidates(self._conn, self.scene_id, self._memory.pairs):
@@ -66,14 +70,33 @@ class SceneSource:
             return
         memory = self._memory.beside(len(ids))
         if pieces.sum() > memory.pieces:
-            for found in joined(ids, pieces, boxes, memory.pairs):
+            for found in self._joined(ids, pieces, boxes, numbers, memory.pairs):
                 for chunk in pairs_of_rows(found, self._read, memory, self._within_us):
                     yield chunk._replace(share=found.share)
             return
         bundles, place = self._read(ids)
-        for found in joined(ids, pieces, boxes, memory.pairs):
+        for found in self._joined(ids, pieces, boxes, numbers, memory.pairs):
             for chunk in _pairs_of(bundles, place, found.a, found.b, memory.pairs, self._within_us):
                 yield chunk._replace(share=found.share)
+
+    def _joined(
+        self,
+        ids: NDArray[np.int64],
+        pieces: NDArray[np.int64],
+        boxes: RowBoxes,
+        numbers: store.Numbers,
+        at_once: int,
+    ) -> Iterator[store.Candidates]:
+        """Yield `joined` rows without pairs that are not compared."""
+        by_id = np.argsort(ids)
+        kind, (classes, owners) = kinds_and_ids(boxes.object)[0], numbers
+        for found in joined(ids, pieces, boxes, at_once):
+            if self._separations is not None:
+                a, b = (by_id[np.searchsorted(ids, some, sorter=by_id)] for some in (found.a, found.b))
+                of = (kind[a], kind[b]), (classes[a], classes[b]), (owners[a], owners[b])
+                rows = np.flatnonzero(self._separations.of_pairs(*of) != NEVER)
+                found = found if len(rows) == len(found) else found.take(rows)
+            yield found
 
     def _read(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
         found = store.bundles(self._conn, self.scene_id, ids)
@@ -101,8 +124,9 @@ class FewSource(SceneSource):
         pieces: Pieces,
         most_compared: int = MOST_COMPARED,
         within_us: int = 0,
+        separations: Separations | None = None,
     ) -> None:
-        super().__init__(conn, scene_id, memory, within_us=within_us)
+        super().__init__(conn, scene_id, memory, within_us=within_us, separations=separations)
         self._srid, self._pieces, self._most_compared = srid, pieces, most_compared
 
     def candidates(self) -> Iterator[Chunk]:

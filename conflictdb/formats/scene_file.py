@@ -22,9 +22,10 @@ from conflictdb.formats.hints import renamed
 from conflictdb.formats.json_text import dumped, parse
 from conflictdb.formats.track_times import TrackAtSpeed, timed
 from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.rules import Rule, members_of, rule_of
 from conflictdb.model.settings import NAMES
 
-_SETTINGS: Final = ("name", *NAMES)
+_SETTINGS: Final = ("name", *NAMES, "rules")
 # Rules for members at the wrong place.
 _OF_SCENE: Final = dict.fromkeys(NAMES, 'is a setting: put it into the member "scene"')
 _OF_FEATURE: Final = dict.fromkeys(
@@ -248,7 +249,21 @@ def _plain(
 
 def settings_of(scene: Scene) -> dict[str, Any]:
     """Return the settings of a scene as files store them, for `scene_of`: its name, and all that are not None."""
-    return {name: getattr(scene, name) for name in _SETTINGS if getattr(scene, name) is not None}
+    found = {name: getattr(scene, name) for name in _SETTINGS if getattr(scene, name) is not None}
+    rules = [members_of(rule) for rule in found.pop("rules")]
+    return found | ({"rules": rules} if rules else {})
+
+
+def _rules(members: Any, refusals: FileRefusals) -> list[Rule]:
+    """Return the separation rules of a file; errors are added to the refusals."""
+    found = []
+    with refusals:
+        if not isinstance(members, list):
+            raise InvalidInput("scene", "rules", f"must be a list of rules; got {members!r:.60}")
+        for i, one in enumerate(members):
+            with refusals:
+                found.append(rule_of(one, f"scene, rules[{i}]"))
+    return found
 
 
 def scene_of(settings: Any, stem: str) -> Scene:
@@ -263,6 +278,9 @@ def scene_of(settings: Any, stem: str) -> Scene:
             raise InvalidInput("scene", name, f"is no setting of a scene; {hint}")
     refusals.raise_found()
     given = {name: value for name, value in settings.items() if value is not None}
+    if "rules" in given:
+        given["rules"] = _rules(given["rules"], refusals)
+        refusals.raise_found()
     scene = Scene(**{"name": stem, **given})
     checked_key("scene", "name", scene.name)
     return scene

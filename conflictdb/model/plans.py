@@ -125,8 +125,8 @@ class Scene:
         return float(numbers[0]) + 0.0, float(numbers[1]) + 0.0
 
     def differing(self, other: "Scene") -> list[str]:
-        """Return the names of the settings that another scene has others of; its name is none."""
-        return [name for name in NAMES if getattr(self, name) != getattr(other, name)]
+        """Return the names of the settings that another scene has others of, rules among them; its name is none."""
+        return [name for name in (*NAMES, "rules") if getattr(self, name) != getattr(other, name)]
 
     @property
     def reach_m(self) -> float:

@@ -134,10 +134,13 @@ class RuleTable:
         if len(ties):
             one, other = ties[0].tolist()
             sides = [cls._word(classes, type_) for type_ in (one, other)]
-            rule = "and {} apply alike to a pair of {} and {}: enter a rule for '{}' with '{}' first".format(
-                rules[rival[one, other]], *sides, *(side.split()[-1].strip("'") for side in sides)
+            first, second = (side.split()[-1].strip("'") for side in sides)
+            raise InvalidInput(
+                str(rules[chosen[one, other]]),
+                "",
+                f"and {rules[rival[one, other]]} apply alike to a pair of {sides[0]} and {sides[1]}: "
+                f"enter a rule for {first!r} with {second!r} first",
             )
-            raise InvalidInput(str(rules[chosen[one, other]]), "", rule)
         return cls(rules, classes, chosen)
 
     @staticmethod
@@ -147,7 +150,7 @@ class RuleTable:
 
 
 def listed(rules: Iterable[Rule]) -> list[Rule]:
-    """Return rules as a list; raises InvalidInput for other objects, for too many, and for sides given twice."""
+    """Return rules in the order of their sides; raises InvalidInput for other objects, for too many, and for sides given twice."""
     found = list(rules)
     known = set()
     for i, rule in enumerate(found):
@@ -158,12 +161,12 @@ def listed(rules: Iterable[Rule]) -> list[Rule]:
         known.add(rule.sides)
     if len(found) > MAX_RULES:
         raise InvalidInput("rules", "", f"must be at most {MAX_RULES:,}; got {len(found):,}")
-    return found
+    return sorted(found, key=lambda rule: rule.sides)
 
 
 def rule_of(members: Any, where: str) -> Rule:
     """Return a rule from the members of a file or a row; raises InvalidInput for unknown ones."""
-    known = [field for field in Rule.__dataclass_fields__]
+    known = list(Rule.__dataclass_fields__)
     if not isinstance(members, dict):
         raise InvalidInput(where, "", f"must be an object with {', '.join(known)}; got {members!r:.60}")
     for name in members:

@@ -1,6 +1,6 @@
 """Stages 1 and 2 for plans whose times may change: pairs of pieces that are at one place, whenever that is."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import numpy as np
@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.model.plans import Scene
 from conflictdb.stages.object_pairs import object_numbers
+from conflictdb.stages.separations import Separations
 from conflictdb.stages.stage1_broad_phase import hulls_of
 
 _Ints = NDArray[np.int64]
@@ -26,6 +28,7 @@ class AnyTime:
 
     number : (n,) of their objects (`object_numbers`)
     start_us, end_us : (n,) their spans, finite
+    only : only pairs with these settings, of these separations, are returned; None: all pairs
     """
 
     pieces: Pieces
@@ -34,6 +37,7 @@ class AnyTime:
     end_us: _Ints
     hulls: NDArray[np.object_]
     tree: shapely.STRtree
+    only: tuple[Separations, Scene] | None = None
 
     @classmethod
     def of(cls, pieces: Pieces) -> Self:
@@ -42,6 +46,13 @@ class AnyTime:
         # Unbounded spans, too, fit into 64 bits when they are subtracted.
         start_us, end_us = np.maximum(pieces.start_us, -FOREVER_US), np.minimum(pieces.end_us, FOREVER_US)
         return cls(pieces, object_numbers(pieces), start_us, end_us, hulls, shapely.STRtree(hulls))
+
+    def parts(self, scene: Scene) -> "list[tuple[Scene, AnyTime]]":
+        """Return the settings of a scene's pairs, and these pieces for the pairs that have them."""
+        if self.only is not None or not (scene.rules or self.pieces.owner_number.any()):
+            return [(scene, self)]
+        separations = Separations.of(scene)
+        return [(one, replace(self, only=(separations, one))) for one in separations.settings]
 
     def pairs_within(self, mine: _Ints, horizon_us: int, *, is_once: bool = False) -> tuple[PieceRows, PieceRows]:
         """Return `pairs` of pieces of which a may be earlier or later by up to the horizon."""
@@ -68,8 +79,11 @@ class AnyTime:
             keep &= (pieces.turn[a] == 0) | (pieces.turn[b] == 0)
             keep &= (pieces.floor_m[a] < pieces.ceiling_m[b]) & (pieces.floor_m[b] < pieces.ceiling_m[a])
             keep &= (self.start_us[b] <= latest_us[row]) & (self.end_us[b] >= earliest_us[row])
-            a, b = a[keep], b[keep]
-            met = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, PieceRows(a), PieceRows(b))
+            a, b = PieceRows(a[keep]), PieceRows(b[keep])
+            if self.only is not None:
+                few = self.only[0].rows_of(self.only[1], pieces, a, b)
+                a, b = PieceRows(a[few]), PieceRows(b[few])
+            met = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, a, b)
             found.append((a[met], b[met]))
         a, b = (np.concatenate(some) for some in zip(*found, strict=True))
         return PieceRows(a), PieceRows(b)

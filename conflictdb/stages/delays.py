@@ -202,6 +202,12 @@ def differences_with(
     objects : (m,) numbers of tracks and areas
     but : (k,) numbers of objects that are left out
     """
+    parts = placed.parts(scene)
+    if parts[0][1] is not placed:
+        given = objects, horizon_us, threads
+        return Differences.concatenate(
+            [differences_with(own, plane, part, *given, waits=waits, but=but) for own, part in parts]
+        )
     pieces, number = placed.pieces, placed.number
     reach_us = horizon_us + scene.time_separation_us
     a, b = placed.pairs_within(np.flatnonzero(np.isin(number, objects)), reach_us, is_once=True)
@@ -244,6 +250,10 @@ def waits_of(
     track : its number
     waypoint_us : when it is there
     """
+    parts = placed.parts(scene)
+    if parts[0][1] is not placed:
+        given = track, waypoint_us, horizon_us, threads
+        return Differences.concatenate([waits_of(own, plane, part, *given) for own, part in parts])
     pieces, number = placed.pieces, placed.number
     mine = np.flatnonzero((number == track) & (pieces.part != COVER))
     before, after = mine[pieces.end_us[mine] <= waypoint_us], mine[pieces.start_us[mine] >= waypoint_us]

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from conflictdb.model.plans import Scene
 from conflictdb.stages.stage4.effort import Effort
 
 
@@ -46,7 +47,10 @@ Progress = Callable[[int, int], None]
 
 @dataclass(slots=True)
 class Funnel:
-    """The measures of a run (MEASURES), and what stage 4 did."""
+    """The measures of a run (MEASURES), and what stage 4 did.
+
+    settings : of all pairs of a part, if rules do not give them different ones
+    """
 
     candidate_pairs: int = 0
     intersecting_pairs: int = 0
@@ -60,6 +64,7 @@ class Funnel:
     stage3_s: float = 0.0
     stage4_s: float = 0.0
     effort: Effort = field(default_factory=Effort)
+    settings: Scene | None = None
 
     def add(self, other: "Funnel") -> None:
         """Count another run in."""

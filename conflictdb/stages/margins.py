@@ -68,6 +68,7 @@ def _of_some(
     """Return least distances of tracks by the number (n,) of the owner of each of their pieces, and the errors."""
     row, other = tree.query(hulls_of(mine))
     others = object_numbers(mine)[row] != number[other]
+    others &= (mine.owner_number[row] != pieces.owner_number[other]) | (mine.owner_number[row] == 0)
     both = Pieces.concatenate([mine, pieces])
     a, b = pairs_together(both, PieceRows(row[others]), PieceRows(len(mine) + other[others]))
     near = ~kernel.apart(both.hull_xy, both.hull_offset, a, b)

@@ -80,7 +80,7 @@ def run_scene(
                 jobs=jobs,
                 progress=_after(decided, share, progress),
             )
-            funnel.intersecting_pairs = len(pairs)
+            funnel.intersecting_pairs, funnel.settings = len(pairs), settings
             funnel.add(counted)
             counted = Funnel()
             decided += funnel.solved_pairs + funnel.effort.exact.closed_forms

@@ -5,7 +5,7 @@ Pairs that share required separations are solved together, with settings that ha
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from conflictdb.arrays.words import numbers_of_words
 from conflictdb.model.plans import Scene
 from conflictdb.model.rules import REPLACED, RuleTable
 from conflictdb.stages.stage1_broad_phase import is_together
+
+_Ints = NDArray[Any]
 
 NEVER: Final = -1  # in place of settings: the pair is not compared
 
@@ -48,17 +50,17 @@ class Separations:
             of_rules[i] = NEVER if rule.allowed else found.setdefault(own, len(found))
         numbers = numbers_of_words(table.classes)
         order = np.argsort(numbers)
-        return cls(list(found), of_rules[table.rule], numbers[order], 2 * (order + 1))
+        return cls(list(found), of_rules[table.rule], numbers[order], (2 * (order + 1)).astype(np.int64))
 
-    def types(self, kind: NDArray[np.int8], class_number: NDArray[np.int64]) -> NDArray[np.int64]:
+    def types(self, kind: _Ints, class_number: _Ints) -> NDArray[np.int64]:
         """Return the types of objects (n,), by their kinds and the numbers of their classes."""
         if not len(self.numbers):
             return kind.astype(np.int64)
         at = np.minimum(np.searchsorted(self.numbers, class_number), len(self.numbers) - 1)
-        return np.where(self.numbers[at] == class_number, self.number_type[at], 0) + kind
+        return np.asarray(np.where(self.numbers[at] == class_number, self.number_type[at], 0) + kind, np.int64)
 
     def of_pairs(
-        self, kinds: Sequence[NDArray[np.int8]], classes: Sequence[NDArray[np.int64]], owners: Sequence[NDArray[np.int64]]
+        self, kinds: Sequence[_Ints], classes: Sequence[_Ints], owners: Sequence[_Ints]
     ) -> NDArray[np.int64]:
         """Return the settings (n,) of pairs of objects, NEVER for pairs that are not compared.
 
@@ -87,23 +89,32 @@ class Separations:
         if (self.of_types == 0).all() and not pieces.owner_number.any():
             yield self.settings[0], np.arange(len(a))
             return
-        columns = ((column[a], column[b]) for column in (pieces.kind, pieces.class_number, pieces.owner_number))
-        found = self.of_pairs(*columns)
-        types = self.types(pieces.kind, pieces.class_number)
-        vertical_m = np.array([self.padding(one).vertical_separation_m for one in range(len(self.of_types))])[types]
+        found, vertical_m = self._of_pairs_of(pieces, a, b), self._vertical_m(pieces)
         for i in np.unique(found[found >= 0]).tolist() or [0]:
             settings, rows = self.settings[i], np.flatnonzero(found == i)
-            yield settings, rows[_is_close(settings, pieces, vertical_m, PieceRows(a[rows]), PieceRows(b[rows]))]
+            rows = rows[_is_close(settings, pieces, vertical_m, PieceRows(a[rows]), PieceRows(b[rows]))]
+            own = pieces.meeting_within(settings.time_separation_us)
+            yield settings, rows[is_together(own, PieceRows(a[rows]), PieceRows(b[rows]))]
+
+    def rows_of(self, settings: Scene, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
+        """Return the rows of pairs that have some settings, whatever their times."""
+        rows = np.flatnonzero(self._of_pairs_of(pieces, a, b) == list(self.settings).index(settings))
+        close = _is_close(settings, pieces, self._vertical_m(pieces), PieceRows(a[rows]), PieceRows(b[rows]))
+        return rows[close]
+
+    def _of_pairs_of(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
+        columns = ((column[a], column[b]) for column in (pieces.kind, pieces.class_number, pieces.owner_number))
+        return self.of_pairs(*columns)
+
+    def _vertical_m(self, pieces: Pieces) -> Floats:
+        """Return (p,) the vertical separation by whose half the heights of pieces are further out."""
+        of_types = np.array([self.padding(one).vertical_separation_m for one in range(len(self.of_types))])
+        return of_types[self.types(pieces.kind, pieces.class_number)]
 
 
-def _is_close(
-    settings: Scene, pieces: Pieces, vertical_m: Floats, a: PieceRows, b: PieceRows
-) -> NDArray[np.bool_]:
-    """Return (n,) whether pairs that stage 1 left come as close in time and height as their own settings ask for.
-
-    vertical_m : (p,) the vertical separation by whose half the heights of pieces are further out
-    """
-    keep = is_together(pieces.meeting_within(settings.time_separation_us), a, b)
+def _is_close(settings: Scene, pieces: Pieces, vertical_m: Floats, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
+    """Return (n,) whether the heights of pairs come as close as their own settings ask for."""
+    keep = np.ones(len(a), np.bool_)
     spare_m = 0.5 * (vertical_m[a] + vertical_m[b]) - settings.vertical_separation_m
     for one, other in ((a, b), (b, a)):
         # Heights are to the micrometre: half of that is rounding.

@@ -50,6 +50,10 @@ def speeds_of_track(
     track : its number
     begin_us, end_us : when the track departs and arrives, or its leg begins and ends
     """
+    parts = placed.parts(scene)
+    if parts[0][1] is not placed:
+        given = track, begin_us, end_us, slowest, fastest, threads
+        return Differences.concatenate([speeds_of_track(own, plane, part, *given) for own, part in parts])
     pieces, number = placed.pieces, placed.number
     mine = np.flatnonzero((number == track) & (pieces.part != COVER))
     before, after = mine[pieces.end_us[mine] <= begin_us], mine[pieces.start_us[mine] >= end_us]

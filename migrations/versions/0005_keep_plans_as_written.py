@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "795dc4c9b58ac845efb94f1e5bb86ac1c255066eb5a0914b26c22f6cff661e84"
+routines_sha256 = "3936e4e7dea81d5abdd2cf85d01991e2b3a035efcc80f8f5b51b917ac447836f"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -28,8 +28,36 @@ $$;
 """
 
 
+# A rule of two sides; empty texts stand for any object, so that either order of them is one key.
+RULES = """
+CREATE TABLE IF NOT EXISTS conflictdb.rule (
+    rule_id bigint GENERATED ALWAYS AS IDENTITY CONSTRAINT rule_pkey PRIMARY KEY,
+    scene_id bigint NOT NULL CONSTRAINT rule_scene_fkey REFERENCES conflictdb.scene ON DELETE CASCADE,
+    a_class text,
+    b_class text,
+    separation_m double precision,
+    vertical_m double precision,
+    time_s double precision,
+    allowed boolean NOT NULL DEFAULT false,
+    yields text,
+    CONSTRAINT rule_side CHECK (num_nonnulls(a_class, b_class) > 0),
+    CONSTRAINT rule_separation_on_earth CHECK (separation_m BETWEEN 0 AND 20000000),
+    CONSTRAINT rule_vertical_on_earth CHECK (vertical_m BETWEEN 0 AND 20000000),
+    CONSTRAINT rule_time_known CHECK (time_s BETWEEN 0 AND 2592000),
+    CONSTRAINT rule_yields_known CHECK (yields IN ('a', 'b'))
+);
+CREATE UNIQUE INDEX IF NOT EXISTS rule_sides_unique ON conflictdb.rule (
+    scene_id, least(coalesce(a_class, ''), coalesce(b_class, '')), greatest(coalesce(a_class, ''), coalesce(b_class, ''))
+);
+ALTER TABLE conflictdb.piece
+    ADD COLUMN IF NOT EXISTS class_number bigint NOT NULL DEFAULT 0,
+    ADD COLUMN IF NOT EXISTS owner_number bigint NOT NULL DEFAULT 0;
+ALTER TABLE conflictdb.change ADD COLUMN IF NOT EXISTS with_number bigint;
+"""
+
+
 def upgrade() -> None:
-    for statement in (CLASSES,):
+    for statement in (CLASSES, RULES):
         op.execute(statement)
 
 

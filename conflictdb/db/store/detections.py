@@ -35,6 +35,10 @@ from conflictdb.stages.pieces.bundling import bundles_of
 
 # Pieces encoded at once: some megabytes, and many per COPY.
 _PIECES_SENT: Final = 20_000
+# The columns of _area_row and _track_row, besides strings.
+_NUMBERS: Final = [("class_number", "i8"), ("owner_number", "i8")]
+AREA_ROW: Final = [*AREA_COLUMNS, *_NUMBERS]
+TRACK_ROW: Final = [*TRACK_COLUMNS, *_NUMBERS]
 # Smaller than every object id.
 _FIRST: Final = -(2**63)
 
@@ -66,7 +70,7 @@ def changed_areas(
     conn: psycopg.Connection[Any], scene_id: int, after: int = _FIRST, most: int | None = None
 ) -> AreaBatch:
     """Return the areas of a scene that changed since the last detection: at most `most`, with ids above `after`."""
-    sent = copy_binary.receive(conn, "_changed_areas", [scene_id, after, most], AREA_COLUMNS, AREA_STRINGS)
+    sent = copy_binary.receive(conn, "_changed_areas", [scene_id, after, most], AREA_ROW, AREA_STRINGS)
     return area_batch(*sent)
 
 
@@ -82,6 +86,8 @@ def area_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
         copy_binary.microseconds(columns["end"]),
         columns["floor_m"],
         columns["ceiling_m"],
+        columns["class_number"],
+        columns["owner_number"],
     )
 
 
@@ -97,7 +103,7 @@ def changed_tracks(
     conn: psycopg.Connection[Any], scene_id: int, after: int = _FIRST, most: int | None = None
 ) -> TrackBatch:
     """Return the tracks of a scene that changed since the last detection: at most `most`, with ids above `after`."""
-    sent = copy_binary.receive(conn, "_changed_tracks", [scene_id, after, most], TRACK_COLUMNS, TRACK_STRINGS)
+    sent = copy_binary.receive(conn, "_changed_tracks", [scene_id, after, most], TRACK_ROW, TRACK_STRINGS)
     return track_batch(*sent)
 
 
@@ -119,6 +125,8 @@ def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]
         columns["grow_mps"],
         outlines_offset,
         outlines_m,
+        columns["class_number"],
+        columns["owner_number"],
     )
 
 

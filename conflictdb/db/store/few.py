@@ -15,7 +15,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, transaction
-from conflictdb.db.store.detections import area_batch, track_batch
+from conflictdb.db.store.detections import AREA_ROW, TRACK_ROW, area_batch, track_batch
 from conflictdb.db.store.locking import Say, begin_taking
 from conflictdb.db.store.stored_bundles import (
     PIECE_COLUMNS,
@@ -27,7 +27,7 @@ from conflictdb.db.store.stored_bundles import (
     scalars,
     shapes,
 )
-from conflictdb.db.store.stored_objects import AREA_COLUMNS, AREA_STRINGS, TRACK_COLUMNS, TRACK_STRINGS, scene_of
+from conflictdb.db.store.stored_objects import AREA_STRINGS, TRACK_STRINGS, scene_of
 from conflictdb.db.store.stored_pairs import Parts
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
@@ -54,6 +54,8 @@ _TYPES: Final = {
     "end_lon_deg": "double precision",
     "end_lat_deg": "double precision",
     "bearing_deg": "double precision",
+    "class_number": "bigint",
+    "owner_number": "bigint",
 }
 
 
@@ -133,12 +135,12 @@ def begin_detection(
 
 def some_areas(conn: psycopg.Connection[Any], scene_id: int, area_ids: list[int]) -> AreaBatch:
     """Return the areas of a scene with the given ids; missing ones are left out."""
-    return area_batch(*copy_binary.few(conn, "_some_areas", [scene_id, area_ids], AREA_COLUMNS, AREA_STRINGS))
+    return area_batch(*copy_binary.few(conn, "_some_areas", [scene_id, area_ids], AREA_ROW, AREA_STRINGS))
 
 
 def some_tracks(conn: psycopg.Connection[Any], scene_id: int, track_ids: list[int]) -> TrackBatch:
     """Return the tracks of a scene with the given ids; missing ones are left out."""
-    return track_batch(*copy_binary.few(conn, "_some_tracks", [scene_id, track_ids], TRACK_COLUMNS, TRACK_STRINGS))
+    return track_batch(*copy_binary.few(conn, "_some_tracks", [scene_id, track_ids], TRACK_ROW, TRACK_STRINGS))
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ PIECE_COLUMNS = [
     ("part", "i4"), ("turn", "i2"), ("start_us", "i8"), ("end_us", "i8"), ("end_inclusive", "b1"), ("floor_m", "f8"),
     ("ceiling_m", "f8"), ("leg_start_us", "i8"), ("leg_end_us", "i8"), ("start_lon_deg", "f8"),
     ("start_lat_deg", "f8"), ("end_lon_deg", "f8"), ("end_lat_deg", "f8"), ("bearing_deg", "f8"),
+    ("class_number", "i8"), ("owner_number", "i8"),
 ]  # fmt: skip
 PIECE_STRINGS = ["hull", "shape", "shape_to", "parts", "cuts", "leg_times", "legs"]
 _LEG_NUMBERS = ("start_lon_deg", "start_lat_deg", "end_lon_deg", "end_lat_deg", "bearing_deg")
@@ -49,6 +50,8 @@ def scalars(bundles: Bundles, srid: int) -> dict[str, copy_binary.Column]:
         "span": copy_binary.spans(pieces.start_us[first], pieces.end_us[last], pieces.end_inclusive[last]),
         "floor_m": copy_binary.fixed(pieces.floor_m[first], "f8"),
         "ceiling_m": copy_binary.fixed(pieces.ceiling_m[first], "f8"),
+        "class_number": copy_binary.fixed(pieces.class_number[first], "i8"),
+        "owner_number": copy_binary.fixed(pieces.owner_number[first], "i8"),
         "shape": copy_binary.where(shape, has_shape),
         "leg_start": copy_binary.nullable(copy_binary.instants(pieces.leg_start_us[first]), ~alone),
         "leg_end": copy_binary.nullable(copy_binary.instants(pieces.leg_end_us[first]), ~alone),

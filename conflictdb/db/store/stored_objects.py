@@ -21,6 +21,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.model.inputs import all_certain, certain
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
+from conflictdb.model.rules import members_of, rule_of
 from conflictdb.model.settings import SETTINGS, SettingType
 
 # Areas, and tracks, that are encoded at once: bounds memory.
@@ -410,8 +411,8 @@ def _has_null_character(value: object) -> bool:
 
 
 def _settings(scene: Scene) -> Jsonb:
-    """Return the settings of a scene by the columns of its row; those that are None are left out."""
-    columns: dict[str, Any] = {}
+    """Return rules and settings of a scene, these by the columns of its row; those that are None are left out."""
+    columns: dict[str, Any] = {"rules": [members_of(rule) for rule in scene.rules]}
     for setting in SETTINGS:
         value = getattr(scene, setting.name)
         if value is not None:
@@ -425,4 +426,5 @@ def scene_of(columns: Mapping[str, Any]) -> Scene:
     for setting in SETTINGS:
         values = [columns[name] for name in setting.columns]
         settings[setting.name] = values[0] if len(values) == 1 else None if None in values else tuple(values)
-    return Scene(columns["name"], **settings)
+    rules = [rule_of(members, "rules") for members in columns["rules"]]
+    return Scene(columns["name"], **settings, rules=rules)

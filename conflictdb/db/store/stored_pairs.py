@@ -26,9 +26,12 @@ _PAIRS_THAT_FIT: Final = 10_000_000
 _BOX_COLUMNS: Final = [
     ("piece_id", "i8"), ("pieces", "i4"), ("object", "i8"), ("turn", "i2"), ("low_x", "f8"), ("low_y", "f8"),
     ("high_x", "f8"), ("high_y", "f8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("start", "i8"), ("end", "i8"),
+    ("class_number", "i8"), ("owner_number", "i8"),
 ]  # fmt: skip
 
 
+# The numbers of classes and owners (n,) of rows, 0 without.
+Numbers = tuple[NDArray[np.int64], NDArray[np.int64]]
 # The parts (n,), (n,) of the two pieces of each pair.
 Parts = tuple[NDArray[np.int64], NDArray[np.int64]]
 
@@ -53,9 +56,10 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.a)
 
-    def take(self, rows: slice) -> Self:
-        """Return a slice of the pairs."""
-        return type(self)(self.a[rows], self.b[rows], self.a_pieces[rows], self.b_pieces[rows], self.objects[rows])
+    def take(self, rows: slice | NDArray[np.int64]) -> Self:
+        """Return some of the pairs."""
+        a, b, objects = self.a[rows], self.b[rows], self.objects[rows]
+        return type(self)(a, b, self.a_pieces[rows], self.b_pieces[rows], objects, self.share)
 
 
 def candidates(
@@ -76,8 +80,8 @@ def candidates(
 
 def boxes(
     conn: psycopg.Connection[Any], scene_id: int, most: int, *, fit: int = _ROWS_THAT_FIT
-) -> tuple[NDArray[np.int64], NDArray[np.int64], RowBoxes]:
-    """Return ids, numbers of pieces and boxes of all rows of pieces, if all objects of the scene changed.
+) -> tuple[NDArray[np.int64], NDArray[np.int64], RowBoxes, Numbers]:
+    """Return ids, numbers of pieces, boxes, and classes and owners, of all rows of pieces, if all objects changed.
 
     Returns no rows if only some objects changed, or there are more rows than `most` or `fit`. Raises StoreError outside
     of a snapshot.
@@ -92,7 +96,7 @@ def boxes(
         object=rows["object"],
         is_copy=rows["turn"] != 0,
     )
-    return rows["piece_id"], rows["pieces"].astype(np.int64), found
+    return rows["piece_id"], rows["pieces"].astype(np.int64), found, (rows["class_number"], rows["owner_number"])
 
 
 def bundles(

@@ -30,8 +30,10 @@ from conflictdb.db.store.known_pairs import DIGEST_KEY_BYTES, KnownPairs, digest
 from conflictdb.db.store.new_rows import NewRows, begin_new, copy_new, finish_new
 from conflictdb.db.store.parameters import Array
 from conflictdb.kernel.waiting import run_in_thread, wait_for
+from conflictdb.model.plans import Scene
 from conflictdb.model.record import MEASURED, STATES, ColumnType
 from conflictdb.model.results import Verdict
+from conflictdb.model.rules import REPLACED
 from conflictdb.stages.conflict_regions import EDITION
 
 # Rows per statement: enough to amortise it, little memory.
@@ -70,9 +72,14 @@ class RunRecord:
     counted: Mapping[str, float] = field(default_factory=dict)
     more_objects: int | None = None
 
-    def digest_key(self) -> bytes:
-        """Return the key for digests: method, settings and edition, on which answers depend besides their columns."""
-        known = {name: value for name, value in self.settings.items() if name != "delays_within_s"}
+    def digest_key(self, of_pairs: Scene | None = None) -> bytes:
+        """Return the key for digests: method, settings and edition, on which answers depend besides their columns.
+
+        of_pairs : settings that the pairs have by separation rules
+        """
+        known = {name: value for name, value in self.settings.items() if name not in ("delays_within_s", "rules")}
+        if of_pairs is not None:
+            known |= {name: getattr(of_pairs, name) for name in REPLACED.values()}
         settings = json.dumps([self.method, known, EDITION], sort_keys=True)
         return hashlib.blake2b(settings.encode(), digest_size=DIGEST_KEY_BYTES).digest()
 
@@ -154,14 +161,16 @@ def begin_write(
     return Staged(scene_id, run, known, took_s=time.perf_counter() - began)
 
 
-def differing(staged: Staged, conflicts: Conflicts) -> Iterator[Part]:
+def differing(staged: Staged, conflicts: Conflicts, of_pairs: Scene | None = None) -> Iterator[Part]:
     """Yield, for `stage`, the conflicts of a part that differ from the stored ones, some thousand rows at a time.
 
     No pair of objects may be in two parts. The connection is busy until the last is consumed.
+
+    of_pairs : settings that the pairs have by separation rules
     """
     began = time.perf_counter()
     found = _ordered(conflicts)
-    digest = _digests(found, staged.run.digest_key())
+    digest = _digests(found, staged.run.digest_key(of_pairs))
     row, is_same = staged.known.find(found.a_kind, found.a_id, found.b_kind, found.b_id, digest)
     rows = np.flatnonzero(~is_same)
     new = rows[row[rows] < 0]

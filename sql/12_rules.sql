@@ -1,0 +1,130 @@
+-- Separation rules by class, and owners: which rule applies to a pair. conflictdb.model.rules does the same in memory.
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._word_number(p_word text) RETURNS bigint
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(('x' || left(md5(p_word), 16))::bit(64)::bigint, 0);
+END;
+COMMENT ON FUNCTION _word_number(text) IS
+'A 64-bit digest of a class or an owner, 0 for null (conflictdb/arrays/words.py). Inlined into queries.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._side_rank(p_side text) RETURNS integer
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN p_side IS NULL THEN 0 WHEN p_side IN ('area', 'track') THEN 1 ELSE 3 END;
+END;
+COMMENT ON FUNCTION _side_rank(text) IS 'How specific a side of a rule is: any 0, a kind 1, a class 3.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._side_fits(p_side text, p_kind smallint, p_class text) RETURNS boolean
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT p_side IS NULL OR p_side IS NOT DISTINCT FROM p_class
+           OR p_side = CASE p_kind WHEN 0 THEN 'area' ELSE 'track' END;
+END;
+COMMENT ON FUNCTION _side_fits(text, smallint, text) IS
+'Whether a side of a rule names an object (kind 0 area, 1 track). Inlined into queries.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._rule_between(
+    p_scene_id bigint, p_a_kind smallint, p_a_class text, p_b_kind smallint, p_b_class text, p_above integer DEFAULT 0,
+    OUT rule_id bigint, OUT a_class text, OUT b_class text, OUT separation_m double precision,
+    OUT vertical_m double precision, OUT time_s double precision, OUT allowed boolean, OUT yields text
+)
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT r.rule_id, r.a_class, r.b_class, r.separation_m, r.vertical_m, r.time_s, r.allowed,
+           -- Which of the two objects yields.
+           CASE WHEN o.is_turned THEN CASE r.yields WHEN 'a' THEN 'b' WHEN 'b' THEN 'a' END ELSE r.yields END
+    FROM rule r
+    CROSS JOIN LATERAL (SELECT NOT (_side_fits(r.a_class, p_a_kind, p_a_class)
+                                    AND _side_fits(r.b_class, p_b_kind, p_b_class)) AS is_turned) o
+    WHERE r.scene_id = p_scene_id AND _side_rank(r.a_class) + _side_rank(r.b_class) > p_above
+      AND (NOT o.is_turned OR _side_fits(r.a_class, p_b_kind, p_b_class) AND _side_fits(r.b_class, p_a_kind, p_a_class))
+    ORDER BY _side_rank(r.a_class) + _side_rank(r.b_class) DESC LIMIT 1;
+END;
+COMMENT ON FUNCTION _rule_between(bigint, smallint, text, smallint, text, integer) IS
+'The most specific separation rule of a scene for two objects (kind 0 area, 1 track; class), with the distances and '
+'times as the rule gives them, and which of the two yields; nulls without a rule. p_above: only rules that are more '
+'specific.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._rules_of(p_scene_id bigint) RETURNS jsonb
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
+BEGIN
+    RETURN (SELECT coalesce(jsonb_agg(jsonb_strip_nulls(jsonb_build_object(
+                'a_class', r.a_class, 'b_class', r.b_class, 'separation_m', r.separation_m, 'vertical_m', r.vertical_m,
+                'time_s', r.time_s, 'allowed', nullif(r.allowed, false), 'yields', r.yields)) ORDER BY r.rule_id), '[]')
+            FROM rule r WHERE r.scene_id = p_scene_id);
+END
+$$;
+COMMENT ON FUNCTION _rules_of(bigint) IS 'The separation rules of a scene, as in scene files.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._longest_time_s(p_scene_id bigint) RETURNS double precision
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT greatest(s.time_separation_s, (SELECT max(r.time_s) FROM rule r WHERE r.scene_id = p_scene_id))
+    FROM scene s WHERE s.scene_id = p_scene_id;
+END;
+COMMENT ON FUNCTION _longest_time_s(bigint) IS
+'The largest separation in time of any pair of a scene, by its setting and its rules, seconds.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._type_of(
+    p_kind smallint, p_class bigint, p_classes bigint[]
+) RETURNS text
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT p_kind || ':' || CASE WHEN p_class = ANY (p_classes) THEN p_class ELSE 0 END;
+END;
+COMMENT ON FUNCTION _type_of(smallint, bigint, bigint[]) IS
+'Type of an object for separation rules: its kind, and the number of its class if rules name that. Inlined.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._allowed_types(
+    p_scene_id bigint, OUT classes bigint[], OUT pairs text[]
+)
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT SET jit = off AS $$
+DECLARE
+    v_words text[];
+BEGIN
+    IF NOT EXISTS (SELECT FROM rule r WHERE r.scene_id = p_scene_id AND r.allowed) THEN
+        RETURN;
+    END IF;
+    SELECT array_agg(DISTINCT w.side), array_agg(DISTINCT _word_number(w.side)) INTO v_words, classes
+        FROM rule r CROSS JOIN LATERAL (VALUES (r.a_class), (r.b_class)) w (side)
+        WHERE r.scene_id = p_scene_id AND _side_rank(w.side) = 3;
+    SELECT array_agg(DISTINCT p.pair) INTO pairs
+        FROM (SELECT k.kind::smallint, c.class FROM generate_series(0, 1) k (kind)
+              CROSS JOIN (SELECT unnest(v_words) UNION ALL SELECT NULL) c (class)) a
+        CROSS JOIN (SELECT k.kind::smallint, c.class FROM generate_series(0, 1) k (kind)
+                    CROSS JOIN (SELECT unnest(v_words) UNION ALL SELECT NULL) c (class)) b
+        CROSS JOIN LATERAL (SELECT _type_of(a.kind, _word_number(a.class), classes) || '/'
+                                   || _type_of(b.kind, _word_number(b.class), classes) AS pair) p
+        -- Only what an allowed rule names can be allowed.
+        WHERE EXISTS (SELECT FROM rule r WHERE r.scene_id = p_scene_id AND r.allowed
+                      AND (_side_fits(r.a_class, a.kind, a.class) AND _side_fits(r.b_class, b.kind, b.class)
+                           OR _side_fits(r.a_class, b.kind, b.class) AND _side_fits(r.b_class, a.kind, a.class)))
+          AND (_rule_between(p_scene_id, a.kind, a.class, b.kind, b.class)).allowed;
+END
+$$;
+COMMENT ON FUNCTION _allowed_types(bigint) IS
+'Pairs of types (_type_of) of a scene that rules allow, and the numbers of all classes that rules name; nulls if none.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._are_compared(
+    p_a_kind smallint, p_a_class bigint, p_a_owner bigint, p_b_kind smallint, p_b_class bigint, p_b_owner bigint,
+    p_classes bigint[], p_allowed text[]
+) RETURNS boolean
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT (p_a_owner <> p_b_owner OR p_a_owner = 0)
+           AND (p_allowed IS NULL
+                OR _type_of(p_a_kind, p_a_class, p_classes) || '/' || _type_of(p_b_kind, p_b_class, p_classes)
+                   <> ALL (p_allowed));
+END;
+COMMENT ON FUNCTION _are_compared(smallint, bigint, bigint, smallint, bigint, bigint, bigint[], text[]) IS
+'Whether two objects, by the numbers of their classes and owners (0: none), are compared: not those of one owner, nor '
+'those that rules allow (_allowed_types). Inlined into queries.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_settings(p_scene_id bigint) RETURNS jsonb
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT _settings_of(s) || jsonb_build_object('rules', _rules_of(p_scene_id))
+    FROM scene s WHERE s.scene_id = p_scene_id;
+END;
+COMMENT ON FUNCTION _scene_settings(bigint) IS 'Name, settings (_settings_of) and rules (_rules_of) of a scene.';

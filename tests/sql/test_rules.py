@@ -1,0 +1,193 @@
+"""Separation rules in the database: entered, refused, marking only their pairs, and the answer of `solve`."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+from ruled import random_rules, sea
+
+from conflictdb import Scene, connect, solve
+from conflictdb.db import store
+from conflictdb.db.detect import detect
+from conflictdb.model.rules import Rule
+
+Conn = psycopg.Connection[Any]
+
+
+def verdicts(found: Any) -> dict[tuple[str, str], str]:
+    return {(one.a_key, one.b_key): one.verdict for one in found}
+
+
+@pytest.mark.parametrize("few", [100, -1])
+def test_detections_find_what_solve_finds_after_every_change(dsn: str, few: int) -> None:
+    """Rules, classes and owners change; few changes, and many, are detected by different ways."""
+    rng = np.random.default_rng(3)
+    tracks, areas = sea(rng, 90, 0.5)
+    tracks = [replace(one, max_speed_kn=np.inf) for one in tracks]
+    rules: list[Rule] = []
+    with connect(dsn) as db:
+        for step in range(8):
+            if step % 3 == 1:
+                rules = random_rules(rng)
+            elif step and rules:
+                rules = [one for one in rules if rng.random() < 0.9]
+                try:
+                    Scene("s", rules=rules)
+                except Exception:
+                    rules = random_rules(rng)
+            for k in rng.integers(0, len(tracks), 2 * (step % 2)).tolist():
+                tracks[k] = replace(tracks[k], object_class="escort", owner="one", max_speed_kn=np.inf)
+            scene = Scene("s", separation_m=200.0, rules=rules)
+            store.replace_scene(db.connection, scene, areas, tracks, merge=False)
+            detect(db.connection, "s", few_objects=few, full=step == 5)
+            expected = {(one.a_key, one.b_key): one for one in solve(tracks, areas, scene)}
+            found = db.scene("s").conflicts()
+            assert verdicts(found) == verdicts(expected.values()), step
+            for one in found:
+                assert one.periods == expected[one.a_key, one.b_key].periods
+            assert db.scene("s").settings() == scene
+
+
+def explained(conn: Conn, *keys: str) -> dict[str, Any]:
+    with conn.transaction():
+        (told,) = conn.execute("SELECT conflictdb.explain_conflict('s', %s, %s)", keys).fetchone() or ({},)
+    return dict(told)
+
+
+def ruled(conn: Conn, *rules: tuple[Any, ...]) -> None:
+    for rule in rules:
+        conn.execute(f"SELECT conflictdb.put_rule('s', {', '.join(['%s'] * len(rule))})", rule)
+
+
+def test_the_database_refuses_as_python_does(conn: Conn) -> None:
+    """Random rules, one by one: both refuse the same ones as ambiguous."""
+    rng, refused = np.random.default_rng(1), 0
+    sides = [None, "area", "track", "ferry", "submarine", "drone"]
+    for round_ in range(12):
+        conn.execute("SELECT conflictdb.create_scene(%s)", [f"s{round_}"])
+        known: list[Rule] = []
+        for _ in range(12):
+            a, b = (sides[k] for k in rng.integers(0, len(sides), 2))
+            if (a, b) == (None, None):
+                continue
+            rule = Rule(a, b, separation_m=float(rng.integers(3)))
+            kept = [one for one in known if one.sides != rule.sides]
+            try:
+                Scene("s", rules=[*kept, rule])
+                is_sound = True
+            except ValueError:
+                is_sound = False
+            state = None
+            try:
+                with conn.transaction():
+                    values = [f"s{round_}", a, b, rule.separation_m]
+                    conn.execute("SELECT conflictdb.put_rule(%s, %s, %s, %s)", values)
+            except psycopg.Error as error:
+                state = error.sqlstate
+            assert state == (None if is_sound else "ZC018"), (known, rule)
+            known = [*kept, rule] if is_sound else known
+            refused += not is_sound
+    assert refused > 10
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (("x", None, "NaN"), "separation_m: must be a finite number"),
+        (("x", None, -1), "separation_m: must be from 0 to 20000000 metres"),
+        ((None, None, 1), "a_class: must name a class"),
+        (("", "x", 1), "a_class: must be a text of 1 to 200 bytes"),
+        (("x", "y", 5, None, None, True), "allowed: leaves no meaning"),
+        (("x", "x", 5, None, None, False, "a"), "yields: must be 'a' or 'b', of two different sides"),
+        (("x", "y", None, None, 1e9), "time_s: must be whole microseconds"),
+    ],
+)
+def test_rules_that_mean_nothing_are_refused(conn: Conn, values: tuple[Any, ...], message: str) -> None:
+    conn.execute("SELECT conflictdb.create_scene('s')")
+    with pytest.raises(psycopg.Error, match=message):
+        ruled(conn, values)
+
+
+def test_removing_a_rule_that_two_others_need_is_refused(conn: Conn) -> None:
+    conn.execute("SELECT conflictdb.create_scene('s')")
+    ruled(conn, ("ferry", "sub", 1), ("ferry", None, 2), (None, "sub", 3))
+    with pytest.raises(psycopg.Error, match="alike with rule") as refused:
+        conn.execute("SELECT conflictdb.remove_rule('s', 'sub', 'ferry')")
+    assert "Enter a rule for 'ferry' with 'sub' first" in str(refused.value.diag.message_hint)
+    conn.rollback()
+
+
+def test_a_changed_rule_recomputes_only_its_pairs(dsn: str) -> None:
+    """The pairs of pieces that a detection compares are those of the two classes."""
+    rng = np.random.default_rng(8)
+    tracks, areas = sea(rng, 300, 0.5)
+    tracks = [replace(one, owner=None, max_speed_kn=np.inf) for one in tracks]
+    areas = [replace(one, owner=None) for one in areas]
+    with connect(dsn) as db:
+        scene = Scene("s", separation_m=200.0)
+        store.replace_scene(db.connection, scene, areas, tracks, merge=False)
+        whole = detect(db.connection, "s", few_objects=-1)
+        db.connection.execute("SELECT conflictdb.put_rule('s', 'ferry', 'drone', 900)")
+        db.connection.commit()
+        run = detect(db.connection, "s", few_objects=-1)
+        mine = {one.key for one in [*tracks, *areas] if one.object_class in ("ferry", "drone")}
+        assert run.opened > 0
+        assert 0 < run.candidate_pairs < 0.25 * whole.candidate_pairs
+        rows = db.connection.execute(
+            "SELECT a_key, b_key FROM conflictdb.conflicts WHERE run_id = %s", [run.run_id]
+        ).fetchall()
+        db.connection.commit()
+        assert rows
+        assert all({a, b} <= mine for a, b in rows)
+        alone = detect(db.connection, "s", full=True, few_objects=-1)
+        assert (alone.opened, alone.changed, alone.closed) == (0, 0, 0)
+
+
+def test_explain_names_the_rule_and_who_yields(dsn: str) -> None:
+    rng = np.random.default_rng(8)
+    tracks, areas = sea(rng, 60, 0.2)
+    tracks = [
+        replace(
+            one, owner=None, object_class=("ferry", "drone")[i % 2], floor_m=None, ceiling_m=None, max_speed_kn=np.inf
+        )
+        for i, one in enumerate(tracks)
+    ]
+    with connect(dsn) as db:
+        rules = [Rule("drone", "ferry", 700.0, yields="a"), Rule("ferry", "ferry", allowed=True)]
+        store.replace_scene(db.connection, Scene("s", rules=rules), [], tracks, merge=False)
+        db.scene("s").detect()
+        found = db.scene("s").conflicts()
+        drones = {one.key for one in tracks if one.object_class == "drone"}
+        one = next(one for one in found if len({one.a_key, one.b_key} & drones) == 1)
+        told = explained(db.connection, one.a_key, one.b_key)
+        assert told["rule"]["text"] == 'of "drone" with "ferry"'
+        assert told["rule"]["yields"] == next(iter({one.a_key, one.b_key} & drones))
+        ferries = [one.key for one in tracks if one.object_class == "ferry"][:2]
+        told = explained(db.connection, *ferries)
+        assert (told["verdict"], told["decided_by"]["by"]) == ("apart", "rule")
+        assert not any({one.a_key, one.b_key}.isdisjoint(drones) for one in found)
+
+
+def test_editors_change_rules_and_readers_do_not(conn: Conn) -> None:
+    conn.execute("SELECT conflictdb.create_scene('s')")
+    with conn.transaction():
+        conn.execute("SET LOCAL ROLE conflictdb_editor")
+        conn.execute("SELECT conflictdb.put_rule('s', 'ferry', 'area', 500)")
+        assert conn.execute("SELECT conflictdb.remove_rule('s', 'area', 'ferry')").fetchone() == (True,)
+        conn.execute("SELECT conflictdb.put_rule('s', 'ferry', 'area', 500)")
+    conn.execute("SET ROLE conflictdb_reader")
+    with pytest.raises(psycopg.errors.InsufficientPrivilege), conn.transaction():
+        conn.execute("SELECT conflictdb.put_rule('s', 'ferry', 'area', 600)")
+    with conn.transaction():
+        assert conn.execute("SELECT a_class, b_class, separation_m FROM conflictdb.rules").fetchall() == [
+            ("ferry", "area", 500.0)
+        ]
+
+
+def test_a_copy_has_the_rules(conn: Conn) -> None:
+    conn.execute("SELECT conflictdb.create_scene('s')")
+    ruled(conn, ("ferry", "area", 500), ("area", "area", None, None, None, True))
+    conn.execute("SELECT conflictdb.copy_scene('s', 'c')")
+    assert conn.execute("SELECT count(*) FROM conflictdb.rules WHERE scene = 'c'").fetchone() == (2,)
