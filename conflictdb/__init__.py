@@ -62,6 +62,7 @@ if TYPE_CHECKING:
         Stream,
         Verdict,
     )
+    from conflictdb.model.rules import Rule
     from conflictdb.session.database import Database, connect
     from conflictdb.session.loading import Loaded
     from conflictdb.session.stored_scene import StoredScene
@@ -101,6 +102,7 @@ __all__ = [
     "ReadOnlyDatabase",
     "Remark",
     "Results",
+    "Rule",
     "Run",
     "Scene",
     "SceneState",
@@ -153,6 +155,7 @@ _HOME: Final = {
         ("Area", "EarthModel", "Motion", "Scene", "Track", "rectangle_outline_m"),
         "conflictdb.model.plans",
     ),
+    "Rule": "conflictdb.model.rules",
     **dict.fromkeys(
         (
             "Approach",

@@ -31,6 +31,12 @@ DECLARE
         'closest_error_m, closest_a_lon_deg, closest_a_lat_deg, closest_b_lon_deg, closest_b_lat_deg, '
         'scene_is_current, conflict_id, changed_at, acknowledged_by, acknowledged_at, acknowledged_for, '
         'acknowledged_until, a_name, b_name, a_id, a_version, b_id, b_version)',
+        '_conflicts(p_scene, p_at, p_with_region, p_keys, p_key, p_from, p_to, p_since, p_verdict, '
+        'p_acknowledged, a_key, a_kind, b_key, b_kind, periods, verdict, region, first_contact_lon_deg, '
+        'first_contact_lat_deg, method, time_error_s, is_current, run_id, found_at, closest_at, closest_m, '
+        'closest_error_m, closest_a_lon_deg, closest_a_lat_deg, closest_b_lon_deg, closest_b_lat_deg, '
+        'scene_is_current, conflict_id, changed_at, acknowledged_by, acknowledged_at, acknowledged_for, '
+        'acknowledged_until, a_name, b_name, lacking_s, a_id, a_version, b_id, b_version)',
         '_explained_as_json(p_key, p_kind, p_waits, p_pieces, p_span, p_floor_m, p_ceiling_m)',
         '_explained_object(p_scene_id, p_key, kind, id, key, name, waits, pieces, is_covered, span, low_m, high_m, '
         'box, floor_m, ceiling_m)',

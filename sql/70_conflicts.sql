@@ -166,6 +166,25 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION conflicts_of(text, text) IS 'Conflicts of one object of a scene.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._keys_of_class(p_scene text, p_class text) RETURNS SETOF text
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT a.key FROM area a WHERE a.scene_id = _scene_id(p_scene) AND a.class = p_class
+    UNION ALL
+    SELECT t.key FROM track t WHERE t.scene_id = _scene_id(p_scene) AND t.class = p_class;
+END;
+COMMENT ON FUNCTION _keys_of_class(text, text) IS 'Keys of the objects of a class.';
+
+CREATE OR REPLACE FUNCTION conflicts_of_class(p_scene text, p_class text) RETURNS SETOF conflicts
+LANGUAGE sql STABLE PARALLEL RESTRICTED
+BEGIN ATOMIC
+    SELECT c.* FROM conflicts c
+    WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene)
+      AND (c.a_key IN (SELECT _keys_of_class(p_scene, p_class)) OR c.b_key IN (SELECT _keys_of_class(p_scene, p_class)));
+END;
+COMMENT ON FUNCTION conflicts_of_class(text, text) IS
+'Conflicts of a scene with an object of a class; none for a class without objects.';
+
 CREATE OR REPLACE FUNCTION approaches_of(p_scene text, p_key text) RETURNS SETOF approaches
 LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC

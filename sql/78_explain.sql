@@ -341,7 +341,7 @@ COMMENT ON FUNCTION explain_conflict(text, text, text) IS
 'Explains why two objects of a scene are or are not in conflict, as JSON: verdict (as in the view conflicts; near; '
 'apart; unknown while a change waits for detection), the stage that decided and why, pairs left by each stage, pieces, '
 'periods, closest approach if stored, otherwise a distance that they exceed (further_than_m, metres; null if unknown), '
-'settings, run, and whether this is current. explain_conflict_text returns it as text.';
+'settings, the separation rule that applies (null: none), run, and whether this is current. explain_conflict_text returns it as text.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._explained_text(j jsonb) RETURNS text
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
@@ -352,6 +352,12 @@ BEGIN ATOMIC
                concat_ws(', ', j #>> '{a,kind}', nullif(j #> '{a,name}', 'null')), j #> '{b,key}',
                concat_ws(', ', j #>> '{b,kind}', nullif(j #> '{b,name}', 'null')), j ->> 'verdict'),
         '  ' || (j ->> 'why'),
+        '  rule ' || (j #>> '{rule,text}')
+            || CASE WHEN (j #> '{rule,allowed}')::boolean THEN ': allowed' ELSE ':' END
+            || coalesce(' separation ' || (j #>> '{rule,separation_m}') || ' m', '')
+            || coalesce(' vertical ' || (j #>> '{rule,vertical_m}') || ' m', '')
+            || coalesce(' time ' || (j #>> '{rule,time_s}') || ' s', '')
+            || coalesce(', ' || (j #> '{rule,yields}')::text || ' yields', ''),
         (SELECT string_agg('  ' || _shown(tstzrange((p ->> 'from')::timestamptz, (p ->> 'to')::timestamptz)), E'\n'
                            ORDER BY n)
                 || CASE WHEN (j ->> 'time_error_s')::double precision > 0

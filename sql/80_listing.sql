@@ -14,7 +14,7 @@ COMMENT ON FUNCTION _names(text, text[]) IS 'Names of the objects of a scene tha
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._conflicts(
     p_scene text, p_at timestamptz, p_with_region boolean, p_keys text[], p_key text, p_from timestamptz,
-    p_to timestamptz, p_since timestamptz, p_verdict text, p_acknowledged boolean
+    p_to timestamptz, p_since timestamptz, p_verdict text, p_acknowledged boolean, p_class text
 ) RETURNS TABLE (
     a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text,
     first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text,
@@ -46,12 +46,14 @@ BEGIN ATOMIC
       AND (p_since IS NULL OR greatest(c.found_at, c.changed_at) >= p_since)
       AND (p_verdict IS NULL OR c.verdict = p_verdict)
       AND (p_acknowledged IS NULL OR p_acknowledged = (c.acknowledged_by IS NOT NULL))
+      AND (p_class IS NULL OR c.a_key IN (SELECT _keys_of_class(p_scene, p_class))
+           OR c.b_key IN (SELECT _keys_of_class(p_scene, p_class)))
     ORDER BY lower(c.periods) NULLS FIRST, c.a_key, c.b_key;
 END;
 COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean, text[], text, timestamptz, timestamptz, timestamptz, text,
-                               boolean) IS
+                               boolean, text) IS
 'Conflicts of a scene, earliest first. Only those at p_at, among p_keys, of p_key, in [p_from, p_to), opened or '
-'changed since p_since, with a verdict, acknowledged or not; null: all. Periods in binary. Ids and versions of objects '
+'changed since p_since, with a verdict, acknowledged or not, of an object of a class; null: all. Periods in binary. Ids and versions of objects '
 'only p_with_region. Raises ZC011 for an unknown p_key.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._counted_conflicts() RETURNS TABLE (

@@ -24,6 +24,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows
 from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
 from conflictdb.earth.registry import centred, plane_of
+from conflictdb.errors import InvalidInput
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
 from conflictdb.kernel.bundles import boxes_of, bundled_pairs
 from conflictdb.model import inputs
@@ -102,6 +103,8 @@ def advise(
     count = len(areas) + len(tracks)
     if not count:
         return Advice(scene, seed, 0, 0, 0, 0, (), "the scene holds no objects: there is nothing to detect.")
+    if scene.rules:
+        raise InvalidInput("advise", "rules", "costs are not estimated with separation rules: remove them from a copy")
     scene = centred(scene, areas, tracks)
     drawn = _Sample(scene, areas, tracks, sample, np.random.default_rng(seed))
     if not drawn.pairs:

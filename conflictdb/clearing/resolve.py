@@ -223,7 +223,7 @@ def _speeds(
     scene: Scene, changed: Mapping[str, Track], areas: list[Area], keys: Iterable[str], limits: Limits
 ) -> dict[str, float]:
     """Return the speeds nearest to the planned one that clear tracks which no delay does, one after another."""
-    if limits.slowest == limits.fastest == 1.0 or scene.time_separation_s > 0.0:
+    if limits.slowest == limits.fastest == 1.0 or scene.longest_time_us > 0:
         return {}
     now, found = dict(changed), {}
     for key in keys:

@@ -84,6 +84,7 @@ def conflicts(args: argparse.Namespace) -> int:
     resolve_times(args, "at", "start", "end", "since", "known_at")
     shown = Shown(args.tz or UTC, args.show)
     which = {"key": args.key, "from_": args.start, "to": args.end, "since": args.since, "verdict": args.verdict}
+    which["object_class"] = args.object_class
     if args.acknowledged is not None:
         which["acknowledged"] = args.acknowledged == "yes"
     if args.known_at is not None:

@@ -1,6 +1,7 @@
 """Figures of departures: bars of free and forbidden ones of tracks, and the coordination diagram of a pair."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -19,6 +20,7 @@ from conflictdb.model.results import Conflict, Delays, Kind, distinct_labels
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.coordination import contact_set
 from conflictdb.stages.delays import Leeway, delays_of, differences_of
+from conflictdb.stages.separations import Separations
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -103,6 +105,7 @@ def plot_coordination(
     horizon_us = round(1e6 * inputs.seconds("plot", "within_s", within_s))
     areas, tracks = ([b], [a]) if isinstance(b, Area) else ([], [a, b])
     with styled() as mpl:
+        scene = Separations.of(scene).of_two(a, b) or replace(scene, rules=())
         sketch = Sketch(scene, areas, tracks)
         number = int(numbers_of(np.array([Kind.TRACK.code]), np.array([0]))[0])
         origin_us = int(a.times_us[0])

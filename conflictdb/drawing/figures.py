@@ -5,6 +5,7 @@ and its projection onto the way of the track).
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -36,6 +37,7 @@ from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.notebook import bound_text
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.results import Conflict, Verdict, distinct_labels
+from conflictdb.stages.separations import Separations
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -111,6 +113,7 @@ def plot_pair(
     """
     areas = [one for one in (a, b) if isinstance(one, Area)]
     tracks = [one for one in (a, b) if isinstance(one, Track)]
+    scene = Separations.of(scene).of_two(a, b) or replace(scene, rules=())
     with styled() as mpl:
         sketch = Sketch(scene, areas, tracks)
         span = _time_that_matters(sketch, conflict)

@@ -32,6 +32,7 @@ from conflictdb.model.results import (
     Stream,
     Verdict,
 )
+from conflictdb.model.rules import Rule
 from conflictdb.model.settings import STORED_BY_DETECT, Changes
 from conflictdb.stages.memory import LEAST_MEMORY_MB, MEMORY_MB
 
@@ -181,6 +182,7 @@ class StoredScene:
         since: inputs.Instant | None = None,
         verdict: Verdict | str | None = None,
         acknowledged: bool | None = None,
+        object_class: str | None = None,
         with_region: bool = False,
     ) -> Listing[Conflict]:
         """Return the known conflicts, earliest first, by default all.
@@ -202,6 +204,8 @@ class StoredScene:
             Only ``conflict``, ``grazing`` or ``unresolved``.
         acknowledged : bool, optional
             Only conflicts that are acknowledged, or that are not.
+        object_class : str, optional
+            Only conflicts with an object of this class.
         with_region : bool
             Read the regions (`region`), too.
 
@@ -210,7 +214,7 @@ class StoredScene:
         InvalidInput
             The scene or the object does not exist, or a span or verdict is none.
         """
-        which = _selection("conflicts", at, key, from_, to, since, verdict, acknowledged)
+        which = _selection("conflicts", at, key, from_, to, since, verdict, acknowledged, object_class)
         found = store.conflicts(self.connection, self.name, which, with_region=with_region)
         _warn_if_incomplete(found.state)
         for conflict in found:
@@ -236,13 +240,14 @@ class StoredScene:
         since: inputs.Instant | None = None,
         verdict: Verdict | str | None = None,
         acknowledged: bool | None = None,
+        object_class: str | None = None,
         with_region: bool = False,
     ) -> Stream[Conflict]:
         """Return the conflicts of `conflicts` as a stream: little memory, however many there are.
 
         A transaction stays open on the connection until the stream is exhausted or closed.
         """
-        which = _selection("stream_conflicts", at, key, from_, to, since, verdict, acknowledged)
+        which = _selection("stream_conflicts", at, key, from_, to, since, verdict, acknowledged, object_class)
         state = self._state()
         return Stream(state, store.each_conflict(self.connection, self.name, which, with_region=with_region), Conflict)
 
@@ -522,6 +527,21 @@ class StoredScene:
         """Return the areas and tracks, by key: kind, name, times and heights."""
         return store.list_objects(self.connection, self.name)
 
+    def rules(self) -> list[Rule]:
+        """Return the separation rules, in the order of their sides."""
+        return list(self.settings().rules)
+
+    def put_rule(self, rule: Rule) -> None:
+        """Add a separation rule, or replace the one of the same two sides; its pairs wait for a detection.
+
+        Raises InvalidInput if another rule is as specific for some pair.
+        """
+        store.put_rule(self.connection, self.name, rule)
+
+    def remove_rule(self, a_class: str | None, b_class: str | None) -> bool:
+        """Remove the separation rule of two sides, in either order; return whether there was one."""
+        return store.remove_rule(self.connection, self.name, a_class, b_class)
+
     def names(self, *keys: str) -> dict[str, str]:
         """Return the names of objects, by key; objects without a name are left out."""
         return store.names(self.connection, self.name, keys)
@@ -758,6 +778,7 @@ def _selection(
     since: inputs.Instant | None,
     verdict: Verdict | str | None,
     acknowledged: bool | None,
+    object_class: str | None,
 ) -> store.Selection:
     """Return what to select; raises InvalidInput for a span that ends before it begins, and unknown verdicts."""
     given = {"at": at, "from_": from_, "to": to, "since": since}
@@ -768,7 +789,7 @@ def _selection(
     if verdict is not None and verdict not in _SELECTED:
         raise InvalidInput(who, "verdict", f"must be one of {', '.join(_SELECTED)}; got {verdict!r}")
     chosen = None if verdict is None else Verdict(verdict)
-    return store.Selection(when["at"], key, start, end, when["since"], chosen, acknowledged)
+    return store.Selection(when["at"], key, start, end, when["since"], chosen, acknowledged, None, object_class)
 
 
 def _plans(given: Any) -> list[Area | Track]:

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.words import numbers_of_words
-from conflictdb.model.plans import Scene
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Kind
 from conflictdb.model.rules import REPLACED, RuleTable
 from conflictdb.stages.stage1_broad_phase import is_together
 
@@ -52,6 +53,17 @@ class Separations:
         order = np.argsort(numbers)
         return cls(list(found), of_rules[table.rule], numbers[order], (2 * (order + 1)).astype(np.int64))
 
+    def of_two(self, a: Area | Track, b: Area | Track) -> Scene | None:
+        """Return the settings of two objects; None if they are not compared."""
+        both = a, b
+        kinds = [np.array([(Kind.AREA if isinstance(one, Area) else Kind.TRACK).code], np.int8) for one in both]
+        numbers = (
+            [numbers_of_words([one.object_class]) for one in both],
+            [numbers_of_words([one.owner]) for one in both],
+        )
+        found = int(self.of_pairs(kinds, *numbers)[0])
+        return None if found == NEVER else self.settings[found]
+
     def types(self, kind: _Ints, class_number: _Ints) -> NDArray[np.int64]:
         """Return the types of objects (n,), by their kinds and the numbers of their classes."""
         if not len(self.numbers):
@@ -59,9 +71,7 @@ class Separations:
         at = np.minimum(np.searchsorted(self.numbers, class_number), len(self.numbers) - 1)
         return np.asarray(np.where(self.numbers[at] == class_number, self.number_type[at], 0) + kind, np.int64)
 
-    def of_pairs(
-        self, kinds: Sequence[_Ints], classes: Sequence[_Ints], owners: Sequence[_Ints]
-    ) -> NDArray[np.int64]:
+    def of_pairs(self, kinds: Sequence[_Ints], classes: Sequence[_Ints], owners: Sequence[_Ints]) -> NDArray[np.int64]:
         """Return the settings (n,) of pairs of objects, NEVER for pairs that are not compared.
 
         kinds, classes, owners : (2, n) of both objects; numbers of classes and owners, 0 without

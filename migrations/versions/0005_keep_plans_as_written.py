@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "3936e4e7dea81d5abdd2cf85d01991e2b3a035efcc80f8f5b51b917ac447836f"
+routines_sha256 = "954828283cd1db6c288aaf04d5d4728f70bdc92d3c3c73215f785211be669473"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -23,6 +23,7 @@ from conflictdb.cli.values import (
     instants,
     metres,
     name,
+    seconds,
     time,
     time_or_age,
     whole,
@@ -65,6 +66,18 @@ def _add_plans(commands: Any) -> None:
     add_scene(parser)
     parser.add_argument("--all", action="store_true", help="the whole scene, which --scene must name")
 
+    about = "print or change separation rules by class"
+    parser = command(commands, "rules", "scene_objects:rules", about, "A side is a class, area, track or any.")
+    parser.add_argument("sides", nargs="*", metavar="SIDE", help="two sides, to change their rule")
+    add_scene(parser)
+    parser.add_argument("--separation-m", type=metres, metavar="METRES", help="as the setting")
+    parser.add_argument("--vertical-m", type=metres, metavar="METRES", help="as the setting")
+    parser.add_argument("--time-s", type=seconds, metavar="SECONDS", help="as the setting")
+    parser.add_argument("--allowed", action="store_true", help="do not compare")
+    parser.add_argument("--yields", metavar="SIDE", help="which side yields")
+    parser.add_argument("--remove", action="store_true", help="remove the rule")
+    add_format(parser, "table", "json")
+
     parser = command(
         commands, "export", "scene_objects:export", "write a scene file", "Loading it gives the same objects."
     )
@@ -98,6 +111,7 @@ def _add_detection(commands: Any) -> None:
     parser.add_argument("--since", type=time_or_age, metavar="TIME", help="new or changed since TIME, or 24h ago")
     parser.add_argument("--verdict", choices=("conflict", "grazing", "unresolved"), help="with this verdict")
     parser.add_argument("--acknowledged", choices=("yes", "no"), help="acknowledged or not")
+    parser.add_argument("--class", dest="object_class", type=name, metavar="CLASS", help="of an object of CLASS")
     parser.add_argument("--known-at", type=time, metavar="TIME", help="as known at TIME")
     add_options(parser, "--tz")
     parser.add_argument("--show", type=columns, default=frozenset(), metavar="COLUMN,…", help=", ".join(MORE_COLUMNS))

@@ -80,6 +80,7 @@ class Selection:
     verdict : those with this verdict
     acknowledged : those that are acknowledged, or that are not
     keys : those among these objects
+    object_class : those with an object of this class
     """
 
     at: datetime | None = None
@@ -90,6 +91,7 @@ class Selection:
     verdict: Verdict | None = None
     acknowledged: bool | None = None
     keys: Sequence[str] | None = None
+    object_class: str | None = None
 
 
 ALL: Final = Selection()
@@ -142,7 +144,8 @@ def each_conflict(
     """
     among = None if which.keys is None else list(which.keys)
     verdict = None if which.verdict is None else str(which.verdict)
-    asked = (which.at, with_region, among, which.key, which.start, which.end, which.since, verdict, which.acknowledged)
+    span = which.start, which.end, which.since
+    asked = which.at, with_region, among, which.key, *span, verdict, which.acknowledged, which.object_class
     with transaction(conn), closing(call_each_by_name(conn, "_conflicts", scene, *asked)) as rows:
         for row in rows:
             yield Conflict(scene=scene, **_fields(row))

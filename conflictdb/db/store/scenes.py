@@ -10,6 +10,7 @@ import psycopg
 from conflictdb.db.store.connection import call, call_by_name, transaction
 from conflictdb.errors import InvalidInput
 from conflictdb.model.results import Kind
+from conflictdb.model.rules import Rule
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,3 +70,16 @@ def remove_objects(conn: psycopg.Connection[Any], scene: str, keys: Sequence[str
         for key in keys:
             if not call(conn, "remove_object", scene, key)[0]:
                 raise InvalidInput(f"object {key!r}", "key", f"is no object of scene {scene!r}")
+
+
+def put_rule(conn: psycopg.Connection[Any], scene: str, rule: Rule) -> None:
+    """Add or replace a separation rule; InvalidInput if it is ambiguous, or the scene does not exist."""
+    values = rule.separation_m, rule.vertical_m, rule.time_s, rule.allowed, rule.yields
+    with transaction(conn):
+        call(conn, "put_rule", scene, rule.a_class, rule.b_class, *values)
+
+
+def remove_rule(conn: psycopg.Connection[Any], scene: str, a_class: str | None, b_class: str | None) -> bool:
+    """Remove a separation rule; return whether there was one. InvalidInput if two others need it."""
+    with transaction(conn):
+        return bool(call(conn, "remove_rule", scene, a_class, b_class)[0])
