@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
     from conflictdb.formats import Contents, FileHints, Remark, Skipped, read, write
     from conflictdb.in_memory import chances, delays, solve, speeds
+    from conflictdb.index import Index
     from conflictdb.model.methods import Method
     from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
     from conflictdb.model.results import (
@@ -80,6 +81,7 @@ __all__ = [
     "Forbidden",
     "ForbiddenSpeeds",
     "IncompleteWarning",
+    "Index",
     "InvalidInput",
     "Kind",
     "Listing",
@@ -133,6 +135,7 @@ _HOME: Final = {
     **dict.fromkeys(("plot_coordination", "plot_delays"), "conflictdb.drawing.departures"),
     **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
     **dict.fromkeys(("Method",), "conflictdb.model.methods"),
+    "Index": "conflictdb.index",
     **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.in_memory"),
     **dict.fromkeys(("Contents", "FileHints", "Remark", "Skipped", "read", "write"), "conflictdb.formats"),
     **dict.fromkeys(

@@ -78,7 +78,7 @@ def solve(
     named = {(Kind.AREA.code, n): (area.key, area.name) for n, area in enumerate(areas)}
     named |= {(Kind.TRACK.code, n): (track.key, track.name) for n, track in enumerate(tracks)}
     objects: list[Area | Track] = [*areas, *tracks]
-    origin = _Objects(scene, {one.key: one for one in objects})
+    origin = Objects(scene, {one.key: one for one in objects})
     rows = to_results(scene, named, Conflicts.concatenate([conflicts for conflicts, _ in _run(scene, areas, tracks)]))
     return Results((conflict.found_by(origin) for conflict in rows), Conflict)
 
@@ -333,15 +333,7 @@ def _known(
 
 def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Scene, Plane, list[Track], list[Area]]:
     """Return the scene with a centre, its plane, and its objects in the order of their keys; raises InvalidInput."""
-    seen: set[str] = set()
-    for key in [area.key for area in areas] + [track.key for track in tracks]:
-        if key in seen:
-            raise InvalidInput(f"object {key!r}", "key", "occurs more than once: keys must be unique")
-        seen.add(key)
-        try:
-            key.encode()  # as stored by files and the database, and the order of rows
-        except UnicodeEncodeError:
-            raise InvalidInput(f"object {key!r}", "key", "contains half of a surrogate pair, no character") from None
+    check_keys([*areas, *tracks])
     scene = centred(scene, areas, tracks)
     plane = plane_of(scene)
     check_plane(plane, areas, tracks)
@@ -349,6 +341,19 @@ def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Sce
     areas = sorted(areas, key=lambda area: area.key.encode())
     tracks = sorted(tracks, key=lambda track: track.key.encode())
     return scene, plane, tracks, areas
+
+
+def check_keys(objects: Iterable[Area | Track]) -> None:
+    """Raise InvalidInput for a key that occurs twice, or that files and the database cannot store."""
+    seen: set[str] = set()
+    for key in (one.key for one in objects):
+        if key in seen:
+            raise InvalidInput(f"object {key!r}", "key", "occurs more than once: keys must be unique")
+        seen.add(key)
+        try:
+            key.encode()  # as stored by files and the database, and the order of rows
+        except UnicodeEncodeError:
+            raise InvalidInput(f"object {key!r}", "key", "contains half of a surrogate pair, no character") from None
 
 
 def counts(scene: Scene, areas: list[Area], tracks: list[Track]) -> Funnel:
@@ -365,13 +370,14 @@ def _run(scene: Scene, areas: list[Area], tracks: list[Track]) -> Iterator[tuple
     return run_scene(scene, plane, _InMemory(pieces, batch.footprint, scene.time_separation_us))
 
 
-class _Objects:
+class Objects:
     """The input of `solve`, by key, for drawing its conflicts."""
 
     def __init__(self, scene: Scene, objects: Mapping[str, Area | Track]) -> None:
         self._scene, self._objects = scene, objects
 
     def plot_conflict(self, conflict: Conflict) -> "Figure":
+        """Return the figure of a conflict; `conflict.plot()` calls this."""
         from conflictdb.drawing import figures  # not above: it brings matplotlib
 
         a, b = (self._objects[key] for key in (conflict.a_key, conflict.b_key))
