@@ -157,8 +157,8 @@ END
 $$;
 COMMENT ON FUNCTION _check_leg_heights(text, geometry, double precision, double precision, double precision[],
                                        double precision[]) IS
-'Raises ZC004 unless there is one height (metres) per leg or per waypoint, heights are finite or null, and ceilings are '
-'above floors. Legs count from 1. A null array means that the height of the whole track applies.';
+'Raises ZC004 unless there is one height (metres) per leg or per waypoint, heights are finite or null, and ceilings '
+'are above floors. Legs count from 1. A null array means that the height of the whole track applies.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._whole_height(
     p_who text, p_field text, p_given_m double precision, p_whole_m double precision, p_known_m double precision,

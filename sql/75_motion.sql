@@ -272,7 +272,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._heights_on(
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT nullif(min(coalesce(_height_on(p_floor_m, p_floors_m, p_path, n.leg, p_instant), '-infinity')), '-infinity'),
-           nullif(max(coalesce(_height_on(p_ceiling_m, p_ceilings_m, p_path, n.leg, p_instant), 'infinity')), 'infinity')
+           nullif(max(coalesce(_height_on(p_ceiling_m, p_ceilings_m, p_path, n.leg, p_instant), 'infinity')),
+                  'infinity')
     FROM generate_series(p_first, p_last) n (leg);
 END;
 COMMENT ON FUNCTION _heights_on(double precision, double precision, double precision[], double precision[], geometry,

@@ -5,7 +5,8 @@ A piece is a sequence of eight-byte words, little-endian, integers or doubles, w
     0 kind, 1 version, 2 part, 3 turn, 4 start_us, 5 end_us, 6 end_inclusive (0 or 1), 7 floor_m, 8 ceiling_m,
     9 leg_start_us, 10 leg_end_us, 11 and 12 leg_start_deg, 13 and 14 leg_end_deg, 15 bearing_deg,
     16 h vertices of the hull (closed ring), 17 s vertices of the shape (open ring), 18 whether the shape changes,
-    19 object_id, 20 to 23 climb_m, then x, y of the hull (2 h), of the shape (2 s), and at the end of the leg (2 s) if it changes
+    19 object_id, 20 to 23 climb_m, then x, y of the hull (2 h), of the shape (2 s), and at the end of the leg (2 s) if
+    it changes
 """
 
 import sys

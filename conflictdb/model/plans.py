@@ -335,7 +335,7 @@ class Track:
             raise InvalidInput(who, name, rule)
 
     def heights_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the floor and the ceiling at both ends of each leg, (n - 1, 2) metres, -inf and +inf where unbounded."""
+        """Return the floor and the ceiling at both ends of each leg, (n - 1, 2) metres, infinite where unbounded."""
         legs = len(self.positions_deg) - 1
         floor_m = -np.inf if self.floor_m is None else self.floor_m
         ceiling_m = np.inf if self.ceiling_m is None else self.ceiling_m
@@ -346,12 +346,11 @@ class Track:
 
 
 def heights_of_legs(heights_m: NDArray[np.float64], legs: int) -> NDArray[np.float64]:
-    """Return heights per leg or per waypoint as those at both ends of each leg, (legs, 2); infinite ones on whole legs."""
+    """Return heights per leg or waypoint as those at both ends of each leg, (legs, 2); infinite ones on whole legs."""
     if len(heights_m) == legs:
         return np.stack([heights_m, heights_m], axis=1)
     ends = np.stack([heights_m[:-1], heights_m[1:]], axis=1)
-    infinite = np.isinf(ends)
-    return np.where(infinite.any(axis=1)[:, None], np.where(infinite, ends, ends[:, ::-1]), ends)
+    return np.where(np.isinf(ends[:, ::-1]), ends[:, ::-1], ends)
 
 
 def rectangle_outline_m(fore_m: float, aft_m: float, port_m: float, starboard_m: float) -> NDArray[np.float64]:

@@ -282,9 +282,11 @@ def _whole_spans(
     width = np.where(unbounded, np.inf, (end - np.where(unbounded, 0, start)) / 1e6)
     # Areas that meet do so during all of their shared time; the place is unknown.
     first, last, _ = overlap_at_one_time(pieces, *_members(pairs, rows))
-    first, last = np.maximum(first, 0.0), np.minimum(last, width)
+    # With a separation in time heights need not overlap at one time; nobody reads the times of these contacts.
+    overlap = first <= last
+    first, last = np.where(overlap, np.maximum(first, 0.0), 0.0), np.where(overlap, np.minimum(last, width), width)
     error = np.where((verdict == Verdict.UNRESOLVED.code) & np.isfinite(width), last - first, 0.0)
-    return Contacts(rows, first, last, error, verdict, touches).take(np.flatnonzero(first <= last))
+    return Contacts(rows, first, last, error, verdict, touches)
 
 
 def _members(pairs: Pairs, rows: PairRows) -> tuple[PieceRows, PieceRows]:

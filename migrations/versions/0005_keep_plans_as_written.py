@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "188f94a70234be99054c6d853bd815af2d31c005e66e07eacf2e247afc610105"
+routines_sha256 = "73dfd89e535cc83e0a20f31fda15b3dee41f86ce52563c2b83b67b3135a414fe"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

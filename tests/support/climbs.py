@@ -5,8 +5,8 @@ from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
-
 import oracle
+
 from conflictdb.model.plans import Area, Scene, Track
 
 Span = tuple[Fraction, Fraction]

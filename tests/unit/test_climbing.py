@@ -65,7 +65,9 @@ def test_an_unbounded_height_at_a_waypoint_is_on_both_legs() -> None:
     assert end == T0_US + HOUR_US
 
 
-@pytest.mark.parametrize("workload", [LOW_LATITUDE, SEAM, replace(OCEAN, motion=Motion.GREAT_CIRCLE)], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "workload", [LOW_LATITUDE, SEAM, replace(OCEAN, motion=Motion.GREAT_CIRCLE)], ids=lambda one: one.name
+)
 def test_random_climbs_meet_when_brute_force_says(workload: Workload) -> None:
     rng = np.random.default_rng([20261124, workload.legs[1], int(abs(workload.window))])
     contacts = 0
@@ -116,9 +118,11 @@ def test_delays_are_those_of_shifted_copies() -> None:
     for n in range(8):
         box = shapely.box(4.1 + 0.05 * n, 56.9, 4.4 + 0.05 * n, 57.2)
         area = Area("A", shapely.MultiPolygon([box]), None, T0_US, T0_US + HOUR_US, floor_m=300.0, ceiling_m=500.0)
-        other = Track("B", WAY[::-1] + [0, 0.01], TIMES_US, 40 * OUTLINE, floor_m=200.0, ceiling_m=210.0)
+        other = Track("B", WAY[::-1] + np.array([0, 0.01]), TIMES_US, 40 * OUTLINE, floor_m=200.0, ceiling_m=210.0)
         if n % 2:
-            other = replace(other, floor_m=None, ceiling_m=None, floors_m=[900.0, 200.0, 0.0], ceilings_m=[950, 250, 50])
+            other = replace(
+                other, floor_m=None, ceiling_m=None, floors_m=[900.0, 200.0, 0.0], ceilings_m=[950, 250, 50]
+            )
         tracks = [replace(climbing(), outline_m=40 * OUTLINE), other]
         (found,) = delays(tracks, [area], Scene("s"), key="T", within_s=2 * HOUR_US / 1e6)
         shifts = shifting.shifts_of(found, horizon_us, rng, 30)
@@ -141,7 +145,7 @@ def test_time_separation_with_climbs_misses_nothing_and_proves_nothing() -> None
 
 
 def test_near_pairs_are_near_while_their_heights_overlap() -> None:
-    level = Track("B", WAY + [0, 0.05], TIMES_US, OUTLINE, floor_m=0.0, ceiling_m=50.0)
+    level = Track("B", WAY + np.array([0, 0.05]), TIMES_US, OUTLINE, floor_m=0.0, ceiling_m=50.0)
     (near,) = solve([climbing(), level], [], Scene("s", nearest_m=20_000.0))
     assert near.verdict == "near"
     assert near.closest_at is not None

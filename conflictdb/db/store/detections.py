@@ -131,7 +131,9 @@ def _leg_heights(
     heights = np.repeat(whole_m, 2 * legs).reshape(-1, 2)
     start = np.cumsum(legs) - legs
     for i in np.flatnonzero([bool(one) for one in sent]).tolist():
-        heights[start[i] : start[i] + legs[i]] = heights_of_legs(decode_heights(sent[i], unbounded), int(legs[i]))
+        own = decode_heights(sent[i], unbounded)
+        assert own is not None  # noqa: S101
+        heights[start[i] : start[i] + legs[i]] = heights_of_legs(own, int(legs[i]))
     return heights
 
 
