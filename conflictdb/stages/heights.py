@@ -59,7 +59,7 @@ def surely_overlap(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.boo
 
 
 def with_heights(pieces: Pieces, shifts: Shifts) -> tuple[_Ints, Shifts, Floats]:
-    """Return pairs whose times are their own, without the times at which one is above or below all heights of the other.
+    """Return pairs of pieces with times of their own, without those at which one is above or below the other's heights.
 
     Beside a piece that does not climb these are exactly the times at which the heights overlap; two that climb may
     still miss each other.

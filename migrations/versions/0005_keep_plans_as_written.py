@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "73dfd89e535cc83e0a20f31fda15b3dee41f86ce52563c2b83b67b3135a414fe"
+routines_sha256 = "ca095350dbc6de90a28765037616cedf2be735ca957184c16b14b1a8192defe8"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -18,9 +18,23 @@ CLIMB = """
 ALTER TABLE conflictdb.piece ADD COLUMN IF NOT EXISTS climb double precision[];
 """
 
+# Whose separation rules apply to an object, and whose objects are not compared with each other.
+CLASSES = """
+ALTER TABLE conflictdb.area ADD COLUMN IF NOT EXISTS class text, ADD COLUMN IF NOT EXISTS owner text;
+ALTER TABLE conflictdb.track ADD COLUMN IF NOT EXISTS class text, ADD COLUMN IF NOT EXISTS owner text;
+DO $$
+BEGIN
+    IF NOT EXISTS (SELECT FROM pg_attribute a
+                   WHERE a.attrelid = 'conflictdb.attached_row'::regclass AND a.attname = 'class') THEN
+        ALTER TYPE conflictdb.attached_row ADD ATTRIBUTE class text, ADD ATTRIBUTE owner text;
+    END IF;
+END
+$$;
+"""
+
 
 def upgrade() -> None:
-    for statement in (CLIMB,):
+    for statement in (CLIMB, CLASSES):
         op.execute(statement)
 
 
