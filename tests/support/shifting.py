@@ -130,7 +130,7 @@ def shifts_of(delays: Delays, horizon_us: int, rng: np.random.Generator, count: 
     ends = [
         [one.from_s, one.from_s + one.from_error_s, one.to_s, one.to_s - one.to_error_s] for one in delays.forbidden
     ]
-    near_us = np.array([-1e6, -1e4, -10, -2, -1, 0, 1, 2, 10, 1e4, 1e6], np.int64)
+    near_us = np.array([-1e6, -1e4, -10, -6, -4, -2, -1, 0, 1, 2, 4, 6, 10, 1e4, 1e6], np.int64)
     near = np.rint(1e6 * np.array(ends).reshape(-1)).astype(np.int64)[:, None] + near_us
     every = np.concatenate([rng.integers(-horizon_us, horizon_us, count), near.ravel()])
     return np.unique(every[np.abs(every) <= horizon_us])
