@@ -19,6 +19,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Final, TypedDict
 
@@ -28,7 +29,9 @@ from numpy.typing import NDArray
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import places
 from conflictdb.formats.contents import NO_SIZES, PARQUET, TOO_LARGE, Contents, Parts, Phase, Remark, unwatched
+from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.formats.hints import FileHints, applied
+from conflictdb.formats.positions import COLUMNS
 from conflictdb.formats.scene_file import read_scene
 from conflictdb.formats.summary import Summary
 from conflictdb.formats.time_columns import TimeColumns
@@ -39,6 +42,8 @@ from conflictdb.model.speed_limits import MAX_SPEED_KN
 # scene may have many files.
 MAX_FILE_MB: Final = 64.0
 
+# What columns may be mapped to.
+_FIELDS: Final = AREA_MEMBERS | TRACK_MEMBERS | set().union(*COLUMNS.values()) | {"radius_m"}
 _UTF_16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
 _JSON: Final = frozenset({".json", ".geojson", ".mfjson"})
 _ROWS: Final = frozenset({".csv", ".tsv"})
@@ -94,12 +99,23 @@ def read(
         If the file, an object or a field breaks a rule. Nothing of the file is used then.
     """
     path = Path(path)
+    if hints is not None:
+        _require_fields(hints)
     with _named(path), applied(hints):
         contents = _read(path, max_speed_kn, layers, skip_invalid, max_file_mb, phase)
     if hints is not None and hints.haven_m is not None:
         _give_havens(contents, rectangle_outline_m(*hints.haven_m))
     contents.remarks = [*contents.remarks, *_remarks(str(path), contents)]
     return contents
+
+
+def _require_fields(hints: FileHints) -> None:
+    """Raise InvalidInput if a column is mapped to a field that no file has."""
+    for name in hints.columns:
+        if name not in _FIELDS:
+            alike = get_close_matches(name, sorted(_FIELDS), 1)
+            known = f"did you mean {alike[0]}?" if alike else f"fields are {', '.join(sorted(_FIELDS))}"
+            raise InvalidInput("mapping", name, f"is not a field; {known}")
 
 
 def _give_havens(contents: Contents, outline_m: NDArray[np.float64]) -> None:
