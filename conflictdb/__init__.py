@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from conflictdb.model.methods import Method
     from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
     from conflictdb.model.results import (
+        Admission,
         Approach,
         Chances,
         Conflict,
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
     from conflictdb.session.stored_scene import StoredScene
 
 __all__ = [
+    "Admission",
     "Advice",
     "Approach",
     "Area",
@@ -144,6 +146,7 @@ _HOME: Final = {
     ),
     **dict.fromkeys(
         (
+            "Admission",
             "Approach",
             "Chances",
             "Conflict",

@@ -27,9 +27,17 @@ END
 $$;
 """
 
+# One admission of a scene at a time. Not `scene_lock`, which detections hold for as long as they take.
+ADMISSIONS = """
+CREATE TABLE IF NOT EXISTS conflictdb.admission_lock (
+    scene_id bigint NOT NULL CONSTRAINT admission_lock_pkey PRIMARY KEY,
+    taken bigint NOT NULL
+);
+"""
+
 
 def upgrade() -> None:
-    for statement in (CLASSES,):
+    for statement in (CLASSES, ADMISSIONS):
         op.execute(statement)
 
 
