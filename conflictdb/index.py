@@ -19,10 +19,10 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
-from conflictdb.in_memory import Objects, check_keys
+from conflictdb.in_memory import Objects
 from conflictdb.kernel.boxes import BoxTree, RowBoxes
 from conflictdb.kernel.bundles import boxes_of
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track, check_keys
 from conflictdb.model.results import Conflict, Kind, Results
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
@@ -75,7 +75,7 @@ class Index:
         twice or belong to another owner.
         """
         given = listed("put", plans)
-        check_keys(given)
+        check_keys(one.key for one in given)
         with self._lock:
             self._scene = centred(self._scene, *by_kind(given))
         mine = Members.of_plans(self._scene, plane_of(self._scene), given)
@@ -119,7 +119,7 @@ class Index:
         owner : by default each plan is its own owner: they are compared with each other, too
         """
         given = listed("probe", plans)
-        check_keys(given)
+        check_keys(one.key for one in given)
         scene, state = centred(self._scene, *by_kind(given)), self._state
         plane = plane_of(scene)
         mine = Members.of_plans(scene, plane, given)

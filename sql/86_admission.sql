@@ -32,10 +32,19 @@ LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, 
 BEGIN
     RETURN QUERY
     SELECT a.pid, a.application_name, coalesce(a.usename, '')::text, a.xact_start
-    FROM admission_lock s
-    JOIN pg_catalog.pg_locks l ON l.locktype = 'transactionid' AND l.transactionid = s.xmax AND l.granted
-    JOIN pg_catalog.pg_stat_activity a ON a.pid = l.pid
-    WHERE s.scene_id = p_scene_id AND a.pid <> pg_backend_pid()
+    FROM pg_catalog.pg_stat_activity a
+    WHERE a.pid <> pg_backend_pid()
+      AND (EXISTS (SELECT FROM admission_lock s
+                   JOIN pg_catalog.pg_locks l ON l.locktype = 'transactionid' AND l.transactionid = s.xmax
+                   WHERE s.scene_id = p_scene_id AND l.pid = a.pid AND l.granted)
+           -- The row of a first admission is not visible yet: whoever wrote rows and waits for nobody.
+           OR NOT EXISTS (SELECT FROM admission_lock s WHERE s.scene_id = p_scene_id)
+              AND EXISTS (SELECT FROM pg_catalog.pg_locks l
+                          WHERE l.relation = 'admission_lock'::regclass AND l.granted AND l.pid = a.pid
+                            AND l.mode = 'RowExclusiveLock'
+                            AND l.database = (SELECT d.oid FROM pg_catalog.pg_database d
+                                              WHERE d.datname = current_database()))
+              AND NOT EXISTS (SELECT FROM pg_catalog.pg_locks l WHERE l.pid = a.pid AND NOT l.granted))
     ORDER BY a.xact_start, a.pid;
 END
 $$;
@@ -47,11 +56,17 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._replaced_objects(p_scene_id bigi
 RETURNS TABLE (kind smallint, id bigint, key text, name text, owner text)
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT 0::smallint, a.area_id, a.key, a.name, a.owner
-    FROM area a WHERE a.scene_id = p_scene_id AND (a.key = ANY (p_keys) OR a.owner = p_owner)
-    UNION ALL
-    SELECT 1::smallint, t.track_id, t.key, t.name, t.owner
-    FROM track t WHERE t.scene_id = p_scene_id AND (t.key = ANY (p_keys) OR t.owner = p_owner);
+    SELECT 0::smallint, a.area_id, a.key, a.name, a.owner FROM area a
+    WHERE a.scene_id = p_scene_id AND a.key = ANY (p_keys)
+    UNION
+    SELECT 0::smallint, a.area_id, a.key, a.name, a.owner FROM area a
+    WHERE a.scene_id = p_scene_id AND a.owner = p_owner
+    UNION
+    SELECT 1::smallint, t.track_id, t.key, t.name, t.owner FROM track t
+    WHERE t.scene_id = p_scene_id AND t.key = ANY (p_keys)
+    UNION
+    SELECT 1::smallint, t.track_id, t.key, t.name, t.owner FROM track t
+    WHERE t.scene_id = p_scene_id AND t.owner = p_owner;
 END;
 COMMENT ON FUNCTION _replaced_objects(bigint, text[], text) IS
 'Objects of a scene that have one of some keys, or an owner (null: none).';
@@ -135,3 +150,40 @@ COMMENT ON FUNCTION _objects_near(
     double precision[], double precision[], double precision[], double precision[]) IS
 'Objects of a scene that given pieces might meet: those with a piece whose box, time and heights overlap, and those '
 'whose pieces are still to be made and that may reach one of some boxes in degrees during the time of all pieces.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._put_plans(p_scene text, p_removed text[], p_plans jsonb) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_max_speed_kn text := current_setting('conflictdb.max_speed_kn', true);
+    v_key text;
+    v_plan record;
+BEGIN
+    -- conflictdb.model has already checked speeds, under the limit of the plan.
+    PERFORM set_config('conflictdb.max_speed_kn', 'infinity', true);
+    FOREACH v_key IN ARRAY p_removed LOOP
+        PERFORM remove_object(p_scene, v_key);
+    END LOOP;
+    FOR v_plan IN
+        SELECT * FROM jsonb_to_recordset(p_plans) p (
+            key text, name text, footprint text, active_span tstzrange, path text, outline text, outlines text,
+            floor_m double precision, ceiling_m double precision, floors_m double precision[],
+            ceilings_m double precision[], grow_mps double precision, properties jsonb, class text, owner text) LOOP
+        IF v_plan.footprint IS NOT NULL THEN
+            PERFORM put_area(
+                p_scene, v_plan.key, ST_GeomFromWKB(decode(v_plan.footprint, 'hex'), 4326), v_plan.active_span,
+                v_plan.floor_m, v_plan.ceiling_m, v_plan.name, v_plan.properties, p_class => v_plan.class,
+                p_owner => v_plan.owner);
+        ELSE
+            PERFORM put_track(
+                p_scene, v_plan.key, ST_GeomFromWKB(decode(v_plan.path, 'hex'), 4326),
+                ST_GeomFromWKB(decode(v_plan.outline, 'hex')), v_plan.floor_m, v_plan.ceiling_m, v_plan.name,
+                v_plan.properties, v_plan.grow_mps, ST_GeomFromWKB(decode(v_plan.outlines, 'hex')), v_plan.floors_m,
+                v_plan.ceilings_m, p_class => v_plan.class, p_owner => v_plan.owner);
+        END IF;
+    END LOOP;
+    PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);
+END
+$$;
+COMMENT ON FUNCTION _put_plans(text, text[], jsonb) IS
+'Removes objects by key, then puts plans: the arguments of put_area (with a footprint) and put_track; geometries as WKB '
+'in hexadecimal digits.';

@@ -9,6 +9,7 @@ import psycopg
 from conflictdb.db import store
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import centred, plane_of
+from conflictdb.errors import InvalidInput
 from conflictdb.index import Member, Members, by_kind, conflicts_between
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Admission, Conflict, Kind, Results, Verdict
@@ -34,6 +35,7 @@ def admit(
         plane = plane_of(settings)
         mine = Members.of_plans(settings, plane, given)
         replaced = store.replaced_objects(conn, number, [one.key for one in given], owner)
+        _check_owners(given, replaced)
         within_us = settings.time_separation_us
         near = store.objects_near(conn, number, settings, mine.pieces.longer(within_us, within_us), given)
         others = _members(conn, number, settings, plane, sorted(set(near) - set(replaced)))
@@ -45,13 +47,19 @@ def admit(
         new = [one for one in found if not _was_there(one, known)]
         is_admitted = not (new if allow_known else found)
         if is_admitted:
-            keys = {one.key for one in given}
-            gone = [one.key for one in replaced if one.key not in keys]
-            if gone:
-                store.remove_objects(conn, scene, gone)
-            areas, tracks = by_kind(given)
-            store.replace_scene(conn, settings, areas, tracks, merge=True)
+            put = {(Member.of(one).kind.code, one.key) for one in given}
+            gone = [one.key for one in replaced if (one.kind, one.key) not in put]
+            store.put_plans(conn, scene, gone, *by_kind(given))
     return Admission(is_admitted, Results(found, Conflict), Results(new, Conflict))
+
+
+def _check_owners(plans: Sequence[Area | Track], replaced: Sequence[store.StoredObject]) -> None:
+    """Raise InvalidInput for a plan with the key of an object of another owner."""
+    owners = {one.key: one.owner for one in plans}
+    for one in replaced:
+        if one.owner is not None and owners.get(one.key, one.owner) != one.owner:
+            rule = f"belongs to owner {one.owner!r}; got owner {owners[one.key]!r}"
+            raise InvalidInput(f"plan {one.key!r}", "key", f"{rule}: choose another key")
 
 
 def _unlimited(plan: Area | Track) -> dict[str, Any]:

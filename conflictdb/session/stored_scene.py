@@ -371,6 +371,22 @@ class StoredScene:
         _warn_if_incomplete(found.state)
         return found
 
+    def put(self, plan: Area | Track | Sequence[Area | Track], settings: Scene | None = None) -> store.LoadCounts:
+        """Add plans to the scene, or replace the objects of the same keys, all or none; return what changed.
+
+        They wait for a detection, and may conflict: `admit` puts only plans that do not.
+
+        settings : create the scene, or change its settings; the name is this scene's. None: the scene must exist
+
+        Raises InvalidInput, and changes nothing, for keys that occur twice and plans that do not fit the scene's plane.
+        """
+        if not isinstance(settings, Scene | None):
+            raise InvalidInput("put", "settings", f"must be a Scene, or absent; got {settings!r:.60}")
+        # Imported here: the stages are slow to import.
+        from conflictdb.session import loading
+
+        return loading.put(self.connection, self.name, _plans("put", plan), settings)
+
     def admit(
         self,
         plan: Area | Track | Sequence[Area | Track],
@@ -402,9 +418,9 @@ class StoredScene:
         Raises
         ------
         InvalidInput
-            The scene does not exist, or its plane cannot contain a plan; nothing was put.
+            The scene does not exist, its plane cannot contain a plan, or a key belongs to another owner.
         LockTimeout
-            Another admission did not end in time; nothing was put.
+            Another admission did not end in time.
         """
         plans = _plans("admit", plan)
         if owner is not None and (not isinstance(owner, str) or not owner):

@@ -33,6 +33,8 @@ CREATE TABLE IF NOT EXISTS conflictdb.admission_lock (
     scene_id bigint NOT NULL CONSTRAINT admission_lock_pkey PRIMARY KEY,
     taken bigint NOT NULL
 );
+CREATE INDEX IF NOT EXISTS area_scene_id_owner_btree ON conflictdb.area (scene_id, owner) WHERE owner IS NOT NULL;
+CREATE INDEX IF NOT EXISTS track_scene_id_owner_btree ON conflictdb.track (scene_id, owner) WHERE owner IS NOT NULL;
 """
 
 

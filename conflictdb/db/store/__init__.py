@@ -110,6 +110,7 @@ from conflictdb.db.store.stored_objects import (
     each_object,
     is_scene,
     list_scenes,
+    put_plans,
     read_scene,
     read_settings,
     replace_scene,

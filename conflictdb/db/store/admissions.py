@@ -97,7 +97,10 @@ def read_objects(
 ) -> tuple[AreaBatch, TrackBatch]:
     """Return some objects of a scene as they are stored."""
     areas, tracks = ([one.id for one in objects if one.kind == kind.code] for kind in (Kind.AREA, Kind.TRACK))
-    return some_areas(conn, scene_id, areas), some_tracks(conn, scene_id, tracks)
+    return (
+        some_areas(conn, scene_id, areas) if areas else AreaBatch.of(()),
+        some_tracks(conn, scene_id, tracks) if tracks else TrackBatch.of(()),
+    )
 
 
 def _box_deg(plan: Area | Track, reach_m: float) -> tuple[float, ...]:
