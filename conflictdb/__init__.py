@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     __version__: str
 
     from conflictdb.advice.advise import Advice
+    from conflictdb.clearing.resolve import resolve
     from conflictdb.db import models as models
     from conflictdb.db.detect import Run
     from conflictdb.drawing.departures import plot_coordination, plot_delays
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from conflictdb.index import Index
     from conflictdb.model.methods import Method
     from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
+    from conflictdb.model.proposals import Goal, Left, Move, Passing, Proposal, Side
     from conflictdb.model.results import (
         Admission,
         Approach,
@@ -82,17 +84,22 @@ __all__ = [
     "FileHints",
     "Forbidden",
     "ForbiddenSpeeds",
+    "Goal",
     "IncompleteWarning",
     "Index",
     "InvalidInput",
     "Kind",
+    "Left",
     "Listing",
     "Loaded",
     "LockTimeout",
     "Method",
     "Motion",
+    "Move",
     "NotCurrent",
     "NotPermitted",
+    "Passing",
+    "Proposal",
     "ReadOnlyDatabase",
     "Remark",
     "Results",
@@ -104,6 +111,7 @@ __all__ = [
     "SchemaOutdated",
     "SchemaTooNew",
     "ServerError",
+    "Side",
     "Skipped",
     "Speeds",
     "StoreError",
@@ -122,6 +130,7 @@ __all__ = [
     "plot_timeline",
     "read",
     "rectangle_outline_m",
+    "resolve",
     "solve",
     "speeds",
     "write",
@@ -138,6 +147,8 @@ _HOME: Final = {
     **dict.fromkeys(("plot_coordination", "plot_delays"), "conflictdb.drawing.departures"),
     **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
     **dict.fromkeys(("Method",), "conflictdb.model.methods"),
+    "resolve": "conflictdb.clearing.resolve",
+    **dict.fromkeys(("Goal", "Left", "Move", "Passing", "Proposal", "Side"), "conflictdb.model.proposals"),
     "Index": "conflictdb.index",
     **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.in_memory"),
     **dict.fromkeys(

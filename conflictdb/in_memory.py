@@ -119,7 +119,7 @@ def delays(
     horizon_us, now_us = horizon_and_now(within_s, now)
     if clear_within_m is not None:
         clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
-    scene, plane, pieces, keys, numbers, tracks = _numbered("delays", tracks, areas, scene)
+    scene, plane, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene)
     if waypoint is not None:
         number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
         waits_us = int(times_us[_place("delays", "waypoint", waypoint, len(times_us) - 1) - 1])
@@ -197,7 +197,7 @@ def speeds(
         planned, and earlier or later.
     """
     slowest, fastest = limits(slowest, fastest)
-    scene, plane, pieces, keys, numbers, tracks = _numbered("speeds", tracks, areas, scene)
+    scene, plane, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene)
     if scene.time_separation_s > 0.0:
         rule = "must be 0: speeds are not computed with a separation in time; delays are"
         raise InvalidInput("speeds", "time_separation_s", f"{rule}; got {scene.time_separation_s!r}")
@@ -276,7 +276,7 @@ def chances(
     """
     from conflictdb.stages import chances as stage  # not above: it brings scipy
 
-    scene, plane, pieces, keys, numbers, _ = _numbered("chances", tracks, areas, scene)
+    scene, plane, pieces, keys, numbers, _ = numbered("chances", tracks, areas, scene)
     known: dict[int, stage.Departure] = {}
     for key, given in (departures or {}).items():
         [number] = _known(scene, keys, numbers, [key]).tolist()
@@ -302,14 +302,14 @@ def chances(
     return Chances(pairs, (least, most + tail * len(keys)), any_of)
 
 
-def _numbered(
+def numbered(
     what: str, tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None
 ) -> tuple[Scene, Plane, Pieces, dict[int, str], NDArray[np.int64], list[Track]]:
     """Return the scene, its plane and pieces, the keys of all objects by number, the numbers of tracks, and these."""
     if not isinstance(scene, Scene | None):
         raise InvalidInput(what, "scene", f"must be a Scene, or absent; got {scene!r:.60}")
     scene, plane, known, areas = _prepared(
-        scene or Scene("in memory"), _each(what, "tracks", tracks, Track), _each(what, "areas", areas, Area)
+        scene or Scene("in memory"), each(what, "tracks", tracks, Track), each(what, "areas", areas, Area)
     )
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(known))
     numbers = numbers_of(np.full(len(known), Kind.TRACK.code), np.arange(len(known)))
@@ -384,8 +384,8 @@ def _objects(
             "solve", "time_zone", "is for frames: instants of a Track or an Area need a zone of their own"
         )
     return (
-        from_frames.tracks_of(tracks, scene, sizes, zone) if in_frames[0] else _each("solve", "tracks", tracks, Track),
-        from_frames.areas_of(areas, scene, zone) if in_frames[1] else _each("solve", "areas", areas, Area),
+        from_frames.tracks_of(tracks, scene, sizes, zone) if in_frames[0] else each("solve", "tracks", tracks, Track),
+        from_frames.areas_of(areas, scene, zone) if in_frames[1] else each("solve", "areas", areas, Area),
     )
 
 
@@ -409,7 +409,7 @@ class _InMemory:
         return self._footprint[area_ids]
 
 
-def _each(who: str, name: str, given: Iterable[Object], kind: type[Object]) -> list[Object]:
+def each(who: str, name: str, given: Iterable[Object], kind: type[Object]) -> list[Object]:
     """Return objects of one kind; raises InvalidInput for others."""
     what = f"must be {name}, in a list or the like"
     if isinstance(given, Area | Track) or not isinstance(given, Iterable):
