@@ -22,7 +22,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _begin_admission(text, double precision) IS
-'Takes the lock of admissions of a scene until the transaction ends, and returns the scene''s id and settings. Waits at '
+'Takes the lock of admissions of a scene until the transaction ends; returns the scene''s id and settings. Waits at '
 'most p_wait_s seconds (null: lock_timeout), then raises lock_not_available. A transaction with an older snapshot than '
 'the last admission gets serialization_failure.';
 
@@ -185,5 +185,5 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _put_plans(text, text[], jsonb) IS
-'Removes objects by key, then puts plans: the arguments of put_area (with a footprint) and put_track; geometries as WKB '
-'in hexadecimal digits.';
+'Removes objects by key, then puts plans: the arguments of put_area (with a footprint) and put_track; geometries as '
+'WKB in hexadecimal digits.';
