@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "fe9dc8d1a2372ac3c986889db87d130166725966e154a15260494be50f48017d"
+routines_sha256 = "bf0664ed54ec963266715d4cfa36c3b65ea1dfc73576803abd4725b5fcf996f3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
