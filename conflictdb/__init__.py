@@ -34,14 +34,17 @@ if TYPE_CHECKING:
     __version__: str
 
     from conflictdb.advice.advise import Advice
+    from conflictdb.clearing.resolve import resolve
     from conflictdb.db import models as models
     from conflictdb.db.detect import Run
     from conflictdb.drawing.departures import plot_coordination, plot_delays
     from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
     from conflictdb.formats import Contents, FileHints, Remark, Skipped, read, write
     from conflictdb.in_memory import chances, delays, solve, speeds
+    from conflictdb.index import Index
     from conflictdb.model.methods import Method
     from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
+    from conflictdb.model.proposals import Goal, Left, Move, Passing, Proposal, Side
     from conflictdb.model.results import (
         Approach,
         Chances,
@@ -79,16 +82,22 @@ __all__ = [
     "FileHints",
     "Forbidden",
     "ForbiddenSpeeds",
+    "Goal",
     "IncompleteWarning",
+    "Index",
     "InvalidInput",
     "Kind",
+    "Left",
     "Listing",
     "Loaded",
     "LockTimeout",
     "Method",
     "Motion",
+    "Move",
     "NotCurrent",
     "NotPermitted",
+    "Passing",
+    "Proposal",
     "ReadOnlyDatabase",
     "Remark",
     "Results",
@@ -100,6 +109,7 @@ __all__ = [
     "SchemaOutdated",
     "SchemaTooNew",
     "ServerError",
+    "Side",
     "Skipped",
     "Speeds",
     "StoreError",
@@ -118,6 +128,7 @@ __all__ = [
     "plot_timeline",
     "read",
     "rectangle_outline_m",
+    "resolve",
     "solve",
     "speeds",
     "write",
@@ -133,6 +144,9 @@ _HOME: Final = {
     **dict.fromkeys(("plot_coordination", "plot_delays"), "conflictdb.drawing.departures"),
     **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
     **dict.fromkeys(("Method",), "conflictdb.model.methods"),
+    "resolve": "conflictdb.clearing.resolve",
+    **dict.fromkeys(("Goal", "Left", "Move", "Passing", "Proposal", "Side"), "conflictdb.model.proposals"),
+    "Index": "conflictdb.index",
     **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.in_memory"),
     **dict.fromkeys(("Contents", "FileHints", "Remark", "Skipped", "read", "write"), "conflictdb.formats"),
     **dict.fromkeys(

@@ -78,7 +78,7 @@ def solve(
     named = {(Kind.AREA.code, n): (area.key, area.name) for n, area in enumerate(areas)}
     named |= {(Kind.TRACK.code, n): (track.key, track.name) for n, track in enumerate(tracks)}
     objects: list[Area | Track] = [*areas, *tracks]
-    origin = _Objects(scene, {one.key: one for one in objects})
+    origin = Objects(scene, {one.key: one for one in objects})
     rows = to_results(scene, named, Conflicts.concatenate([conflicts for conflicts, _ in _run(scene, areas, tracks)]))
     return Results((conflict.found_by(origin) for conflict in rows), Conflict)
 
@@ -119,7 +119,7 @@ def delays(
     horizon_us, now_us = horizon_and_now(within_s, now)
     if clear_within_m is not None:
         clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
-    scene, plane, pieces, keys, numbers, tracks = _numbered("delays", tracks, areas, scene)
+    scene, plane, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene)
     if waypoint is not None:
         number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
         waits_us = int(times_us[_place("delays", "waypoint", waypoint, len(times_us) - 1) - 1])
@@ -197,7 +197,7 @@ def speeds(
         planned, and earlier or later.
     """
     slowest, fastest = limits(slowest, fastest)
-    scene, plane, pieces, keys, numbers, tracks = _numbered("speeds", tracks, areas, scene)
+    scene, plane, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene)
     if scene.time_separation_s > 0.0:
         rule = "must be 0: speeds are not computed with a separation in time; delays are"
         raise InvalidInput("speeds", "time_separation_s", f"{rule}; got {scene.time_separation_s!r}")
@@ -276,7 +276,7 @@ def chances(
     """
     from conflictdb.stages import chances as stage  # not above: it brings scipy
 
-    scene, plane, pieces, keys, numbers, _ = _numbered("chances", tracks, areas, scene)
+    scene, plane, pieces, keys, numbers, _ = numbered("chances", tracks, areas, scene)
     known: dict[int, stage.Departure] = {}
     for key, given in (departures or {}).items():
         [number] = _known(scene, keys, numbers, [key]).tolist()
@@ -302,14 +302,14 @@ def chances(
     return Chances(pairs, (least, most + tail * len(keys)), any_of)
 
 
-def _numbered(
+def numbered(
     what: str, tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None
 ) -> tuple[Scene, Plane, Pieces, dict[int, str], NDArray[np.int64], list[Track]]:
     """Return the scene, its plane and pieces, the keys of all objects by number, the numbers of tracks, and these."""
     if not isinstance(scene, Scene | None):
         raise InvalidInput(what, "scene", f"must be a Scene, or absent; got {scene!r:.60}")
     scene, plane, known, areas = _prepared(
-        scene or Scene("in memory"), _each(what, "tracks", tracks, Track), _each(what, "areas", areas, Area)
+        scene or Scene("in memory"), each(what, "tracks", tracks, Track), each(what, "areas", areas, Area)
     )
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(known))
     numbers = numbers_of(np.full(len(known), Kind.TRACK.code), np.arange(len(known)))
@@ -333,15 +333,7 @@ def _known(
 
 def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Scene, Plane, list[Track], list[Area]]:
     """Return the scene with a centre, its plane, and its objects in the order of their keys; raises InvalidInput."""
-    seen: set[str] = set()
-    for key in [area.key for area in areas] + [track.key for track in tracks]:
-        if key in seen:
-            raise InvalidInput(f"object {key!r}", "key", "occurs more than once: keys must be unique")
-        seen.add(key)
-        try:
-            key.encode()  # as stored by files and the database, and the order of rows
-        except UnicodeEncodeError:
-            raise InvalidInput(f"object {key!r}", "key", "contains half of a surrogate pair, no character") from None
+    check_keys([*areas, *tracks])
     scene = centred(scene, areas, tracks)
     plane = plane_of(scene)
     check_plane(plane, areas, tracks)
@@ -349,6 +341,19 @@ def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Sce
     areas = sorted(areas, key=lambda area: area.key.encode())
     tracks = sorted(tracks, key=lambda track: track.key.encode())
     return scene, plane, tracks, areas
+
+
+def check_keys(objects: Iterable[Area | Track]) -> None:
+    """Raise InvalidInput for a key that occurs twice, or that files and the database cannot store."""
+    seen: set[str] = set()
+    for key in (one.key for one in objects):
+        if key in seen:
+            raise InvalidInput(f"object {key!r}", "key", "occurs more than once: keys must be unique")
+        seen.add(key)
+        try:
+            key.encode()  # as stored by files and the database, and the order of rows
+        except UnicodeEncodeError:
+            raise InvalidInput(f"object {key!r}", "key", "contains half of a surrogate pair, no character") from None
 
 
 def counts(scene: Scene, areas: list[Area], tracks: list[Track]) -> Funnel:
@@ -365,13 +370,14 @@ def _run(scene: Scene, areas: list[Area], tracks: list[Track]) -> Iterator[tuple
     return run_scene(scene, plane, _InMemory(pieces, batch.footprint, scene.time_separation_us))
 
 
-class _Objects:
+class Objects:
     """The input of `solve`, by key, for drawing its conflicts."""
 
     def __init__(self, scene: Scene, objects: Mapping[str, Area | Track]) -> None:
         self._scene, self._objects = scene, objects
 
     def plot_conflict(self, conflict: Conflict) -> "Figure":
+        """Return the figure of a conflict; `conflict.plot()` calls this."""
         from conflictdb.drawing import figures  # not above: it brings matplotlib
 
         a, b = (self._objects[key] for key in (conflict.a_key, conflict.b_key))
@@ -391,8 +397,8 @@ def _objects(
             "solve", "time_zone", "is for frames: instants of a Track or an Area need a zone of their own"
         )
     return (
-        from_frames.tracks_of(tracks, scene, sizes, zone) if in_frames[0] else _each("solve", "tracks", tracks, Track),
-        from_frames.areas_of(areas, scene, zone) if in_frames[1] else _each("solve", "areas", areas, Area),
+        from_frames.tracks_of(tracks, scene, sizes, zone) if in_frames[0] else each("solve", "tracks", tracks, Track),
+        from_frames.areas_of(areas, scene, zone) if in_frames[1] else each("solve", "areas", areas, Area),
     )
 
 
@@ -416,7 +422,7 @@ class _InMemory:
         return self._footprint[area_ids]
 
 
-def _each(who: str, name: str, given: Iterable[Object], kind: type[Object]) -> list[Object]:
+def each(who: str, name: str, given: Iterable[Object], kind: type[Object]) -> list[Object]:
     """Return objects of one kind; raises InvalidInput for others."""
     what = f"must be {name}, in a list or the like"
     if isinstance(given, Area | Track) or not isinstance(given, Iterable):

@@ -13,6 +13,7 @@ DECLARE
         '_begin_detection(p_scene, p_wait_s, p_few, p_try_again, scene_id, taken, is_behind, motion, '
         'earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat, srid, area_ids, '
         'track_ids, known_objects)',
+        '_check_common(p_who, p_key, p_floor_m, p_ceiling_m, p_properties)',
         '_conflicts(p_scene, p_at, p_with_region, p_keys, a_key, a_kind, b_key, b_kind, periods, verdict, '
         'region, first_contact_lon_deg, first_contact_lat_deg, method, time_error_s, is_current, run_id, '
         'found_at, closest_at, closest_m, closest_error_m, closest_a_lon_deg, closest_a_lat_deg, '
@@ -42,6 +43,10 @@ DECLARE
         'version, pieces, part, turn, span_start, span_end, end_inclusive, floor_m, ceiling_m, leg_start, '
         'leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg, bearing_deg, hull, shape, '
         'shape_to, parts, cuts, leg_times, legs, met)',
+        '_read_areas(p_scene_id, p_keys, area_id, version, span_start, span_end, floor_m, ceiling_m, has_name, '
+        'footprint, key, name, properties)',
+        '_read_tracks(p_scene_id, p_keys, track_id, version, floor_m, ceiling_m, has_name, grow_mps, path, outline, '
+        'outlines, floors, ceilings, key, name, properties)',
         '_refuse(p_state, p_who, p_field, p_rule, p_constraint, p_hint)',
         '_scene(p_scene_id, name, motion, earth, method, tolerance_m, separation_m, nearest_m, '
         'centre_lon, centre_lat)',
@@ -51,6 +56,8 @@ DECLARE
         'centre_lat, areas, tracks, pending, conflicts, run_id, finished_at, error, is_current)',
         '_set_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
         'p_centre_lon, p_centre_lat)',
+        '_staged_tracks(p_is_waypoints, p_has_times, p_first, p_last, object_id, key, name, path, outline, outlines, '
+        'grow_mps, floor_m, ceiling_m, floors_m, ceilings_m, properties)',
         '_wait_for_probe(p_probe_id, p_timeout, key, kind, verdict, periods, time_error_s, lon_deg, '
         'lat_deg, closest_at, closest_m, closest_error_m)',
         '_wait_for_probe(p_probe_id, p_timeout, key, name, kind, verdict, periods, time_error_s, lon_deg, '
@@ -64,6 +71,10 @@ DECLARE
         'p_centre_lon, p_centre_lat)',
         'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
         'p_centre_lon, p_centre_lat, p_vertical_separation_m)',
+        'list_objects(p_scene, key, kind, name, start_at, end_at, floor_m, ceiling_m)',
+        'put_area(p_scene, p_key, p_footprint, p_active_span, p_floor_m, p_ceiling_m, p_name, p_properties)',
+        'put_track(p_scene, p_key, p_path, p_outline, p_floor_m, p_ceiling_m, p_name, p_properties, p_grow_mps, '
+        'p_outlines, p_floors_m, p_ceilings_m)',
         'wait_for_probe(p_probe_id, p_timeout, key, kind, verdict, periods, first_contact, last_contact, '
         'time_error_s, first_contact_point, closest_at, closest_m, closest_error_m)'];
     v_routine record;

@@ -57,8 +57,9 @@ BEGIN
         END IF;
         NEW.version := OLD.version;
         NEW.first_version := OLD.first_version;
-        IF (NEW.key, NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m)
-           IS NOT DISTINCT FROM (OLD.key, OLD.footprint, OLD.active_span, OLD.floor_m, OLD.ceiling_m)
+        IF (NEW.key, NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m, NEW.class, NEW.owner)
+           IS NOT DISTINCT FROM (OLD.key, OLD.footprint, OLD.active_span, OLD.floor_m, OLD.ceiling_m, OLD.class,
+                                 OLD.owner)
            AND _is_plain(NEW.properties) THEN
             RETURN NEW;
         END IF;
@@ -66,6 +67,7 @@ BEGIN
     SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
     -- One expression accepts usual rows; all others pay for the checks one by one. Operator @ compares bounding boxes.
     IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
+        AND num_nonnulls(NEW.class, NEW.owner) = 0
         AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE
@@ -82,7 +84,7 @@ BEGIN
         -- Within 180 degrees _to_plane does only this.
         AND ST_IsValidReason(ST_Transform(NEW.footprint, 3395)) = 'Valid Geometry')
        IS NOT TRUE THEN
-        PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties);
+        PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties, NEW.class, NEW.owner);
         -- PostGIS does not report a ring without points as empty, but does not dump it either.
         IF NEW.footprint IS NULL OR ST_IsEmpty(NEW.footprint) OR ST_NPoints(NEW.footprint) = 0
            OR (SELECT count(*) FROM ST_Dump(NEW.footprint) d WHERE ST_NPoints(d.geom) > 0)
@@ -173,9 +175,9 @@ BEGIN
         NEW.version := OLD.version;
         NEW.first_version := OLD.first_version;
         IF (NEW.key, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m, NEW.grow_mps, NEW.outlines, NEW.floors_m,
-            NEW.ceilings_m)
+            NEW.ceilings_m, NEW.class, NEW.owner)
            IS NOT DISTINCT FROM (OLD.key, OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m, OLD.grow_mps, OLD.outlines,
-                                 OLD.floors_m, OLD.ceilings_m)
+                                 OLD.floors_m, OLD.ceilings_m, OLD.class, OLD.owner)
            AND _is_plain(NEW.properties) THEN
             RETURN NEW;
         END IF;
@@ -186,6 +188,7 @@ BEGIN
     -- One expression accepts usual rows; all others pay for the checks one by one. Operator @ compares bounding boxes.
     -- A haven of 500 km does not reach a pole from 80 degrees.
     IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
+        AND num_nonnulls(NEW.class, NEW.owner) = 0
         AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE
@@ -203,7 +206,7 @@ BEGIN
         AND ST_Length(ST_ExteriorRing(NEW.outline)) < 'infinity'
         AND 1e12 * abs(ST_Area(ST_ConvexHull(NEW.outline)) - ST_Area(NEW.outline)) <= ST_Area(NEW.outline))
        IS NOT TRUE THEN
-        PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties);
+        PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties, NEW.class, NEW.owner);
         IF NEW.path IS NULL OR ST_NPoints(NEW.path) < 2 THEN
             FOUND := _raise('ZC001', v_who, 'path', 'needs at least two waypoints', 'path_of_two');
         END IF;

@@ -90,7 +90,7 @@ COMMENT ON FUNCTION create_scene(text, text, text, text, double precision, doubl
 CREATE OR REPLACE FUNCTION put_area(
     p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL,
     p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL,
-    p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}'
+    p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}', p_class text DEFAULT NULL, p_owner text DEFAULT NULL
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -106,30 +106,34 @@ BEGIN
         FOUND := _raise('ZC001', v_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
                         GeometryType(p_footprint)), 'footprint_polygon');
     END IF;
-    INSERT INTO area AS a (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties)
+    INSERT INTO area AS a (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner)
         VALUES (v_scene_id, p_key, p_name, ST_Multi(ST_Force2D(p_footprint)), p_active_span, p_floor_m, p_ceiling_m,
-                p_properties)
+                p_properties, p_class, p_owner)
         ON CONFLICT (scene_id, key) DO UPDATE
             SET name = excluded.name, footprint = excluded.footprint, active_span = excluded.active_span,
-                floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties
-            WHERE (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties) IS DISTINCT FROM
+                floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties,
+                class = excluded.class, owner = excluded.owner
+            WHERE (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class, a.owner)
+                  IS DISTINCT FROM
                   (excluded.name, excluded.footprint, excluded.active_span, excluded.floor_m, excluded.ceiling_m,
-                   excluded.properties)
+                   excluded.properties, excluded.class, excluded.owner)
         RETURNING a.area_id INTO v_area_id;
     RETURN coalesce(v_area_id, (SELECT a.area_id FROM area a WHERE a.scene_id = v_scene_id AND a.key = p_key));
 END
 $$;
-COMMENT ON FUNCTION put_area(text, text, geometry, tstzrange, double precision, double precision, text, jsonb) IS
+COMMENT ON FUNCTION put_area(
+    text, text, geometry, tstzrange, double precision, double precision, text, jsonb, text, text) IS
 'Adds an area to a scene, or replaces the one with that key; returns its id. '
 'Longitude and latitude in degrees (SRID 4326), heights in metres above mean sea level, active during [start, end); '
-'null is unbounded.';
+'null is unbounded. Objects of one owner are not compared with each other.';
 
 CREATE OR REPLACE FUNCTION put_track(
     p_scene text, p_key text, p_path geometry, p_outline geometry,
     p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL,
     p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}',
     p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL,
-    p_floors_m double precision[] DEFAULT NULL, p_ceilings_m double precision[] DEFAULT NULL
+    p_floors_m double precision[] DEFAULT NULL, p_ceilings_m double precision[] DEFAULT NULL,
+    p_class text DEFAULT NULL, p_owner text DEFAULT NULL
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -154,33 +158,35 @@ BEGIN
                         'outlines_multipolygon', 'ST_Collect(ARRAY[...]) of outlines, one per waypoint, makes one.');
     END IF;
     INSERT INTO track AS t (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines,
-                            floors_m, ceilings_m)
+                            floors_m, ceilings_m, class, owner)
         VALUES (v_scene_id, p_key, p_name, p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, p_properties,
-                p_grow_mps, ST_Force2D(p_outlines), p_floors_m, p_ceilings_m)
+                p_grow_mps, ST_Force2D(p_outlines), p_floors_m, p_ceilings_m, p_class, p_owner)
         ON CONFLICT (scene_id, key) DO UPDATE
             SET name = excluded.name, path = excluded.path, outline = excluded.outline,
                 floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties,
                 grow_mps = excluded.grow_mps, outlines = excluded.outlines, floors_m = excluded.floors_m,
-                ceilings_m = excluded.ceilings_m
+                ceilings_m = excluded.ceilings_m, class = excluded.class, owner = excluded.owner
             WHERE (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps, t.outlines,
-                   t.floors_m, t.ceilings_m)
+                   t.floors_m, t.ceilings_m, t.class, t.owner)
                   IS DISTINCT FROM
                   (excluded.name, excluded.path, excluded.outline, excluded.floor_m, excluded.ceiling_m,
-                   excluded.properties, excluded.grow_mps, excluded.outlines, excluded.floors_m, excluded.ceilings_m)
+                   excluded.properties, excluded.grow_mps, excluded.outlines, excluded.floors_m, excluded.ceilings_m,
+                   excluded.class, excluded.owner)
         RETURNING t.track_id INTO v_track_id;
     RETURN coalesce(v_track_id, (SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = p_key));
 END
 $$;
 COMMENT ON FUNCTION put_track(
     text, text, geometry, geometry, double precision, double precision, text, jsonb, double precision, geometry,
-    double precision[], double precision[]) IS
+    double precision[], double precision[], text, text) IS
 'Adds a track to a scene, or replaces the one with that key; returns its id. '
 'p_path: LineStringM, longitude and latitude in degrees (SRID 4326), M in Unix seconds. '
 'p_outline: the haven, a convex ring of (starboard, ahead) metres about the reference point. '
 'The haven may change: p_grow_mps moves every side outward (metres per second) from the first waypoint''s time on, or '
 'p_outlines gives a MultiPolygon with one outline per waypoint (p_outline may then be null). '
 'Heights (metres above mean sea level, null: no limit) apply to the whole track; p_floors_m and p_ceilings_m instead '
-'give one per leg (p_floor_m and p_ceiling_m must then be null or agree).';
+'give one per leg (p_floor_m and p_ceiling_m must then be null or agree). '
+'Objects of one owner are not compared with each other.';
 
 CREATE OR REPLACE FUNCTION remove_object(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$

@@ -9,7 +9,8 @@ BEGIN ATOMIC
     SELECT v.field, v.attribute
     -- attribute: column of attached_row. Field "where" selects rows and has none.
     FROM (VALUES (NULL, 'where', NULL), (NULL, 'key', 'key'), (NULL, 'name', 'name'), (NULL, 'floor_m', 'floor_m'),
-                 (NULL, 'ceiling_m', 'ceiling_m'), (NULL, 'properties', 'properties'),
+                 (NULL, 'ceiling_m', 'ceiling_m'), (NULL, 'properties', 'properties'), (NULL, 'class', 'class'),
+                 (NULL, 'owner', 'owner'),
                  (0, 'footprint', 'shape'), (0, 'span', 'span'), (0, 'start', 'starts_at'), (0, 'end', 'ends_at'),
                  (1, 'path', 'shape'), (1, 'times', 'times'), (1, 'position', 'shape'), (1, 'time', 'at'),
                  -- Waypoints do not use floors_m; it holds their order.

@@ -129,7 +129,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._staged_tracks(
 RETURNS TABLE (
     object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry,
     grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[],
-    ceilings_m double precision[], properties jsonb
+    ceilings_m double precision[], properties jsonb, class text, owner text
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -139,14 +139,14 @@ BEGIN
                _attached_path(format('track %L', i.key), s.shape, s.times, p_has_times),
                coalesce(ST_Force2D(s.outline), rectangle_outline(s.fore_m, s.aft_m, s.port_m, s.starboard_m)),
                ST_Force2D(s.outlines), coalesce(s.grow_mps, 0), s.floor_m, s.ceiling_m, s.floors_m, s.ceilings_m,
-               coalesce(s.properties, '{}')
+               coalesce(s.properties, '{}'), s.class, s.owner
         FROM pg_temp.attached_item i JOIN pg_temp.staged_attached s ON s.identity = i.identity AND NOT s.is_asked
         WHERE i.n BETWEEN p_first AND p_last;
         RETURN;
     END IF;
     RETURN QUERY
     WITH waypoint AS (
-        SELECT i.n, i.object_id, i.key, s.at, s.name, s.properties, s.grow_mps, s.shape,
+        SELECT i.n, i.object_id, i.key, s.at, s.name, s.properties, s.grow_mps, s.class, s.owner, s.shape,
                coalesce(ST_Force2D(s.outline), rectangle_outline(s.fore_m, s.aft_m, s.port_m, s.starboard_m))
                    AS outline,
                -- A leg has the lower floor and the higher ceiling of its two waypoints; null: no limit.
@@ -162,6 +162,7 @@ BEGIN
         SELECT w.n, w.object_id, w.key, (array_agg(w.name ORDER BY w.at))[1] AS name,
                (array_agg(w.properties ORDER BY w.at))[1] AS properties,
                (array_agg(w.grow_mps ORDER BY w.at))[1] AS grow_mps,
+               (array_agg(w.class ORDER BY w.at))[1] AS class, (array_agg(w.owner ORDER BY w.at))[1] AS owner,
                ST_MakeLine(ST_Force2D(w.shape) ORDER BY w.at) AS shape, array_agg(w.at ORDER BY w.at) AS times,
                bool_and(ST_GeometryType(w.shape) = 'ST_Point' AND NOT ST_IsEmpty(w.shape)) AS is_of_points,
                array_agg(w.outline ORDER BY w.at) AS outlines, bool_and(w.outline IS NOT NULL) AS has_outlines,
@@ -176,7 +177,7 @@ BEGIN
            CASE WHEN w.has_outlines AND w.is_changing THEN ST_Collect(w.outlines) END, coalesce(w.grow_mps, 0),
            CASE WHEN NOT f.differ THEN w.floors_m[1] END, CASE WHEN NOT c.differ THEN w.ceilings_m[1] END,
            CASE WHEN f.differ THEN w.floors_m END, CASE WHEN c.differ THEN w.ceilings_m END,
-           coalesce(w.properties, '{}')
+           coalesce(w.properties, '{}'), w.class, w.owner
     FROM whole w
     CROSS JOIN LATERAL (SELECT coalesce(bool_or(x IS DISTINCT FROM w.floors_m[1]), false) AS differ
                         FROM unnest(w.floors_m) x) f
@@ -185,8 +186,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _staged_tracks(boolean, boolean, bigint, bigint) IS
-'Tracks of the staged rows p_first to p_last. With one row per waypoint, name, properties and growth are those of the '
-'first row; differing outlines change along the legs; a leg has the lower floor and the higher ceiling of its ends.';
+'Tracks of the staged rows p_first to p_last. With one row per waypoint, name, properties, class, owner and growth '
+'are those of the first row; differing outlines change along the legs; a leg has the lower floor and the higher '
+'ceiling of its ends.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_attached(
     p_attachment attachment, p_first bigint, p_last bigint
@@ -199,21 +201,22 @@ BEGIN
         WITH new AS (
             SELECT i.object_id, i.key, s.name, _attached_footprint(format('area %L', i.key), s.shape) AS footprint,
                    _attached_span(format('area %L', i.key), s.span, s.starts_at, s.ends_at) AS active_span, s.floor_m,
-                   s.ceiling_m, coalesce(s.properties, '{}') AS properties
+                   s.ceiling_m, coalesce(s.properties, '{}') AS properties, s.class, s.owner
             FROM pg_temp.attached_item i JOIN pg_temp.staged_attached s ON s.identity = i.identity AND NOT s.is_asked
             WHERE i.n BETWEEN p_first AND p_last
         ), changed AS (
             UPDATE area a SET name = n.name, footprint = n.footprint, active_span = n.active_span, floor_m = n.floor_m,
-                              ceiling_m = n.ceiling_m, properties = n.properties
+                              ceiling_m = n.ceiling_m, properties = n.properties, class = n.class, owner = n.owner
             FROM new n
             WHERE a.area_id = n.object_id AND a.scene_id = p_attachment.scene_id
-              AND (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties)
+              AND (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class, a.owner)
                   IS DISTINCT FROM
-                  (n.name, n.footprint, _half_open(n.active_span), n.floor_m, n.ceiling_m, n.properties)
+                  (n.name, n.footprint, _half_open(n.active_span), n.floor_m, n.ceiling_m, n.properties, n.class,
+                   n.owner)
         )
-        INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties)
+        INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner)
             SELECT p_attachment.scene_id, n.key, n.name, n.footprint, n.active_span, n.floor_m, n.ceiling_m,
-                   n.properties
+                   n.properties, n.class, n.owner
             FROM new n WHERE n.object_id IS NULL;
     ELSE
         DELETE FROM track t USING pg_temp.attached_item i
@@ -223,19 +226,20 @@ BEGIN
         ), changed AS (
             UPDATE track t SET name = n.name, path = n.path, outline = n.outline, outlines = n.outlines,
                                grow_mps = n.grow_mps, floor_m = n.floor_m, ceiling_m = n.ceiling_m,
-                               floors_m = n.floors_m, ceilings_m = n.ceilings_m, properties = n.properties
+                               floors_m = n.floors_m, ceilings_m = n.ceilings_m, properties = n.properties,
+                               class = n.class, owner = n.owner
             FROM new n
             WHERE t.track_id = n.object_id AND t.scene_id = p_attachment.scene_id
               AND (t.name, t.path, t.outline, t.outlines, t.grow_mps, t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m,
-                   t.properties)
+                   t.properties, t.class, t.owner)
                   IS DISTINCT FROM
                   (n.name, n.path, n.outline, n.outlines, n.grow_mps, n.floor_m, n.ceiling_m, n.floors_m, n.ceilings_m,
-                   n.properties)
+                   n.properties, n.class, n.owner)
         )
         INSERT INTO track (scene_id, key, name, path, outline, outlines, grow_mps, floor_m, ceiling_m, floors_m,
-                           ceilings_m, properties)
+                           ceilings_m, properties, class, owner)
             SELECT p_attachment.scene_id, n.key, n.name, n.path, n.outline, n.outlines, n.grow_mps, n.floor_m,
-                   n.ceiling_m, n.floors_m, n.ceilings_m, n.properties
+                   n.ceiling_m, n.floors_m, n.ceilings_m, n.properties, n.class, n.owner
             FROM new n WHERE n.object_id IS NULL;
     END IF;
     INSERT INTO attached_object AS o (attachment_id, identity, hash, key, object_id, version)

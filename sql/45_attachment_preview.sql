@@ -6,7 +6,7 @@ BEGIN ATOMIC
     SELECT jsonb_build_object('type', 'Feature', 'id', p_area.key, 'geometry', ST_AsGeoJSON(p_area.footprint)::jsonb,
         'properties', p_area.properties || jsonb_strip_nulls(jsonb_build_object(
             'kind', 'area', 'name', p_area.name, 'start', lower(p_area.active_span), 'end', upper(p_area.active_span),
-            'floor_m', p_area.floor_m, 'ceiling_m', p_area.ceiling_m)));
+            'floor_m', p_area.floor_m, 'ceiling_m', p_area.ceiling_m, 'class', p_area.class, 'owner', p_area.owner)));
 END;
 COMMENT ON FUNCTION _area_feature(area) IS 'An area as a feature of a scene file (GeoJSON).';
 
@@ -16,7 +16,7 @@ BEGIN ATOMIC
     SELECT jsonb_build_object('type', 'Feature', 'id', p_track.key,
         'geometry', ST_AsGeoJSON(ST_Force2D(p_track.path))::jsonb,
         'properties', p_track.properties || jsonb_strip_nulls(jsonb_build_object(
-            'kind', 'track', 'name', p_track.name,
+            'kind', 'track', 'name', p_track.name, 'class', p_track.class, 'owner', p_track.owner,
             'times', (SELECT jsonb_agg(to_timestamp(ST_M(d.geom)) ORDER BY d.path[1])
                       FROM ST_DumpPoints(p_track.path) d),
             'outline_m', ST_AsGeoJSON(p_track.outline)::jsonb #> '{coordinates,0}',

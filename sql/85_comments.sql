@@ -21,7 +21,9 @@ COMMENT ON COLUMN area.active_span IS 'When it is closed: [start, end); a missin
 COMMENT ON COLUMN area.floor_m IS 'Lowest height, metres above mean sea level, inclusive; null: no limit.';
 COMMENT ON COLUMN area.ceiling_m IS 'Highest height, metres above mean sea level, exclusive; null: no limit.';
 COMMENT ON COLUMN area.properties IS 'Additional data of its source, a JSON object.';
-COMMENT ON COLUMN area.version IS 'Increases whenever key, footprint, span or heights change.';
+COMMENT ON COLUMN area.version IS 'Increases whenever key, footprint, span, heights, class or owner change.';
+COMMENT ON COLUMN area.class IS 'Class that separation rules name; null: none.';
+COMMENT ON COLUMN area.owner IS 'Owner, whose objects are not compared with each other; null: none.';
 COMMENT ON COLUMN area.first_version IS
 'Version at insertion. Pieces and conflicts of lower versions belong to a former area with the same area_id.';
 
@@ -44,7 +46,9 @@ COMMENT ON COLUMN track.floors_m IS
 COMMENT ON COLUMN track.ceilings_m IS
 'Highest height of each leg, metres, exclusive; a null element: no limit. Null: ceiling_m applies to all legs.';
 COMMENT ON COLUMN track.properties IS 'Additional data of its source, a JSON object.';
-COMMENT ON COLUMN track.version IS 'Increases whenever key, path, outline, growth or heights change.';
+COMMENT ON COLUMN track.version IS 'Increases whenever key, path, outline, growth, heights, class or owner change.';
+COMMENT ON COLUMN track.class IS 'Class that separation rules name; null: none.';
+COMMENT ON COLUMN track.owner IS 'Owner, whose objects are not compared with each other; null: none.';
 COMMENT ON COLUMN track.first_version IS
 'Version at insertion. Pieces and conflicts of lower versions belong to a former track with the same track_id.';
 COMMENT ON COLUMN track.grow_mps IS

@@ -26,7 +26,10 @@ from conflictdb.cli.tables import show_table, wrapped
 from conflictdb.model.settings import STORED_BY_DETECT, given
 
 # Options that need files.
-_FOR_FILES: Final = ("replace", "max_speed_kn", "layer", "skip_invalid", "max_file_mb", "haven", "time_zone", "map")
+_FOR_FILES: Final = (
+    *("replace", "max_speed_kn", "layer", "skip_invalid", "max_file_mb", "haven", "time_zone", "map"),
+    *("departure", "speed_kn", "unbounded_heights"),
+)
 
 
 def detect(args: argparse.Namespace) -> int:

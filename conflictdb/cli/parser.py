@@ -11,6 +11,7 @@ from conflictdb.cli.values import (
     count,
     duration_s,
     haven,
+    instant,
     mapping,
     megabytes,
     memory_mb,
@@ -183,14 +184,17 @@ def add_loading(parser: Parser, *, is_shown: bool = True) -> None:
     def add(option: str, text: str, **more: Any) -> None:
         parser.add_argument(option, help=text if is_shown else argparse.SUPPRESS, **more)
 
-    add("--replace", "remove objects that the files do not contain", action="store_true")
-    add("--layer", "layer to read (GeoPackage, KML, S-57); repeatable (default: all)", action="append", metavar="NAME")
-    add("--skip-invalid", "leave out refused objects, and exit with 6", action="store_true")
-    add("--haven", "of tracks without one, metres", type=haven, metavar="FORE,AFT,PORT,STARBOARD")
+    add("--replace", "remove objects not in the files", action="store_true")
+    add("--layer", "layer, or schedule of a route; repeatable (default: all)", action="append", metavar="NAME")
+    add("--skip-invalid", "leave out refused objects (exit code 6)", action="store_true")
+    add("--haven", "of tracks, metres", type=haven, metavar="FORE,AFT,PORT,STARBOARD")
     add("--time-zone", "of times without offset", type=zone, metavar="ZONE")
+    add("--departure", "of routes", type=instant, metavar="TIME")
+    add("--speed-kn", "of routes", type=speed_kn, metavar="KN")
+    add("--unbounded-heights", "of flight levels, AGL", action="store_true")
     add("--map", "other names, start=valid_from", type=mapping, metavar="FIELD=COLUMN,…")
-    add("--max-speed-kn", "refuse faster tracks and fixes (default 2000, AIS 102.2)", type=speed_kn, metavar="KN")
-    add("--max-file-mb", "refuse larger files (default 64; GeoParquet 4000)", type=megabytes, metavar="MB")
+    add("--max-speed-kn", "limit (default 2000, AIS 102.2)", type=speed_kn, metavar="KN")
+    add("--max-file-mb", "limit (default 64; GeoParquet 4000)", type=megabytes, metavar="MB")
 
 
 def resolve_times(args: argparse.Namespace, *names: str) -> None:

@@ -54,19 +54,23 @@ def objects(args: argparse.Namespace) -> int:
         found = db.scene(args.scene).objects()
     if args.format == "json":
         ends = ("start_at", "end_at")
-        print_json([asdict(one) | {name: format_moment(getattr(one, name)) for name in ends} for one in found])
+        rows = [asdict(one) | {name: format_moment(getattr(one, name)) for name in ends} for one in found]
+        print_json([row | {"class": row.pop("object_class")} for row in rows])
         return DONE
     shown = Shown(args.tz or UTC)
     header = ["KEY", "KIND", "NAME", shown.header("FROM"), shown.header("TO"), "FLOOR M", "CEILING M"]
+    ruled = [name for name in ("object_class", "owner") if any(getattr(one, name) for one in found)]
+    header += [name.removeprefix("object_").upper() for name in ruled]
     lines = [
         [
             *(one.key, one.kind, one.name),
             *(shown.moment(one.start_at, up=False), shown.moment(one.end_at, up=True)),
             *(None if height is None else f"{height:g}" for height in (one.floor_m, one.ceiling_m)),
+            *(getattr(one, name) for name in ruled),
         ]
         for one in found
     ]
-    out(table(header, lines, right=header[-2:], whole=header[3:5]) if found else "no objects")
+    out(table(header, lines, right=header[5:7], whole=header[3:5]) if found else "no objects")
     return DONE
 
 

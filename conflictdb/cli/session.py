@@ -86,11 +86,14 @@ def _name(db: Database) -> str:
 
 def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
     """Load the files of a command with its options; the last of their scenes is remembered."""
-    given = (args.map, args.time_zone, args.haven)
-    hints = None
-    if any(one is not None for one in given):
-        haven_m = None if args.haven is None else tuple(args.haven.values())
-        hints = FileHints(args.map or {}, args.time_zone and str(args.time_zone), haven_m)
+    hints = FileHints(
+        args.map or {},
+        args.time_zone and str(args.time_zone),
+        None if args.haven is None else tuple(args.haven.values()),
+        args.unbounded_heights,
+        args.departure,
+        args.speed_kn,
+    )
     with shown_phases() as phase, _advice_on_time_zone(args):
         loaded = db.load_files(
             args.files,
@@ -100,7 +103,7 @@ def load_files(db: Database, args: argparse.Namespace) -> list[Loaded]:
             layers=args.layer or (),
             skip_invalid=args.skip_invalid,
             max_file_mb=args.max_file_mb,
-            hints=hints,
+            hints=None if hints == FileHints() else hints,
             phase=phase,
         )
     remember(_name(db), loaded[-1].scene)

@@ -84,6 +84,8 @@ class Area(Base):
     properties: Mapped[dict[str, Any]] = mapped_column(server_default=FetchedValue())
     version: Mapped[int] = mapped_column(server_default=FetchedValue(), server_onupdate=FetchedValue())
     first_version: Mapped[int] = mapped_column(server_default=FetchedValue())
+    object_class: Mapped[str | None] = mapped_column("class")
+    owner: Mapped[str | None]
 
 
 class Track(Base):
@@ -106,6 +108,8 @@ class Track(Base):
     floors_m: Mapped[list[float | None] | None]
     ceilings_m: Mapped[list[float | None] | None]
     first_version: Mapped[int] = mapped_column(server_default=FetchedValue())
+    object_class: Mapped[str | None] = mapped_column("class")
+    owner: Mapped[str | None]
 
 
 class Conflict(Base):

@@ -247,9 +247,11 @@ def direction_of(bearing_deg: ArrayLike) -> tuple[Floats, Floats]:
     quarter = np.round(bearing / 90.0)
     rest = np.radians(bearing - 90.0 * quarter)
     sine, cosine = np.sin(rest), np.cos(rest)
+    # After an odd number of quarter turns sine and cosine swap; two quarters of each turn are negative.
     turn = np.mod(quarter, 4.0)
-    east = np.select([turn == 0, turn == 1, turn == 2], [sine, cosine, -sine], -cosine)
-    north = np.select([turn == 0, turn == 1, turn == 2], [cosine, -sine, -cosine], sine)
+    swaps = np.mod(quarter, 2.0) != 0.0
+    east = np.where(swaps, cosine, sine) * np.where(turn >= 2.0, -1.0, 1.0)
+    north = np.where(swaps, sine, cosine) * np.where(np.abs(turn - 1.5) < 1.0, -1.0, 1.0)
     return east + 0.0, north + 0.0
 
 

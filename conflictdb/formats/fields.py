@@ -56,6 +56,13 @@ class Fields:
             return value
         return None
 
+    def word(self, name: str) -> str | None:
+        """Return a member that names something: a non-empty string, or a number; None if it is absent or invalid."""
+        value = self.get(name)
+        with self.refusals:
+            return None if value is None or value == "" else key(self.who, name, number_as_key(value))
+        return None
+
     def number(self, name: str) -> float | None:
         """Return a finite number member; None if it is absent or invalid."""
         value = self.get(name)

@@ -25,15 +25,17 @@ from conflictdb.model.speed_limits import MPS_PER_KNOT
 SIDES: Final = ("fore", "aft", "port", "starboard")
 TIMES: Final = ("times", "datetimes")
 SPEED: Final = ("start", "speed_kn", "speed_mps")
+# Members that decide how far apart objects must be.
+RULED: Final = ("class", "owner")
 # Names that the reader uses; a property with such a name, set by SQL, would not be read back as a property.
-AREA_MEMBERS: Final = frozenset({"kind", "name", "start", "end", "floor_m", "ceiling_m"})
+AREA_MEMBERS: Final = frozenset({"kind", "name", "start", "end", "floor_m", "ceiling_m", *RULED})
 TRACK_MEMBERS: Final = frozenset(
-    {"kind", "name", "floor_m", "ceiling_m", "outline_m", "grow_mps", "outlines_m", *TIMES, *SPEED}
+    {"kind", "name", "floor_m", "ceiling_m", "outline_m", "grow_mps", "outlines_m", *TIMES, *SPEED, *RULED}
     | {f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi")}
 )
 # Members whose loss would change conflicts, and where else they belong.
-AREA_GUARDED: Final = tuple(sorted(AREA_MEMBERS - {"kind", "name"}))
-TRACK_GUARDED: Final = tuple(sorted(TRACK_MEMBERS - {"kind", "name"}))
+AREA_GUARDED: Final = tuple(sorted(AREA_MEMBERS - {"kind", "name", "owner"}))
+TRACK_GUARDED: Final = tuple(sorted(TRACK_MEMBERS - {"kind", "name", "owner"}))
 _SETTINGS: Final = dict.fromkeys(SETTINGS, SETTING_RULE)
 AREA_ELSEWHERE: Final = _SETTINGS | dict.fromkeys(
     TRACK_MEMBERS - AREA_MEMBERS, "has a meaning for tracks only; an area stays as it is from start to end"
@@ -99,6 +101,7 @@ def area_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
         "end_us": certain(fields.instant("end")),
         "floor_m": fields.number("floor_m"),
         "ceiling_m": fields.number("ceiling_m"),
+        **_ruled(fields),
         "properties": fields.rest(),
     }
     known = (*AREA_GUARDED, *(fields.known & {"radius_m"}))  # only for circles
@@ -157,11 +160,17 @@ def track_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
     members |= {
         "name": fields.text("name"),
         "grow_mps": fields.number("grow_mps") or 0.0,
+        **_ruled(fields),
         "properties": fields.rest(),
     }
     rest = setting.foreign, setting.remedy
     fields.refusals.extend(misnamed(fields.who, fields.values, TRACK_GUARDED, TRACK_ELSEWHERE, *rest))
     return members
+
+
+def _ruled(fields: Fields) -> dict[str, Any]:
+    """Return the class and the owner of an object."""
+    return {"object_class": fields.word("class"), "owner": fields.word("owner")}
 
 
 def _heights(fields: Fields, name: str, unbounded: float) -> dict[str, Any]:
@@ -278,6 +287,7 @@ def area_properties(item: Area) -> dict[str, Any]:
         **{name: value for name, value in item.properties.items() if name not in AREA_MEMBERS},
         **_present(kind="area", name=item.name, start=_instant(item.start_us), end=_instant(item.end_us)),
         **_present(floor_m=item.floor_m, ceiling_m=item.ceiling_m),
+        **ruled_properties(item),
     }
 
 
@@ -292,7 +302,13 @@ def track_properties(item: Track) -> dict[str, Any]:
             floor_m=item.floor_m if item.floors_m is None else _listed(item.floors_m),
             ceiling_m=item.ceiling_m if item.ceilings_m is None else _listed(item.ceilings_m),
         ),
+        **ruled_properties(item),
     }
+
+
+def ruled_properties(item: Area | Track) -> dict[str, Any]:
+    """Return the class and the owner of an object as members, without absent ones."""
+    return _present(**{"class": item.object_class, "owner": item.owner})
 
 
 def _listed(heights: NDArray[np.float64]) -> list[float | None]:

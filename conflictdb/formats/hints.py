@@ -9,6 +9,7 @@ from math import isfinite
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from conflictdb.errors import InvalidInput
+from conflictdb.model.inputs import EPOCH, MICROSECOND
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,11 +20,16 @@ class FileHints:
     time_zone : of times without offset, such as Europe/Copenhagen; None: they are refused, and UTC in AIS files
     haven_m : how far the havens of tracks without a size reach, metres: ahead, astern, to port, to starboard; None:
         they are points
+    unbounded_heights : heights above ground, above the ellipsoid and flight levels are unbounded; else refused
+    departure, speed_kn : of routes that say no time, and no speed; an aware datetime, and knots
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     time_zone: str | None = None
     haven_m: Sequence[float] | None = None
+    unbounded_heights: bool = False
+    departure: datetime | None = None
+    speed_kn: float | None = None
 
     def __post_init__(self) -> None:
         if self.time_zone is not None:
@@ -35,6 +41,10 @@ class FileHints:
         haven = self.haven_m
         if haven is not None and (len(haven) != 4 or not all(isfinite(side) and side >= 0.0 for side in haven)):
             raise InvalidInput("file", "haven_m", f"must be four numbers of metres, 0 or more; got {haven!r:.60}")
+        if self.departure is not None and self.departure.tzinfo is None:
+            raise InvalidInput("file", "departure", f"needs an offset from UTC; got {self.departure.isoformat()}")
+        if self.speed_kn is not None and not (isfinite(self.speed_kn) and self.speed_kn > 0.0):
+            raise InvalidInput("file", "speed_kn", f"must be a number of knots above 0; got {self.speed_kn!r:.60}")
 
 
 @dataclass(slots=True)
@@ -71,6 +81,27 @@ def applied(hints: FileHints | None) -> Iterator[None]:
 def are_applied() -> bool:
     """Return whether the file is read with hints."""
     return _READING.get() is not None
+
+
+def heights_may_be_unbounded() -> bool:
+    """Return whether heights that cannot be compared with mean sea level are unbounded."""
+    reading = _READING.get()
+    return reading is not None and reading.hints.unbounded_heights
+
+
+def departure() -> tuple[int | None, float | None]:
+    """Return when routes depart that do not say it, microseconds since 1970, and at which speed, knots."""
+    reading = _READING.get()
+    if reading is None:
+        return None, None
+    start = reading.hints.departure
+    return None if start is None else (start - EPOCH) // MICROSECOND, reading.hints.speed_kn
+
+
+def haven() -> Sequence[float]:
+    """Return how far havens without a size reach, metres: ahead, astern, to port, to starboard."""
+    reading = _READING.get()
+    return (0.0,) * 4 if reading is None or reading.hints.haven_m is None else reading.hints.haven_m
 
 
 def renamed(names: Sequence[str]) -> list[str]:

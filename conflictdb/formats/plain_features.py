@@ -21,6 +21,7 @@ from conflictdb.formats.file_objects import (
     AREA_ELSEWHERE,
     AREA_GUARDED,
     AREA_MEMBERS,
+    RULED,
     SIDES,
     TRACK_ELSEWHERE,
     TRACK_GUARDED,
@@ -33,13 +34,13 @@ from conflictdb.formats.instants import parse_instant, parse_plain
 from conflictdb.formats.json_text import check_storable, check_text
 from conflictdb.formats.names import misnamed
 from conflictdb.model import many
-from conflictdb.model.plans import MIN_INSTANT_US, Area, Track, rectangle_outline_m
+from conflictdb.model.plans import MIN_INSTANT_US, Area, Track, check_ruled, rectangle_outline_m
 
 _FEATURE: Final = frozenset({"type", "id", "geometry", "properties"})
 _GEOMETRY: Final = frozenset({"type", "coordinates"})
 _SIDES: Final = tuple(f"{side}_m" for side in SIDES)
 # Members of tracks that are left to `scene_file`.
-_RARE: Final = TRACK_MEMBERS - {"kind", "name", "times", "outline_m", "floor_m", "ceiling_m", *_SIDES}
+_RARE: Final = TRACK_MEMBERS - {"kind", "name", "times", "outline_m", "floor_m", "ceiling_m", *_SIDES, *RULED}
 _LEAST_RING: Final = 4  # positions, the last equal to the first
 
 
@@ -61,6 +62,7 @@ class _Plain:
     name: str | None
     heights_m: tuple[float | None, float | None]
     rest: Mapping[str, Any]
+    ruled: tuple[str | None, str | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +122,7 @@ def _plain(row: int, feature: Any, setting: FileContext) -> _PlainArea | _PlainT
         _require(type(name) is str)
         check_text("", "name", name)
     heights_m = _number(properties.get("floor_m")), _number(properties.get("ceiling_m"))
+    ruled = _word("class", properties.get("class")), _word("owner", properties.get("owner"))
     members = TRACK_MEMBERS if is_track else AREA_MEMBERS
     rest: dict[str, Any] = {}
     if not properties.keys() <= members:
@@ -128,13 +131,12 @@ def _plain(row: int, feature: Any, setting: FileContext) -> _PlainArea | _PlainT
         rest = {member: value for member, value in properties.items() if member not in members}
         check_storable("", "", rest)
     if not is_track:
-        return _PlainArea(
-            row, key, shape, name, heights_m, rest, (_instant(properties.get("start")), _instant(properties.get("end")))
-        )
+        span_us = _instant(properties.get("start")), _instant(properties.get("end"))
+        return _PlainArea(row, key, shape, name, heights_m, rest, ruled, span_us)
     _require(all(properties[member] is None for member in _RARE & properties.keys()))
     times = properties.get("times")
     _require(type(times) is list and len(times) == len(shape) and set(map(type, times)) <= {str})
-    return _PlainTrack(row, key, shape, name, heights_m, rest, times, _outline(properties))
+    return _PlainTrack(row, key, shape, name, heights_m, rest, ruled, times, _outline(properties))
 
 
 def _outline(properties: Mapping[str, Any]) -> list[Any]:
@@ -168,6 +170,7 @@ def _areas(plain: Sequence[_PlainArea]) -> list[Area | None] | None:
         [area.span_us for area in plain],
         [area.heights_m for area in plain],
         [area.rest for area in plain],
+        [area.ruled for area in plain],
     )
 
 
@@ -191,6 +194,7 @@ def _tracks(plain: Sequence[_PlainTrack]) -> list[Track | None] | None:
         [track.name for track in plain],
         [track.heights_m for track in plain],
         [track.rest for track in plain],
+        [track.ruled for track in plain],
     )
 
 
@@ -246,6 +250,15 @@ def _number(value: Any) -> float | None:
         return None
     _require(type(value) in (int, float))
     return finite("", "", value)
+
+
+def _word(name: str, value: Any) -> str | None:
+    if value is None:
+        return None
+    _require(type(value) is str)
+    check_text("", name, value)
+    check_ruled("", value if name == "class" else None, value)
+    return str(value)
 
 
 def _instant(value: Any) -> int | None:

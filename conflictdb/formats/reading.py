@@ -1,12 +1,13 @@
 """Read files; the name of a file decides its format.
 
 `read` returns the contents of a file or raises one InvalidInput that names the file and, for every error, the object,
-the field and the rule. To add a format, write a module that returns `Contents` and a case in `_read`. A dialect of JSON
-belongs in `scene_file.read_scene` instead, beside `moving_features`.
+the field and the rule. To add a format, write a module that returns `Contents` and a line in `_READERS`. A dialect of
+JSON or XML is a row of `dialects` instead.
 
 Files may be hostile. C libraries that parse files run in a confined process (`confined`: GDAL, Parquet). This process
 parses only
 - JSON and CSV, with Python's own parsers: linear time, nesting and cells bounded by Python, size by MAX_FILE_MB;
+- XML, with Python's Expat, without document types (`xml_text`); NOTAM, by regular expressions of linear time;
 - WKB, with GEOS, after a check of its structure (`wkb`);
 - the text of reference systems, with PROJ, which bounds nesting itself; `reference` bounds the rest.
 Numbers of columns, errors, objects and corners of circles are bounded too (`contents`, `positions`, `discs`).
@@ -16,9 +17,9 @@ import codecs
 import gzip
 import math
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, TypedDict
 
@@ -40,8 +41,6 @@ from conflictdb.model.speed_limits import MAX_SPEED_KN
 MAX_FILE_MB: Final = 64.0
 
 _UTF_16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
-_JSON: Final = frozenset({".json", ".geojson", ".mfjson"})
-_ROWS: Final = frozenset({".csv", ".tsv"})
 
 
 class ReadOptions(TypedDict, total=False):
@@ -66,9 +65,9 @@ def read(
 ) -> Contents:
     """Return the contents of a file.
 
-    Scene files and OGC Moving Features (.geojson, .json, .mfjson), positions (.csv, .tsv), each also compressed (.gz);
-    GeoParquet (.parquet, .geoparquet), also as a directory of parts; areas and tracks of any other format that OGR
-    opens.
+    Scene files, OGC Moving Features, UAS zones and operational intents (.geojson, .json, .mfjson), positions (.csv,
+    .tsv), routes, airspaces and warnings in XML (.rtz, .s421, .xml, .gml), each also compressed (.gz); GeoParquet
+    (.parquet, .geoparquet), also as a directory of parts; areas and tracks of any other format that OGR opens.
 
     Parameters
     ----------
@@ -95,7 +94,8 @@ def read(
     """
     path = Path(path)
     with _named(path), applied(hints):
-        contents = _read(path, max_speed_kn, layers, skip_invalid, max_file_mb, phase)
+        is_packed = path.suffix.lower() == ".gz"
+        contents = _read(_File(path, is_packed, max_speed_kn, layers, skip_invalid, max_file_mb, phase))
     if hints is not None and hints.haven_m is not None:
         _give_havens(contents, rectangle_outline_m(*hints.haven_m))
     contents.remarks = [*contents.remarks, *_remarks(str(path), contents)]
@@ -172,41 +172,92 @@ def _named(path: Path) -> Iterator[None]:
         raise InvalidInput("file", "", "needs more memory than there is", str(path)) from None
 
 
-def _read(
-    path: Path,
-    max_speed_kn: float | None,
-    layers: Sequence[str],
-    skip_invalid: bool,
-    max_file_mb: float | None,
-    phase: Phase,
-) -> Contents:
-    suffixes = [suffix.lower() for suffix in path.suffixes]
-    is_packed = suffixes[-1:] == [".gz"]
-    suffix = suffixes[-2 if is_packed else -1] if len(suffixes) > is_packed else ""
-    fastest_kn = MAX_SPEED_KN if max_speed_kn is None else max_speed_kn
-    with _named(path):
-        if layers and suffix in _JSON | _ROWS | PARQUET:
+@dataclass(frozen=True, slots=True)
+class _File:
+    """A file to read, and the options of `read`; see there."""
+
+    path: Path
+    is_packed: bool
+    max_speed_kn: float | None
+    layers: Sequence[str]
+    skip_invalid: bool
+    max_file_mb: float | None
+    phase: Phase
+
+    @property
+    def fastest_kn(self) -> float:
+        return MAX_SPEED_KN if self.max_speed_kn is None else self.max_speed_kn
+
+    def text(self, *, may_have_layers: bool = False) -> str:
+        """Return its text; raises InvalidInput, also for layers of a format without any."""
+        if self.layers and not may_have_layers:
             raise InvalidInput("file", "layer", "has no layers: files that OGR opens may have some")
-        if suffix in _JSON:
-            text = _text(path, is_packed, max_file_mb)
-            return read_scene(text, stem(path), fastest_kn, source=str(path), skip_invalid=skip_invalid, phase=phase)
-        if suffix in _ROWS:
-            from conflictdb.formats.positions import read_positions
+        return _text(self.path, self.is_packed, self.max_file_mb)
 
-            return read_positions(_text(path, is_packed, max_file_mb), str(path), max_speed_kn=max_speed_kn)
-        if suffix in PARQUET:
-            if is_packed:
-                raise InvalidInput("file", "", "is compressed twice: Parquet is so already; unpack it")
-            from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
-            from conflictdb.formats.parquet import read_parquet  # needs pyarrow
 
-            return read_parquet(path, stem(path), max_file_mb, max_speed_kn, skip_invalid=skip_invalid)
-        if not path.exists():
-            raise InvalidInput("file", "", "does not exist")
-        from conflictdb.formats.ogr import read_objects
+def _read(file: _File) -> Contents:
+    suffixes = [suffix.lower() for suffix in file.path.suffixes]
+    suffix = suffixes[-2 if file.is_packed else -1] if len(suffixes) > file.is_packed else ""
+    with _named(file.path):
+        return _READERS.get(suffix, _read_ogr)(file)
 
-        most_mb = MAX_FILE_MB if max_file_mb is None else max_file_mb
-        return read_objects(path, most_mb, fastest_kn, layers, skip_invalid=skip_invalid)
+
+def _read_json(file: _File) -> Contents:
+    return read_scene(
+        file.text(),
+        stem(file.path),
+        file.fastest_kn,
+        source=str(file.path),
+        skip_invalid=file.skip_invalid,
+        phase=file.phase,
+    )
+
+
+def _read_rows(file: _File) -> Contents:
+    from conflictdb.formats.positions import read_positions
+
+    return read_positions(file.text(), str(file.path), max_speed_kn=file.max_speed_kn)
+
+
+def _read_parquet(file: _File) -> Contents:
+    if file.layers:
+        raise InvalidInput("file", "layer", "has no layers: files that OGR opens may have some")
+    if file.is_packed:
+        raise InvalidInput("file", "", "is compressed twice: Parquet is so already; unpack it")
+    from conflictdb.arrays import arrow  # noqa: F401  names the extra where there is no pyarrow
+    from conflictdb.formats.parquet import read_parquet  # needs pyarrow
+
+    return read_parquet(file.path, stem(file.path), file.max_file_mb, file.max_speed_kn, skip_invalid=file.skip_invalid)
+
+
+def _read_xml(file: _File) -> Contents:
+    from conflictdb.formats.dialects import read_xml
+
+    return read_xml(
+        file.text(may_have_layers=True),
+        str(file.path),
+        stem=stem(file.path),
+        max_speed_kn=file.fastest_kn,
+        layers=file.layers,
+        skip_invalid=file.skip_invalid,
+    )
+
+
+def _read_ogr(file: _File) -> Contents:
+    if not file.path.exists():
+        raise InvalidInput("file", "", "does not exist")
+    from conflictdb.formats.ogr import read_objects
+
+    most_mb = MAX_FILE_MB if file.max_file_mb is None else file.max_file_mb
+    return read_objects(file.path, most_mb, file.fastest_kn, file.layers, skip_invalid=file.skip_invalid)
+
+
+_READERS: Final[Mapping[str, Callable[[_File], Contents]]] = {
+    **dict.fromkeys((".json", ".geojson", ".mfjson"), _read_json),
+    **dict.fromkeys((".csv", ".tsv"), _read_rows),
+    **dict.fromkeys(PARQUET, _read_parquet),
+    **dict.fromkeys((".rtz", ".xml", ".gml", ".s421"), _read_xml),
+}
 
 
 def is_parquet(path: str | Path) -> bool:
@@ -218,7 +269,7 @@ def stem(path: Path) -> str:
     """Return the name of a file without the suffixes of its format."""
     name = path.name
     for suffix in reversed(path.suffixes):
-        if suffix.lower() == ".gz" or suffix.lower() in _JSON | _ROWS | PARQUET:
+        if suffix.lower() == ".gz" or suffix.lower() in _READERS:
             name = name.removesuffix(suffix)
     return name if name != path.name else path.stem
 

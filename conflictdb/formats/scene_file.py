@@ -13,7 +13,7 @@ from typing import Any, Final
 import shapely
 
 from conflictdb.errors import InvalidInput, Refusals
-from conflictdb.formats import file_objects, moving_features, names, plain_features, reference
+from conflictdb.formats import dialects, file_objects, moving_features, names, plain_features, reference
 from conflictdb.formats.contents import Contents, FileRefusals, Phase, given_twice, left_out, name_of, unwatched
 from conflictdb.formats.fields import Fields, number_as_key
 from conflictdb.formats.fields import key as checked_key
@@ -86,6 +86,9 @@ def _without_collector() -> Iterator[None]:
 def _read(text: str, stem: str, max_speed_kn: float, source: str, phase: Phase, *, skip_invalid: bool) -> Contents:
     size_mb = len(text) // 1_000_000
     document = parse(text, lambda at: phase("reading MB", at // 1_000_000, size_mb))
+    read_dialect = dialects.of_json(document)
+    if read_dialect is not None:
+        return read_dialect(document, source, stem=stem, skip_invalid=skip_invalid)
     if not isinstance(document, dict):
         raise InvalidInput("file", "", "must be a GeoJSON FeatureCollection")
     if document.get("type") == "Feature" or moving_features.is_bare(document):

@@ -4,6 +4,7 @@ Boxes have space, height and time. `solve` uses `stages.stage1_broad_phase`.
 """
 
 import ctypes
+import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
@@ -91,6 +92,27 @@ def box_pairs(
         wanted, room = len(left), max(at_once, 1)
         if found[0]:
             yield first[: found[0]].copy(), second[: found[0]].copy(), int(looked_at[0])
+
+
+class BoxTree:
+    """Rows that stay (KernelBoxTree), for lookups of others; threads may share it."""
+
+    def __init__(self, rows: RowBoxes) -> None:
+        self._handle, held = ctypes.c_void_p(), _held(rows)
+        check(library().kernel_box_tree_make(ctypes.byref(held), ctypes.byref(self._handle)))
+        weakref.finalize(self, library().kernel_box_tree_free, self._handle)
+
+    def pairs(self, rows: RowBoxes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return pairs of a given row and a row of the tree whose boxes intersect as in `box_pairs`, of any objects."""
+        held, found, room = _held(rows), np.zeros(1, np.int64), 1024
+        while True:
+            first, second = np.empty(room, np.int64), np.empty(room, np.int64)
+            places = (first.ctypes.data, second.ctypes.data, room, found.ctypes.data)
+            check(library().kernel_box_tree_pairs(self._handle, ctypes.byref(held), *places))
+            count = int(found[0])
+            if count <= room:
+                return first[:count], second[:count]
+            room = count
 
 
 def _held(rows: RowBoxes) -> _Boxes:

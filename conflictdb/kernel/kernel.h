@@ -489,6 +489,21 @@ KERNEL_API KernelStatus kernel_box_order(const KernelBoxes *rows, int64_t *order
 KERNEL_API KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_t wanted, int64_t *first,
                                          int64_t *second, int64_t room, int64_t *done, int64_t *found, int64_t *looked_at);
 
+/* Rows that stay, for lookups of others; immutable, so threads may share it. */
+typedef struct KernelBoxTree KernelBoxTree;
+
+/* Copy rows into a tree; free it with kernel_box_tree_free. tree : (1,) result */
+KERNEL_API KernelStatus kernel_box_tree_make(const KernelBoxes *rows, KernelBoxTree **tree);
+KERNEL_API void kernel_box_tree_free(KernelBoxTree *tree);
+
+/* Find the rows of a tree whose boxes intersect given rows in space, height and time, of any object.
+ *
+ * first, second : (room,) result: given rows in their order, and rows of the tree by the numbers they were made with
+ * found : (1,) result: number of pairs; if it exceeds room, only as many are written
+ */
+KERNEL_API KernelStatus kernel_box_tree_pairs(const KernelBoxTree *tree, const KernelBoxes *rows, int64_t *first,
+                                              int64_t *second, int64_t room, int64_t *found);
+
 /* ---- Bytes ------------------------------------------------------------------------------------------------------ */
 
 /* Read the rings of polygons and multipolygons without holes from well-known binary (WKB).

@@ -41,8 +41,12 @@ def areas(
     spans_us: Sequence[tuple[int | None, int | None]],
     heights_m: Sequence[tuple[float | None, float | None]],
     properties: Sequence[Mapping[str, Any]],
+    ruled: Sequence[tuple[str | None, str | None]],
 ) -> list[Area | None]:
-    """Return areas with these keys (not empty), MultiPolygons without empty parts, and other members."""
+    """Return areas with these keys (not empty), MultiPolygons without empty parts, and other members.
+
+    ruled : class and owner of each, checked
+    """
     lonlat, owner = shapely.get_coordinates(footprints, return_index=True)
     is_fit = _all_of(_on_earth(lonlat), owner, len(keys)) & (np.bincount(owner, minlength=len(keys)) <= MAX_POINTS)
     bounds = shapely.bounds(footprints)
@@ -50,11 +54,11 @@ def areas(
         is_fit &= bounds[:, 2] - bounds[:, 0] <= 360.0
     is_fit[is_fit] = shapely.is_valid(footprints[is_fit])
     return [
-        _made(Area, _AREA, (key, footprint, name, *span, *heights, rest))
+        _made(Area, _AREA, (key, footprint, name, *span, *heights, rest, *of))
         if fits and _is_span(*span) and _are_heights(*heights)
         else None
-        for key, footprint, name, span, heights, rest, fits in zip(
-            keys, footprints.tolist(), names, spans_us, heights_m, properties, is_fit.tolist(), strict=True
+        for key, footprint, name, span, heights, rest, of, fits in zip(
+            keys, footprints.tolist(), names, spans_us, heights_m, properties, ruled, is_fit.tolist(), strict=True
         )
     ]
 
@@ -69,11 +73,13 @@ def tracks(
     names: Sequence[str | None],
     heights_m: Sequence[tuple[float | None, float | None]],
     properties: Sequence[Mapping[str, Any]],
+    ruled: Sequence[tuple[str | None, str | None]],
 ) -> list[Track | None]:
     """Return tracks with these keys (not empty), constant havens and heights, of any speed.
 
     positions_deg, times_us : (w, 2) and (w,) of all tracks; track i has the waypoints [way[i], way[i + 1])
     outline_m : (v, 2) of all tracks; track i has the corners [ring[i], ring[i + 1]), at least one
+    ruled : class and owner of each, checked
     """
     n = len(keys)
     owner = np.repeat(np.arange(n), np.diff(way))
@@ -87,12 +93,12 @@ def tracks(
         _made(
             Track,
             _TRACK,
-            (key, positions_deg[i:j], times_us[i:j], outline_m[start:end], name, *heights, rest, *_STEADY),
+            (key, positions_deg[i:j], times_us[i:j], outline_m[start:end], name, *heights, rest, *_STEADY, *of),
         )
         if fits and _are_heights(*heights)
         else None
-        for key, i, j, start, end, name, heights, rest, fits in zip(
-            keys, ways, ways[1:], rings, rings[1:], names, heights_m, properties, is_fit.tolist(), strict=False
+        for key, i, j, start, end, name, heights, rest, of, fits in zip(
+            keys, ways, ways[1:], rings, rings[1:], names, heights_m, properties, ruled, is_fit.tolist(), strict=False
         )
     ]
 

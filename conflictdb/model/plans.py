@@ -47,6 +47,11 @@ MAX_POINTS: Final = 1_000_000
 # No position is that uncertain; faster growth is a mistake in units.
 MAX_GROWTH_MPS: Final = 1e6
 
+# Words for all areas and all tracks in separation rules.
+KINDS: Final = ("area", "track")
+# Of a class or an owner; they are stored with every piece.
+MAX_WORD_BYTES: Final = 200
+
 # Range of instants (years 0001 to 9999): timestamps, ISO 8601 and Python can all express it.
 MIN_INSTANT_US: Final = -62_135_596_800_000_000
 MAX_INSTANT_US: Final = 253_402_300_799_999_999
@@ -173,6 +178,8 @@ class Area:
         datetimes or datetime64 (UTC)
     floor_m, ceiling_m : height band [floor, ceiling), metres above mean sea level; None is unbounded
     properties : other members of the file, exported again
+    object_class : the class that separation rules name; None: no class
+    owner : objects of one owner are not compared with each other; None: no owner
     """
 
     key: str
@@ -183,6 +190,8 @@ class Area:
     floor_m: float | None = None
     ceiling_m: float | None = None
     properties: Mapping[str, Any] = field(default_factory=dict)
+    object_class: str | None = None
+    owner: str | None = None
 
     if TYPE_CHECKING:  # accepted types; __post_init__ converts them to the stored ones
 
@@ -196,6 +205,8 @@ class Area:
             floor_m: float | None = None,
             ceiling_m: float | None = None,
             properties: Mapping[str, Any] = ...,
+            object_class: str | None = None,
+            owner: str | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -209,6 +220,8 @@ class Area:
             _keep(self, start_us=start_us, end_us=end_us)
             _check_span(who, start_us, end_us)
         _keep_heights(who, self, refusals)
+        with refusals:
+            check_ruled(who, self.object_class, self.owner)
         refusals.raise_found()
         with refusals:
             _check_heights(who, self.floor_m, self.ceiling_m)
@@ -234,6 +247,8 @@ class Track:
     floors_m, ceilings_m : (n - 1,) float64, instead of floor_m or ceiling_m: the height band on every leg, -inf and
         +inf where unbounded; floor_m and ceiling_m are then the lowest and the highest of them. At a waypoint the
         bands of both legs count
+    object_class : the class that separation rules name; None: no class
+    owner : objects of one owner are not compared with each other; None: no owner
     max_speed_kn : a track that is faster on a leg, over the shortest way, is refused: 2,000 knots unless given here.
         math.inf takes every speed. It is not kept
     """
@@ -250,6 +265,8 @@ class Track:
     outlines_m: NDArray[np.float64] | None = None
     floors_m: NDArray[np.float64] | None = None
     ceilings_m: NDArray[np.float64] | None = None
+    object_class: str | None = None
+    owner: str | None = None
     max_speed_kn: InitVar[float] = MAX_SPEED_KN
 
     if TYPE_CHECKING:  # accepted types; __post_init__ converts them to the stored ones
@@ -268,6 +285,8 @@ class Track:
             outlines_m: inputs.Outlines | None = None,
             floors_m: inputs.Heights | None = None,
             ceilings_m: inputs.Heights | None = None,
+            object_class: str | None = None,
+            owner: str | None = None,
             max_speed_kn: float = MAX_SPEED_KN,
         ) -> None: ...
 
@@ -284,6 +303,8 @@ class Track:
             with refusals:
                 _keep(self, outlines_m=inputs.outlines_m(who, self.outlines_m))
         _keep_heights(who, self, refusals)
+        with refusals:
+            check_ruled(who, self.object_class, self.owner)
         for name, given in (("floor_m", self.floors_m), ("ceiling_m", self.ceilings_m)):
             if given is not None:
                 with refusals:
@@ -416,6 +437,25 @@ def _keep_heights(who: str, one: Area | Track, refusals: Refusals) -> None:
     for name in ("floor_m", "ceiling_m"):
         with refusals:
             _keep(one, **{name: inputs.metres(who, name, getattr(one, name))})
+
+
+def check_ruled(who: str, object_class: Any, owner: Any) -> None:
+    """Raise InvalidInput for an invalid class or owner; None is valid."""
+    check_class(who, "class", object_class)
+    _check_word(who, "owner", owner)
+
+
+def check_class(who: str, field: str, value: Any) -> None:
+    """Raise InvalidInput unless a value is None or the name of a class."""
+    _check_word(who, field, value)
+    if value in KINDS:
+        rule = f"must not be {value!r}, which separation rules use for all {value}s: choose another name"
+        raise InvalidInput(who, field, rule)
+
+
+def _check_word(who: str, field: str, value: Any) -> None:
+    if value is not None and not (isinstance(value, str) and 0 < len(value.encode(errors="replace")) <= MAX_WORD_BYTES):
+        raise InvalidInput(who, field, f"must be a text of 1 to {MAX_WORD_BYTES} bytes, or absent; got {value!r:.60}")
 
 
 def _check_height(who: str, name: str, value: float | None) -> None:

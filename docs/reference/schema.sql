@@ -62,7 +62,9 @@ TABLE area (
     ceiling_m double precision,
     properties jsonb NOT NULL DEFAULT '{}'::jsonb,
     version bigint NOT NULL,
-    first_version bigint NOT NULL DEFAULT 0
+    first_version bigint NOT NULL DEFAULT 0,
+    class text,
+    owner text
 );
 
 TABLE attached_change (
@@ -319,7 +321,9 @@ TABLE track (
     outlines geometry(MultiPolygon),
     floors_m double precision[],
     ceilings_m double precision[],
-    first_version bigint NOT NULL DEFAULT 0
+    first_version bigint NOT NULL DEFAULT 0,
+    class text,
+    owner text
 );
 
 VIEW _accessible (
@@ -826,7 +830,7 @@ FUNCTION _check_attachable(p_who text, p_table regclass, p_has_triggers boolean)
 FUNCTION _check_attached_owner(p_who text, p_table regclass, p_has_triggers boolean)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb)
+FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb, p_class text, p_owner text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_scene_id bigint)
@@ -900,6 +904,9 @@ FUNCTION _check_track(p_scene_id bigint, p_key text)
 
 FUNCTION _check_track_probe(p_scene_id bigint, p_path geometry, p_outline geometry, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _check_word(p_who text, p_field text, p_word text)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _circle_legs(p_path geometry, OUT leg integer, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone, OUT start double precision[], OUT heading double precision[], OUT angle double precision)
     RETURNS SETOF record LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1294,10 +1301,10 @@ FUNCTION _radius_m(p_plane text)
 FUNCTION _raise(p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''::text)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text)
+FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text)
+FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _readable_scenes()
@@ -1418,7 +1425,7 @@ FUNCTION _sphere_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _staged_tracks(p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint)
-    RETURNS TABLE(object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry, grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[], ceilings_m double precision[], properties jsonb) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS TABLE(object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry, grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[], ceilings_m double precision[], properties jsonb, class text, owner text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _stored_horizon_us(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -1583,7 +1590,7 @@ FUNCTION instant(p_text text)
     RETURNS timestamp with time zone LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION list_objects(p_scene text)
-    RETURNS TABLE(key text, kind text, name text, start_at timestamp with time zone, end_at timestamp with time zone, floor_m double precision, ceiling_m double precision) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(key text, kind text, name text, start_at timestamp with time zone, end_at timestamp with time zone, floor_m double precision, ceiling_m double precision, class text, owner text) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION preview_attachment(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL::interval, p_objects integer DEFAULT 5)
     RETURNS TABLE(part text, what text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1597,10 +1604,10 @@ FUNCTION protect_scenes(p_on boolean DEFAULT true)
 FUNCTION prune_history(p_scene text, p_kept interval DEFAULT NULL::interval)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION put_area(p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb)
+FUNCTION put_area(p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL::geometry, p_floors_m double precision[] DEFAULT NULL::double precision[], p_ceilings_m double precision[] DEFAULT NULL::double precision[])
+FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL::geometry, p_floors_m double precision[] DEFAULT NULL::double precision[], p_ceilings_m double precision[] DEFAULT NULL::double precision[], p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION rectangle_outline(p_fore_m double precision, p_aft_m double precision, p_port_m double precision, p_starboard_m double precision)

@@ -19,6 +19,7 @@ FROZEN: dict[str, str] = {
     "0001_create_conflictdb.py": "8ead14b7b5e7824f607a8be8c874224301d419332e27ca30f2451ca360959c16",
     "0002_doubt_old_answers.py": "fdb22e6c3d278546efda1a57219b635953bc512249e3418dbeb1d3291cd1a05d",
     "0003_add_heights_and_delays.py": "b0da0eb890f392c016f28c019bd47f1000ce044d757f41af6f56694b19f633f8",
+    "0004_separate_in_time.py": "bb7a7914c3beb2c4232ec914d8e10853901d101f1dc11e83cb1dcb6cdccb97bc",
 }
 
 

@@ -198,6 +198,15 @@ static void meet_boxes(int64_t odd, int64_t calls[16]) {
     if (status == KERNEL_OK && (done < 0 || done > wanted || found > room)) abort();
     for (int64_t k = 0; status == KERNEL_OK && k < found; k++)
         if (first[k] < 0 || first[k] >= n || second[k] < 0 || second[k] >= n) abort();
+    KernelBoxTree *tree = NULL;
+    status = kernel_box_tree_make(&rows, below(200) ? &tree : NULL);
+    calls[status]++;
+    rows.count = below(200) ? n : -1;
+    status = kernel_box_tree_pairs(tree, &rows, first, second, room, &found);
+    calls[status]++;
+    for (int64_t k = 0; status == KERNEL_OK && k < found && k < room; k++)
+        if (first[k] < 0 || first[k] >= n || second[k] < 0 || second[k] >= n) abort();
+    kernel_box_tree_free(tree);
     free(boxes), free(floor_m), free(ceiling_m), free(start), free(end), free(object), free(order), free(of);
     free(first), free(second), free(is_copy);
 }

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.model.inputs import certain
 from conflictdb.model.plans import (
+    KINDS,
     MAX_INSTANT_US,
     MIN_INSTANT_US,
     Area,
@@ -19,6 +20,7 @@ from conflictdb.model.plans import (
 
 TEXT = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=12)
 KEY = TEXT.filter(bool)
+CLASS, OWNER = st.none() | KEY.filter(lambda word: word not in KINDS), st.none() | KEY
 INSTANT = st.integers(MIN_INSTANT_US, MAX_INSTANT_US)
 # In this range the M of a database's path, float64 Unix seconds, resolves microseconds.
 STORABLE_INSTANT = st.integers(-8_000_000_000_000_000, 8_000_000_000_000_000)
@@ -57,6 +59,8 @@ def areas(draw: st.DrawFn) -> Area:
         *map(certain, span),
         *draw(heights()),
         draw(PROPERTIES),
+        draw(CLASS),
+        draw(OWNER),
     )
 
 
@@ -86,9 +90,8 @@ def tracks(draw: st.DrawFn, instant: st.SearchStrategy[int], north: float) -> Tr
             np.array([np.inf if ceiling_m is None else ceiling_m for _, ceiling_m in each]),
         )
     havens, when = (growth, outlines), np.array(times, dtype="datetime64[us]")
-    return Track(
-        draw(KEY), np.array(positions), when, outline, name, *band, properties, *havens, *per_leg, max_speed_kn=np.inf
-    )
+    rest = name, *band, properties, *havens, *per_leg, draw(CLASS), draw(OWNER)
+    return Track(draw(KEY), np.array(positions), when, outline, *rest, max_speed_kn=np.inf)
 
 
 @st.composite
@@ -110,7 +113,7 @@ def scenes(
 def assert_same(one: Area | Track, other: Area | Track) -> None:
     """Compare two objects to the last bit."""
     assert type(one) is type(other)
-    for name in ("key", "name", "floor_m", "ceiling_m", "properties"):
+    for name in ("key", "name", "floor_m", "ceiling_m", "properties", "object_class", "owner"):
         assert getattr(one, name) == getattr(other, name), name
     if isinstance(one, Area) and isinstance(other, Area):
         assert (one.start_us, one.end_us) == (other.start_us, other.end_us)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
+from conflictdb.kernel.boxes import BoxTree, RowBoxes, box_pairs, near_order
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 
 Pairs = set[tuple[int, int]]
@@ -119,3 +119,23 @@ def test_nothing_meets_nothing() -> None:
 def test_the_kernel_refuses_rows_that_are_not_there() -> None:
     with pytest.raises(ValueError, match="piece"):
         list(box_pairs(thrown(4, 3, 0.5, 3), np.array([3]), 10))
+
+
+@pytest.mark.parametrize("n", [0, 1, 9, 250])
+def test_a_tree_finds_the_boxes_that_meet_others(n: int) -> None:
+    """Whatever the objects, and however many they are."""
+    rows = thrown(5, n + 60, 0.2, n + 60)
+    number = np.arange(n + 60)
+    ours, others = (replace(rows.take(number[part]), object=number[part]) for part in (slice(n), slice(n, None)))
+    expected = {(b - n, a) for a, b in brute_force(replace(rows, object=number)) if a < n <= b}
+    assert n < 250 or len(expected) > 100
+    first, second = BoxTree(ours).pairs(others)
+    assert len(first) == len(expected)
+    assert set(zip(first.tolist(), second.tolist(), strict=True)) == expected
+
+
+def test_a_tree_has_room_for_all_pairs() -> None:
+    rows = replace(thrown(5, 60, 2.0, 60), is_copy=np.zeros(60, np.bool_))
+    every = replace(rows, start_us=np.full(60, MINUS_INFINITY_US), end_us=np.full(60, INFINITY_US))
+    first, _ = BoxTree(every).pairs(every)
+    assert len(first) > 1024

@@ -3,6 +3,7 @@
 id, kind                text; `area` or `track`
 object_id, version      numbers of the object and of its state in the stages; may be missing in files
 name                    text, or null
+class, owner            text, or null: whose separation rules apply, and whose objects are not compared
 geometry                WKB in longitude and latitude: a MultiPolygon or Polygon, or the LineString of the waypoints
 start, end              areas: active during [start, end), null where unbounded
 times                   tracks: of the waypoints
@@ -56,6 +57,8 @@ OBJECTS: Final = Form.of(
         pa.field("floors_m", _METRES),
         pa.field("ceilings_m", _METRES),
         pa.field("properties", pa.string()),
+        pa.field("class", pa.string()),
+        pa.field("owner", pa.string()),
     ],
 )
 _WHO: Final = f"Arrow form {OBJECTS.name!r}"
@@ -94,6 +97,8 @@ def of_objects(
             "floors_m": _of_heights([*none, *(track.floors_m for track in tracks)]),
             "ceilings_m": _of_heights([*none, *(track.ceilings_m for track in tracks)]),
             "properties": pa.array([_document(item.properties) for item in items], pa.string()),
+            "class": pa.array([item.object_class for item in items], pa.string()),
+            "owner": pa.array([item.owner for item in items], pa.string()),
         }
     )
 
@@ -113,8 +118,8 @@ def _areas(columns: Mapping[str, Array]) -> list[Area]:
     start_us, end_us = (columns[name].view(pa.int64()).to_pylist() for name in ("start", "end"))
     heights = zip(columns["floor_m"].to_pylist(), columns["ceiling_m"].to_pylist(), strict=True)
     return [
-        Area(key, footprint, name, certain(start), certain(end), floor_m, ceiling_m, properties)
-        for key, footprint, name, start, end, (floor_m, ceiling_m), properties in zip(
+        Area(key, footprint, name, certain(start), certain(end), floor_m, ceiling_m, properties, *of)
+        for key, footprint, name, start, end, (floor_m, ceiling_m), properties, of in zip(
             columns["id"].to_pylist(),
             _footprints(columns),
             columns["name"].to_pylist(),
@@ -122,6 +127,7 @@ def _areas(columns: Mapping[str, Array]) -> list[Area]:
             end_us,
             heights,
             _documents(columns),
+            zip(columns["class"].to_pylist(), columns["owner"].to_pylist(), strict=True),
             strict=True,
         )
     ]
@@ -137,6 +143,7 @@ def _tracks(columns: Mapping[str, Array]) -> list[Track]:
     keys, names, documents = columns["id"].to_pylist(), columns["name"].to_pylist(), _documents(columns)
     floor_m, ceiling_m = columns["floor_m"].to_pylist(), columns["ceiling_m"].to_pylist()
     growth = measures(columns["grow_mps"], 0.0).tolist()
+    classes, owners = columns["class"].to_pylist(), columns["owner"].to_pylist()
     tracks = []
     for i, key in enumerate(keys):
         outlines = [changing_m[corner[k] : corner[k + 1]] for k in range(of_ring[i], of_ring[i + 1])] or None
@@ -154,6 +161,8 @@ def _tracks(columns: Mapping[str, Array]) -> list[Track]:
                 outlines_m=outlines,
                 floors_m=floors_m(i, -np.inf),
                 ceilings_m=ceilings_m(i, np.inf),
+                object_class=classes[i],
+                owner=owners[i],
                 max_speed_kn=np.inf,
             )
         )

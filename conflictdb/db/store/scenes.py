@@ -27,6 +27,8 @@ class ObjectSummary:
     end_at: datetime | None
     floor_m: float | None
     ceiling_m: float | None
+    object_class: str | None
+    owner: str | None
 
 
 def list_objects(conn: psycopg.Connection[Any], scene: str) -> list[ObjectSummary]:
@@ -34,7 +36,7 @@ def list_objects(conn: psycopg.Connection[Any], scene: str) -> list[ObjectSummar
     with transaction(conn):
         call(conn, "_scene_id", scene)  # also for an empty scene
         rows = call_by_name(conn, "list_objects", scene)
-    return [ObjectSummary(**row | {"kind": Kind(row["kind"])}) for row in rows]
+    return [ObjectSummary(kind=Kind(row.pop("kind")), object_class=row.pop("class"), **row) for row in rows]
 
 
 def rename_scene(conn: psycopg.Connection[Any], scene: str, name: str) -> None:

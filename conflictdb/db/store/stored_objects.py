@@ -35,7 +35,7 @@ TRACK_COLUMNS = [
 ]  # fmt: skip
 TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings"]
 # Those of _read_areas and _read_tracks.
-_TEXTS = ["key", "name", "properties"]
+_TEXTS = ["key", "name", "properties", "class", "owner"]
 _READ_AREAS = [*AREA_COLUMNS, ("has_name", "b1")], AREA_STRINGS + _TEXTS
 _READ_TRACKS = [*TRACK_COLUMNS[:-1], ("has_name", "b1"), *TRACK_COLUMNS[-1:]], TRACK_STRINGS + _TEXTS
 _Rows = tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]
@@ -222,6 +222,8 @@ def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence
             floor_m=None if math.isinf(floor_m) else floor_m,
             ceiling_m=None if math.isinf(ceiling_m) else ceiling_m,
             properties=json.loads(strings["properties"][i]),
+            object_class=strings["class"][i].decode() or None,
+            owner=strings["owner"][i].decode() or None,
         )
         for i, (has_name, floor_m, ceiling_m) in enumerate(
             zip(*(columns[name].tolist() for name in ("has_name", "floor_m", "ceiling_m")), strict=True)
@@ -252,6 +254,8 @@ def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequenc
             outlines_m=given,
             floors_m=decode_heights(strings["floors"][i], -np.inf),
             ceilings_m=decode_heights(strings["ceilings"][i], np.inf),
+            object_class=strings["class"][i].decode() or None,
+            owner=strings["owner"][i].decode() or None,
             max_speed_kn=math.inf,
         )
         for i, (has_name, floor_m, ceiling_m, grow_mps, given) in enumerate(
@@ -330,6 +334,8 @@ def _staged_areas(areas: Sequence[Area]) -> dict[str, copy_binary.Column]:
         "floor_m": copy_binary.fixed(batch.floor_m, "f8"),
         "ceiling_m": copy_binary.fixed(batch.ceiling_m, "f8"),
         "properties": _documents("area", [a.key for a in areas], [a.properties for a in areas]),
+        "class": _texts("area", [a.key for a in areas], [a.object_class for a in areas], "class"),
+        "owner": _texts("area", [a.key for a in areas], [a.owner for a in areas], "owner"),
     }
 
 
@@ -361,6 +367,8 @@ def _staged_tracks(tracks: Sequence[Track]) -> dict[str, copy_binary.Column]:
         "properties": _documents("track", keys, [t.properties for t in tracks]),
         "grow_mps": copy_binary.fixed(batch.grow_mps, "f8"),
         "outlines": copy_binary.Ragged.of([_encoded_outlines(t.outlines_m) for t in tracks]),
+        "class": _texts("track", keys, [t.object_class for t in tracks], "class"),
+        "owner": _texts("track", keys, [t.owner for t in tracks], "owner"),
     }
 
 

@@ -2,7 +2,7 @@
  *
  * `kernel_box_order` sorts rows into a packed k-d tree: each half of the order is split along the axis (x, y, time or
  * height) that separates its boxes best. `kernel_box_pairs` builds the bounding boxes of that tree, and looks up each
- * row from the top.
+ * row from the top. A KernelBoxTree keeps rows and bounding boxes for lookups of rows that come later.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -145,6 +145,9 @@ static Node joined(Node a, Node b) {
     };
 }
 
+/* Leaves hold at least LEAF / 2 rows, unless there is one leaf only; inner nodes are fewer than leaves. */
+static size_t most_nodes(int64_t count) { return (size_t)(4 * count / LEAF + 2); }
+
 /* Build the subtree of rows [first, end) at node `at`, each node before its children; returns the number after its last
  * node. */
 static int64_t make_nodes(const KernelBoxes *rows, Node *nodes, int64_t at, int64_t first, int64_t end) {
@@ -162,14 +165,15 @@ static int64_t make_nodes(const KernelBoxes *rows, Node *nodes, int64_t at, int6
     return next;
 }
 
-/* Whether a row may form a pair with rows of a node: boxes intersect, an object number is larger, not all are seam
- * copies. */
-static bool meet(const Node *row, const Node *some) {
+/* Whether the box of a row intersects that of a node, and not all are seam copies. */
+static bool overlap(const Node *row, const Node *some) {
     return row->low_x <= some->high_x && some->low_x <= row->high_x && row->low_y <= some->high_y &&
            some->low_y <= row->high_y && row->start_us <= some->end_us && some->start_us <= row->end_us &&
-           row->floor_m < some->ceiling_m && some->floor_m < row->ceiling_m && row->object < some->object &&
-           !(row->is_copy && some->is_copy);
+           row->floor_m < some->ceiling_m && some->floor_m < row->ceiling_m && !(row->is_copy && some->is_copy);
 }
+
+/* Whether a row may form a pair with rows of a node: boxes intersect, an object number is larger. */
+static bool meet(const Node *row, const Node *some) { return row->object < some->object && overlap(row, some); }
 
 KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_t wanted, int64_t *first, int64_t *second,
                               int64_t room, int64_t *done, int64_t *found, int64_t *looked_at) {
@@ -179,8 +183,7 @@ KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_
     if (wanted < 0 || room < 0) return KERNEL_BAD_COUNT;
     for (int64_t k = 0; k < wanted; k++)
         if (of[k] < 0 || of[k] >= rows->count) return KERNEL_BAD_PIECE;
-    /* Leaves hold at least LEAF / 2 rows, unless there is one leaf only; inner nodes are fewer than leaves. */
-    Node *nodes = malloc((size_t)(4 * rows->count / LEAF + 2) * sizeof *nodes);
+    Node *nodes = malloc(most_nodes(rows->count) * sizeof *nodes);
     if (!nodes) return KERNEL_NO_MEMORY;
     int64_t count = rows->count > 0 ? make_nodes(rows, nodes, 0, 0, rows->count) : 0, pairs = 0;
     *done = *found = *looked_at = 0;
@@ -210,5 +213,79 @@ KernelStatus kernel_box_pairs(const KernelBoxes *rows, const int64_t *of, int64_
     }
     *done = wanted, *found = pairs;
     free(nodes);
+    return KERNEL_OK;
+}
+
+/* Rows in the order of kernel_box_order, their given numbers, and the nodes above them; one block of memory. */
+struct KernelBoxTree {
+    KernelBoxes rows;
+    const int64_t *number;
+    const Node *nodes;
+    int64_t node_count;
+};
+
+KernelStatus kernel_box_tree_make(const KernelBoxes *rows, KernelBoxTree **tree) {
+    KernelStatus status = check_boxes(rows);
+    if (status != KERNEL_OK) return status;
+    if (!tree) return KERNEL_NULL;
+    size_t n = (size_t)rows->count;
+    size_t row_size = 6 * sizeof(double) + 4 * sizeof(int64_t) + sizeof(uint8_t);
+    char *block = malloc(sizeof(KernelBoxTree) + most_nodes(rows->count) * sizeof(Node) + n * row_size);
+    if (!block) return KERNEL_NO_MEMORY;
+    KernelBoxTree *made = (KernelBoxTree *)block;
+    Node *nodes = (Node *)(made + 1);
+    double *boxes = (double *)(nodes + most_nodes(rows->count)), *floor_m = boxes + 4 * n, *ceiling_m = floor_m + n;
+    int64_t *start_us = (int64_t *)(ceiling_m + n), *end_us = start_us + n, *object = end_us + n, *number = object + n;
+    uint8_t *is_copy = (uint8_t *)(number + n);
+    status = kernel_box_order(rows, number);
+    if (status != KERNEL_OK) {
+        free(block);
+        return status;
+    }
+    for (size_t k = 0; k < n; k++) {
+        int64_t i = number[k];
+        for (int c = 0; c < 4; c++) boxes[4 * k + (size_t)c] = rows->boxes[4 * i + c];
+        floor_m[k] = rows->floor_m[i], ceiling_m[k] = rows->ceiling_m[i];
+        start_us[k] = rows->start_us[i], end_us[k] = rows->end_us[i];
+        object[k] = rows->object[i], is_copy[k] = rows->is_copy[i];
+    }
+    *made = (KernelBoxTree){
+        .rows = {rows->count, boxes, floor_m, ceiling_m, start_us, end_us, object, is_copy},
+        .number = number,
+        .nodes = nodes,
+    };
+    made->node_count = n ? make_nodes(&made->rows, nodes, 0, 0, rows->count) : 0;
+    *tree = made;
+    return KERNEL_OK;
+}
+
+void kernel_box_tree_free(KernelBoxTree *tree) { free(tree); }
+
+KernelStatus kernel_box_tree_pairs(const KernelBoxTree *tree, const KernelBoxes *rows, int64_t *first, int64_t *second,
+                                   int64_t room, int64_t *found) {
+    KernelStatus status = check_boxes(rows);
+    if (status != KERNEL_OK) return status;
+    if (!tree || !found || (room > 0 && (!first || !second))) return KERNEL_NULL;
+    if (room < 0) return KERNEL_BAD_COUNT;
+    int64_t pairs = 0;
+    for (int64_t i = 0; i < rows->count; i++) {
+        const Node row = alone(rows, i);
+        for (int64_t n = 0; n < tree->node_count;) {
+            const Node *node = tree->nodes + n;
+            if (!overlap(&row, node)) {
+                n = node->next;
+                continue;
+            }
+            n++;
+            if (node->next > n) continue;
+            for (int64_t j = node->first; j < node->end; j++) {
+                const Node other = alone(&tree->rows, j);
+                if (!overlap(&row, &other)) continue;
+                if (pairs < room) first[pairs] = i, second[pairs] = tree->number[j];
+                pairs++;
+            }
+        }
+    }
+    *found = pairs;
     return KERNEL_OK;
 }

@@ -1,0 +1,53 @@
+"""Recognise the dialects of JSON and XML by their content: one row each."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Protocol, TypeAlias
+
+from conflictdb.errors import InvalidInput
+from conflictdb.formats import operational_intents, rtz, uas_zones
+from conflictdb.formats.contents import Contents
+from conflictdb.formats.xml_text import Element, parsed
+
+
+class ReadJson(Protocol):
+    """A reader of a JSON document."""
+
+    def __call__(self, document: Any, source: str, *, stem: str, skip_invalid: bool) -> Contents:
+        """Return the contents; raises InvalidInput."""
+
+
+class ReadXml(Protocol):
+    """A reader of an XML document."""
+
+    def __call__(
+        self, root: Element, source: str, *, stem: str, max_speed_kn: float, layers: Sequence[str], skip_invalid: bool
+    ) -> Contents:
+        """Return the contents; raises InvalidInput."""
+
+
+IsDialect: TypeAlias = Callable[[Any], bool]
+
+_JSON: Final[tuple[tuple[IsDialect, ReadJson], ...]] = (
+    (uas_zones.is_ed318, uas_zones.read_ed318),
+    (uas_zones.is_ed269, uas_zones.read_ed269),
+    (operational_intents.is_intent, operational_intents.read_intents),
+)
+_XML: Final[tuple[tuple[Callable[[Element], bool], ReadXml], ...]] = ((rtz.is_rtz, rtz.read_rtz),)
+_NAMES: Final = ("RTZ routes",)
+
+
+def of_json(document: Any) -> ReadJson | None:
+    """Return the reader of a JSON document of another program, None for a scene file or an unknown one."""
+    return next((read for is_dialect, read in _JSON if is_dialect(document)), None)
+
+
+def read_xml(
+    text: str, source: str, *, stem: str, max_speed_kn: float, layers: Sequence[str], skip_invalid: bool
+) -> Contents:
+    """Return the contents of an XML document; raises InvalidInput for a format that is not known."""
+    root = parsed(text)
+    for is_dialect, read in _XML:
+        if is_dialect(root):
+            return read(root, source, stem=stem, max_speed_kn=max_speed_kn, layers=layers, skip_invalid=skip_invalid)
+    of = f"its root is {root.name!r:.60}, of the namespace {root.namespace!r:.100}"
+    raise InvalidInput("file", "", f"is XML of a format that is not read: {of}; read are {', '.join(_NAMES)}")

@@ -1,0 +1,146 @@
+"""Read ASTM F3548-21 operational intents (and constraints): JSON with a list of four-dimensional volumes.
+
+Each volume becomes an area. Edges of polygons are shortest lines, which rhumb lines follow within half a metre.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+import shapely
+
+from conflictdb.errors import InvalidInput
+from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone, along_shortest_lines
+from conflictdb.formats.contents import Contents
+from conflictdb.formats.fields import finite, instant
+from conflictdb.formats.heights import height_m
+
+# Lists of volumes in operational intents, in their details, and in requests for them and for constraints.
+_LISTS: Final = ("volumes", "off_nominal_volumes", "extents")
+_OUTLINES: Final = ("outline_polygon", "outline_circle")
+_VOLUME: Final = frozenset({*_OUTLINES, "altitude_lower", "altitude_upper"})
+_AROUND: Final = frozenset({"volume", "time_start", "time_end"})
+
+
+def is_intent(document: Any) -> bool:
+    """Return whether a JSON document is an operational intent, a list of these, or a list of volumes."""
+    first = document[0] if isinstance(document, list) and document else document
+    return _is_volume(first) or (isinstance(first, dict) and bool(_intents(first)))
+
+
+def _intents(one: Any) -> list[Mapping[str, Any]]:
+    """Return the operational intents in an answer of the standard's interfaces."""
+    if not isinstance(one, dict):
+        return []
+    for name in ("operational_intent", "constraint"):
+        if isinstance(one.get(name), dict):
+            return _intents(one[name])
+    for name in ("operational_intents", "constraints"):
+        if isinstance(one.get(name), list) and one[name]:
+            return [intent for member in one[name] for intent in _intents(member)]
+    details = one.get("details", one)
+    is_one = isinstance(details, dict) and any(_is_list_of_volumes(details.get(name)) for name in _LISTS)
+    return [one] if is_one else []
+
+
+def _is_list_of_volumes(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and _is_volume(value[0])
+
+
+def _is_volume(value: Any) -> bool:
+    return isinstance(value, dict) and isinstance(value.get("volume"), dict)
+
+
+def read_intents(document: Any, source: str, *, stem: str, skip_invalid: bool) -> Contents:
+    """Return the areas of operational intents; raises InvalidInput with all errors.
+
+    stem : key of an intent that has no id
+    """
+    found = Gathered(source)
+    members = document if isinstance(document, list) else [document]
+    if members and _is_volume(members[0]):
+        members = [{"volumes": members}]
+    intents = [intent for member in members for intent in _intents(member)]
+    for i, intent in enumerate(intents):
+        reference: Any = intent["reference"] if isinstance(intent.get("reference"), dict) else intent
+        key = reference.get("id") or (stem if len(intents) == 1 else f"{stem}/{i + 1}")
+        details = intent.get("details", intent)
+        number = 0
+        rest = {name: one for name, one in reference.items() if name != "id" and not isinstance(one, list | dict)}
+        if "priority" in details:
+            rest["priority"] = details["priority"]
+        for name in _LISTS:
+            for k, volume in enumerate(details.get(name) or []):
+                number += 1
+                where = f"{name}[{k}] of intent {key!r}"
+                with found.refusals:
+                    found.add_zone(where, _zone(where, f"{key}/{number}", volume, {**rest, "list": name}, found))
+    return found.contents(skip_invalid=skip_invalid)
+
+
+def _zone(who: str, key: str, value: Any, properties: Mapping[str, Any], found: Gathered) -> Zone:
+    """Return the zone of one volume."""
+    if not _is_volume(value):
+        raise InvalidInput(who, "", f"must be an object with a volume; got {value!r:.60}")
+    _known(who, "", value, _AROUND)
+    volume = value["volume"]
+    _known(who, "volume", volume, _VOLUME)
+    outlines = [name for name in _OUTLINES if volume.get(name) is not None]
+    if len(outlines) != 1:
+        raise InvalidInput(who, "volume", f"needs exactly one of {' and '.join(_OUTLINES)}")
+    outline = volume[outlines[0]]
+    footprint = _circle(who, outline, found) if outlines[0] == "outline_circle" else _polygon(who, outline)
+    floor_m, ceiling_m = (_altitude(who, f"volume.altitude_{side}", volume) for side in ("lower", "upper"))
+    start_us, end_us = (_time(who, name, value.get(name)) for name in ("time_start", "time_end"))
+    return Zone(key, [Volume(footprint, floor_m, ceiling_m)], None, [Active(start_us, end_us)], properties)
+
+
+def _known(who: str, field: str, value: Mapping[str, Any], names: frozenset[str]) -> None:
+    unknown = sorted(value.keys() - names)
+    if unknown:
+        raise InvalidInput(who, ".".join(filter(None, (field, unknown[0]))), "is not known to ASTM F3548")
+
+
+def _position(who: str, field: str, value: Any) -> tuple[float, float]:
+    """Return longitude and latitude, degrees."""
+    if not isinstance(value, dict) or not value.keys() >= {"lng", "lat"}:
+        raise InvalidInput(who, field, f"must be an object of lng and lat; got {value!r:.60}")
+    return finite(who, f"{field}.lng", value["lng"]), finite(who, f"{field}.lat", value["lat"])
+
+
+def _polygon(who: str, outline: Any) -> shapely.MultiPolygon:
+    field = "volume.outline_polygon.vertices"
+    vertices = outline.get("vertices") if isinstance(outline, dict) else None
+    if not isinstance(vertices, list) or len(vertices) < 3:
+        raise InvalidInput(who, field, f"must be a list of at least three vertices; got {vertices!r:.60}")
+    ring = np.array([_position(who, f"{field}[{i}]", one) for i, one in enumerate(vertices)])
+    if np.any(ring[0] != ring[-1]):
+        ring = np.concatenate([ring, ring[:1]])
+    return shapely.MultiPolygon([shapely.Polygon(along_shortest_lines(who, field, ring))])
+
+
+def _circle(who: str, outline: Any, found: Gathered) -> shapely.MultiPolygon:
+    field = "volume.outline_circle"
+    radius = outline.get("radius") if isinstance(outline, dict) else None
+    if not isinstance(radius, dict) or radius.get("units") != "M":
+        raise InvalidInput(who, f"{field}.radius", f"must be an object of value and units, M; got {radius!r:.60}")
+    lon, lat = _position(who, f"{field}.center", outline.get("center"))
+    return found.circle(who, lon, lat, finite(who, f"{field}.radius.value", radius.get("value")))
+
+
+def _altitude(who: str, field: str, volume: Mapping[str, Any]) -> float | None:
+    value = volume.get(field.rpartition(".")[2])
+    if value is None:
+        return None
+    if not isinstance(value, dict) or not all(isinstance(value.get(name), str) for name in ("units", "reference")):
+        raise InvalidInput(who, field, f"must be an object of value, units and reference; got {value!r:.60}")
+    number = finite(who, f"{field}.value", value.get("value"))
+    return height_m(who, field, number, value["units"], value["reference"], is_floor=field.endswith("lower"))
+
+
+def _time(who: str, field: str, value: Any) -> int | None:
+    if value is None:
+        return None
+    if not isinstance(value, dict) or value.get("format") != "RFC3339":
+        raise InvalidInput(who, field, f"must be an object of value and format, RFC3339; got {value!r:.60}")
+    return instant(who, f"{field}.value", value.get("value"))

@@ -1,0 +1,232 @@
+"""Build tracks from routes: waypoints, legs and a schedule, as RTZ, S-421 and GPX describe them.
+
+Times between two timed waypoints follow from the lengths of the legs, at constant speed. Loxodromes follow orthodromes
+within half a metre, or a hundredth of the cross-track limits; the haven grows by that.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.earth import geodesy
+from conflictdb.earth.shortest_lines import DEVIATION_M, NoShortestLineError, followed
+from conflictdb.errors import InvalidInput
+from conflictdb.formats.hints import departure, haven
+from conflictdb.formats.track_times import MAX_DURATION_S
+from conflictdb.model.plans import MAX_RHUMB_LATITUDE_DEG, METRES_PER_NMI, EarthModel, Track, rectangle_outline_m
+from conflictdb.model.speed_limits import MPS_PER_KNOT
+
+# Beyond this a limit in nautical miles is probably one in metres.
+MOST_XTD_NMI: Final = 10.0
+# Two times of one event that differ by less are the same, rounded to seconds.
+_SAME_US: Final = 1_000_000
+
+
+@dataclass(slots=True)
+class Waypoint:
+    """A waypoint, and the leg that leads to it.
+
+    is_orthodrome : whether the leg is the shortest line; else it is a rhumb line
+    port_m, starboard_m : limits of the distance from the leg; None: not given
+    speed_kn : planned on the leg
+    arrival_us, departure_us : planned
+    stay_us : between arrival and departure
+    """
+
+    name: str
+    lon_deg: float
+    lat_deg: float
+    is_orthodrome: bool = False
+    port_m: float | None = None
+    starboard_m: float | None = None
+    speed_kn: float | None = None
+    arrival_us: int | None = None
+    departure_us: int | None = None
+    stay_us: int | None = None
+
+
+@dataclass(slots=True)
+class Route:
+    """A route; `name` is its key too."""
+
+    name: str
+    waypoints: Sequence[Waypoint]
+    properties: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """The loxodromes of a leg: positions (n, 2) after its start, and their lengths (n,) in metres."""
+
+    positions_deg: NDArray[np.float64]
+    lengths_m: NDArray[np.float64]
+
+    @property
+    def length_m(self) -> float:
+        return float(self.lengths_m.sum())
+
+
+def limit_m(who: str, field: str, nmi: float) -> float:
+    """Return a cross-track limit in metres; raises InvalidInput for one that is probably not in nautical miles."""
+    if not 0.0 <= nmi < np.inf:
+        raise InvalidInput(who, field, f"must be a number of nautical miles, 0 or more; got {nmi:g}")
+    if nmi > MOST_XTD_NMI:
+        rule = f"is {nmi:g} nautical miles, more than {MOST_XTD_NMI:g}: probably metres, which would be"
+        raise InvalidInput(who, field, f"{rule} {nmi / METRES_PER_NMI:.4g} nautical miles")
+    return nmi * METRES_PER_NMI
+
+
+def track_of(who: str, route: Route, max_speed_kn: float) -> Track:
+    """Return the track of a route; raises InvalidInput.
+
+    who : the route, as the user knows it
+    """
+    points = route.waypoints
+    if len(points) < 2:
+        raise InvalidInput(who, "waypoints", f"a route needs at least two waypoints; got {len(points)}")
+    for point in points:
+        if not (abs(point.lat_deg) <= MAX_RHUMB_LATITUDE_DEG and abs(point.lon_deg) <= 180.0):
+            rule = f"must lie within +-180 degrees of longitude and +-{MAX_RHUMB_LATITUDE_DEG:g} of latitude"
+            raise InvalidInput(who, point.name, f"{rule}; got {point.lon_deg:g}, {point.lat_deg:g}")
+    deviation_m = _deviation_m(points)
+    lines = [_line(who, before, point, deviation_m) for before, point in pairwise(points)]
+    arrivals, departures = _times(who, points, lines)
+    positions: list[tuple[float, float]] = [(points[0].lon_deg, points[0].lat_deg)]
+    times = [arrivals[0]]
+    for i, line in enumerate(lines, 1):
+        if departures[i - 1] > arrivals[i - 1]:
+            positions.append(positions[-1])
+            times.append(departures[i - 1])
+        shares = np.cumsum(line.lengths_m) / (line.length_m or 1.0)
+        begin, end = departures[i - 1], arrivals[i]
+        times += [begin + round((end - begin) * float(share)) for share in shares[:-1]] + [end]
+        positions += [(float(lon), float(lat)) for lon, lat in line.positions_deg]
+    if departures[-1] > arrivals[-1]:
+        positions.append(positions[-1])
+        times.append(departures[-1])
+    lon = np.array([position[0] for position in positions])
+    lon = lon[0] + np.concatenate([[0.0], np.cumsum(geodesy.shorter_way_deg(np.diff(lon)))])
+    lonlat = np.stack([lon, [position[1] for position in positions]], axis=1)
+    return Track(
+        route.name,
+        lonlat,
+        np.array(times, np.int64),
+        _haven(points, deviation_m),
+        route.name,
+        properties=route.properties,
+        max_speed_kn=max_speed_kn,
+    )
+
+
+def _haven(points: Sequence[Waypoint], deviation_m: float) -> NDArray[np.float64]:
+    """Return the outline of the vessel, grown by the limits of all legs and by what their lines deviate."""
+    fore, aft, port, starboard = (float(side) + deviation_m for side in haven())
+    port += max(point.port_m or 0.0 for point in points[1:])
+    starboard += max(point.starboard_m or 0.0 for point in points[1:])
+    return rectangle_outline_m(fore, aft, port, starboard)
+
+
+def _deviation_m(points: Sequence[Waypoint]) -> float:
+    """Return how far lines may deviate from orthodromes: half a metre, or a hundredth of the narrowest limits."""
+    limits = [min(point.port_m or 0.0, point.starboard_m or 0.0) for point in points[1:] if point.is_orthodrome]
+    return max(DEVIATION_M, 0.01 * min(limits)) if limits else 0.0
+
+
+def _line(who: str, before: Waypoint, point: Waypoint, deviation_m: float) -> _Line:
+    ends = np.array([(before.lon_deg, before.lat_deg), (point.lon_deg, point.lat_deg)])
+    if point.is_orthodrome:
+        try:
+            ends, _ = followed(ends, deviation_m)
+        except NoShortestLineError:
+            rule = "is opposite to the waypoint before it: several orthodromes are equally short"
+            raise InvalidInput(who, point.name, rule) from None
+    earth = geodesy.earth_of(EarthModel.WGS84)
+    return _Line(ends[1:], geodesy.rhumb_distance(earth, *ends[:-1].T, *ends[1:].T))
+
+
+def _times(who: str, points: Sequence[Waypoint], lines: Sequence[_Line]) -> tuple[list[int], list[int]]:
+    """Return arrival and departure at each waypoint, microseconds since 1970."""
+    start_us, speed_kn = departure()
+    first = points[0].departure_us if points[0].departure_us is not None else points[0].arrival_us
+    if first is None:
+        first = start_us
+    if first is None:
+        raise InvalidInput(who, points[0].name, "has no departure time: give it in the file, or with --departure")
+    arrivals: list[int | None] = [points[0].arrival_us if points[0].arrival_us is not None else first]
+    departures: list[int | None] = [first]
+    for point, line in zip(points[1:], lines, strict=True):
+        arrival = _arrival(who, point, line, departures[-1], speed_kn)
+        arrivals.append(arrival)
+        departures.append(_departure(point, arrival))
+    _fill(who, points, lines, arrivals, departures)
+    return [int(one or 0) for one in arrivals], [int(one or 0) for one in departures]
+
+
+def _arrival(who: str, point: Waypoint, line: _Line, before: int | None, speed_kn: float | None) -> int | None:
+    if point.arrival_us is not None:
+        return point.arrival_us
+    if point.departure_us is not None and point.stay_us is not None:
+        return point.departure_us - point.stay_us
+    speed = point.speed_kn if point.speed_kn is not None else speed_kn
+    if speed is not None and before is not None:
+        if not speed > 0.0:
+            raise InvalidInput(who, point.name, f"has a speed of {speed:g} knots: it must be above 0")
+        seconds = line.length_m / (speed * MPS_PER_KNOT)
+        if not seconds < MAX_DURATION_S:
+            raise InvalidInput(who, point.name, "has so low a speed that the route would leave the years 1 to 9999")
+        return before + round(1e6 * seconds)
+    return point.departure_us
+
+
+def _departure(point: Waypoint, arrival: int | None) -> int | None:
+    if point.departure_us is not None:
+        return point.departure_us
+    return None if arrival is None else arrival + (point.stay_us or 0)
+
+
+def _fill(
+    who: str,
+    points: Sequence[Waypoint],
+    lines: Sequence[_Line],
+    arrivals: list[int | None],
+    departures: list[int | None],
+) -> None:
+    """Fill in times between two timed waypoints, at constant speed."""
+    for first, last in _gaps(arrivals):
+        if last == len(points):
+            rule = "has neither an arrival time nor a speed: give one in the file, or with --departure and --speed-kn"
+            raise InvalidInput(who, points[first].name, rule)
+        begin, end = departures[first - 1], arrivals[last]
+        assert begin is not None  # noqa: S101
+        assert end is not None  # noqa: S101
+        run = np.cumsum([line.length_m for line in lines[first - 1 : last]])
+        for k in range(first, last):
+            stay = points[k].stay_us
+            if stay:
+                rule = "has a stay, but no arrival time and no speed on its leg: give one of them"
+                raise InvalidInput(who, points[k].name, rule)
+            arrivals[k] = departures[k] = begin + round((end - begin) * float(run[k - first] / (run[-1] or 1.0)))
+
+
+def _gaps(arrivals: Sequence[int | None]) -> Iterator[tuple[int, int]]:
+    """Yield [first, last) of each run of waypoints without a time."""
+    first = None
+    for i, arrival in enumerate([*arrivals, 0]):
+        if arrival is None and first is None:
+            first = i
+        if first is not None and (arrival is not None or i == len(arrivals)):
+            yield first, i
+            first = None
+
+
+def agreed(who: str, field: str, *times_us: int | None) -> int | None:
+    """Return the time on which several sources agree to a second; raises InvalidInput if they do not."""
+    given = [one for one in times_us if one is not None]
+    if given and max(given) - min(given) > _SAME_US:
+        rule = f"is given twice, {(max(given) - min(given)) / 1e6:g} s apart, by the manual and the calculated schedule"
+        raise InvalidInput(who, field, rule)
+    return given[0] if given else None

@@ -1,0 +1,164 @@
+"""Read routes of ECDIS: RTZ 1.0, 1.1 and 1.2 (IEC 61174, annex S).
+
+A file holds one route, which becomes one track. A leg belongs to the waypoint to which it leads. Attributes that a leg
+does not have are those of the default waypoint; without one it is a loxodrome. Cross-track limits and turn radii are
+nautical miles, speeds knots.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from conflictdb.errors import InvalidInput
+from conflictdb.formats.areas_of_files import Gathered
+from conflictdb.formats.contents import Contents
+from conflictdb.formats.fields import finite
+from conflictdb.formats.instants import parse_instant
+from conflictdb.formats.routes import Route, Waypoint, agreed, limit_m, track_of
+from conflictdb.formats.xml_text import Element
+
+VERSIONS: Final = ("1.0", "1.1", "1.2")
+_NAMESPACE: Final = "http://www.cirm.org/RTZ/"
+_GEOMETRY: Final = {"Loxodrome": False, "Orthodrome": True}
+# The schema of version 1.0 misspells it.
+_ELEMENTS: Final = ("scheduleElement", "sheduleElement")
+_DURATION: Final = re.compile(
+    r"P(?:(?P<days>\d+)D)?(?:T(?:(?P<hours>\d+)H)?(?:(?P<minutes>\d+)M)?(?:(?P<seconds>\d+(?:\.\d+)?)S)?)?"
+)
+_SECONDS: Final = {"days": 86_400, "hours": 3600, "minutes": 60, "seconds": 1}
+
+
+def is_rtz(root: Element) -> bool:
+    """Return whether an XML document is an RTZ route, of any version."""
+    return root.name == "route" and root.namespace.startswith(_NAMESPACE)
+
+
+def read_rtz(
+    root: Element, source: str, *, stem: str, max_speed_kn: float, layers: Sequence[str] = (), skip_invalid: bool
+) -> Contents:
+    """Return the track of a route; raises InvalidInput.
+
+    layers : the name or id of the schedule to read, if the route has several
+    """
+    found = Gathered(source)
+    info = root.child("routeInfo")
+    name = (info.get("routeName") if info is not None else None) or stem
+    who = f"route {name!r}"
+    with found.refusals:
+        version = root.get("version")
+        if version not in VERSIONS:
+            raise InvalidInput(who, "version", f"must be one of {', '.join(VERSIONS)}; got {version!r:.40}")
+        points = dict(_waypoints(who, root))
+        _schedule(who, root, points, layers)
+        properties = {} if info is None else {key: one for key, one in info.attributes.items() if key != "routeName"}
+        found.add_track(name, track_of(who, Route(name, list(points.values()), dict(properties)), max_speed_kn))
+    return found.contents(skip_invalid=skip_invalid)
+
+
+def _waypoints(who: str, root: Element) -> Iterator[tuple[str, Waypoint]]:
+    """Yield the waypoints by id, in their order."""
+    every = root.child("waypoints")
+    if every is None:
+        raise InvalidInput(who, "waypoints", "are missing")
+    default = every.child("defaultWaypoint", "leg")
+    ids: set[str] = set()
+    for element in every.each("waypoint"):
+        number = element.get("id")
+        if number is None or number in ids:
+            rule = "has no id" if number is None else f"has the id {number}, as an earlier one"
+            raise InvalidInput(who, f"waypoint in line {element.line}", rule)
+        ids.add(number)
+        where = f"waypoint {number}"
+        position = element.child("position")
+        if position is None:
+            raise InvalidInput(who, where, "has no position")
+        lon, lat = (number_of(who, f"{where}, {one}", position.get(one)) for one in ("lon", "lat"))
+        point = Waypoint(where, lon, lat)
+        if len(ids) > 1:
+            _leg(who, point, element.child("leg"), default)
+        yield number, point
+
+
+def _leg(who: str, point: Waypoint, own: Element | None, default: Element | None) -> None:
+    given = {**(default.attributes if default is not None else {}), **(own.attributes if own is not None else {})}
+    kind = given.get("geometryType", "Loxodrome")
+    if kind not in _GEOMETRY:
+        rule = f"must be one of {', '.join(_GEOMETRY)}; got {kind!r:.40}"
+        raise InvalidInput(who, f"{point.name}, geometryType", rule)
+    point.is_orthodrome = _GEOMETRY[kind]
+    limits = {}
+    for side in ("portsideXTD", "starboardXTD"):
+        where = f"{point.name}, {side}"
+        limits[side] = limit_m(who, where, number_of(who, where, given[side])) if side in given else None
+    point.port_m, point.starboard_m = limits["portsideXTD"], limits["starboardXTD"]
+
+
+def _schedule(who: str, root: Element, points: dict[str, Waypoint], layers: Sequence[str]) -> None:
+    """Give waypoints the times and speeds of the schedule."""
+    every = root.child("schedules")
+    schedules = [] if every is None else list(every.each("schedule"))
+    if layers:
+        chosen = [one for one in schedules if {one.get("id"), one.get("name")} & set(layers)]
+        if not chosen:
+            raise InvalidInput(who, "layer", f"there is no schedule {layers[0]!r:.60}; {_named(schedules)}")
+        schedules = chosen
+    if len(schedules) > 1:
+        raise InvalidInput(who, "schedules", f"has several: select one with --layer; {_named(schedules)}")
+    for schedule in schedules:
+        parts = {
+            part: {one.get("waypointId"): one for name in _ELEMENTS for one in found.each(name)}
+            for part in ("calculated", "manual")
+            if (found := schedule.child(part)) is not None
+        }
+        for number in {number for part in parts.values() for number in part}:
+            if number not in points:
+                raise InvalidInput(who, "scheduleElement", f"has the waypointId {number!r:.40}, which no waypoint has")
+            _call(who, points[number], [part[number] for part in parts.values() if number in part])
+
+
+def _named(schedules: Sequence[Element]) -> str:
+    return "the file has " + ", ".join(repr(one.get("name") or one.get("id")) for one in schedules)
+
+
+def _call(who: str, point: Waypoint, elements: Sequence[Element]) -> None:
+    """Give a waypoint what the calculated and the manual schedule say of it."""
+    where = point.name
+
+    def times(name: str) -> int | None:
+        return agreed(who, f"{where}, {name}", *(time_of(who, f"{where}, {name}", one.get(name)) for one in elements))
+
+    point.arrival_us, point.departure_us = times("eta"), times("etd")
+    for element in elements:
+        stay, speed = element.get("stay"), element.get("speed")
+        if stay is not None and point.stay_us is None:
+            point.stay_us = duration_us(who, f"{where}, stay", stay)
+        if speed is not None and point.speed_kn is None:
+            point.speed_kn = number_of(who, f"{where}, speed", speed)
+
+
+def number_of(who: str, field: str, text: str | None) -> float:
+    """Return the number of a text of XML; raises InvalidInput."""
+    try:
+        return finite(who, field, float(text or ""))
+    except ValueError as error:
+        if isinstance(error, InvalidInput):
+            raise
+        raise InvalidInput(who, field, f"must be a number; got {text!r:.40}") from None
+
+
+def time_of(who: str, field: str, text: str | None) -> int | None:
+    """Return a time in microseconds since 1970, None for no text; raises InvalidInput."""
+    if text is None:
+        return None
+    try:
+        return parse_instant(text)
+    except ValueError as error:
+        raise InvalidInput(who, field, str(error)) from None
+
+
+def duration_us(who: str, field: str, text: str) -> int:
+    """Return a duration such as PT2H30M in microseconds; raises InvalidInput, also for months and years."""
+    given = _DURATION.fullmatch(text)
+    if given is None or text in ("P", "PT") or text.endswith("T") or len(text) > 40:
+        raise InvalidInput(who, field, f"must be a duration such as PT2H30M; got {text!r:.40}")
+    return round(1e6 * sum(_SECONDS[unit] * float(one) for unit, one in given.groupdict().items() if one))

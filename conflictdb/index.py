@@ -1,0 +1,339 @@
+"""Compare plans with many others in memory, one question at a time (`Index`): no database, the answer of `solve`.
+
+Boxes are kept in trees of the kernel, each at least twice as large as the next (the logarithmic method: J. L. Bentley,
+J. B. Saxe, J. Algorithms 1 (1980), doi:10.1016/0196-6774(80)90015-2). A plan that is put makes a small tree; trees that
+come too close in size are merged. A tree never changes, so questions need no lock.
+"""
+
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import centred, plane_of
+from conflictdb.errors import InvalidInput
+from conflictdb.in_memory import Objects, check_keys
+from conflictdb.kernel.boxes import BoxTree, RowBoxes
+from conflictdb.kernel.bundles import boxes_of
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Conflict, Kind, Results
+from conflictdb.stages.memory import DEFAULT_MEMORY
+from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
+from conflictdb.stages.pieces.covers import pieces_of
+from conflictdb.stages.pieces.cutting import check_plane
+from conflictdb.stages.run import run_scene
+from conflictdb.stages.source import Chunk
+from conflictdb.stages.stage1_broad_phase import pairs_together
+from conflictdb.stages.to_results import to_results
+
+Plan = Area | Track
+
+
+class Index:
+    """Plans in memory that others are compared with; safe to use from several threads.
+
+    The answer is that of `solve` on the same plans. Plans of one owner are never compared with each other.
+
+    scene : the settings; a centre that great circles need follows from the first plans if it is not given
+    """
+
+    def __init__(self, scene: Scene | None = None) -> None:
+        if not isinstance(scene, Scene | None):
+            raise InvalidInput("Index", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
+        self._scene = scene or Scene("in memory")
+        self._lock = threading.Lock()
+        self._owners: dict[str, _Owner] = {}
+        self._owner_of: dict[str, _Owner] = {}
+        self._state = _State()
+
+    @property
+    def scene(self) -> Scene:
+        """The settings, with the centre once there is one."""
+        return self._scene
+
+    def __len__(self) -> int:
+        """Return the number of plans."""
+        return len(self._owner_of)
+
+    def put(self, plans: Plan | Sequence[Plan], owner: str | None = None) -> None:
+        """Add the plans of an owner, in place of those it had.
+
+        Parameters
+        ----------
+        plans : Area or Track, or a sequence of them
+        owner : str, optional
+            By default each plan is its own owner, named by its key.
+
+        Raises InvalidInput, and changes nothing, for plans that do not fit the scene's plane, and for keys that occur
+        twice or belong to another owner.
+        """
+        given = listed("put", plans)
+        check_keys(given)
+        with self._lock:
+            self._scene = centred(self._scene, *_by_kind(given))
+        pieces = _cut(self._scene, plane_of(self._scene), given)
+        names = [one.key if owner is None else owner for one in given]
+        owners = {name: _Owner(name) for name in names}
+        objects = [_Object(one, owners[name]) for one, name in zip(given, names, strict=True)]
+        for item in objects:
+            item.owner.keys.append(item.plan.key)
+        level = _Level.of(self._scene, pieces, _object_rows(pieces, given), objects)
+        with self._lock:
+            # Plans that are their own owners may take the place of several owners.
+            former = [self._owners[name] for name in dict.fromkeys(names) if name in self._owners]
+            for one, name in zip(given, names, strict=True):
+                known = self._owner_of.get(one.key)
+                if known is not None and known.name != name:
+                    rule = f"belongs to owner {known.name!r}; got owner {name!r}"
+                    raise InvalidInput(f"plan {one.key!r}", "key", f"{rule}: keys must be unique")
+            number = self._state.number + 1
+            self._forget(former, number)
+            self._owners |= owners
+            self._owner_of |= {item.plan.key: item.owner for item in objects}
+            self._state = self._state.with_level(self._scene, level, number, len(self))
+
+    def remove(self, owner: str) -> bool:
+        """Remove the plans of an owner, by default of the plan with that key; return whether there were any."""
+        with self._lock:
+            known = self._owners.get(owner)
+            if known is None:
+                return False
+            number = self._state.number + 1
+            self._forget([known], number)
+            self._state = self._state.without_dead(self._scene, number, len(self))
+        return True
+
+    def probe(self, plans: Plan | Sequence[Plan], owner: str | None = None) -> Results[Conflict]:
+        """Return the conflicts that plans have with those of other owners, without adding them.
+
+        They are compared with what is there in place of the plans of their owner and of the same keys. If the scene has
+        `nearest_m`, near pairs are returned too. Rows are as those of `solve`.
+
+        owner : by default each plan is its own owner: they are compared with each other, too
+        """
+        given = listed("probe", plans)
+        check_keys(given)
+        scene, state = centred(self._scene, *_by_kind(given)), self._state
+        plane = plane_of(scene)
+        pieces = _cut(scene, plane, given)
+        keys = {one.key for one in given}
+        mine = _object_rows(pieces, given)
+        objects: list[Plan] = list(given)
+        parts, of = [pieces], [mine]
+        a, b, count = [], [], len(pieces)
+        boxes = _boxes(scene, pieces)
+        if owner is None and len(given) > 1:
+            one, other = BoxTree(boxes).pairs(boxes)
+            earlier = mine[one] < mine[other]
+            a.append(one[earlier])
+            b.append(other[earlier])
+        for level in state.levels:
+            one, other = level.tree.pairs(boxes)
+            seen = np.array(
+                [
+                    state.shows(item) and item.plan.key not in keys and (owner is None or item.owner.name != owner)
+                    for item in (level.objects[k] for k in level.object_of[other].tolist())
+                ],
+                np.bool_,
+            )
+            one, other = one[seen], other[seen]
+            if not len(other):
+                continue
+            rows, place = np.unique(other, return_inverse=True)
+            numbers, of_row = np.unique(level.object_of[rows], return_inverse=True)
+            a.append(one)
+            b.append(place + count)
+            parts.append(level.pieces.take(rows))
+            of.append(of_row + len(objects))
+            objects += [level.objects[k].plan for k in numbers.tolist()]
+            count += len(rows)
+        if not any(map(len, a)):
+            return Results((), Conflict)
+        met = Pieces.concatenate(parts), np.concatenate(of), np.concatenate(a), np.concatenate(b)
+        found = _conflicts(scene, plane, objects, *met)
+        origin = Objects(scene, {one.key: one for one in objects})
+        return Results((conflict.found_by(origin) for conflict in found), Conflict)
+
+    def _forget(self, owners: "list[_Owner]", number: int) -> None:
+        """Hide the plans of owners from the state of a number on."""
+        for owner in owners:
+            owner.ended = number
+            del self._owners[owner.name]
+            for key in owner.keys:
+                del self._owner_of[key]
+
+
+@dataclass(slots=True, eq=False)
+class _Owner:
+    """An owner as it was put once.
+
+    ended : number of the state that no longer shows its plans
+    """
+
+    name: str
+    keys: list[str] = field(default_factory=list)
+    ended: int | None = None
+
+
+class _Object(NamedTuple):
+    plan: Plan
+    owner: _Owner
+
+
+@dataclass(frozen=True, slots=True)
+class _Level:
+    """Pieces of some plans, and their boxes in a tree.
+
+    object_of : (n,) the place of each piece's plan in `objects`
+    """
+
+    tree: BoxTree
+    pieces: Pieces
+    object_of: NDArray[np.int32]
+    objects: list[_Object]
+
+    @classmethod
+    def of(cls, scene: Scene, pieces: Pieces, object_of: NDArray[np.int64], objects: list[_Object]) -> "_Level":
+        return cls(BoxTree(_boxes(scene, pieces)), pieces, object_of.astype(np.int32), objects)
+
+    @classmethod
+    def merged(cls, scene: Scene, levels: "Sequence[_Level]") -> "_Level":
+        """Return one level of the plans that the newest state shows."""
+        kept = [np.array([item.owner.ended is None for item in level.objects], np.bool_) for level in levels]
+        firsts = np.cumsum([0, *(int(one.sum()) for one in kept)])
+        parts, of = [], []
+        for level, live, first in zip(levels, kept, firsts.tolist(), strict=False):
+            rows = np.flatnonzero(live[level.object_of])
+            parts.append(level.pieces if len(rows) == len(level.pieces) else level.pieces.take(rows))
+            of.append((np.cumsum(live) - 1)[level.object_of[rows]] + first)
+        objects = [item for level in levels for item in level.objects if item.owner.ended is None]
+        return cls.of(scene, Pieces.concatenate(parts), np.concatenate(of), objects)
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    """What a question sees: the plans of owners that had not ended at this state's number.
+
+    levels : each has at least twice as many pieces as the next
+    """
+
+    number: int = 0
+    levels: tuple[_Level, ...] = ()
+
+    def shows(self, item: _Object) -> bool:
+        ended = item.owner.ended
+        return ended is None or ended > self.number
+
+    def with_level(self, scene: Scene, level: _Level, number: int, live: int) -> "_State":
+        """Return the state of a number with one more level; live : plans that it shows."""
+        levels, size = [*self.levels], len(level.pieces)
+        merged = [level]
+        while levels and len(levels[-1].pieces) < 2 * size:
+            merged.insert(0, levels.pop())
+            size += len(merged[0].pieces)
+        if len(merged) > 1:
+            level = _Level.merged(scene, merged)
+        return _State(number, (*levels, level)).without_dead(scene, number, live)
+
+    def without_dead(self, scene: Scene, number: int, live: int) -> "_State":
+        """Return the state of a number; levels are merged once half of their plans have ended."""
+        if 2 * live >= sum(len(level.objects) for level in self.levels):
+            return _State(number, self.levels)
+        return _State(number, (_Level.merged(scene, self.levels),) if live else ())
+
+
+class _Given:
+    """Given pairs as a source; areas are numbered as their footprints."""
+
+    def __init__(self, pieces: Pieces, a: PieceRows, b: PieceRows, footprint: NDArray[np.object_]) -> None:
+        self._pieces, self._a, self._b, self._footprint = pieces, a, b, footprint
+
+    def candidates(self) -> Iterator[Chunk]:
+        number = object_numbers(self._pieces)
+        for rows in chunks_of_objects(number[self._a], number[self._b], DEFAULT_MEMORY.pairs):
+            yield Chunk(self._pieces, PieceRows(self._a[rows]), PieceRows(self._b[rows]))
+
+    def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        return self._footprint[area_ids]
+
+
+def listed(who: str, plans: Any) -> list[Plan]:
+    """Return a plan, or several, as a list; raises InvalidInput for anything else."""
+    given = list(plans) if isinstance(plans, Sequence) and not isinstance(plans, str) else [plans]
+    for plan in given:
+        if not isinstance(plan, Area | Track):
+            raise InvalidInput(who, "plan", f"must be an Area or a Track, or several; got {type(plan).__name__}")
+    if not given:
+        raise InvalidInput(who, "plan", "must be an Area or a Track, or several; got none")
+    return given
+
+
+def _by_kind(plans: Sequence[Plan]) -> tuple[list[Area], list[Track]]:
+    return [one for one in plans if isinstance(one, Area)], [one for one in plans if isinstance(one, Track)]
+
+
+def _cut(scene: Scene, plane: Plane, plans: Sequence[Plan]) -> Pieces:
+    areas, tracks = _by_kind(plans)
+    check_plane(plane, areas, tracks)
+    return pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+
+
+def _object_rows(pieces: Pieces, plans: Sequence[Plan]) -> NDArray[np.int64]:
+    """Return (n,) the place in `plans` of the plan of each piece of `_cut`."""
+    places = [np.array([k for k, one in enumerate(plans) if isinstance(one, kind)], np.int64) for kind in (Area, Track)]
+    row = pieces.object_id + np.where(pieces.kind == Kind.AREA.code, 0, len(places[0]))
+    return np.concatenate(places)[row]
+
+
+def _boxes(scene: Scene, pieces: Pieces) -> RowBoxes:
+    spans = pieces.meeting_within(scene.time_separation_us)
+    bands = pieces.floor_m, pieces.ceiling_m
+    return RowBoxes(
+        boxes_of(pieces), *bands, spans.start_us, spans.end_us, np.zeros(len(pieces), np.int64), pieces.turn != 0
+    )
+
+
+def _conflicts(
+    scene: Scene,
+    plane: Plane,
+    objects: list[Plan],
+    pieces: Pieces,
+    object_of: NDArray[np.int64],
+    a: NDArray[np.int64],
+    b: NDArray[np.int64],
+) -> list[Conflict]:
+    """Return the conflicts of pairs of pieces (a, b) whose boxes meet, by the stages and in the order of `solve`.
+
+    object_of : (n,) the place in `objects` of each piece's plan
+    """
+    # Numbered by key, seam copies beside their originals, and the smaller number first: as `solve` does, whose answer
+    # may depend on it in the last digits.
+    ids = np.empty(len(objects), np.int64)
+    footprint = np.empty(len(objects), dtype=object)
+    named: dict[tuple[int, int], tuple[str, str | None]] = {}
+    for kind, code in ((Area, Kind.AREA.code), (Track, Kind.TRACK.code)):
+        rows = [k for k, one in enumerate(objects) if isinstance(one, kind)]
+        for number, k in enumerate(sorted(rows, key=lambda k: objects[k].key.encode())):
+            one = objects[k]
+            ids[k], named[code, number] = number, (one.key, one.name)
+            if isinstance(one, Area):
+                footprint[number] = one.footprint
+    pieces = replace(pieces, object_id=ids[object_of])
+    order = np.lexsort((-pieces.turn, pieces.part, object_numbers(pieces)))
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    pieces, a, b = pieces.take(order), place[a], place[b]
+    numbers = object_numbers(pieces)
+    a, b = np.where(numbers[a] < numbers[b], (a, b), (b, a))
+    a, b = pairs_together(pieces.meeting_within(scene.time_separation_us), PieceRows(a), PieceRows(b))
+    order = np.lexsort((b, a))
+    source = _Given(pieces, PieceRows(a[order]), PieceRows(b[order]), footprint)
+    parts = [part for part, _ in run_scene(scene, plane, source)]
+    return to_results(scene, named, Conflicts.concatenate(parts)) if parts else []

@@ -1,0 +1,139 @@
+"""Proposals: what `resolve` returns, changes of plans that clear a scene."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from enum import StrEnum
+from typing import Any, Final
+
+from conflictdb.model.results import format_moment, labelled
+
+METRES_PER_NMI: Final = 1852.0
+
+
+class Goal(StrEnum):
+    """What a proposal makes least."""
+
+    TOTAL = "total"  # the sum of all delays, each times its weight
+    LARGEST = "largest"  # the largest of them
+
+
+class Side(StrEnum):
+    """How a moved track passes another object."""
+
+    ASTERN = "astern"  # it comes to the common place later than the other track
+    AHEAD = "ahead"  # earlier
+    AFTER = "after"  # it comes to an area after that ends
+    BEFORE = "before"  # it has left an area before that begins
+
+
+@dataclass(frozen=True, slots=True)
+class Passing:
+    """How a moved track passes an object that it would meet otherwise.
+
+    key : of the other object
+    closest_m : distance at the closest approach, metres on the earth; None if that is not within 10 nautical miles
+        beyond the required separation
+    closest_at : when that is; None as before
+    """
+
+    key: str
+    side: Side
+    closest_m: float | None
+    closest_at: datetime | None
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """A change of one track.
+
+    delay_s : seconds by which all of its times are later, negative: earlier; whole microseconds
+    speed : factor of its planned speed, on all legs, departing as planned; 1: as planned
+    clears : the keys of the objects that it is in conflict with as planned, and no longer
+    passes : how it passes these, and others that keep it from a smaller delay
+    """
+
+    key: str
+    delay_s: float
+    speed: float
+    clears: tuple[str, ...]
+    passes: tuple[Passing, ...]
+
+    def text(self, names: Mapping[str, str] | None = None) -> str:
+        """Return the move in one sentence; names: of objects, by key."""
+        label = {} if names is None else names
+        parts = [_change(self)]
+        for one in self.passes:
+            where = "" if one.closest_m is None else f" by {_distance(one.closest_m)}"
+            other = labelled(one.key, label.get(one.key))
+            verb = {
+                Side.ASTERN: "passes astern of",
+                Side.AHEAD: "passes ahead of",
+                Side.AFTER: "comes after",
+                Side.BEFORE: "leaves before",
+            }[one.side]
+            parts.append(f"{verb} {other}{where if one.side in (Side.ASTERN, Side.AHEAD) else ''}")
+        count = len(self.clears)
+        cleared = f"clears {count} conflict{'' if count == 1 else 's'}" if count else "clears none"
+        how = ", ".join(parts[1:])
+        return f"{labelled(self.key, label.get(self.key))} {parts[0]}: {how + '; ' if how else ''}{cleared}, makes none"
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """A track that stays as planned although it is in conflict.
+
+    blocked_by : the keys of objects that together forbid every change that it may make
+    """
+
+    key: str
+    blocked_by: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """Changes that clear a scene: what `resolve` returns. A detection of the whole changed scene has verified it.
+
+    moves : by key; after them, no track that moved or was in conflict meets anything, but those of `left`
+    left : by key; none of them meets anything that it did not meet before
+    goal : what was made least
+    objective_s : the sum of all delays, each times its weight, or the largest; seconds
+    bound_s : no choice of delays that leaves so few tracks has a lower objective
+    is_least : whether that is proven, to a millisecond: no other choice leaves fewer tracks, or as many for less
+    """
+
+    moves: tuple[Move, ...]
+    left: tuple[Left, ...]
+    goal: Goal
+    objective_s: float
+    bound_s: float
+    is_least: bool
+
+    def as_json(self) -> dict[str, Any]:
+        """Return this as an object of JSON."""
+        found = asdict(self)
+        for move, row in zip(self.moves, found["moves"], strict=True):
+            for passing in row["passes"]:
+                passing["closest_at"] = format_moment(passing["closest_at"])
+            row["text"] = move.text()
+        return found
+
+
+def duration_text(seconds: float) -> str:
+    """Return a duration in hours, minutes and seconds, rounded up to the second: ``4 min 12 s``."""
+    whole = int(-(-seconds // 1))
+    parts = [(whole // 3600, "h"), (whole // 60 % 60, "min"), (whole % 60, "s")]
+    return " ".join(f"{count} {unit}" for count, unit in parts if count) or "0 s"
+
+
+def _distance(metres: float) -> str:
+    """Return a distance, rounded down."""
+    tenths = int(10.0 * metres / METRES_PER_NMI)
+    return f"{tenths / 10} nmi" if tenths else f"{int(metres)} m"
+
+
+def _change(move: Move) -> str:
+    if move.speed != 1.0:
+        return f"at {100.0 * move.speed:.1f} % of its speed"
+    later = "later" if move.delay_s > 0.0 else "earlier"
+    return f"{duration_text(abs(move.delay_s))} {later}"

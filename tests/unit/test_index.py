@@ -1,0 +1,184 @@
+"""Plans put in an index meet the plans that `solve` says they meet, after any changes and from several threads."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from workloads import ARCTIC, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
+
+from conflictdb import Area, Conflict, Index, InvalidInput, Motion, Scene, Track, solve
+
+Plan = Area | Track
+Owned = dict[str, list[Plan]]
+
+
+def solved(scene: Scene, owned: Owned, plans: list[Plan], owner: str) -> list[Conflict]:
+    """What `solve` of all plans says of some that take the place of their owner's."""
+    others = [one for name, of in owned.items() if name != owner for one in of]
+    every = [*others, *plans]
+    keys = {one.key for one in plans}
+    found = solve([p for p in every if isinstance(p, Track)], [p for p in every if isinstance(p, Area)], scene)
+    return [one for one in found if (one.a_key in keys) != (one.b_key in keys)]
+
+
+def pool(workload: Workload, seed: int, **settings: object) -> tuple[Scene, Owned]:
+    """A scene, and plans of owners that have one to three each, some with heights."""
+    scene, areas, tracks = throw(workload, seed, 14, 14)
+    rng, plans = np.random.default_rng(seed), [*areas, *tracks]
+    plans = [replace(p, floor_m=100.0, ceiling_m=200.0) if rng.random() < 0.2 else p for p in plans]
+    plans = [plans[k] for k in rng.permutation(len(plans))]
+    owned: Owned = {}
+    while plans:
+        owned[f"owner {len(owned)}"] = [plans.pop() for _ in range(min(len(plans), int(rng.integers(1, 4))))]
+    return replace(scene, **settings), owned
+
+
+CASES = [
+    (LOW_LATITUDE, {}),
+    (HIGH_LATITUDE, {"separation_m": 3000.0}),
+    (SEAM, {}),
+    (OCEAN, {}),
+    (HARBOUR, {"nearest_m": 200.0}),
+    (ARCTIC, {"vertical_separation_m": 50.0}),
+    (SEAM, {"time_separation_s": 1800.0}),
+    (LOW_LATITUDE, {"method": "screen"}),
+]
+
+
+def sequence(workload: Workload, seed: int, settings: dict[str, object], steps: int) -> int:
+    """Put, remove and probe at random, and compare with `solve` after every step; return the conflicts compared."""
+    scene, owned = pool(workload, seed, **settings)
+    index, rng, there, compared = Index(scene), np.random.default_rng(seed), dict[str, list[Plan]](), 0
+    names = list(owned)
+    for _ in range(steps):
+        owner = names[rng.integers(len(names))]
+        if rng.random() < 0.6:
+            some = owned[owner][: rng.integers(1, len(owned[owner]) + 1)]
+            index.put(some, owner=owner)
+            there[owner] = some
+        else:
+            assert index.remove(owner) == (there.pop(owner, None) is not None)
+        assert len(index) == sum(map(len, there.values()))
+        asked = names[rng.integers(len(names))]
+        expected = solved(scene, there, owned[asked], asked)
+        assert index.probe(owned[asked], owner=asked) == expected
+        compared += len(expected)
+    return compared
+
+
+@pytest.mark.parametrize("case", range(len(CASES)))
+def test_an_index_answers_as_solve_does(case: int) -> None:
+    """After every step of four sequences, from four threads at once."""
+    workload, settings = CASES[case]
+    with ThreadPoolExecutor(4) as threads:
+        compared = list(threads.map(lambda seed: sequence(workload, seed, settings, 8), range(4)))
+    assert sum(compared) > 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", range(len(CASES)))
+def test_many_sequences_answer_as_solve_does(case: int) -> None:
+    workload, settings = CASES[case]
+    with ThreadPoolExecutor(4) as threads:
+        compared = list(threads.map(lambda seed: sequence(workload, seed, settings, 40), range(100, 200)))
+    assert sum(compared) > 1000
+
+
+def test_threads_share_an_index() -> None:
+    """Each changes plans of its own and asks about them; a plan that stays is met by whoever should meet it."""
+    scene, owned = pool(LOW_LATITUDE, 7)
+    names = list(owned)
+    stays = {name: owned[name] for name in names[:3]}
+    index = Index(scene)
+    for name, plans in stays.items():
+        index.put(plans, owner=name)
+    asked = [name for name in names[3:] if solved(scene, stays, owned[name], name)]
+    assert len(asked) >= 3
+    expected = {name: solved(scene, stays, owned[name], name) for name in asked}
+    begin = threading.Barrier(4)
+
+    def work(of: int) -> None:
+        begin.wait()
+        for turn in range(12):
+            name = asked[(of + 4 * turn) % len(asked)]
+            mine = f"{of}"
+            index.put([replace(one, key=f"{of} {one.key}") for one in owned[name]], owner=mine)
+            found = [
+                one for one in index.probe(owned[name], owner=mine) if not {one.a_key[:2], one.b_key[:2]} & PREFIXES
+            ]
+            assert found == expected[name]
+            if turn % 3 == 0:
+                assert index.remove(mine)
+
+    with ThreadPoolExecutor(4) as threads:
+        list(threads.map(work, range(4)))
+
+
+PREFIXES = {f"{of} " for of in range(4)}
+
+
+def square(key: str, lon: float, **fields: float) -> Area:
+    return Area(key, [(lon, 0.0), (lon + 1.0, 0.0), (lon + 1.0, 1.0), (lon, 1.0)], **fields)
+
+
+def test_plans_without_an_owner_are_their_own() -> None:
+    index = Index()
+    index.put([square("a", 0.0), square("b", 0.5)])
+    assert [(one.a_key, one.b_key) for one in index.probe([square("c", 1.2), square("d", 1.4)])] == [
+        ("b", "c"),
+        ("b", "d"),
+        ("c", "d"),
+    ]
+    assert [one.a_key for one in index.probe(square("b", 0.2))] == ["a"]
+    index.put(square("a", 40.0))
+    assert not index.probe(square("b", 0.2))
+    assert index.remove("a")
+    assert not index.remove("a")
+    assert len(index) == 1
+
+
+def test_many_changes_leave_little() -> None:
+    """Plans that are gone do not stay in memory."""
+    index = Index()
+    for turn in range(200):
+        index.put([square(f"{k}", 2.0 * k) for k in range(8)], owner=f"{turn % 2}") if turn % 2 == 0 else None
+        index.remove("0")
+    assert sum(len(level.objects) for level in index._state.levels) == 0
+
+
+def test_great_circles_get_a_centre_from_the_first_plans() -> None:
+    index = Index(Scene("far", motion=Motion.GREAT_CIRCLE))
+    assert not index.probe(square("a", 0.0))
+    assert index.scene.centre is None
+    index.put(square("a", 0.0))
+    assert index.scene.centre == (0.399991, 0.400012)
+    with pytest.raises(InvalidInput, match="beyond 60 degrees"):
+        index.put(square("b", 100.0))
+    assert len(index) == 1
+
+
+def test_what_cannot_be_put_changes_nothing() -> None:
+    index = Index()
+    index.put(square("a", 0.0), owner="one")
+    for plans, owner, rule in (
+        ([square("b", 0.0), square("b", 1.0)], "two", "more than once"),
+        ([square("c", 0.0), square("a", 1.0)], "two", "belongs to owner 'one'"),
+        ([square("a", 1.0)], None, "belongs to owner 'one'"),
+        ([], None, "got none"),
+        ("a", None, "must be an Area or a Track"),
+    ):
+        with pytest.raises(InvalidInput, match=rule):
+            index.put(plans, owner=owner)  # type: ignore[arg-type]
+        assert len(index) == 1
+        assert [one.a_key for one in index.probe(square("z", 0.5))] == ["a"]
+    with pytest.raises(InvalidInput, match="must be a Scene"):
+        Index("scene")  # type: ignore[arg-type]
+
+
+def test_a_conflict_of_an_index_can_be_drawn() -> None:
+    index = Index()
+    index.put(square("a", 0.0))
+    [conflict] = index.probe(square("b", 0.5))
+    assert conflict.plot().axes

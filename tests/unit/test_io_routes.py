@@ -1,0 +1,185 @@
+"""Routes in RTZ: what each field becomes, and one message a mistake.
+
+The files are made here, after the public schemas. `docs/how-to/plan-with-routes-of-an-ecdis.md` says which public files
+were read, with what result.
+"""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+import pytest
+
+from conflictdb import InvalidInput, Track, read
+from conflictdb.formats import FileHints
+
+GEOD = pyproj.Geod(ellps="WGS84")
+NMI = 1852.0
+STARTED = FileHints(departure=datetime(2026, 3, 1, 6, tzinfo=UTC), speed_kn=12.0)
+
+
+def waypoint(number: int, lon: float, lat: float, leg: str = "", **more: object) -> str:
+    given = " ".join(f'{name}="{one}"' for name, one in more.items())
+    return f'<waypoint id="{number}" {given}><position lat="{lat}" lon="{lon}"/><leg {leg}/></waypoint>'
+
+
+THREE = waypoint(1, 4, 57) + waypoint(2, 5, 57) + waypoint(3, 5, 58)
+
+
+def rtz(waypoints: str = THREE, schedules: str = "", version: str = "1.2", name: str = 'routeName="R"') -> str:
+    space = f"http://www.cirm.org/RTZ/{version.replace('.', '/')}"
+    every = f"<schedules>{schedules}</schedules>" if schedules else ""
+    info = f'<routeInfo {name} vesselMMSI="265425000"/>'
+    return f'<route xmlns="{space}" version="{version}">{info}<waypoints>{waypoints}</waypoints>{every}</route>'
+
+
+def manual(*elements: str, part: str = "manual") -> str:
+    each = "".join(f"<scheduleElement waypointId={one}/>" for one in elements)
+    return f'<schedule id="s{len(elements)}"><{part}>{each}</{part}></schedule>'
+
+
+def track(tmp_path: Path, text: str, hints: FileHints | None = None, **more: Any) -> Track:
+    path = tmp_path / "plan.rtz"
+    path.write_text(text)
+    (found,) = read(path, hints=hints, **more).tracks
+    return found
+
+
+def at(found: Track, i: int) -> np.datetime64:
+    return np.datetime64(int(found.times_us[i]), "us").astype("datetime64[s]")
+
+
+@pytest.mark.parametrize("version", ["1.0", "1.1", "1.2"])
+def test_a_route_becomes_a_track(version: str, tmp_path: Path) -> None:
+    schedule = manual('"1" etd="2026-03-01T06:00:00Z"', '"2" speed="12"', '"3" eta="2026-03-01T14:00:00Z"')
+    if version == "1.0":  # whose schema misspells it
+        schedule = schedule.replace("scheduleElement", "sheduleElement")
+    found = track(tmp_path, rtz(schedules=schedule, version=version))
+    assert (found.key, found.name, found.properties) == ("R", "R", {"vesselMMSI": "265425000"})
+    assert found.positions_deg.tolist() == [[4.0, 57.0], [5.0, 57.0], [5.0, 58.0]]
+    assert at(found, 0) == np.datetime64("2026-03-01T06:00:00")
+    assert at(found, 2) == np.datetime64("2026-03-01T14:00:00")
+    leg_h = np.pi / 180.0 * 6378137.0 / np.sqrt(1.0 - 0.00669438 * np.sin(np.radians(57)) ** 2) * np.cos(np.radians(57))
+    assert (found.times_us[1] - found.times_us[0]) / 3.6e9 == pytest.approx(leg_h / (12 * NMI), rel=1e-6)
+    assert not found.outline_m.any()
+
+
+def test_a_stay_is_two_waypoints(tmp_path: Path) -> None:
+    schedule = manual(
+        '"1" etd="2026-03-01T06:00:00Z"',
+        '"2" eta="2026-03-01T09:00:00Z" stay="PT1H30M"',
+        '"3" eta="2026-03-01T15:00:00Z" etd="2026-03-01T16:00:00Z"',
+    )
+    found = track(tmp_path, rtz(schedules=schedule))
+    assert found.positions_deg[:, 0].tolist() == [4, 5, 5, 5, 5]
+    hours = (found.times_us - found.times_us[0]) / 3.6e9
+    assert hours.tolist() == [0, 3, 4.5, 9, 10]
+
+
+def test_the_manual_and_the_calculated_schedule_are_joined(tmp_path: Path) -> None:
+    one = manual('"1" etd="2026-03-01T06:00:00Z"', '"3" eta="2026-03-01T14:00:00Z"').replace("</schedule>", "")
+    two = manual('"2" eta="2026-03-01T09:00:00Z"', '"3" eta="2026-03-01T14:00:00.4Z"', part="calculated")
+    found = track(tmp_path, rtz(schedules=one + two.split(">", 1)[1]))
+    assert at(found, 1) == np.datetime64("2026-03-01T09:00:00")
+
+
+def test_limits_and_the_vessel_make_the_haven(tmp_path: Path) -> None:
+    """Limits of the default waypoint hold for legs that give none."""
+    default = '<defaultWaypoint radius="0.5"><leg portsideXTD="0.1" starboardXTD="0.2"/></defaultWaypoint>'
+    points = default + waypoint(1, 4, 57) + waypoint(2, 5, 57, 'portsideXTD="0.5"') + waypoint(3, 5, 58)
+    hints = FileHints(departure=STARTED.departure, speed_kn=12.0, haven_m=(100, 50, 10, 20))
+    found = track(tmp_path, rtz(points), hints)
+    assert found.outline_m.max(axis=0).tolist() == pytest.approx([0.2 * NMI + 20, 100])
+    assert found.outline_m.min(axis=0).tolist() == pytest.approx([-0.5 * NMI - 10, -50])
+
+
+def test_an_orthodrome_is_followed(tmp_path: Path) -> None:
+    """The haven grows by what the line deviates, and the time is that of the whole leg."""
+    points = waypoint(1, 140, 36) + waypoint(2, -137.5, 40, 'geometryType="Orthodrome"')
+    found = track(tmp_path, rtz(points), STARTED)
+    assert len(found.positions_deg) > 500
+    assert found.positions_deg[-1].tolist() == [222.5, 40.0]
+    assert found.outline_m.max() == 0.5
+    azimuth, _, length_m = GEOD.inv(140, 36, -137.5, 40)
+    hours = (found.times_us[-1] - found.times_us[0]) / 3.6e9
+    assert hours == pytest.approx(length_m / (12 * NMI), rel=1e-5)
+    for k in range(1, len(found.positions_deg), 50):
+        there, _, away_m = GEOD.inv(140, 36, *found.positions_deg[k])
+        assert abs(away_m * np.sin(np.radians(there - azimuth))) < 0.01
+
+
+def test_a_route_without_times_needs_a_departure_and_a_speed(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"route 'R': waypoint 1: has no departure time: .* --departure"):
+        track(tmp_path, rtz())
+    with pytest.raises(InvalidInput, match=r"waypoint 2: has neither an arrival time nor a speed: .* --speed-kn"):
+        track(tmp_path, rtz(), FileHints(departure=STARTED.departure))
+    assert at(track(tmp_path, rtz(), STARTED), 0) == np.datetime64("2026-03-01T06:00:00")
+
+
+def test_one_of_several_schedules_is_a_layer(tmp_path: Path) -> None:
+    first = manual('"1" etd="2026-03-01T06:00:00Z"', '"3" eta="2026-03-01T14:00:00Z"')
+    second = manual('"1" etd="2026-03-02T06:00:00Z"', '"2" speed="9"', '"3" speed="9"')
+    with pytest.raises(InvalidInput, match="schedules: has several: select one with --layer; the file has 's2', 's3'"):
+        track(tmp_path, rtz(schedules=first + second))
+    found = track(tmp_path, rtz(schedules=first + second), layers=["s3"])
+    assert at(found, 0) == np.datetime64("2026-03-02T06:00:00")
+    with pytest.raises(InvalidInput, match="layer: there is no schedule 's4'; the file has 's2', 's3'"):
+        track(tmp_path, rtz(schedules=first + second), layers=["s4"])
+
+
+def leg(text: str) -> str:
+    return rtz(waypoint(1, 4, 57) + waypoint(2, 5, 57, text))
+
+
+def calls(number: str, text: str) -> str:
+    return rtz(schedules=manual('"1" etd="2026-03-01T06:00:00Z"', f'"{number}" {text}'))
+
+
+MISTAKES = {
+    "version": (rtz(version="2.0"), r"route 'R': version: must be one of 1.0, 1.1, 1.2; got '2.0'"),
+    "one waypoint": (rtz(waypoint(1, 4, 57)), "'R': waypoints: a route needs at least two waypoints; got 1"),
+    "no waypoints": (rtz("").replace("waypoints", "points"), "'R': waypoints: are missing"),
+    "an id twice": (rtz(waypoint(1, 4, 57) * 2), "'R': waypoint in line 1: has the id 1, as an earlier one"),
+    "no id": (rtz(THREE.replace('id="2"', "")), "'R': waypoint in line 1: has no id"),
+    "no position": (rtz(THREE.replace("position", "place", 1)), "'R': waypoint 1: has no position"),
+    "latitude": (rtz(waypoint(1, 4, 57) + waypoint(2, 5, 89.5)), "'R': waypoint 2: must lie within"),
+    "longitude": (rtz(waypoint(1, 4, 57) + waypoint(2, "E5", 57)), "waypoint 2, lon: must be a number; got 'E5'"),
+    "geometry": (leg('geometryType="GreatCircle"'), "waypoint 2, geometryType: must be one of Loxodrome, Orthodrome"),
+    "metres": (leg('portsideXTD="185.2"'), "waypoint 2, portsideXTD: is 185.2 .* probably metres, .* 0.1 nautical"),
+    "negative": (leg('starboardXTD="-1"'), "waypoint 2, starboardXTD: must be a number of nautical miles, 0 or more"),
+    "infinite": (leg('starboardXTD="INF"'), "waypoint 2, starboardXTD: must be a finite number"),
+    "unknown waypoint": (calls("9", 'speed="5"'), "'R': scheduleElement: has the waypointId '9', which no waypoint"),
+    "no speed": (calls("2", 'speed="0"'), "waypoint 2: has a speed of 0 knots"),
+    "slow": (calls("2", 'speed="1e-9"'), "waypoint 2: has so low a speed"),
+    "no offset": (calls("2", 'eta="2026-03-01T09:00:00"'), "waypoint 2, eta: needs an offset from UTC"),
+    "months": (calls("2", 'speed="5" stay="P1M"'), "waypoint 2, stay: must be a duration such as PT2H30M"),
+    "a stay at no time": (
+        rtz(schedules=manual('"1" etd="2026-03-01T06:00:00Z"', '"2" stay="PT1H"', '"3" eta="2026-03-01T14:00:00Z"')),
+        "waypoint 2: has a stay, but no arrival time and no speed",
+    ),
+    "backwards": (calls("3", 'eta="2026-03-01T05:00:00Z"'), r"track 'R': times\[1\]: must be later|two places"),
+    "too fast": (calls("3", 'eta="2026-03-01T06:00:10Z"'), r"track 'R': times\[1\]: .* beyond 2000 kn"),
+    "two times": (
+        rtz(
+            schedules=manual('"1" etd="2026-03-01T06:00:00Z"', '"3" eta="2026-03-01T14:00:00Z"').replace(
+                "</schedule>", ""
+            )
+            + '<calculated><scheduleElement waypointId="3" eta="2026-03-01T15:00:00Z"/></calculated></schedule>'
+        ),
+        "waypoint 3, eta: is given twice, 3600 s apart",
+    ),
+    "opposite": (
+        rtz(waypoint(1, 0, 0) + waypoint(2, 180, 0, 'geometryType="Orthodrome"')),
+        "waypoint 2: is opposite to the waypoint before it",
+    ),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_has_one_message_that_names_it(mistake: str, tmp_path: Path) -> None:
+    text, rule = MISTAKES[mistake]
+    with pytest.raises(InvalidInput, match=rule) as refused:
+        track(tmp_path, text, None if "schedule" in text else STARTED)
+    assert str(refused.value).count("\n") == 0
