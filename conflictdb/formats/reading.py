@@ -243,6 +243,12 @@ def _read_xml(file: _File) -> Contents:
     )
 
 
+def _read_notam(file: _File) -> Contents:
+    from conflictdb.formats.notam import read_notam
+
+    return read_notam(file.text(), str(file.path), skip_invalid=file.skip_invalid)
+
+
 def _read_ogr(file: _File) -> Contents:
     if not file.path.exists():
         raise InvalidInput("file", "", "does not exist")
@@ -256,7 +262,8 @@ _READERS: Final[Mapping[str, Callable[[_File], Contents]]] = {
     **dict.fromkeys((".json", ".geojson", ".mfjson"), _read_json),
     **dict.fromkeys((".csv", ".tsv"), _read_rows),
     **dict.fromkeys(PARQUET, _read_parquet),
-    **dict.fromkeys((".rtz", ".xml", ".gml", ".s421"), _read_xml),
+    **dict.fromkeys((".txt", ".notam"), _read_notam),
+    **dict.fromkeys((".rtz", ".xml", ".gml", ".s421", ".gpx"), _read_xml),
 }
 
 
