@@ -28,12 +28,9 @@ RECORD: Final = HERE / "recorded.jsonl.gz"
 FOLDER: Final = "CONFLICTDB_RECORD_ORACLE"  # where everything that is computed is written
 FRESH: Final = 50
 ASKING: Final = (
-    "contract/test_methods", "unit/test_circle_growth", "unit/test_great_circle_scenes", "unit/test_growth",
-    "unit/test_leg_heights", "unit/test_oracle", "unit/test_stage4", "unit/test_stage4_approach",
-    *(f"acceptance/test_{name}" for name in (
-        "adversary", "command_line", "encounters", "extremes", "far_apart", "fuzz_objects", "grazing", "in_line",
-        "known_scenes", "never_misses", "properties", "regions", "separation_on_earth", "shallow", "where",
-    )),
+    "unit/test_oracle", "unit/test_stage4_approach", "acceptance/test_adversary", "acceptance/test_command_line",
+    "acceptance/test_extremes", "acceptance/test_grazing", "acceptance/test_never_misses", "acceptance/test_regions",
+    "acceptance/test_separation_on_earth", "acceptance/test_shallow",
 )  # fmt: skip
 NOT_READ: Final = ("key", "name", "properties")  # of an object: they change no answer
 
