@@ -180,7 +180,8 @@ LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT c.* FROM conflicts c
     WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene)
-      AND (c.a_key IN (SELECT _keys_of_class(p_scene, p_class)) OR c.b_key IN (SELECT _keys_of_class(p_scene, p_class)));
+      AND (c.a_key IN (SELECT _keys_of_class(p_scene, p_class))
+           OR c.b_key IN (SELECT _keys_of_class(p_scene, p_class)));
 END;
 COMMENT ON FUNCTION conflicts_of_class(text, text) IS
 'Conflicts of a scene with an object of a class; none for a class without objects.';

@@ -53,8 +53,8 @@ END;
 COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean, text[], text, timestamptz, timestamptz, timestamptz, text,
                                boolean, text) IS
 'Conflicts of a scene, earliest first. Only those at p_at, among p_keys, of p_key, in [p_from, p_to), opened or '
-'changed since p_since, with a verdict, acknowledged or not, of an object of a class; null: all. Periods in binary. Ids and versions of objects '
-'only p_with_region. Raises ZC011 for an unknown p_key.';
+'changed since p_since, with a verdict, acknowledged or not, of an object of a class; null: all. Periods in binary. '
+'Ids and versions of objects only p_with_region. Raises ZC011 for an unknown p_key.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._counted_conflicts() RETURNS TABLE (
     scene text, verdict text, is_acknowledged boolean, conflicts bigint

@@ -150,7 +150,7 @@ class RuleTable:
 
 
 def listed(rules: Iterable[Rule]) -> list[Rule]:
-    """Return rules in the order of their sides; raises InvalidInput for other objects, for too many, and for sides given twice."""
+    """Return rules in the order of their sides; raises InvalidInput for others, too many, or sides given twice."""
     found = list(rules)
     known = set()
     for i, rule in enumerate(found):

@@ -52,7 +52,10 @@ class AnyTime:
         if self.only is not None or not (scene.rules or self.pieces.owner_number.any()):
             return [(scene, self)]
         separations = Separations.of(scene)
-        return [(one, replace(self, only=(separations, one))) for one in separations.settings]
+        return [
+            (one, replace(self, pieces=separations.of_settings(one, self.pieces), only=(separations, one)))
+            for one in separations.settings
+        ]
 
     def pairs_within(self, mine: _Ints, horizon_us: int, *, is_once: bool = False) -> tuple[PieceRows, PieceRows]:
         """Return `pairs` of pieces of which a may be earlier or later by up to the horizon."""
@@ -81,7 +84,7 @@ class AnyTime:
             keep &= (self.start_us[b] <= latest_us[row]) & (self.end_us[b] >= earliest_us[row])
             a, b = PieceRows(a[keep]), PieceRows(b[keep])
             if self.only is not None:
-                few = self.only[0].rows_of(self.only[1], pieces, a, b)
+                few = self.only[0].have(self.only[1], pieces, a, b)
                 a, b = PieceRows(a[few]), PieceRows(b[few])
             met = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, a, b)
             found.append((a[met], b[met]))

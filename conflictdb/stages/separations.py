@@ -20,6 +20,7 @@ from conflictdb.stages.stage1_broad_phase import is_together
 
 _Ints = NDArray[Any]
 
+_MOST_ROUNDED_M: Final = 1e9
 NEVER: Final = -1  # in place of settings: the pair is not compared
 
 
@@ -91,42 +92,51 @@ class Separations:
             vertical_separation_m=max(one.vertical_separation_m for one in able),
         )
 
-    def split(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> Iterator[tuple[Scene, NDArray[np.int64]]]:
-        """Yield settings and the rows of pairs of pieces that have them; at least once.
+    def split(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> Iterator[tuple[Scene, Pieces, NDArray[np.int64]]]:
+        """Yield settings, the pieces as these ask for, and the rows of pairs that have them; at least once.
 
-        Pairs that are not compared are left out.
+        Pairs that are not compared, and pairs further apart in time or height than their own settings ask for, are left
+        out.
         """
         if (self.of_types == 0).all() and not pieces.owner_number.any():
-            yield self.settings[0], np.arange(len(a))
+            yield self.settings[0], pieces, np.arange(len(a))
             return
-        found, vertical_m = self._of_pairs_of(pieces, a, b), self._vertical_m(pieces)
+        found = self._of_pieces(pieces, a, b)
         for i in np.unique(found[found >= 0]).tolist() or [0]:
-            settings, rows = self.settings[i], np.flatnonzero(found == i)
-            rows = rows[_is_close(settings, pieces, vertical_m, PieceRows(a[rows]), PieceRows(b[rows]))]
-            own = pieces.meeting_within(settings.time_separation_us)
-            yield settings, rows[is_together(own, PieceRows(a[rows]), PieceRows(b[rows]))]
+            settings, own, rows = (
+                self.settings[i],
+                self.of_settings(self.settings[i], pieces),
+                np.flatnonzero(found == i),
+            )
+            wide, one, other = own.meeting_within(settings.time_separation_us), PieceRows(a[rows]), PieceRows(b[rows])
+            keep = (own.floor_m[one] < own.ceiling_m[other]) & (own.floor_m[other] < own.ceiling_m[one])
+            yield settings, own, rows[keep & is_together(wide, one, other)]
 
-    def rows_of(self, settings: Scene, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
-        """Return the rows of pairs that have some settings, whatever their times."""
-        rows = np.flatnonzero(self._of_pairs_of(pieces, a, b) == list(self.settings).index(settings))
-        close = _is_close(settings, pieces, self._vertical_m(pieces), PieceRows(a[rows]), PieceRows(b[rows]))
-        return rows[close]
+    def have(self, settings: Scene, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
+        """Return (n,) whether pairs of pieces have some settings."""
+        return self._of_pieces(pieces, a, b) == list(self.settings).index(settings)
 
-    def _of_pairs_of(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
+    def of_settings(self, settings: Scene, pieces: Pieces) -> Pieces:
+        """Return pieces whose heights are further out by half of one vertical separation, not of their largest."""
+        of_types = np.array([self.padding(one).vertical_separation_m for one in range(len(self.of_types))])
+        spare_m = of_types[self.types(pieces.kind, pieces.class_number)] - settings.vertical_separation_m
+        if not spare_m.any():
+            return pieces
+        by_m = 0.5 * spare_m
+        return replace(
+            pieces,
+            floor_m=to_micrometres(pieces.floor_m + by_m),
+            ceiling_m=to_micrometres(pieces.ceiling_m - by_m),
+            climb_m=to_micrometres(pieces.climb_m + by_m[:, None] * np.array([1.0, 1.0, -1.0, -1.0])),
+        )
+
+    def _of_pieces(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
         columns = ((column[a], column[b]) for column in (pieces.kind, pieces.class_number, pieces.owner_number))
         return self.of_pairs(*columns)
 
-    def _vertical_m(self, pieces: Pieces) -> Floats:
-        """Return (p,) the vertical separation by whose half the heights of pieces are further out."""
-        of_types = np.array([self.padding(one).vertical_separation_m for one in range(len(self.of_types))])
-        return of_types[self.types(pieces.kind, pieces.class_number)]
 
-
-def _is_close(settings: Scene, pieces: Pieces, vertical_m: Floats, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
-    """Return (n,) whether the heights of pairs come as close as their own settings ask for."""
-    keep = np.ones(len(a), np.bool_)
-    spare_m = 0.5 * (vertical_m[a] + vertical_m[b]) - settings.vertical_separation_m
-    for one, other in ((a, b), (b, a)):
-        # Heights are to the micrometre: half of that is rounding.
-        keep &= (spare_m <= 0.0) | (pieces.floor_m[one] + spare_m + 5e-7 < pieces.ceiling_m[other])
-    return keep
+def to_micrometres(height_m: Floats) -> Floats:
+    """Return heights rounded, so that sums of equal decimals are equal; from _MOST_ROUNDED_M on they are too coarse."""
+    return np.where(
+        np.abs(height_m) < _MOST_ROUNDED_M, np.round(np.clip(height_m, -_MOST_ROUNDED_M, _MOST_ROUNDED_M), 6), height_m
+    )

@@ -147,7 +147,7 @@ def test_a_changed_rule_recomputes_only_its_pairs(dsn: str) -> None:
 
 def test_explain_names_the_rule_and_who_yields(dsn: str) -> None:
     rng = np.random.default_rng(8)
-    tracks, areas = sea(rng, 60, 0.2)
+    tracks, _ = sea(rng, 60, 0.2)
     tracks = [
         replace(
             one, owner=None, object_class=("ferry", "drone")[i % 2], floor_m=None, ceiling_m=None, max_speed_kn=np.inf
