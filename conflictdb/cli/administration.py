@@ -1,10 +1,11 @@
-"""`init`, `upgrade`, `extension`, `attach`, `detach`, `attachments`, `share` and `protect`."""
+"""`init`, `upgrade`, `extension`, `attach`, `detach`, `rules`, `attachments`, `share` and `protect`."""
 
 import argparse
+import json
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import moment_text, remark_incomplete
@@ -14,6 +15,7 @@ from conflictdb.cli.session import database
 from conflictdb.cli.tables import table
 from conflictdb.db import schema, store
 from conflictdb.model.plans import Scene
+from conflictdb.model.rules import rule_of
 from conflictdb.session.database import Database, connect
 
 # Rows listed: a screen full.
@@ -166,3 +168,48 @@ def _with_notices(args: argparse.Namespace) -> Iterator[Database]:
     with database(args) as db:
         db.connection.add_notice_handler(lambda notice: remark(store.with_remedy(notice)))
         yield db
+
+
+def rules(args: argparse.Namespace) -> int:
+    """List the separation rules of a scene, or change one."""
+    problems = [
+        (len(args.sides) not in (0, 2), "give no side, or two"),
+        (bool(args.sides) != (args.remove or args.set is not None), "two sides go with --set or --remove"),
+        (args.remove and args.set is not None, "--set and --remove exclude each other"),
+    ]
+    check(args, problems)
+    with database(args) as db:
+        scene = db.scene(args.scene)
+        if args.sides:
+            a, b = (None if side == "any" else side for side in args.sides)
+            if args.remove:
+                done = "removed" if scene.remove_rule(a, b) else "is not there"
+            else:
+                scene.put_rule(rule_of({"a_class": a, "b_class": b} | _values(args.set), "--set"))
+                done = "entered"
+            out(f"{args.scene}: rule of {args.sides[0]} with {args.sides[1]} {done}")
+            return DONE
+        found = scene.rules()
+    header = ["A", "B", "SEPARATION M", "VERTICAL M", "TIME S", "ALLOWED", "YIELDS"]
+    rows = [
+        [
+            *(side or "any" for side in (rule.a_class, rule.b_class)),
+            *(None if one is None else f"{one:g}" for one in (rule.separation_m, rule.vertical_m, rule.time_s)),
+            "yes" if rule.allowed else None,
+            {"a": rule.a_class or "any", "b": rule.b_class or "any"}.get(rule.yields or ""),
+        ]
+        for rule in found
+    ]
+    out(table(header, rows, right=header[2:5]) if found else "no rules: the settings of the scene apply to all")
+    return DONE
+
+
+def _values(given: Mapping[str, str]) -> dict[str, Any]:
+    """Return the values of a rule as in scene files; texts that are no JSON stay texts."""
+    found: dict[str, Any] = {}
+    for name, text in given.items():
+        try:
+            found[name] = json.loads(text)
+        except ValueError:
+            found[name] = text
+    return found

@@ -1,4 +1,4 @@
-"""`load`, `export`, `scenes`, `objects`, `rules`, `rename`, `copy` and `delete`."""
+"""`load`, `export`, `scenes`, `objects`, `rename`, `copy` and `delete`."""
 
 import argparse
 from dataclasses import asdict
@@ -13,7 +13,6 @@ from conflictdb.cli.tables import table
 from conflictdb.formats.reading import is_parquet
 from conflictdb.formats.writing import whole_file
 from conflictdb.model.results import format_moment
-from conflictdb.model.rules import Rule, members_of
 
 
 def load(args: argparse.Namespace) -> int:
@@ -72,47 +71,6 @@ def objects(args: argparse.Namespace) -> int:
         for one in found
     ]
     out(table(header, lines, right=header[5:7], whole=header[3:5]) if found else "no objects")
-    return DONE
-
-
-def rules(args: argparse.Namespace) -> int:
-    """List the separation rules of a scene, or change one."""
-    given = {name: getattr(args, name) for name in ("separation_m", "vertical_m", "time_s")}
-    is_changed = args.allowed or args.yields is not None or any(one is not None for one in given.values())
-    problems = [
-        (len(args.sides) not in (0, 2), "give no side, or two"),
-        (is_changed and not args.sides, "give two sides"),
-        (args.remove and (is_changed or not args.sides), "--remove goes with two sides alone"),
-        (args.yields is not None and args.yields not in args.sides, "--yields names one of the sides"),
-    ]
-    check(args, problems)
-    with database(args) as db:
-        scene = db.scene(args.scene)
-        if args.sides:
-            a, b = (None if side == "any" else side for side in args.sides)
-            if args.remove:
-                done = "removed" if scene.remove_rule(a, b) else "had no rule"
-            else:
-                yields = None if args.yields is None else "ab"[args.sides.index(args.yields)]
-                scene.put_rule(Rule(a, b, **given, allowed=args.allowed, yields=yields))
-                done = "entered"
-            out(f"{args.scene}: rule of {args.sides[0]} with {args.sides[1]} {done}")
-            return DONE
-        found = scene.rules()
-    if args.format == "json":
-        print_json([members_of(rule) for rule in found])
-        return DONE
-    header = ["A", "B", "SEPARATION M", "VERTICAL M", "TIME S", "ALLOWED", "YIELDS"]
-    rows = [
-        [
-            *(side or "any" for side in (rule.a_class, rule.b_class)),
-            *(None if one is None else f"{one:g}" for one in (rule.separation_m, rule.vertical_m, rule.time_s)),
-            "yes" if rule.allowed else None,
-            {"a": rule.a_class or "any", "b": rule.b_class or "any"}.get(rule.yields or ""),
-        ]
-        for rule in found
-    ]
-    out(table(header, rows, right=header[2:5]) if found else "no rules: the scene's settings apply to all")
     return DONE
 
 

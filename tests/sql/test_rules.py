@@ -8,9 +8,10 @@ import psycopg
 import pytest
 from ruled import random_rules, sea
 
-from conflictdb import Scene, connect, solve
+from conflictdb import InvalidInput, Scene, connect, solve
 from conflictdb.db import store
 from conflictdb.db.detect import detect
+from conflictdb.formats.scene_file import read_scene
 from conflictdb.model.rules import Rule
 
 Conn = psycopg.Connection[Any]
@@ -191,3 +192,44 @@ def test_a_copy_has_the_rules(conn: Conn) -> None:
     ruled(conn, ("ferry", "area", 500), ("area", "area", None, None, None, True))
     conn.execute("SELECT conflictdb.copy_scene('s', 'c')")
     assert conn.execute("SELECT count(*) FROM conflictdb.rules WHERE scene = 'c'").fetchone() == (2,)
+
+
+def test_conflicts_of_a_class_and_of_one_owner(dsn: str) -> None:
+    rng = np.random.default_rng(8)
+    tracks, areas = sea(rng, 90, 0.3)
+    tracks = [replace(one, max_speed_kn=np.inf) for one in tracks]
+    owner_of = {one.key: one.owner for one in [*tracks, *areas]}
+    class_of = {one.key: one.object_class for one in [*tracks, *areas]}
+    with connect(dsn) as db:
+        store.replace_scene(db.connection, Scene("s", separation_m=2000.0), areas, tracks, merge=False)
+        db.scene("s").detect()
+        found = db.scene("s").conflicts()
+        assert not any(owner_of[one.a_key] == owner_of[one.b_key] is not None for one in found)
+        ferries = db.scene("s").conflicts(object_class="ferry")
+        expected = [one for one in found if "ferry" in (class_of[one.a_key], class_of[one.b_key])]
+        assert 0 < len(expected) < len(found)
+        assert {(one.a_key, one.b_key) for one in ferries} == {(one.a_key, one.b_key) for one in expected}
+        with db.connection.transaction():
+            count = db.connection.execute("SELECT count(*) FROM conflictdb.conflicts_of_class('s', 'ferry')").fetchone()
+        assert count == (len(expected),)
+        may = verdicts(db.scene("s").conflicts()).keys()
+        with db.connection.transaction():
+            rows = db.connection.execute("SELECT a_key, b_key FROM conflictdb.candidates('s')").fetchall()
+        assert may <= set(rows)
+        assert not any(owner_of[a] == owner_of[b] is not None for a, b in rows)
+
+
+def test_python_and_files_carry_rules(dsn: str) -> None:
+    rules = [Rule("ferry", "area", 500.0), Rule("escort", "convoy", allowed=True), Rule("sub", None, yields="b")]
+    with connect(dsn) as db:
+        store.replace_scene(db.connection, Scene("s"), *reversed(sea(np.random.default_rng(1), 9, 0.1)), merge=False)
+        for rule in rules:
+            db.scene("s").put_rule(rule)
+        assert set(db.scene("s").rules()) == set(rules)
+        text = "".join(db.scene("s").text())
+        assert set(read_scene(text, "x").scene.rules) == set(rules)
+        assert db.scene("s").remove_rule("area", "ferry")
+        assert not db.scene("s").remove_rule("area", "ferry")
+        assert len(db.scene("s").rules()) == 2
+        with pytest.raises(InvalidInput, match="alike"):
+            db.scene("s").put_rule(Rule(None, "escort", 7.0))

@@ -21,6 +21,13 @@ def add(commands: Any) -> None:
     parser.add_argument("directory", nargs="?", type=Path, metavar="DIRECTORY", help=about)
     parser.add_argument("--pg-config", metavar="PROGRAM", default="pg_config", help="default: the one on PATH")
 
+    about = "print separation rules, or change one"
+    parser = command(below, "rules", "administration:rules", about)
+    parser.add_argument("sides", nargs="*", metavar="SIDE", help="two of: a class, area, track, any")
+    parser.add_argument("--scene", required=True, type=name, metavar="NAME", help="scene")
+    parser.add_argument("--set", type=mapping, metavar="NAME=VALUE,…", help="as in scene files")
+    parser.add_argument("--remove", action="store_true", help="remove it")
+
     _add_tables(below)
     _add_rights(below)
 

@@ -23,7 +23,6 @@ from conflictdb.cli.values import (
     instants,
     metres,
     name,
-    seconds,
     time,
     time_or_age,
 )
@@ -64,18 +63,6 @@ def _add_plans(commands: Any) -> None:
     parser.add_argument("keys", nargs="*", metavar="KEY", help="keys of objects")
     add_scene(parser)
     parser.add_argument("--all", action="store_true", help="the whole scene, which --scene must name")
-
-    about = "print or change separation rules by class"
-    parser = command(commands, "rules", "scene_objects:rules", about, "A side is a class, area, track or any.")
-    parser.add_argument("sides", nargs="*", metavar="SIDE", help="two sides, to change their rule")
-    add_scene(parser)
-    parser.add_argument("--separation-m", type=metres, metavar="METRES", help="as the setting")
-    parser.add_argument("--vertical-m", type=metres, metavar="METRES", help="as the setting")
-    parser.add_argument("--time-s", type=seconds, metavar="SECONDS", help="as the setting")
-    parser.add_argument("--allowed", action="store_true", help="do not compare")
-    parser.add_argument("--yields", metavar="SIDE", help="which side yields")
-    parser.add_argument("--remove", action="store_true", help="remove the rule")
-    add_format(parser, "table", "json")
 
     parser = command(
         commands, "export", "scene_objects:export", "write a scene file", "Loading it gives the same objects."
