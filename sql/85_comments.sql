@@ -259,6 +259,10 @@ COMMENT ON COLUMN acknowledgement.closest_error_m IS
 COMMENT ON COLUMN acknowledgement.ended_by IS 'User who withdrew or replaced it; null while in force.';
 COMMENT ON COLUMN acknowledgement.ended_at IS 'When it was withdrawn or replaced; null if it was not.';
 
+COMMENT ON TABLE admission_lock IS
+'One row per scene with admissions: an admission locks it until its transaction ends.';
+COMMENT ON COLUMN admission_lock.scene_id IS 'Scene.';
+COMMENT ON COLUMN admission_lock.taken IS 'Number of transactions that took the lock and committed.';
 COMMENT ON TABLE scene_lock IS
 'One row per scene that was ever detected: a detection locks it for its transaction. Only workers may lock it.';
 COMMENT ON COLUMN scene_lock.scene_id IS 'Scene.';

@@ -9,5 +9,17 @@ from conflictdb.formats.objects_writing import object_lines
 from conflictdb.formats.reading import read
 from conflictdb.formats.scene_file import scene_text
 from conflictdb.formats.writing import write, write_lines
+from conflictdb.formats.writing_scenes import write_scene_file
 
-__all__ = ["Contents", "FileHints", "Remark", "Skipped", "object_lines", "read", "scene_text", "write", "write_lines"]
+__all__ = [
+    "Contents",
+    "FileHints",
+    "Remark",
+    "Skipped",
+    "object_lines",
+    "read",
+    "scene_text",
+    "write",
+    "write_lines",
+    "write_scene_file",
+]

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "795dc4c9b58ac845efb94f1e5bb86ac1c255066eb5a0914b26c22f6cff661e84"
+routines_sha256 = "bf0664ed54ec963266715d4cfa36c3b65ea1dfc73576803abd4725b5fcf996f3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -27,9 +27,19 @@ END
 $$;
 """
 
+# One admission of a scene at a time. Not `scene_lock`, which detections hold for as long as they take.
+ADMISSIONS = """
+CREATE TABLE IF NOT EXISTS conflictdb.admission_lock (
+    scene_id bigint NOT NULL CONSTRAINT admission_lock_pkey PRIMARY KEY,
+    taken bigint NOT NULL
+);
+CREATE INDEX IF NOT EXISTS area_scene_id_owner_btree ON conflictdb.area (scene_id, owner) WHERE owner IS NOT NULL;
+CREATE INDEX IF NOT EXISTS track_scene_id_owner_btree ON conflictdb.track (scene_id, owner) WHERE owner IS NOT NULL;
+"""
+
 
 def upgrade() -> None:
-    for statement in (CLASSES,):
+    for statement in (CLASSES, ADMISSIONS):
         op.execute(statement)
 
 
