@@ -14,7 +14,8 @@ def write_scene_file(plans: Sequence[Area | Track], path: str | Path, scene: Sce
     """Write plans and the settings of their scene to a file from which `read` and `load` get exactly these.
 
     GeoParquet if its name ends in .parquet, which needs the extra `parquet`; RTZ, KML, ED-318 or F3548 if it ends in
-    .rtz, .kml, .ed318.json or .f3548.json, which hold less; else GeoJSON. Compressed if its name ends in .gz. The file appears when it is complete; if writing fails, an older file stays.
+    .rtz, .kml, .ed318.json or .f3548.json, which hold less; else GeoJSON. Compressed if its name ends
+    in .gz. The file appears when it is complete; if writing fails, an older file stays.
 
     Raises InvalidInput for other objects than areas and tracks, and for keys that occur twice.
     """
