@@ -5,8 +5,21 @@
 
 from conflictdb.formats.contents import Contents, Remark, Skipped
 from conflictdb.formats.hints import FileHints
+from conflictdb.formats.objects_writing import object_lines
 from conflictdb.formats.reading import read
 from conflictdb.formats.scene_file import scene_text
 from conflictdb.formats.writing import write, write_lines
+from conflictdb.formats.writing_scenes import write_scene_file
 
-__all__ = ["Contents", "FileHints", "Remark", "Skipped", "read", "scene_text", "write", "write_lines"]
+__all__ = [
+    "Contents",
+    "FileHints",
+    "Remark",
+    "Skipped",
+    "object_lines",
+    "read",
+    "scene_text",
+    "write",
+    "write_lines",
+    "write_scene_file",
+]

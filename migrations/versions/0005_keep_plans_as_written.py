@@ -8,10 +8,15 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "795dc4c9b58ac845efb94f1e5bb86ac1c255066eb5a0914b26c22f6cff661e84"
+routines_sha256 = "7da561a71a223e9bfa4d1d20ed030787bfc7450781c70883f17b16f3a8f30f8d"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
+
+# Floor at the start and the end of the leg, then the ceilings; null where they do not change.
+CLIMB = """
+ALTER TABLE conflictdb.piece ADD COLUMN IF NOT EXISTS climb double precision[];
+"""
 
 # Whose separation rules apply to an object, and whose objects are not compared with each other.
 CLASSES = """
@@ -27,9 +32,19 @@ END
 $$;
 """
 
+# One admission of a scene at a time. Not `scene_lock`, which detections hold for as long as they take.
+ADMISSIONS = """
+CREATE TABLE IF NOT EXISTS conflictdb.admission_lock (
+    scene_id bigint NOT NULL CONSTRAINT admission_lock_pkey PRIMARY KEY,
+    taken bigint NOT NULL
+);
+CREATE INDEX IF NOT EXISTS area_scene_id_owner_btree ON conflictdb.area (scene_id, owner) WHERE owner IS NOT NULL;
+CREATE INDEX IF NOT EXISTS track_scene_id_owner_btree ON conflictdb.track (scene_id, owner) WHERE owner IS NOT NULL;
+"""
+
 
 def upgrade() -> None:
-    for statement in (CLASSES,):
+    for statement in (CLIMB, CLASSES, ADMISSIONS):
         op.execute(statement)
 
 

@@ -49,7 +49,7 @@ def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
     contents = formats.read(path)
     assert [area.start_us for area in contents.areas] == [None, None]
     (remark,) = contents.remarks
-    rule = "valid_from, day, activeUntil look like times and are not read; rename what is meant as these"
+    rule = "valid_from, day, activeUntil look like times and are not read; rename or map what is meant as these"
     assert remark.text == f"2 areas without start or end: {rule}"
     known = {"start": HOURS[:1], "revised": HOURS[:1], "end": HOURS[1:2]}
     assert list(formats.read(write_layer(tmp_path / "known.gpkg", [SQUARE], **known)).remarks) == []

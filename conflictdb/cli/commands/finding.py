@@ -25,7 +25,6 @@ from conflictdb.cli.values import (
     name,
     time,
     time_or_age,
-    whole,
 )
 from conflictdb.model.settings import STORED_BY_DETECT
 
@@ -68,7 +67,8 @@ def _add_plans(commands: Any) -> None:
     parser = command(
         commands, "export", "scene_objects:export", "write a scene file", "Loading it gives the same objects."
     )
-    parser.add_argument("file", metavar="FILE", help="file (.gz: compressed; -: stdout)")
+    parser.add_argument("file", metavar="FILE", help="file (.rtz, .kml, .ed318.json, .f3548.json; .gz; -: stdout)")
+    parser.add_argument("keys", nargs="*", metavar="KEY", help="only these objects")
     add_scene(parser)
     parser.add_argument(
         "--format", choices=("geojson", "geoparquet"), help="default: geoparquet for .parquet, else geojson"
@@ -163,5 +163,4 @@ def _add_questions(commands: Any) -> None:
     parser = command(commands, "advise", "advice:advise", "estimate cost and error of other settings", more)
     add_scene(parser)
     parser.add_argument("--sample", type=count, metavar="N", help="pairs to try (default: 500)")
-    parser.add_argument("--seed", type=whole, default=0, metavar="N", help="draws another sample (default: 0)")
     add_format(parser, "table", "json")
