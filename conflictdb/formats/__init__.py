@@ -4,6 +4,7 @@
 """
 
 from conflictdb.formats.contents import Contents, Remark, Skipped
+from conflictdb.formats.discs import circle
 from conflictdb.formats.hints import FileHints
 from conflictdb.formats.reading import read
 from conflictdb.formats.scene_file import scene_text
@@ -15,6 +16,7 @@ __all__ = [
     "FileHints",
     "Remark",
     "Skipped",
+    "circle",
     "read",
     "scene_text",
     "write",

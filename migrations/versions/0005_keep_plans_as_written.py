@@ -37,9 +37,17 @@ CREATE INDEX IF NOT EXISTS area_scene_id_owner_btree ON conflictdb.area (scene_i
 CREATE INDEX IF NOT EXISTS track_scene_id_owner_btree ON conflictdb.track (scene_id, owner) WHERE owner IS NOT NULL;
 """
 
+# Whether spans and height bands contain their upper ends.
+INTERVALS = """
+ALTER TABLE conflictdb.scene
+    ADD COLUMN IF NOT EXISTS intervals text NOT NULL DEFAULT 'half_open',
+    DROP CONSTRAINT IF EXISTS scene_intervals_known,
+    ADD CONSTRAINT scene_intervals_known CHECK (intervals IN ('half_open', 'closed'));
+"""
+
 
 def upgrade() -> None:
-    for statement in (CLASSES, ADMISSIONS):
+    for statement in (CLASSES, ADMISSIONS, INTERVALS):
         op.execute(statement)
 
 
