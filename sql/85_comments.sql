@@ -42,9 +42,11 @@ COMMENT ON COLUMN track.floor_m IS
 COMMENT ON COLUMN track.ceiling_m IS
 'Highest height, metres above mean sea level, exclusive; null: no limit. With ceilings_m their greatest.';
 COMMENT ON COLUMN track.floors_m IS
-'Lowest height of each leg, metres, inclusive; a null element: no limit. Null: floor_m applies to all legs.';
+'Lowest heights, metres, inclusive: one per leg, or one per waypoint, linear in between; a null element: no limit. '
+'Null: floor_m applies to all legs.';
 COMMENT ON COLUMN track.ceilings_m IS
-'Highest height of each leg, metres, exclusive; a null element: no limit. Null: ceiling_m applies to all legs.';
+'Highest heights, metres, exclusive: one per leg, or one per waypoint, linear in between; a null element: no limit. '
+'Null: ceiling_m applies to all legs.';
 COMMENT ON COLUMN track.properties IS 'Additional data of its source, a JSON object.';
 COMMENT ON COLUMN track.version IS 'Increases whenever key, path, outline, growth, heights, class or owner change.';
 COMMENT ON COLUMN track.class IS 'Class that separation rules name; null: none.';
@@ -116,6 +118,8 @@ COMMENT ON COLUMN piece.cuts IS
 'for areas and for one piece.';
 COMMENT ON COLUMN piece.leg_times IS
 'Bundles of tracks: start and end of each slice''s leg; null for areas and for one piece.';
+COMMENT ON COLUMN piece.climb IS
+'Floor at the start and the end of the leg, then the ceilings, metres; linear in between. Null: heights are constant.';
 COMMENT ON COLUMN piece.legs IS
 'Bundles of tracks: for each slice, longitude and latitude at the start and at the end of its leg, and the bearing, '
 'degrees; null for areas and for one piece.';

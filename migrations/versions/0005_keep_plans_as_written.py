@@ -8,10 +8,15 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "bf0664ed54ec963266715d4cfa36c3b65ea1dfc73576803abd4725b5fcf996f3"
+routines_sha256 = "7da561a71a223e9bfa4d1d20ed030787bfc7450781c70883f17b16f3a8f30f8d"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
+
+# Floor at the start and the end of the leg, then the ceilings; null where they do not change.
+CLIMB = """
+ALTER TABLE conflictdb.piece ADD COLUMN IF NOT EXISTS climb double precision[];
+"""
 
 # Whose separation rules apply to an object, and whose objects are not compared with each other.
 CLASSES = """
@@ -47,7 +52,7 @@ ALTER TABLE conflictdb.scene
 
 
 def upgrade() -> None:
-    for statement in (CLASSES, ADMISSIONS, INTERVALS):
+    for statement in (CLIMB, CLASSES, ADMISSIONS, INTERVALS):
         op.execute(statement)
 
 
