@@ -22,7 +22,7 @@ BEGIN
                                'got %s', p_radius_m), 'radius_known', 'Draw a polygon, or use circle() of Python.');
     END IF;
     IF (abs(p_lon) <= 360 AND abs(p_lat) <= 90) IS NOT TRUE
-       OR abs(p_lat) + p_radius_m / 110000 > CASE v_scene.motion WHEN 'rhumb' THEN 80 ELSE 90 END THEN
+       OR abs(p_lat) + p_radius_m / 110000 > (CASE v_scene.motion WHEN 'rhumb' THEN 80 ELSE 90 END) THEN
         FOUND := _raise('ZC005', c_who, 'centre',
                         format('must be longitude and latitude in degrees, the circle within +-90, for rhumb lines 80 '
                                'degrees of latitude; got %s, %s', p_lon, p_lat), 'centre_known');

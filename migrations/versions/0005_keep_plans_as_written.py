@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "7da561a71a223e9bfa4d1d20ed030787bfc7450781c70883f17b16f3a8f30f8d"
+routines_sha256 = "0247d618a03354a71c00d2fb39bd984fd2039f4b0baebd1f888ab2096826c3a9"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
