@@ -109,7 +109,7 @@ SETTINGS: Final = (
         "Where a detection stops: screen (who might meet), exact (certified times), "
         "nlp (certified times, found by the published program).",
         Method.EXACT,
-        "where to stop",
+        "last stage",
         choices=Method,
         is_stored_by_detect=True,
     ),
@@ -139,7 +139,7 @@ SETTINGS: Final = (
         "Pairs without conflict that come within this distance (metres) are stored with their closest approach; "
         "0: none.",
         0.0,
-        "report near pairs",
+        "near pairs",
         label="Near is",
         says="within {:g} m",
         says_zero="not reported",
@@ -189,7 +189,7 @@ SETTINGS: Final = (
         "Whether spans and height bands contain their upper ends: half_open (they do not) or closed (they do, as "
         "volumes of ASTM F3548).",
         Intervals.HALF_OPEN,
-        "whether ends belong to spans and heights",
+        "closed ends",
         choices=Intervals,
     ),
 )
