@@ -47,7 +47,8 @@ NOTAM = (
     "E) WI 5NM RADIUS OF 540000N 0102000E F) SFC G) 10000FT AMSL)"
 )
 SCHEDULE = '<schedule id="1"><manual><scheduleElement waypointId="1" etd="2026-03-01T06:00:00Z"/>'
-SCHEDULE += '<scheduleElement waypointId="2" speed="12" stay="PT1H"/><scheduleElement waypointId="3" speed="9"/></manual></schedule>'
+SCHEDULE += '<scheduleElement waypointId="2" speed="12" stay="PT1H"/>'
+SCHEDULE += '<scheduleElement waypointId="3" speed="9"/></manual></schedule>'
 FILES = {
     "a.rtz": rtz(schedules=SCHEDULE),
     "a.s421": s421(),
