@@ -245,8 +245,12 @@ BEGIN
             v_why := format('one is there %s, the other %s', _shown(a.span), _shown(b.span))
                      || CASE WHEN v_within_s > 0 THEN format(': %s or more apart', _shown_seconds(v_within_s))
                              ELSE '' END;
+        -- Ceilings of closed intervals belong to them.
         ELSIF NOT (_to_micrometres(a.floor_m, -v_half_m) < _to_micrometres(b.ceiling_m, v_half_m)
-                   AND _to_micrometres(b.floor_m, -v_half_m) < _to_micrometres(a.ceiling_m, v_half_m)) THEN
+                   AND _to_micrometres(b.floor_m, -v_half_m) < _to_micrometres(a.ceiling_m, v_half_m)
+                   OR v_scene.intervals = 'closed'
+                   AND _to_micrometres(a.floor_m, -v_half_m) <= _to_micrometres(b.ceiling_m, v_half_m)
+                   AND _to_micrometres(b.floor_m, -v_half_m) <= _to_micrometres(a.ceiling_m, v_half_m)) THEN
             v_stage := 1;
             v_by := 'height';
             v_why := format('one is %s, the other %s', _shown_heights(a.floor_m, a.ceiling_m),

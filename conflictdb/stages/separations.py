@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.words import numbers_of_words
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, Intervals, Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.model.rules import REPLACED, RuleTable
 from conflictdb.stages.stage1_broad_phase import is_together
@@ -123,12 +123,13 @@ class Separations:
         if not spare_m.any():
             return pieces
         by_m = 0.5 * spare_m
-        return replace(
+        own = replace(
             pieces,
             floor_m=to_micrometres(pieces.floor_m + by_m),
             ceiling_m=to_micrometres(pieces.ceiling_m - by_m),
             climb_m=to_micrometres(pieces.climb_m + by_m[:, None] * np.array([1.0, 1.0, -1.0, -1.0])),
         )
+        return own if settings.intervals == Intervals.HALF_OPEN else with_closed_heights(own)
 
     def _of_pieces(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
         columns = ((column[a], column[b]) for column in (pieces.kind, pieces.class_number, pieces.owner_number))
@@ -140,3 +141,10 @@ def to_micrometres(height_m: Floats) -> Floats:
     return np.where(
         np.abs(height_m) < _MOST_ROUNDED_M, np.round(np.clip(height_m, -_MOST_ROUNDED_M, _MOST_ROUNDED_M), 6), height_m
     )
+
+
+def with_closed_heights(pieces: Pieces) -> Pieces:
+    """Return pieces with ceilings up to the next number, so that half-open bands that share a closed end overlap."""
+    climb_m = pieces.climb_m.copy()
+    climb_m[:, 2:] = np.nextafter(climb_m[:, 2:], np.inf)
+    return replace(pieces, ceiling_m=np.nextafter(pieces.ceiling_m, np.inf), climb_m=climb_m)

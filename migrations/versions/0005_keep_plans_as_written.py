@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0f46c901eb0c7bce37171e9436a2d551f61cb9a576d5a7e929ae6be009582420"
+routines_sha256 = "357758d1cb83cb737e5cb795e58910f7d19666b168a3f9c1acda6f3158b19408"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -42,6 +42,14 @@ CREATE INDEX IF NOT EXISTS area_scene_id_owner_btree ON conflictdb.area (scene_i
 CREATE INDEX IF NOT EXISTS track_scene_id_owner_btree ON conflictdb.track (scene_id, owner) WHERE owner IS NOT NULL;
 """
 
+# Whether spans and height bands contain their upper ends.
+INTERVALS = """
+ALTER TABLE conflictdb.scene
+    ADD COLUMN IF NOT EXISTS intervals text NOT NULL DEFAULT 'half_open',
+    DROP CONSTRAINT IF EXISTS scene_intervals_known,
+    ADD CONSTRAINT scene_intervals_known CHECK (intervals IN ('half_open', 'closed'));
+"""
+
 
 # A rule of two sides; empty texts stand for any object, so that either order of them is one key.
 RULES = """
@@ -72,7 +80,7 @@ ALTER TABLE conflictdb.change ADD COLUMN IF NOT EXISTS with_number bigint;
 
 
 def upgrade() -> None:
-    for statement in (CLIMB, CLASSES, ADMISSIONS, RULES):
+    for statement in (CLIMB, CLASSES, ADMISSIONS, INTERVALS, RULES):
         op.execute(statement)
 
 

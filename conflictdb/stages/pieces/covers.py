@@ -19,10 +19,10 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces, level_m
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.plane import Plane
-from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, Scene
+from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, Intervals, Scene
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.cutting import area_pieces, track_pieces
-from conflictdb.stages.separations import Separations, to_micrometres
+from conflictdb.stages.separations import Separations, to_micrometres, with_closed_heights
 
 # Part number of covers.
 COVER: Final = -1
@@ -37,7 +37,7 @@ def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) 
 
     Each end of their heights is half of the vertical separation further out, rounded to the micrometre, so that two of
     them overlap where the objects' heights are closer than that. By separation rules the distances are the largest that
-    an object can need.
+    an object can need. In a scene with closed intervals, their ends belong to them.
     """
     if not scene.rules:
         return _padded(scene, plane, areas, tracks)
@@ -61,15 +61,17 @@ def _padded(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) ->
         *_pieces(scene, plane, tracks, tracks.track_id, track_pieces, _track_covers),
     ]
     pieces = Pieces.concatenate(made or [area_pieces(scene, plane, areas)])
-    if scene.vertical_separation_m == 0.0:
+    if scene.vertical_separation_m > 0.0:
+        half_m = 0.5 * scene.vertical_separation_m
+        pieces = replace(
+            pieces,
+            floor_m=to_micrometres(pieces.floor_m - half_m),
+            ceiling_m=to_micrometres(pieces.ceiling_m + half_m),
+            climb_m=to_micrometres(pieces.climb_m + half_m * np.array([-1.0, -1.0, 1.0, 1.0])),
+        )
+    if scene.intervals == Intervals.HALF_OPEN:
         return pieces
-    half_m = 0.5 * scene.vertical_separation_m
-    return replace(
-        pieces,
-        floor_m=to_micrometres(pieces.floor_m - half_m),
-        ceiling_m=to_micrometres(pieces.ceiling_m + half_m),
-        climb_m=to_micrometres(pieces.climb_m + half_m * np.array([-1.0, -1.0, 1.0, 1.0])),
-    )
+    return with_closed_heights(replace(pieces, end_inclusive=np.ones(len(pieces), np.bool_)))
 
 
 def is_covered(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
