@@ -42,7 +42,7 @@ $$;
 COMMENT ON FUNCTION _rule_before() IS 'Trigger: checks a separation rule (ZC018).';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_rules(p_scene_id bigint) RETURNS void
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT SET jit = off AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp SET jit = off AS $$
 DECLARE
     c_most CONSTANT bigint := 1000;
     v_tie record;

@@ -52,7 +52,7 @@ def test_a_scene_has_the_settings_of_the_table_and_nothing_else(conn: Conn) -> N
 def test_defaults_are_those_of_the_table(conn: Conn) -> None:
     conn.execute("SELECT conflictdb.create_scene('s')")
     assert store.scene_settings(conn, "s") == Scene("s")
-    assert [one.name for one in fields(Scene)] == ["name", *settings.NAMES]
+    assert [one.name for one in fields(Scene)] == ["name", *settings.NAMES, "rules"]
     defaults = {one.name: one.default for one in fields(Scene)}
     assert {one.name: one.default for one in SETTINGS} == {name: defaults[name] for name in settings.NAMES}
 
