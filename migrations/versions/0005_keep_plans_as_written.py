@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0247d618a03354a71c00d2fb39bd984fd2039f4b0baebd1f888ab2096826c3a9"
+routines_sha256 = "39a535f977033644b0398b25088f70435ad14758b2e83d31e5841f4fc53e4de3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
