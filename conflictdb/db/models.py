@@ -228,6 +228,7 @@ class ConflictEvent(Base):
     closest_error_m: Mapped[float | None]
     opened_at: Mapped[datetime]
     closed_at: Mapped[datetime | None]
+    proposal_id: Mapped[int | None]
 
 
 class Acknowledgement(Base):
