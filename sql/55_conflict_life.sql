@@ -172,8 +172,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _prune(bigint, interval) IS
-'Deletes events, ended acknowledgements, proposals and runs of a scene older than p_kept, but the last event of each conflict '
-'that was open then; returns the number of deleted events. The caller holds the lock of the scene.';
+'Deletes events, ended acknowledgements, proposals and runs of a scene older than p_kept, but the last event of each '
+'conflict that was open then; returns the number of deleted events. The caller holds the lock of the scene.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._prune_sometimes(p_scene_id bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$

@@ -100,8 +100,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION proposal_changes(bigint) IS
-'What changed in the scene since a proposal was computed, which prevents applying it; also after it was applied. Empty: '
-'nothing.';
+'What changed in the scene since a proposal was computed, which prevents applying it; also after it was applied. '
+'Empty: nothing.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._proposal(p_proposal_id bigint) RETURNS proposal
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
@@ -192,8 +192,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION proposal_statements(bigint, boolean) IS
-'For each move of a proposal whose track comes from an attached table: the statement that shifts its rows by the delay, '
-'or undoes that. Null if the map computes the times or selects rows, or the speed changes.';
+'For each move of a proposal whose track comes from an attached table: the statement that shifts its rows by the '
+'delay, or undoes that. Null if the map computes the times or selects rows, or the speed changes.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._move_attached(
     p_proposal_id bigint, p_undo boolean, p_may boolean
@@ -215,8 +215,8 @@ BEGIN
             FOUND := _raise('ZC009', v_who, 'attached',
                             format('moves track %L of an attached table, whose rows belong to role %I', v_one.key,
                                    _attaching_role(v_one.attachment_id)),
-                            'proposal_attached', format('As that role, give --attached (p_attached => true), or run: %s',
-                                                        v_one.statement));
+                            'proposal_attached',
+                            format('As that role, give --attached (p_attached => true), or run: %s', v_one.statement));
         END IF;
         PERFORM set_config('search_path', 'pg_catalog, pg_temp', true);
         EXECUTE v_one.statement;
@@ -245,7 +245,8 @@ BEGIN
     IF v_proposal.applied_at IS NOT NULL AND v_proposal.undone_at IS NULL THEN
         FOUND := _raise('ZC013', format('proposal %s', p_proposal_id), 'applied_at',
                         format('was applied at %s by %I', v_proposal.applied_at, v_proposal.applied_by),
-                        'proposal_applied_once', format('SELECT conflictdb.undo_proposal(%s) undoes it.', p_proposal_id));
+                        'proposal_applied_once',
+                        format('SELECT conflictdb.undo_proposal(%s) undoes it.', p_proposal_id));
     END IF;
     IF v_proposal.undone_at IS NOT NULL THEN
         FOUND := _raise('ZC013', format('proposal %s', p_proposal_id), 'undone_at',
@@ -319,8 +320,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION undo_proposal(bigint, boolean) IS
-'Gives the tracks of an applied proposal their exact former times, all or none, and returns their number. Raises ZC018, '
-'naming them, if any of them changed since; other objects may have. p_attached: as for apply_proposal.';
+'Gives the tracks of an applied proposal their exact former times, all or none, and returns their number. Raises '
+'ZC018, naming them, if any of them changed since; other objects may have. p_attached: as for apply_proposal.';
 
 CREATE OR REPLACE VIEW proposals WITH (security_invoker = true) AS
 SELECT s.name AS scene, p.proposal_id, p.made_at, p.made_by,
@@ -353,10 +354,10 @@ COMMENT ON COLUMN proposals.moves IS
 'Tracks that move: {"key", "delay_s", "speed", "clears", "passes", "text"}; negative delays: earlier.';
 COMMENT ON COLUMN proposals.left_as_planned IS
 'Tracks that stay in conflict: {"key", "blocked_by"}, the keys of objects that forbid every change.';
-COMMENT ON COLUMN proposals.applied_at IS 'When it was applied.';
-COMMENT ON COLUMN proposals.applied_by IS 'User who applied it.';
-COMMENT ON COLUMN proposals.undone_at IS 'When it was undone.';
-COMMENT ON COLUMN proposals.undone_by IS 'User who undid it.';
+COMMENT ON COLUMN proposals.applied_at IS 'When it was applied; null: never.';
+COMMENT ON COLUMN proposals.applied_by IS 'User who applied it, or null.';
+COMMENT ON COLUMN proposals.undone_at IS 'When it was undone; null: never.';
+COMMENT ON COLUMN proposals.undone_by IS 'User who undid it, or null.';
 
 COMMENT ON TABLE proposal IS 'Proposals; see the view proposals.';
 COMMENT ON COLUMN proposal.proposal_id IS 'Id.';

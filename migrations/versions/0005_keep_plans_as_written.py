@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "f242964e5a57d1e8d63463fadedb43a88ecdb72068739496b4f3d3a6010d1212"
+routines_sha256 = "7d1c2dc63d07318f1c054f044a341e94d9cb4384731d61e7bb730ce48b956e40"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
