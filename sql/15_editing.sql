@@ -185,7 +185,8 @@ COMMENT ON FUNCTION put_track(
 'The haven may change: p_grow_mps moves every side outward (metres per second) from the first waypoint''s time on, or '
 'p_outlines gives a MultiPolygon with one outline per waypoint (p_outline may then be null). '
 'Heights (metres above mean sea level, null: no limit) apply to the whole track; p_floors_m and p_ceilings_m instead '
-'give one per leg (p_floor_m and p_ceiling_m must then be null or agree). '
+'give one per leg, or one per waypoint, between which it changes linearly (p_floor_m and p_ceiling_m must then be null '
+'or agree). '
 'Objects of one owner are not compared with each other.';
 
 CREATE OR REPLACE FUNCTION remove_object(p_scene text, p_key text) RETURNS boolean

@@ -200,9 +200,9 @@ BEGIN
                 FROM _leg_havens(v_scene.motion, v_scene.earth, v_plane, v_track.path, v_track.outline,
                                  v_track.grow_mps, v_track.outlines, v_leg.n, v_leg.instants) h
                 -- At a waypoint, the heights of both legs.
-                CROSS JOIN LATERAL _leg_heights(
-                    v_track.floor_m, v_track.ceiling_m, v_track.floors_m, v_track.ceilings_m,
-                    v_leg.n - (v_leg.n > 1 AND h.at = v_leg.starts_at)::integer, v_leg.n) b;
+                CROSS JOIN LATERAL _heights_on(
+                    v_track.floor_m, v_track.ceiling_m, v_track.floors_m, v_track.ceilings_m, v_track.path,
+                    v_leg.n - (v_leg.n > 1 AND h.at = v_leg.starts_at)::integer, v_leg.n, h.at) b;
         END LOOP;
     END LOOP;
 END

@@ -42,9 +42,11 @@ COMMENT ON COLUMN track.floor_m IS
 COMMENT ON COLUMN track.ceiling_m IS
 'Highest height, metres above mean sea level, exclusive; null: no limit. With ceilings_m their greatest.';
 COMMENT ON COLUMN track.floors_m IS
-'Lowest height of each leg, metres, inclusive; a null element: no limit. Null: floor_m applies to all legs.';
+'Lowest heights, metres, inclusive: one per leg, or one per waypoint, linear in between; a null element: no limit. '
+'Null: floor_m applies to all legs.';
 COMMENT ON COLUMN track.ceilings_m IS
-'Highest height of each leg, metres, exclusive; a null element: no limit. Null: ceiling_m applies to all legs.';
+'Highest heights, metres, exclusive: one per leg, or one per waypoint, linear in between; a null element: no limit. '
+'Null: ceiling_m applies to all legs.';
 COMMENT ON COLUMN track.properties IS 'Additional data of its source, a JSON object.';
 COMMENT ON COLUMN track.version IS 'Increases whenever key, path, outline, growth, heights, class or owner change.';
 COMMENT ON COLUMN track.class IS 'Class that separation rules name; null: none.';
@@ -116,6 +118,8 @@ COMMENT ON COLUMN piece.cuts IS
 'for areas and for one piece.';
 COMMENT ON COLUMN piece.leg_times IS
 'Bundles of tracks: start and end of each slice''s leg; null for areas and for one piece.';
+COMMENT ON COLUMN piece.climb IS
+'Floor at the start and the end of the leg, then the ceilings, metres; linear in between. Null: heights are constant.';
 COMMENT ON COLUMN piece.legs IS
 'Bundles of tracks: for each slice, longitude and latitude at the start and at the end of its leg, and the bearing, '
 'degrees; null for areas and for one piece.';
@@ -261,6 +265,10 @@ COMMENT ON COLUMN acknowledgement.closest_error_m IS
 COMMENT ON COLUMN acknowledgement.ended_by IS 'User who withdrew or replaced it; null while in force.';
 COMMENT ON COLUMN acknowledgement.ended_at IS 'When it was withdrawn or replaced; null if it was not.';
 
+COMMENT ON TABLE admission_lock IS
+'One row per scene with admissions: an admission locks it until its transaction ends.';
+COMMENT ON COLUMN admission_lock.scene_id IS 'Scene.';
+COMMENT ON COLUMN admission_lock.taken IS 'Number of transactions that took the lock and committed.';
 COMMENT ON TABLE scene_lock IS
 'One row per scene that was ever detected: a detection locks it for its transaction. Only workers may lock it.';
 COMMENT ON COLUMN scene_lock.scene_id IS 'Scene.';

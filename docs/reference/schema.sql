@@ -19,8 +19,6 @@ SEQUENCE piece_piece_id_seq;
 
 SEQUENCE probe_request_probe_id_seq;
 
-SEQUENCE proposal_proposal_id_seq;
-
 SEQUENCE run_run_id_seq;
 
 SEQUENCE scene_scene_id_seq;
@@ -47,6 +45,11 @@ TABLE acknowledgement (
     ended_by text,
     ended_at timestamp with time zone,
     given_name text
+);
+
+TABLE admission_lock (
+    scene_id bigint NOT NULL,
+    taken bigint NOT NULL
 );
 
 TABLE alembic_version (
@@ -161,8 +164,7 @@ TABLE conflict_event (
     time_error_s double precision NOT NULL,
     closest_at timestamp with time zone,
     closest_m double precision,
-    closest_error_m double precision,
-    proposal_id bigint
+    closest_error_m double precision
 );
 
 TABLE difference (
@@ -213,7 +215,8 @@ TABLE piece (
     shapes geometry(MultiPolygon),
     cuts timestamp with time zone[],
     leg_times timestamp with time zone[],
-    legs double precision[]
+    legs double precision[],
+    climb double precision[]
 );
 
 TABLE probe_reply (
@@ -250,47 +253,6 @@ TABLE probe_request (
     failures smallint NOT NULL DEFAULT 0,
     horizon interval,
     delays jsonb
-);
-
-TABLE proposal (
-    proposal_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
-    scene_id bigint NOT NULL,
-    made_at timestamp with time zone NOT NULL DEFAULT now(),
-    made_by text NOT NULL DEFAULT CURRENT_USER,
-    goal text NOT NULL,
-    objective_s double precision NOT NULL,
-    bound_s double precision NOT NULL,
-    is_least boolean NOT NULL,
-    settings jsonb NOT NULL,
-    last_version bigint NOT NULL,
-    objects_hash bigint NOT NULL,
-    applied_at timestamp with time zone,
-    applied_by text,
-    undone_at timestamp with time zone,
-    undone_by text
-);
-
-TABLE proposal_left (
-    proposal_id bigint NOT NULL,
-    scene_id bigint NOT NULL,
-    key text COLLATE C NOT NULL,
-    blocked_by text[] NOT NULL
-);
-
-TABLE proposal_move (
-    proposal_id bigint NOT NULL,
-    scene_id bigint NOT NULL,
-    track_id bigint NOT NULL,
-    key text COLLATE C NOT NULL,
-    version bigint NOT NULL,
-    planned geometry(LineStringM,4326) NOT NULL,
-    path geometry(LineStringM,4326) NOT NULL,
-    delay_s double precision NOT NULL,
-    speed double precision NOT NULL,
-    clears text[] NOT NULL,
-    passes jsonb NOT NULL,
-    explanation text NOT NULL,
-    version_after bigint
 );
 
 TABLE run (
@@ -454,8 +416,7 @@ VIEW conflict_events (
     closest_m double precision,
     closest_error_m double precision,
     opened_at timestamp with time zone,
-    closed_at timestamp with time zone,
-    proposal_id bigint
+    closed_at timestamp with time zone
 );
 
 VIEW conflicts (
@@ -535,24 +496,6 @@ VIEW map_tracks (
     path geometry(MultiLineString,4326)
 );
 
-VIEW proposals (
-    scene text COLLATE C,
-    proposal_id bigint,
-    made_at timestamp with time zone,
-    made_by text,
-    state text,
-    goal text,
-    objective_s double precision,
-    bound_s double precision,
-    is_least boolean,
-    moves jsonb,
-    left_as_planned jsonb,
-    applied_at timestamp with time zone,
-    applied_by text,
-    undone_at timestamp with time zone,
-    undone_by text
-);
-
 VIEW queue (
     scene text COLLATE C,
     waiting_since timestamp with time zone,
@@ -612,6 +555,7 @@ CONSTRAINT acknowledgement_given_name_valid ON acknowledgement: CHECK (((btrim(g
 CONSTRAINT acknowledgement_pkey ON acknowledgement: PRIMARY KEY (acknowledgement_id);
 CONSTRAINT acknowledgement_reason_given ON acknowledgement: CHECK ((btrim(reason) <> ''::text));
 CONSTRAINT acknowledgement_scene_fkey ON acknowledgement: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT admission_lock_pkey ON admission_lock: PRIMARY KEY (scene_id);
 CONSTRAINT alembic_version_pkc ON alembic_version: PRIMARY KEY (version_num);
 CONSTRAINT area_area_id_in_range ON area: CHECK (((area_id >= 1) AND (area_id <= '4611686018427387903'::bigint)));
 CONSTRAINT area_ceiling_above_floor ON area: CHECK ((ceiling_m > floor_m));
@@ -677,14 +621,6 @@ CASE
     ELSE (num_nonnulls(path, outline) = 2)
 END);
 CONSTRAINT probe_request_scene_fkey ON probe_request: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
-CONSTRAINT proposal_goal_known ON proposal: CHECK ((goal = ANY (ARRAY['total'::text, 'largest'::text])));
-CONSTRAINT proposal_of_scene ON proposal: UNIQUE (proposal_id, scene_id);
-CONSTRAINT proposal_pkey ON proposal: PRIMARY KEY (proposal_id);
-CONSTRAINT proposal_scene_fkey ON proposal: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
-CONSTRAINT proposal_left_pkey ON proposal_left: PRIMARY KEY (proposal_id, key);
-CONSTRAINT proposal_left_proposal_fkey ON proposal_left: FOREIGN KEY (proposal_id, scene_id) REFERENCES proposal(proposal_id, scene_id) ON DELETE CASCADE;
-CONSTRAINT proposal_move_pkey ON proposal_move: PRIMARY KEY (proposal_id, track_id);
-CONSTRAINT proposal_move_proposal_fkey ON proposal_move: FOREIGN KEY (proposal_id, scene_id) REFERENCES proposal(proposal_id, scene_id) ON DELETE CASCADE;
 CONSTRAINT run_failed_or_counted ON run: CHECK (((error IS NULL) = (conflicts IS NOT NULL)));
 CONSTRAINT run_pkey ON run: PRIMARY KEY (run_id);
 CONSTRAINT run_scene_fkey ON run: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -725,6 +661,7 @@ CONSTRAINT track_track_id_in_range ON track: CHECK (((track_id >= 1) AND (track_
 
 CREATE UNIQUE INDEX acknowledgement_conflict_id_btree ON conflictdb.acknowledgement USING btree (conflict_id) WHERE (ended_at IS NULL);
 CREATE INDEX acknowledgement_scene_id_btree ON conflictdb.acknowledgement USING btree (scene_id);
+CREATE INDEX area_scene_id_owner_btree ON conflictdb.area USING btree (scene_id, owner) WHERE (owner IS NOT NULL);
 CREATE INDEX attached_object_object_btree ON conflictdb.attached_object USING btree (attachment_id, object_id);
 CREATE INDEX attached_object_reason_btree ON conflictdb.attached_object USING btree (attachment_id) WHERE (reason IS NOT NULL);
 CREATE INDEX attachment_scene_id_btree ON conflictdb.attachment USING btree (scene_id);
@@ -738,8 +675,7 @@ CREATE INDEX difference_scene_id_track_btree ON conflictdb.difference USING btre
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
 CREATE INDEX probe_request_scene_btree ON conflictdb.probe_request USING btree (scene_id, answered_at);
-CREATE INDEX proposal_move_scene_id_btree ON conflictdb.proposal_move USING btree (scene_id);
-CREATE INDEX proposal_scene_id_btree ON conflictdb.proposal USING btree (scene_id);
+CREATE INDEX track_scene_id_owner_btree ON conflictdb.track USING btree (scene_id, owner) WHERE (owner IS NOT NULL);
 
 CREATE TRIGGER area_before BEFORE INSERT OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _area_before() -- always;
 CREATE TRIGGER area_deleted AFTER DELETE ON conflictdb.area REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
@@ -773,6 +709,9 @@ FUNCTION _add_scene_lock(p_scene_id bigint)
 
 FUNCTION _add_staged(p_scene_id bigint, p_first_page bigint, OUT added bigint, OUT next_page bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
+
+FUNCTION _admission_holders(p_scene_id bigint)
+    RETURNS TABLE(pid integer, application text, role text, since timestamp with time zone) LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _after_attachment_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
@@ -854,6 +793,9 @@ FUNCTION _before_probe_request()
 
 FUNCTION _before_scene_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _begin_admission(p_scene text, p_wait_s double precision, OUT scene_id bigint, OUT settings jsonb)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _begin_attached()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET client_min_messages=warning;
@@ -978,9 +920,6 @@ FUNCTION _check_track(p_scene_id bigint, p_key text)
 FUNCTION _check_track_probe(p_scene_id bigint, p_path geometry, p_outline geometry, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _check_unchanged(p_proposal_id bigint)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
 FUNCTION _check_word(p_who text, p_field text, p_word text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1000,7 +939,7 @@ FUNCTION _compare_pieces(p_scene_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _conflict_events(p_scene text, p_key text, p_other_key text, p_after bigint, p_most bigint)
-    RETURNS TABLE(event bigint, kind text, at timestamp with time zone, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, closed_at timestamp with time zone, proposal_id bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS TABLE(event bigint, kind text, at timestamp with time zone, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, closed_at timestamp with time zone) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint, p_b_version bigint, p_periods tstzmultirange, p_plane text)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan;
@@ -1116,14 +1055,17 @@ FUNCTION _has_grown(p_periods tstzmultirange, p_verdict text, p_time_error_s dou
 FUNCTION _has_just_failed(p_attachment attachment)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _height_on(p_whole_m double precision, p_heights_m double precision[], p_path geometry, p_leg integer, p_instant timestamp with time zone)
+    RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _heights_on(p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[], p_ceilings_m double precision[], p_path geometry, p_first integer, p_last integer, p_instant timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision)
+    RETURNS record LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _history_kept(p_scene_id bigint)
     RETURNS interval LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _hold_attached(p_who text, p_table text, p_has_triggers boolean)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION _hold_proposal(p_proposal_id bigint)
-    RETURNS proposal LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _hulls_meet(p_a geometry, p_b geometry)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1194,14 +1136,14 @@ FUNCTION _leeway(p_path geometry, p_horizon_us bigint, p_now_us bigint, OUT wait
 FUNCTION _leg_havens(p_motion text, p_earth text, p_plane text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_leg integer, p_instants timestamp with time zone[])
     RETURNS TABLE(at timestamp with time zone, haven geometry) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _leg_heights(p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[], p_ceilings_m double precision[], p_first integer, p_last integer, OUT floor_m double precision, OUT ceiling_m double precision)
-    RETURNS record LANGUAGE sql IMMUTABLE PARALLEL SAFE;
-
 FUNCTION _leg_with_heading(p_path geometry, p_leg integer, p_motion text, p_earth text, OUT line geometry, OUT leg integer)
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _legs(p_path geometry, p_earth text, OUT leg integer, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone, OUT lon_deg double precision, OUT lon_step_deg double precision, OUT mu double precision, OUT mu_step double precision, OUT bearing_deg double precision)
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
+FUNCTION _lies_near(p_shape geometry, p_reach_m double precision, p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[])
+    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _lift_limits(p_lock_timeout_s double precision)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1263,9 +1205,6 @@ FUNCTION _mixed(p_one double precision[], p_share double precision, p_other doub
 FUNCTION _most_havens()
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _move_attached(p_proposal_id bigint, p_undo boolean, p_may boolean)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
 FUNCTION _my_roles()
     RETURNS SETOF name LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -1296,8 +1235,8 @@ FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_firs
 FUNCTION _object_number(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _objects_hash(p_scene_id bigint, OUT last_version bigint, OUT objects_hash bigint)
-    RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+FUNCTION _objects_near(p_scene_id bigint, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[], p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[])
+    RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
 
 FUNCTION _off_the_pole(p_part geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1326,7 +1265,7 @@ FUNCTION _part_from_plane(p_geometry geometry, p_plane text)
 FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
-FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea)
+FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _pieces_before(p_scene_id bigint, p_kind smallint, p_id bigint, p_until bigint)
@@ -1356,15 +1295,6 @@ FUNCTION _probe_failed(p_probe_id bigint, p_error text)
 FUNCTION _probe_request(p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea, OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision, OUT floor_m double precision, OUT ceiling_m double precision, OUT horizon_s double precision, OUT scene text)
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
-FUNCTION _proposal(p_proposal_id bigint)
-    RETURNS proposal LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION _proposal_basis(p_scene_id bigint, OUT settings jsonb, OUT last_version bigint, OUT objects_hash bigint)
-    RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
-
-FUNCTION _proposal_of_pair(p_scene_id bigint, p_a_kind smallint, p_a_key text, p_b_kind smallint, p_b_key text)
-    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
 FUNCTION _protected_tables()
     RETURNS SETOF regclass LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1383,11 +1313,11 @@ FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint)
 FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
+FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], p_climbs boolean[], p_climb double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
     RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
-FUNCTION _put_proposal(p_scene_id bigint, p_basis jsonb, p_goal text, p_objective_s double precision, p_bound_s double precision, p_is_least boolean, p_moves jsonb, p_left jsonb)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+FUNCTION _put_plans(p_scene text, p_removed text[], p_plans jsonb)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _put_scene(p_name text, p_settings jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1425,14 +1355,14 @@ FUNCTION _refuse_truncate()
 FUNCTION _register_attachment(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval)
     RETURNS attachment LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _replaced_objects(p_scene_id bigint, p_keys text[], p_owner text)
+    RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _request_probe(p_scene text, p_key text, p_kind integer, p_footprint bytea, p_start_us bigint, p_end_us bigint, p_path bytea, p_outline bytea, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _require_snapshot()
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION _retimed(p_path geometry, p_times_us bigint[])
-    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _rhumb_vertices(p_lon_deg double precision, p_mu double precision, p_bearing_deg double precision, p_outline geometry, p_earth text)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1629,9 +1559,6 @@ FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last b
 FUNCTION acknowledge(p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamp with time zone DEFAULT NULL::timestamp with time zone, p_by text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION apply_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
 FUNCTION approaches_of(p_scene text, p_key text)
     RETURNS SETOF approaches LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
@@ -1701,12 +1628,6 @@ FUNCTION preview_attachment(p_scene text, p_kind text, p_table regclass, p_map j
 FUNCTION probe(p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL::timestamp with time zone, NULL::timestamp with time zone), p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision)
     RETURNS TABLE(key text, kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
-FUNCTION proposal_changes(p_proposal_id bigint)
-    RETURNS text[] LANGUAGE plpgsql STABLE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION proposal_statements(p_proposal_id bigint, p_undo boolean DEFAULT false)
-    RETURNS TABLE(key text, attachment_id bigint, statement text) LANGUAGE plpgsql STABLE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
 FUNCTION protect_scenes(p_on boolean DEFAULT true)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET lock_timeout=10s;
 
@@ -1766,9 +1687,6 @@ FUNCTION track_path(p_waypoints geometry, p_times timestamp with time zone[])
 
 FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION undo_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION unshare_scene(p_scene text, p_role text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;

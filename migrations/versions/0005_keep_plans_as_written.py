@@ -8,10 +8,15 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "7d1c2dc63d07318f1c054f044a341e94d9cb4384731d61e7bb730ce48b956e40"
+routines_sha256 = "0e4e07a34f46021e456bb3c328624266a6a07622ae497311d09c506647d38ca3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
+
+# Floor at the start and the end of the leg, then the ceilings; null where they do not change.
+CLIMB = """
+ALTER TABLE conflictdb.piece ADD COLUMN IF NOT EXISTS climb double precision[];
+"""
 
 # Whose separation rules apply to an object, and whose objects are not compared with each other.
 CLASSES = """
@@ -25,6 +30,16 @@ BEGIN
     END IF;
 END
 $$;
+"""
+
+# One admission of a scene at a time. Not `scene_lock`, which detections hold for as long as they take.
+ADMISSIONS = """
+CREATE TABLE IF NOT EXISTS conflictdb.admission_lock (
+    scene_id bigint NOT NULL CONSTRAINT admission_lock_pkey PRIMARY KEY,
+    taken bigint NOT NULL
+);
+CREATE INDEX IF NOT EXISTS area_scene_id_owner_btree ON conflictdb.area (scene_id, owner) WHERE owner IS NOT NULL;
+CREATE INDEX IF NOT EXISTS track_scene_id_owner_btree ON conflictdb.track (scene_id, owner) WHERE owner IS NOT NULL;
 """
 
 
@@ -82,7 +97,7 @@ ALTER TABLE conflictdb.conflict_event ADD COLUMN IF NOT EXISTS proposal_id bigin
 
 
 def upgrade() -> None:
-    for statement in (CLASSES, PROPOSALS):
+    for statement in (CLIMB, CLASSES, ADMISSIONS, PROPOSALS):
         op.execute(statement)
 
 

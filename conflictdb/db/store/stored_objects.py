@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import psycopg
@@ -19,7 +19,7 @@ from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many, require_writable, transaction
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import Phase, unwatched
-from conflictdb.model.inputs import all_certain, certain
+from conflictdb.model.inputs import EPOCH, MICROSECOND, all_certain, certain
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.settings import SETTINGS, SettingType
 
@@ -121,6 +121,44 @@ def replace_scene_by_parts(
             more, page = call(conn, "_add_staged", number, page)
             stored += more
     return LoadCounts(*counts)
+
+
+def put_plans(
+    conn: psycopg.Connection[Any], scene: str, removed: Sequence[str], areas: Sequence[Area], tracks: Sequence[Track]
+) -> None:
+    """Remove some objects of a scene by key and put others, few at a time, as `replace_scene` with `merge` does."""
+    rows = []
+    plans_of: list[tuple[Sequence[Area | Track], dict[str, copy_binary.Column]]] = [
+        (areas, _staged_areas(areas)),
+        (tracks, _staged_tracks(tracks)),
+    ]
+    for plans, columns in plans_of:
+        shapes = [name for name in ("footprint", "path", "outline", "outlines") if name in columns]
+        for k, one in enumerate(plans):
+            row = {"key": one.key, "name": one.name, "class": one.object_class, "owner": one.owner}
+            row |= {name: getattr(one, name) for name in ("floor_m", "ceiling_m")} | {
+                "properties": dict(one.properties)
+            }
+            for name in shapes:
+                column = cast("copy_binary.Ragged", columns[name])
+                row[name] = column.data[column.offset[k] : column.offset[k + 1]].tobytes().hex() or None
+            rows.append(row | (_track_fields(one) if isinstance(one, Track) else {"active_span": _span(one)}))
+    call(conn, "_put_plans", scene, list(removed), json.dumps(rows))
+
+
+def _track_fields(track: Track) -> dict[str, Any]:
+    heights = {"floors_m": track.floors_m, "ceilings_m": track.ceilings_m}
+    per_leg = {
+        name: None if given is None else [x if math.isfinite(x) else None for x in given.tolist()]
+        for name, given in heights.items()
+    }
+    return {"grow_mps": track.grow_mps, **per_leg}
+
+
+def _span(area: Area) -> str:
+    """Return an area's span as text of a tstzrange, with whole microseconds."""
+    ends = ("" if us is None else (EPOCH + us * MICROSECOND).isoformat() for us in (area.start_us, area.end_us))
+    return "[" + ",".join(ends) + ")"
 
 
 def set_scene(conn: psycopg.Connection[Any], scene: Scene) -> int:
