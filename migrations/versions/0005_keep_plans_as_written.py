@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0e4e07a34f46021e456bb3c328624266a6a07622ae497311d09c506647d38ca3"
+routines_sha256 = "d98093363f6128b6752e914ab45ae6ed6df339c22eadd7f9003ec60d3bce0091"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -40,6 +40,14 @@ CREATE TABLE IF NOT EXISTS conflictdb.admission_lock (
 );
 CREATE INDEX IF NOT EXISTS area_scene_id_owner_btree ON conflictdb.area (scene_id, owner) WHERE owner IS NOT NULL;
 CREATE INDEX IF NOT EXISTS track_scene_id_owner_btree ON conflictdb.track (scene_id, owner) WHERE owner IS NOT NULL;
+"""
+
+# Whether spans and height bands contain their upper ends.
+INTERVALS = """
+ALTER TABLE conflictdb.scene
+    ADD COLUMN IF NOT EXISTS intervals text NOT NULL DEFAULT 'half_open',
+    DROP CONSTRAINT IF EXISTS scene_intervals_known,
+    ADD CONSTRAINT scene_intervals_known CHECK (intervals IN ('half_open', 'closed'));
 """
 
 
@@ -97,7 +105,7 @@ ALTER TABLE conflictdb.conflict_event ADD COLUMN IF NOT EXISTS proposal_id bigin
 
 
 def upgrade() -> None:
-    for statement in (CLIMB, CLASSES, ADMISSIONS, PROPOSALS):
+    for statement in (CLIMB, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS):
         op.execute(statement)
 
 
