@@ -32,19 +32,19 @@ T0_US = 1_780_000_000_000_000
 
 
 def sea(areas: int, tracks: int) -> Objects:
-    """A sea of constant density; areas without a start or end are left out, since no delay clears them."""
+    """Return a sea of constant density; areas without a start or end are left out, since no delay clears them."""
     workload = replace(SEA, window=0.12 * (areas + tracks) ** 0.5, start_h=(0.0, 3.0))
     scene, standing, moving = throw(workload, 1, areas, tracks)
     return scene, [one for one in standing if one.start_us and one.end_us], moving
 
 
 def box(tracks: int) -> Objects:
-    """The paper's box, tracks alone."""
+    """Return the paper's box, tracks alone."""
     return throw(replace(BOX, side_haven=None, around_haven=(60.0, 120.0)), 0, 0, tracks)
 
 
 def ring(count: int, spread_s: float = 0.0) -> Objects:
-    """Aircraft of 450 kn on a ring of 100 nmi, each to the other side."""
+    """Return aircraft of 450 kn on a ring of 100 nmi, each to the other side."""
     rng, tracks = np.random.default_rng(1), []
     for k in range(count):
         angle, radius = 2.0 * np.pi * k / count, 100.0 / 60.0
@@ -58,7 +58,7 @@ def ring(count: int, spread_s: float = 0.0) -> Objects:
 class _Seen:
     """The program of the last call, with the plans by turns that it is compared with."""
 
-    program: Program | None = None
+    program: Program
     order: list[int]
 
     def __init__(self) -> None:
@@ -70,7 +70,6 @@ class _Seen:
 
     def by_turns(self) -> Iterator[tuple[int, float]]:
         """Yield tracks left and total delay: in the order of departures, then in twenty random orders."""
-        assert self.program is not None
         rng = np.random.default_rng(0)
         for order in [self.order, *(rng.permutation(self.order).tolist() for _ in range(20))]:
             delays, left = greedy(self.program, order)
@@ -90,7 +89,6 @@ def clear(name: str, objects: Objects, within_s: float, limit_s: float = 600.0, 
     after = [clearing.moved(one, moves[one.key]) if one.key in moves else one for one in tracks]
     before = {(one.a_key, one.b_key) for one in solve(tracks, areas, scene)}
     later = {(one.a_key, one.b_key) for one in solve(after, areas, scene)}
-    assert seen.program is not None
     by_turns = list(seen.by_turns())
     first, best = by_turns[0], min(by_turns[1:])
     cleared = 100.0 * (1.0 - len(later) / max(len(before), 1))
@@ -126,7 +124,11 @@ def main(which: list[str]) -> None:
     if "margin" in which or not which:
         scene, areas, tracks = sea(250, 600)
         for margin_s in (0.0, 30.0, 60.0, 120.0, 300.0):
-            clear(f"sea, 600 tracks, {margin_s:.0f} s apart", (replace(scene, time_separation_s=margin_s), areas, tracks), 7200.0)
+            clear(
+                f"sea, 600 tracks, {margin_s:.0f} s apart",
+                (replace(scene, time_separation_s=margin_s), areas, tracks),
+                7200.0,
+            )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Proposals of a stored scene: all or nothing, exactly undone, and refused in one sentence where they no longer hold."""
+"""Proposals of a stored scene: all or nothing, undone exactly, and refused in one sentence if out of date."""
 
 import json
 import threading
@@ -271,9 +271,11 @@ def test_rights(db: Database, scene: StoredScene, dsn: str, capsys: pytest.Captu
                 assert other.undo_proposal(number) > 0
             assert ask(db, PATHS) == paths
             conn.execute("SELECT conflictdb.unshare_scene(%s, %s)", [scene.name, f"editor_of_{suffix}"])
-            with connect(conninfo.make_conninfo(dsn, options=f"-c role=editor_of_{suffix}")) as other:
-                with pytest.raises(InvalidInput, match="is not known"):
-                    other.apply_proposal(number)
+            with (
+                connect(conninfo.make_conninfo(dsn, options=f"-c role=editor_of_{suffix}")) as other,
+                pytest.raises(InvalidInput, match="is not known"),
+            ):
+                other.apply_proposal(number)
         finally:
             conn.execute("SELECT conflictdb.protect_scenes(false)")
             for group in ("reader", "editor"):

@@ -162,9 +162,7 @@ def _add_questions(commands: Any) -> None:
     parser.add_argument("--slowest", type=float, default=1.0, metavar="FACTOR", help="of speed, where no delay clears")
     parser.add_argument("--fastest", type=float, default=1.0, metavar="FACTOR", help="default: 1")
     parser.add_argument("--goal", choices=("total", "largest"), default="total", help="default: total")
-    parser.add_argument(
-        "--limit", type=duration_s, default=30.0, metavar="DURATION", help="default: 30s"
-    )
+    parser.add_argument("--limit", type=duration_s, default=30.0, metavar="DURATION", help="default: 30s")
     add_format(parser, "table", "json")
 
     parser = command(commands, "apply", "clearing:apply", "apply a proposal, or undo it")
