@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "d98093363f6128b6752e914ab45ae6ed6df339c22eadd7f9003ec60d3bce0091"
+routines_sha256 = "3c83d3b255456d4ada9b92018133062f8a00f56f71f0f784e94785306ff2f07d"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
