@@ -89,6 +89,24 @@ def tolerances_of(who: str, given: Mapping[str, Any], times_us: NDArray[np.int64
     )
 
 
+def as_members(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return valid tolerances as JSON has them: lists of numbers, and windows in ISO 8601."""
+    found: dict[str, Any] = {}
+    for name, value in given.items():
+        if value is None:
+            continue
+        if name in WINDOWS:
+            found[name] = [one if isinstance(one, str) else _written(name, one) for one in value]
+        else:
+            found[name] = [float(one) for one in value] if isinstance(value, Sequence | np.ndarray) else float(value)
+    return found
+
+
+def _written(name: str, instant: inputs.Instant) -> str:
+    moment = inputs.EPOCH + int(inputs.instants_us("", name, [instant])[0]) * inputs.MICROSECOND
+    return moment.isoformat().replace("+00:00", "Z")
+
+
 def _numbers(who: str, name: str, value: Any, count: int, each: str, most: float) -> NDArray[np.float64]:
     many = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
     values = list(value) if many else [value] * count

@@ -18,6 +18,11 @@ CLIMB = """
 ALTER TABLE conflictdb.piece ADD COLUMN IF NOT EXISTS climb double precision[];
 """
 
+# How far voyages may differ from a plan.
+TOLERANCES = """
+ALTER TABLE conflictdb.track ADD COLUMN IF NOT EXISTS tolerances jsonb;
+"""
+
 # Whose separation rules apply to an object, and whose objects are not compared with each other.
 CLASSES = """
 ALTER TABLE conflictdb.area ADD COLUMN IF NOT EXISTS class text, ADD COLUMN IF NOT EXISTS owner text;
@@ -44,7 +49,7 @@ CREATE INDEX IF NOT EXISTS track_scene_id_owner_btree ON conflictdb.track (scene
 
 
 def upgrade() -> None:
-    for statement in (CLIMB, CLASSES, ADMISSIONS):
+    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS):
         op.execute(statement)
 
 

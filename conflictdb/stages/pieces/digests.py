@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.kernel.rows import Bytes, Part, digests
+from conflictdb.model.tolerances import as_members
 
 # Digests are stored with computed conflicts: another key would match no object.
 _KEY: Final = b"what objects are"
@@ -31,7 +32,9 @@ def track_digests(tracks: TrackBatch) -> NDArray[np.int64]:
     way, outline, outlines = tracks.waypoint_offset, tracks.outline_offset, tracks.outlines_offset
     legs = way - np.arange(len(way))
     # Sorted, as the database gives them in an order of its own.
-    tolerances = [b"" if one is None else json.dumps(dict(one), sort_keys=True).encode() for one in tracks.tolerances]
+    tolerances = [
+        b"" if one is None else json.dumps(as_members(one), sort_keys=True).encode() for one in tracks.tolerances
+    ]
     # The counts make the concatenation unambiguous.
     counts = np.column_stack([np.diff(offset) for offset in (way, outline, outlines)])
     return _digests(
