@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "7da561a71a223e9bfa4d1d20ed030787bfc7450781c70883f17b16f3a8f30f8d"
+routines_sha256 = "3d772e4f04f224912b70b24ee38298f39e57b4f3d2a6d020ab36533f06375924"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

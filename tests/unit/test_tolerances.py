@@ -1,6 +1,8 @@
 """Havens of plans with tolerances contain every voyage within them, and little more."""
 
+from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,7 @@ from conflictdb.arrays.pieces import PieceRows
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
+from conflictdb.formats.scene_file import read_scene, scene_text
 from conflictdb.kernel import KernelScene
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Area, Motion, Scene, Track, rectangle_outline_m
@@ -165,7 +168,6 @@ def test_no_voyage_leaves_its_haven(motion: Motion) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("motion", list(Motion))
 def test_no_voyage_of_a_million_leaves_its_haven(motion: Motion) -> None:
     rng = np.random.default_rng(7)
@@ -286,3 +288,16 @@ def test_wrong_tolerances_are_refused(tolerances: Any, field: str, rule: str) ->
         Track("T", way, times, SHIP, tolerances=tolerances)
     assert caught.value.field == field
     assert rule in caught.value.rule
+
+
+def test_the_scene_of_the_page_has_the_conflict_that_it_names() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs/how-to/plan-with-tolerances.md").read_text()
+    text = page.split("```json\n")[1].split("```")[0]
+    found = read_scene(text, "ferry")
+    (conflict,) = solve(found.tracks, found.areas, found.scene)
+    (start, end) = conflict.periods[0]
+    assert (start.strftime("%H:%M"), end.strftime("%H:%M")) == ("11:00", "11:35")
+    exact = [replace(track, tolerances=None) for track in found.tracks]
+    assert solve(exact, found.areas, found.scene) == []
+    again = read_scene("".join(scene_text(found.scene, found.areas, found.tracks)), "ferry")
+    assert again.tracks[0].tolerances == found.tracks[0].tolerances
