@@ -66,6 +66,7 @@ class Scene(Base):
     vertical_separation_m: Mapped[float] = mapped_column(server_default=FetchedValue())
     time_separation_s: Mapped[float] = mapped_column(server_default=FetchedValue())
     delays_within_s: Mapped[float] = mapped_column(server_default=FetchedValue())
+    intervals: Mapped[str] = mapped_column(server_default=FetchedValue())
 
 
 class Area(Base):
@@ -204,6 +205,7 @@ class SceneState(Base):
     vertical_separation_m: Mapped[float]
     time_separation_s: Mapped[float]
     delays_within_s: Mapped[float]
+    intervals: Mapped[str]
 
 
 class ConflictEvent(Base):

@@ -296,7 +296,8 @@ TABLE scene (
     owner name DEFAULT CURRENT_USER,
     vertical_separation_m double precision NOT NULL DEFAULT 0.0,
     time_separation_s double precision NOT NULL DEFAULT 0.0,
-    delays_within_s double precision NOT NULL DEFAULT 0.0
+    delays_within_s double precision NOT NULL DEFAULT 0.0,
+    intervals text NOT NULL DEFAULT 'half_open'::text
 );
 
 TABLE scene_lock (
@@ -528,7 +529,8 @@ VIEW scenes (
     unmapped bigint,
     vertical_separation_m double precision,
     time_separation_s double precision,
-    delays_within_s double precision
+    delays_within_s double precision,
+    intervals text
 );
 
 VIEW shares (
@@ -633,6 +635,7 @@ CONSTRAINT scene_delays_within_known ON scene: CHECK (((delays_within_s >= (0)::
 CONSTRAINT scene_earth_known ON scene: CHECK ((earth = ANY (ARRAY['wgs84'::text, 'sphere'::text])));
 CONSTRAINT scene_history_kept_positive ON scene: CHECK ((history_kept >= '00:00:00'::interval));
 CONSTRAINT scene_holds_objects ON scene: TRIGGER DEFERRABLE INITIALLY DEFERRED;
+CONSTRAINT scene_intervals_known ON scene: CHECK ((intervals = ANY (ARRAY['half_open'::text, 'closed'::text])));
 CONSTRAINT scene_method_known ON scene: CHECK ((method = ANY (ARRAY['screen'::text, 'exact'::text, 'nlp'::text])));
 CONSTRAINT scene_motion_known ON scene: CHECK ((motion = ANY (ARRAY['rhumb'::text, 'great_circle'::text])));
 CONSTRAINT scene_name_unique ON scene: UNIQUE (name);
@@ -1572,6 +1575,9 @@ FUNCTION attach(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_ever
 FUNCTION candidates(p_scene text)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
+FUNCTION circle(p_scene text, p_lon double precision, p_lat double precision, p_radius_m double precision)
+    RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION conflict_history(p_scene text, p_key text, p_other_key text DEFAULT NULL::text)
     RETURNS SETOF conflict_events LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1590,7 +1596,7 @@ FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
 FUNCTION copy_scene(p_scene text, p_name text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision)
+FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision, p_intervals text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
 
 FUNCTION delays_of(p_scene text, p_key text DEFAULT NULL::text, p_horizon interval DEFAULT NULL::interval, p_now timestamp with time zone DEFAULT NULL::timestamp with time zone)

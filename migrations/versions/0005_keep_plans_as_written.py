@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "3d772e4f04f224912b70b24ee38298f39e57b4f3d2a6d020ab36533f06375924"
+routines_sha256 = "0247d618a03354a71c00d2fb39bd984fd2039f4b0baebd1f888ab2096826c3a9"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -47,9 +47,17 @@ CREATE INDEX IF NOT EXISTS area_scene_id_owner_btree ON conflictdb.area (scene_i
 CREATE INDEX IF NOT EXISTS track_scene_id_owner_btree ON conflictdb.track (scene_id, owner) WHERE owner IS NOT NULL;
 """
 
+# Whether spans and height bands contain their upper ends.
+INTERVALS = """
+ALTER TABLE conflictdb.scene
+    ADD COLUMN IF NOT EXISTS intervals text NOT NULL DEFAULT 'half_open',
+    DROP CONSTRAINT IF EXISTS scene_intervals_known,
+    ADD CONSTRAINT scene_intervals_known CHECK (intervals IN ('half_open', 'closed'));
+"""
+
 
 def upgrade() -> None:
-    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS):
+    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS):
         op.execute(statement)
 
 
