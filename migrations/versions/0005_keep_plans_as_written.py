@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0247d618a03354a71c00d2fb39bd984fd2039f4b0baebd1f888ab2096826c3a9"
+routines_sha256 = "ed2d6fa8aa0826151cfaf27d74db9d4c2634e80b0e9777f539de6534ac726d23"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
