@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "3c83d3b255456d4ada9b92018133062f8a00f56f71f0f784e94785306ff2f07d"
+routines_sha256 = "4f70871c9a66824b2337966de29618e7edfa1edf28a36efda6afc8b81e2c9077"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
