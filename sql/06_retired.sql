@@ -14,6 +14,9 @@ DECLARE
         'earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat, srid, area_ids, '
         'track_ids, known_objects)',
         '_check_common(p_who, p_key, p_floor_m, p_ceiling_m, p_properties)',
+        '_conflict_events(p_scene, p_key, p_other_key, p_after, p_most, event, kind, at, run_id, conflict_id, a_key, '
+        'a_kind, b_key, b_kind, periods, verdict, time_error_s, closest_at, closest_m, closest_error_m, opened_at, '
+        'closed_at)',
         '_conflicts(p_scene, p_at, p_with_region, p_keys, a_key, a_kind, b_key, b_kind, periods, verdict, '
         'region, first_contact_lon_deg, first_contact_lat_deg, method, time_error_s, is_current, run_id, '
         'found_at, closest_at, closest_m, closest_error_m, closest_a_lon_deg, closest_a_lat_deg, '
@@ -83,6 +86,8 @@ DECLARE
         'p_centre_lon, p_centre_lat)',
         'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
         'p_centre_lon, p_centre_lat, p_vertical_separation_m)',
+        'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
+        'p_centre_lon, p_centre_lat, p_vertical_separation_m, p_time_separation_s, p_delays_within_s)',
         'list_objects(p_scene, key, kind, name, start_at, end_at, floor_m, ceiling_m)',
         'put_area(p_scene, p_key, p_footprint, p_active_span, p_floor_m, p_ceiling_m, p_name, p_properties)',
         'put_track(p_scene, p_key, p_path, p_outline, p_floor_m, p_ceiling_m, p_name, p_properties, p_grow_mps, '

@@ -222,6 +222,8 @@ COMMENT ON COLUMN conflict_event.closest_at IS
 COMMENT ON COLUMN conflict_event.closest_m IS 'Closest approach: least distance, metres; null if not computed.';
 COMMENT ON COLUMN conflict_event.closest_error_m IS
 'Closest approach: error bound of closest_m, metres; null if not computed.';
+COMMENT ON COLUMN conflict_event.proposal_id IS
+'The proposal whose application, or its undoing, caused the event; else null.';
 
 COMMENT ON TABLE history IS 'Start of the stored history of each scene.';
 COMMENT ON COLUMN history.scene_id IS 'Scene.';

@@ -132,7 +132,7 @@ BEGIN
         UNION
         SELECT 0::smallint, a.area_id, a.key, a.name, a.owner
         FROM pending n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
-        WHERE n.object_kind = 0 AND coalesce(a.active_span, tstzrange(NULL, NULL)) && v_span
+        WHERE n.object_kind = 0 AND tstzrange(lower(a.active_span), upper(a.active_span), '[]') && v_span
           AND _lies_near(a.footprint, 0, p_low_lon, p_low_lat, p_high_lon, p_high_lat)
         UNION
         SELECT 1::smallint, t.track_id, t.key, t.name, t.owner

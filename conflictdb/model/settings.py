@@ -27,6 +27,13 @@ class EarthModel(StrEnum):
     SPHERE = "sphere"
 
 
+class Intervals(StrEnum):
+    """Whether the last instant of a span and the ceiling of a height band belong to an object."""
+
+    HALF_OPEN = "half_open"  # they do not: objects that only touch in time or height are apart
+    CLOSED = "closed"  # they do
+
+
 class SettingType(Enum):
     """Type of a setting; its rules, its option and its column follow from it."""
 
@@ -102,7 +109,7 @@ SETTINGS: Final = (
         "Where a detection stops: screen (who might meet), exact (certified times), "
         "nlp (certified times, found by the published program).",
         Method.EXACT,
-        "where to stop",
+        "last stage",
         choices=Method,
         is_stored_by_detect=True,
     ),
@@ -132,7 +139,7 @@ SETTINGS: Final = (
         "Pairs without conflict that come within this distance (metres) are stored with their closest approach; "
         "0: none.",
         0.0,
-        "report near pairs",
+        "near pairs",
         label="Near is",
         says="within {:g} m",
         says_zero="not reported",
@@ -175,6 +182,15 @@ SETTINGS: Final = (
         0.0,
         "store delays",
         is_stored_by_detect=True,
+    ),
+    Setting(
+        "intervals",
+        SettingType.CHOICE,
+        "Whether spans and height bands contain their upper ends: half_open (they do not) or closed (they do, as "
+        "volumes of ASTM F3548).",
+        Intervals.HALF_OPEN,
+        "closed ends",
+        choices=Intervals,
     ),
 )
 NAMES: Final = tuple(setting.name for setting in SETTINGS)
