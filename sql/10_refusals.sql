@@ -6,7 +6,8 @@
 -- ZC010 unknown_scene           ZC011 unknown_object         ZC012 invalid_properties
 -- ZC013 wrong_sequence (called out of order, or in an unsuitable transaction)
 -- ZC014 not_current (within the time limit)   ZC015 not_answered (within the time limit)
--- ZC016 invalid_plan             ZC017 too_large          ZC018 invalid_rule
+-- ZC016 invalid_plan             ZC017 too_large
+-- ZC018 out_of_date (a proposal, since its scene changed)   ZC019 invalid_rule
 --
 -- Functions called by SECURITY DEFINER routines set search_path to the schemas of conflictdb: in another schema a user
 -- could define a better-matching function or operator.

@@ -9,37 +9,37 @@ BEGIN
     NEW.allowed := coalesce(NEW.allowed, false);
     PERFORM _check_word(v_who, 'a_class', NEW.a_class), _check_word(v_who, 'b_class', NEW.b_class);
     IF num_nonnulls(NEW.a_class, NEW.b_class) = 0 THEN
-        FOUND := _raise('ZC018', v_who, 'a_class',
+        FOUND := _raise('ZC019', v_who, 'a_class',
                         'must name a class: the scene''s settings are the rule for any with any', 'rule_side');
     END IF;
     SELECT v.name, v.value INTO v_bad FROM (VALUES ('separation_m', NEW.separation_m), ('vertical_m', NEW.vertical_m))
         v (name, value) WHERE NOT v.value BETWEEN 0 AND 20000000 LIMIT 1;
     IF FOUND THEN
-        FOUND := _raise('ZC018', v_who, v_bad.name,
+        FOUND := _raise('ZC019', v_who, v_bad.name,
                         format('must be from 0 to 20000000 metres, or null; got %s', v_bad.value), 'rule_distance');
     END IF;
     IF NOT NEW.time_s BETWEEN 0 AND 2592000 OR abs(1e6 * NEW.time_s - round(1e6 * NEW.time_s)) > 1e-3 THEN
-        FOUND := _raise('ZC018', v_who, 'time_s',
+        FOUND := _raise('ZC019', v_who, 'time_s',
                         format('must be whole microseconds, 0 to 2592000 seconds (30 days), or null; got %s',
                                NEW.time_s), 'rule_time');
     END IF;
     IF NOT NEW.yields IN ('a', 'b') OR NEW.yields IS NOT NULL AND NEW.a_class IS NOT DISTINCT FROM NEW.b_class THEN
-        FOUND := _raise('ZC018', v_who, 'yields',
+        FOUND := _raise('ZC019', v_who, 'yields',
                         format('must be ''a'' or ''b'', of two different sides, or null; got %L', NEW.yields),
                         'rule_yields');
     END IF;
     IF NEW.allowed AND num_nonnulls(NEW.separation_m, NEW.vertical_m, NEW.time_s, NEW.yields) > 0 THEN
-        FOUND := _raise('ZC018', v_who, 'allowed', 'leaves no meaning to distances, times and yields', 'rule_allowed',
+        FOUND := _raise('ZC019', v_who, 'allowed', 'leaves no meaning to distances, times and yields', 'rule_allowed',
                         'Pairs that are allowed are not compared: leave the others null.');
     END IF;
     IF NEW.time_s > 0 AND EXISTS (SELECT FROM scene s WHERE s.scene_id = NEW.scene_id AND s.method = 'nlp') THEN
-        FOUND := _raise('ZC018', v_who, 'time_s', 'is not known to method ''nlp'', whose program knows one time only',
+        FOUND := _raise('ZC019', v_who, 'time_s', 'is not known to method ''nlp'', whose program knows one time only',
                         'rule_time_solved', 'Use method exact, or 0.');
     END IF;
     RETURN NEW;
 END
 $$;
-COMMENT ON FUNCTION _rule_before() IS 'Trigger: checks a separation rule (ZC018).';
+COMMENT ON FUNCTION _rule_before() IS 'Trigger: checks a separation rule (ZC019).';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_rules(p_scene_id bigint) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp SET jit = off AS $$
@@ -71,7 +71,7 @@ BEGIN
                              k.b_kind, CASE WHEN p.rank > 1 THEN q.first END, p.rank)).rule_id IS NULL
         ORDER BY p.rule_id, q.rule_id LIMIT 1;
     IF FOUND THEN
-        FOUND := _raise('ZC018', format('rule %L with %L', coalesce(v_tie.c, 'any'), coalesce(v_tie.d, 'any')),
+        FOUND := _raise('ZC019', format('rule %L with %L', coalesce(v_tie.c, 'any'), coalesce(v_tie.d, 'any')),
                         'classes',
                         format('applies to a pair of %L (%s) and %L (%s) alike with rule %L with %L', v_tie.first,
                                CASE v_tie.a_kind WHEN 0 THEN 'area' ELSE 'track' END, v_tie.other,
@@ -82,7 +82,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_rules(bigint) IS
-'Raises ZC018 if two rules of a scene are equally specific for a pair for which no rule is more specific, ZC017 for '
+'Raises ZC019 if two rules of a scene are equally specific for a pair for which no rule is more specific, ZC017 for '
 'too many rules.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._mark_side(
@@ -212,7 +212,7 @@ BEGIN
                                           ('time_s', p_time_s)) v (name, value)
         WHERE v.value IN ('NaN', 'infinity', '-infinity') LIMIT 1;
     IF FOUND THEN
-        FOUND := _raise('ZC018', format('rule %L with %L', coalesce(p_a_class, 'any'), coalesce(p_b_class, 'any')),
+        FOUND := _raise('ZC019', format('rule %L with %L', coalesce(p_a_class, 'any'), coalesce(p_b_class, 'any')),
                         v_bad, 'must be a finite number, or null', 'rule_number');
     END IF;
     PERFORM _put_rules(v_scene_id, jsonb_build_array(jsonb_build_object(
@@ -224,7 +224,7 @@ COMMENT ON FUNCTION put_rule(text, text, text, double precision, double precisio
 'Adds a separation rule for the pairs of two classes, or replaces the one of the same two, in either order. A class, '
 '''area'' or ''track'' for all of a kind, null for any object. Of several rules the most specific applies: two '
 'classes, a class and a kind, a class and any, two kinds, a kind and any. Metres and seconds; null: as in the scene. '
-'p_allowed: the pairs are not compared. p_yields: ''a'' or ''b'', the side that yields. Raises ZC018 for a rule that '
+'p_allowed: the pairs are not compared. p_yields: ''a'' or ''b'', the side that yields. Raises ZC019 for a rule that '
 'is as specific as another for some pair.';
 
 CREATE OR REPLACE FUNCTION remove_rule(p_scene text, p_a_class text, p_b_class text) RETURNS boolean
@@ -240,7 +240,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION remove_rule(text, text, text) IS
-'Removes the separation rule of two classes, in either order; returns whether there was one. Raises ZC018 if two '
+'Removes the separation rule of two classes, in either order; returns whether there was one. Raises ZC019 if two '
 'others would then be equally specific for some pair.';
 
 CREATE OR REPLACE VIEW rules WITH (security_invoker = true) AS

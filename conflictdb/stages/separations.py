@@ -21,6 +21,8 @@ from conflictdb.stages.stage1_broad_phase import is_together
 _Ints = NDArray[Any]
 
 _MOST_ROUNDED_M: Final = 1e9
+# In a scene with closed intervals heights of climbs overlap if they are this close, metres.
+_CLOSED_M: Final = 1e-9
 NEVER: Final = -1  # in place of settings: the pair is not compared
 
 
@@ -147,4 +149,6 @@ def with_closed_heights(pieces: Pieces) -> Pieces:
     """Return pieces with ceilings up to the next number, so that half-open bands that share a closed end overlap."""
     climb_m = pieces.climb_m.copy()
     climb_m[:, 2:] = np.nextafter(climb_m[:, 2:], np.inf)
+    # Beyond the rounding of heights on the way (`stages.heights`).
+    climb_m[pieces.climbs()] += _CLOSED_M * np.array([-1.0, -1.0, 1.0, 1.0])
     return replace(pieces, ceiling_m=np.nextafter(pieces.ceiling_m, np.inf), climb_m=climb_m)

@@ -19,7 +19,7 @@ SEQUENCE piece_piece_id_seq;
 
 SEQUENCE probe_request_probe_id_seq;
 
-SEQUENCE rule_rule_id_seq;
+SEQUENCE proposal_proposal_id_seq;
 
 SEQUENCE run_run_id_seq;
 
@@ -116,8 +116,7 @@ TABLE change (
     object_id bigint NOT NULL,
     version bigint NOT NULL,
     changed_at timestamp with time zone NOT NULL DEFAULT now(),
-    is_covered boolean NOT NULL DEFAULT false,
-    with_number bigint
+    is_covered boolean NOT NULL DEFAULT false
 );
 
 TABLE conflict (
@@ -167,7 +166,8 @@ TABLE conflict_event (
     time_error_s double precision NOT NULL,
     closest_at timestamp with time zone,
     closest_m double precision,
-    closest_error_m double precision
+    closest_error_m double precision,
+    proposal_id bigint
 );
 
 TABLE difference (
@@ -219,9 +219,7 @@ TABLE piece (
     cuts timestamp with time zone[],
     leg_times timestamp with time zone[],
     legs double precision[],
-    climb double precision[],
-    class_number bigint NOT NULL DEFAULT 0,
-    owner_number bigint NOT NULL DEFAULT 0
+    climb double precision[]
 );
 
 TABLE probe_reply (
@@ -260,16 +258,45 @@ TABLE probe_request (
     delays jsonb
 );
 
-TABLE rule (
-    rule_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+TABLE proposal (
+    proposal_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
     scene_id bigint NOT NULL,
-    a_class text,
-    b_class text,
-    separation_m double precision,
-    vertical_m double precision,
-    time_s double precision,
-    allowed boolean NOT NULL DEFAULT false,
-    yields text
+    made_at timestamp with time zone NOT NULL DEFAULT now(),
+    made_by text NOT NULL DEFAULT CURRENT_USER,
+    goal text NOT NULL,
+    objective_s double precision NOT NULL,
+    bound_s double precision NOT NULL,
+    is_least boolean NOT NULL,
+    settings jsonb NOT NULL,
+    last_version bigint NOT NULL,
+    objects_hash bigint NOT NULL,
+    applied_at timestamp with time zone,
+    applied_by text,
+    undone_at timestamp with time zone,
+    undone_by text
+);
+
+TABLE proposal_left (
+    proposal_id bigint NOT NULL,
+    scene_id bigint NOT NULL,
+    key text COLLATE C NOT NULL,
+    blocked_by text[] NOT NULL
+);
+
+TABLE proposal_move (
+    proposal_id bigint NOT NULL,
+    scene_id bigint NOT NULL,
+    track_id bigint NOT NULL,
+    key text COLLATE C NOT NULL,
+    version bigint NOT NULL,
+    planned geometry(LineStringM,4326) NOT NULL,
+    path geometry(LineStringM,4326) NOT NULL,
+    delay_s double precision NOT NULL,
+    speed double precision NOT NULL,
+    clears text[] NOT NULL,
+    passes jsonb NOT NULL,
+    explanation text NOT NULL,
+    version_after bigint
 );
 
 TABLE run (
@@ -346,6 +373,7 @@ TABLE track (
     floors_m double precision[],
     ceilings_m double precision[],
     first_version bigint NOT NULL DEFAULT 0,
+    tolerances jsonb,
     class text,
     owner text
 );
@@ -434,7 +462,8 @@ VIEW conflict_events (
     closest_m double precision,
     closest_error_m double precision,
     opened_at timestamp with time zone,
-    closed_at timestamp with time zone
+    closed_at timestamp with time zone,
+    proposal_id bigint
 );
 
 VIEW conflicts (
@@ -514,6 +543,24 @@ VIEW map_tracks (
     path geometry(MultiLineString,4326)
 );
 
+VIEW proposals (
+    scene text COLLATE C,
+    proposal_id bigint,
+    made_at timestamp with time zone,
+    made_by text,
+    state text,
+    goal text,
+    objective_s double precision,
+    bound_s double precision,
+    is_least boolean,
+    moves jsonb,
+    left_as_planned jsonb,
+    applied_at timestamp with time zone,
+    applied_by text,
+    undone_at timestamp with time zone,
+    undone_by text
+);
+
 VIEW queue (
     scene text COLLATE C,
     waiting_since timestamp with time zone,
@@ -524,17 +571,6 @@ VIEW queue (
     worker_role text,
     worked_on_since timestamp with time zone,
     last_error text
-);
-
-VIEW rules (
-    scene text COLLATE C,
-    a_class text,
-    b_class text,
-    separation_m double precision,
-    vertical_m double precision,
-    time_s double precision,
-    allowed boolean,
-    yields text
 );
 
 VIEW scenes (
@@ -651,13 +687,14 @@ CASE
     ELSE (num_nonnulls(path, outline) = 2)
 END);
 CONSTRAINT probe_request_scene_fkey ON probe_request: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
-CONSTRAINT rule_pkey ON rule: PRIMARY KEY (rule_id);
-CONSTRAINT rule_scene_fkey ON rule: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
-CONSTRAINT rule_separation_on_earth ON rule: CHECK (((separation_m >= (0)::double precision) AND (separation_m <= (20000000)::double precision)));
-CONSTRAINT rule_side ON rule: CHECK ((num_nonnulls(a_class, b_class) > 0));
-CONSTRAINT rule_time_known ON rule: CHECK (((time_s >= (0)::double precision) AND (time_s <= (2592000)::double precision)));
-CONSTRAINT rule_vertical_on_earth ON rule: CHECK (((vertical_m >= (0)::double precision) AND (vertical_m <= (20000000)::double precision)));
-CONSTRAINT rule_yields_known ON rule: CHECK ((yields = ANY (ARRAY['a'::text, 'b'::text])));
+CONSTRAINT proposal_goal_known ON proposal: CHECK ((goal = ANY (ARRAY['total'::text, 'largest'::text])));
+CONSTRAINT proposal_of_scene ON proposal: UNIQUE (proposal_id, scene_id);
+CONSTRAINT proposal_pkey ON proposal: PRIMARY KEY (proposal_id);
+CONSTRAINT proposal_scene_fkey ON proposal: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT proposal_left_pkey ON proposal_left: PRIMARY KEY (proposal_id, key);
+CONSTRAINT proposal_left_proposal_fkey ON proposal_left: FOREIGN KEY (proposal_id, scene_id) REFERENCES proposal(proposal_id, scene_id) ON DELETE CASCADE;
+CONSTRAINT proposal_move_pkey ON proposal_move: PRIMARY KEY (proposal_id, track_id);
+CONSTRAINT proposal_move_proposal_fkey ON proposal_move: FOREIGN KEY (proposal_id, scene_id) REFERENCES proposal(proposal_id, scene_id) ON DELETE CASCADE;
 CONSTRAINT run_failed_or_counted ON run: CHECK (((error IS NULL) = (conflicts IS NOT NULL)));
 CONSTRAINT run_pkey ON run: PRIMARY KEY (run_id);
 CONSTRAINT run_scene_fkey ON run: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -713,7 +750,8 @@ CREATE INDEX difference_scene_id_track_btree ON conflictdb.difference USING btre
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
 CREATE INDEX probe_request_scene_btree ON conflictdb.probe_request USING btree (scene_id, answered_at);
-CREATE UNIQUE INDEX rule_sides_unique ON conflictdb.rule USING btree (scene_id, LEAST(COALESCE(a_class, ''::text), COALESCE(b_class, ''::text)), GREATEST(COALESCE(a_class, ''::text), COALESCE(b_class, ''::text)));
+CREATE INDEX proposal_move_scene_id_btree ON conflictdb.proposal_move USING btree (scene_id);
+CREATE INDEX proposal_scene_id_btree ON conflictdb.proposal USING btree (scene_id);
 CREATE INDEX track_scene_id_owner_btree ON conflictdb.track USING btree (scene_id, owner) WHERE (owner IS NOT NULL);
 
 CREATE TRIGGER area_before BEFORE INSERT OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _area_before() -- always;
@@ -726,12 +764,6 @@ CREATE TRIGGER attachment_fixed BEFORE INSERT OR UPDATE ON conflictdb.attachment
 CREATE TRIGGER attachment_removed AFTER DELETE ON conflictdb.attachment FOR EACH ROW EXECUTE FUNCTION _after_attachment_removal();
 CREATE TRIGGER object_key_restored BEFORE INSERT ON conflictdb.object_key FOR EACH ROW WHEN ((pg_trigger_depth() = 0)) EXECUTE FUNCTION _keep_restored_key() -- always;
 CREATE TRIGGER probe_request_checked BEFORE INSERT ON conflictdb.probe_request FOR EACH ROW EXECUTE FUNCTION _before_probe_request() -- always;
-CREATE TRIGGER rule_before BEFORE INSERT OR UPDATE ON conflictdb.rule FOR EACH ROW EXECUTE FUNCTION _rule_before() -- always;
-CREATE TRIGGER rule_deleted AFTER DELETE ON conflictdb.rule REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
-CREATE TRIGGER rule_inserted AFTER INSERT ON conflictdb.rule REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
-CREATE TRIGGER rule_not_truncated BEFORE TRUNCATE ON conflictdb.rule FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate() -- always;
-CREATE TRIGGER rule_replicated AFTER INSERT OR DELETE OR UPDATE ON conflictdb.rule FOR EACH ROW EXECUTE FUNCTION _after_replicated_rule() -- replicas;
-CREATE TRIGGER rule_updated AFTER UPDATE ON conflictdb.rule REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
 CREATE TRIGGER scene_before BEFORE INSERT OR UPDATE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _scene_before() -- always;
 CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN (((_settings_of(old.*) - 'name'::text) IS DISTINCT FROM (_settings_of(new.*) - 'name'::text))) EXECUTE FUNCTION _after_scene_change() -- always;
 CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON conflictdb.scene DEFERRABLE INITIALLY DEFERRED FOR EACH ROW WHEN ((((old.motion IS DISTINCT FROM new.motion) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _scene_holds_objects();
@@ -770,12 +802,6 @@ FUNCTION _after_replicated_object()
 FUNCTION _after_replicated_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _after_replicated_rule()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
-
-FUNCTION _after_rule_change()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
-
 FUNCTION _after_scene_change()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -785,17 +811,11 @@ FUNCTION _after_scene_removal()
 FUNCTION _after_scene_resettled()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _allowed_types(p_scene_id bigint, OUT classes bigint[], OUT pairs text[])
-    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
-
 FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb, p_delays jsonb)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _approaches(p_scene text, p_only_near boolean, p_keys text[])
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean, method text, time_error_s double precision, a_name text, b_name text, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION _are_compared(p_a_kind smallint, p_a_class bigint, p_a_owner bigint, p_b_kind smallint, p_b_class bigint, p_b_owner bigint, p_classes bigint[], p_allowed text[])
-    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _area_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -804,7 +824,7 @@ FUNCTION _area_feature(p_area area)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
 FUNCTION _area_row(p_scene_id bigint, p_area_id bigint)
-    RETURNS TABLE(area_id bigint, version bigint, span_start timestamp with time zone, span_end timestamp with time zone, floor_m double precision, ceiling_m double precision, class_number bigint, owner_number bigint, footprint bytea) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(area_id bigint, version bigint, span_start timestamp with time zone, span_end timestamp with time zone, floor_m double precision, ceiling_m double precision, footprint bytea) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _attached_footprint(p_who text, p_shape geometry)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -887,10 +907,10 @@ FUNCTION _candidates_of_dirty(p_scene_id bigint, OUT a_piece_id bigint, OUT b_pi
 FUNCTION _cast_to(p_type oid, p_wanted oid)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _changed_areas(p_scene_id bigint, p_after bigint, p_most bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea)
+FUNCTION _changed_areas(p_scene_id bigint, p_after bigint, p_most bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _changed_tracks(p_scene_id bigint, p_after bigint, p_most bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea)
+FUNCTION _changed_tracks(p_scene_id bigint, p_after bigint, p_most bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT tolerances text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _check_area_probe(p_footprint geometry, p_active_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
@@ -962,9 +982,6 @@ FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text)
 FUNCTION _check_role(p_who text, p_role text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _check_rules(p_scene_id bigint)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
-
 FUNCTION _check_size(p_who text, p_field text, p_points bigint, p_limit text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -974,10 +991,16 @@ FUNCTION _check_speed(p_who text, p_path geometry)
 FUNCTION _check_times(p_who text, p_path geometry)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _check_tolerances(p_who text, p_tolerances jsonb, p_path geometry)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _check_track(p_scene_id bigint, p_key text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_track_probe(p_scene_id bigint, p_path geometry, p_outline geometry, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _check_unchanged(p_proposal_id bigint)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_word(p_who text, p_field text, p_word text)
@@ -989,9 +1012,6 @@ FUNCTION _circle_legs(p_path geometry, OUT leg integer, OUT starts_at timestamp 
 FUNCTION _circle_vertices(p_start double precision[], p_heading double precision[], p_angle double precision, p_outline geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
-FUNCTION _class_number(p_kind smallint, p_id bigint)
-    RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE;
-
 FUNCTION _close_attached_schema()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -1002,12 +1022,12 @@ FUNCTION _compare_pieces(p_scene_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _conflict_events(p_scene text, p_key text, p_other_key text, p_after bigint, p_most bigint)
-    RETURNS TABLE(event bigint, kind text, at timestamp with time zone, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, closed_at timestamp with time zone) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS TABLE(event bigint, kind text, at timestamp with time zone, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, closed_at timestamp with time zone, proposal_id bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint, p_b_version bigint, p_periods tstzmultirange, p_plane text)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan;
 
-FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean, p_keys text[], p_key text, p_from timestamp with time zone, p_to timestamp with time zone, p_since timestamp with time zone, p_verdict text, p_acknowledged boolean, p_class text)
+FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean, p_keys text[], p_key text, p_from timestamp with time zone, p_to timestamp with time zone, p_since timestamp with time zone, p_verdict text, p_acknowledged boolean)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean, conflict_id bigint, changed_at timestamp with time zone, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone, a_name text, b_name text, lacking_s double precision, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _conflicts_known_at(p_scene text, p_instant timestamp with time zone)
@@ -1073,7 +1093,7 @@ FUNCTION _exact_numeric(p_number double precision)
 FUNCTION _explained_as_json(p_key text, p_name text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _explained_object(p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT name text, OUT class text, OUT owner text, OUT waits boolean, OUT pieces bigint, OUT is_covered boolean, OUT span tstzrange, OUT box geometry, OUT floor_m double precision, OUT ceiling_m double precision)
+FUNCTION _explained_object(p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT name text, OUT waits boolean, OUT pieces bigint, OUT is_covered boolean, OUT span tstzrange, OUT low_m double precision, OUT high_m double precision, OUT box geometry, OUT floor_m double precision, OUT ceiling_m double precision)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _explained_text(j jsonb)
@@ -1130,6 +1150,9 @@ FUNCTION _history_kept(p_scene_id bigint)
 FUNCTION _hold_attached(p_who text, p_table text, p_has_triggers boolean)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _hold_proposal(p_proposal_id bigint)
+    RETURNS proposal LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _hulls_meet(p_a geometry, p_b geometry)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1151,9 +1174,6 @@ FUNCTION _is_compared(p_attachment attachment)
 FUNCTION _is_current(p_scene_id bigint)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
-FUNCTION _is_dirty_pair(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint)
-    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
-
 FUNCTION _is_mine(p_attachment_id bigint)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -1172,17 +1192,11 @@ FUNCTION _is_protected()
 FUNCTION _is_watched(p_attachment_id bigint, p_table_schema text, p_table_name text)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _is_with(p_kind smallint, p_class bigint, p_numbers bigint[])
-    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
-
 FUNCTION _keep_restored_key()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
     RETURNS TABLE(kind smallint, id bigint, key text, name text) LANGUAGE sql STABLE PARALLEL SAFE;
-
-FUNCTION _keys_of_class(p_scene text, p_class text)
-    RETURNS SETOF text LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _known_conflict(p_scene text, p_a_key text, p_b_key text)
     RETURNS conflict LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1226,9 +1240,6 @@ FUNCTION _load(p_name text, p_settings jsonb, p_merge boolean, OUT added bigint,
 FUNCTION _lon_lat(p_who text, p_field text, p_geometry geometry)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _longest_time_s(p_scene_id bigint)
-    RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
-
 FUNCTION _map_areas(p_scene text)
     RETURNS TABLE(area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision, start_s double precision, end_s double precision, west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision, inside_lon_deg double precision, inside_lat_deg double precision) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
@@ -1256,9 +1267,6 @@ FUNCTION _map_tracks(p_scene text)
 FUNCTION _mark_all(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
-FUNCTION _mark_side(p_scene_id bigint, p_side text, p_other text)
-    RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
-
 FUNCTION _marked_objects(p_scene_id bigint, p_kind smallint)
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
@@ -1282,6 +1290,9 @@ FUNCTION _mixed(p_one double precision[], p_share double precision, p_other doub
 
 FUNCTION _most_havens()
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _move_attached(p_proposal_id bigint, p_undo boolean, p_may boolean)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _my_roles()
     RETURNS SETOF name LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
@@ -1313,6 +1324,9 @@ FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_firs
 FUNCTION _object_number(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _objects_hash(p_scene_id bigint, OUT last_version bigint, OUT objects_hash bigint)
+    RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _objects_near(p_scene_id bigint, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[], p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[])
     RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
 
@@ -1343,7 +1357,7 @@ FUNCTION _part_from_plane(p_geometry geometry, p_plane text)
 FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
-FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea)
+FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _pieces_before(p_scene_id bigint, p_kind smallint, p_id bigint, p_until bigint)
@@ -1373,6 +1387,15 @@ FUNCTION _probe_failed(p_probe_id bigint, p_error text)
 FUNCTION _probe_request(p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea, OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision, OUT floor_m double precision, OUT ceiling_m double precision, OUT horizon_s double precision, OUT scene text)
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
+FUNCTION _proposal(p_proposal_id bigint)
+    RETURNS proposal LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _proposal_basis(p_scene_id bigint, OUT settings jsonb, OUT last_version bigint, OUT objects_hash bigint)
+    RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _proposal_of_pair(p_scene_id bigint, p_a_kind smallint, p_a_key text, p_b_kind smallint, p_b_key text)
+    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _protected_tables()
     RETURNS SETOF regclass LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1391,14 +1414,14 @@ FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint)
 FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_class_number bigint[], p_owner_number bigint[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], p_climbs boolean[], p_climb double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
+FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], p_climbs boolean[], p_climb double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
     RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
 FUNCTION _put_plans(p_scene text, p_removed text[], p_plans jsonb)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _put_rules(p_scene_id bigint, p_rules jsonb, p_is_all boolean)
-    RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+FUNCTION _put_proposal(p_scene_id bigint, p_basis jsonb, p_goal text, p_objective_s double precision, p_bound_s double precision, p_is_least boolean, p_moves jsonb, p_left jsonb)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _put_scene(p_name text, p_settings jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1412,7 +1435,7 @@ FUNCTION _raise(p_state text, p_who text, p_field text, p_rule text, p_constrain
 FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text)
+FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text, OUT tolerances text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _readable_scenes()
@@ -1445,20 +1468,14 @@ FUNCTION _request_probe(p_scene text, p_key text, p_kind integer, p_footprint by
 FUNCTION _require_snapshot()
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _retimed(p_path geometry, p_times_us bigint[])
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
 FUNCTION _rhumb_vertices(p_lon_deg double precision, p_mu double precision, p_bearing_deg double precision, p_outline geometry, p_earth text)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
-FUNCTION _row_boxes(p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea, OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea, OUT span_starts bytea, OUT span_ends bytea, OUT classes bytea, OUT owners bytea)
+FUNCTION _row_boxes(p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea, OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea, OUT span_starts bytea, OUT span_ends bytea)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
-
-FUNCTION _rule_before()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION _rule_between(p_scene_id bigint, p_a_kind smallint, p_a_class text, p_b_kind smallint, p_b_class text, p_above integer DEFAULT 0, OUT rule_id bigint, OUT a_class text, OUT b_class text, OUT separation_m double precision, OUT vertical_m double precision, OUT time_s double precision, OUT allowed boolean, OUT yields text)
-    RETURNS record LANGUAGE sql STABLE PARALLEL SAFE;
-
-FUNCTION _rules_of(p_scene_id bigint)
-    RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
 
 FUNCTION _runs(p_scene text, p_limit integer)
     RETURNS SETOF run LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1484,9 +1501,6 @@ FUNCTION _scene_id(p_scene text)
 FUNCTION _scene_named(p_scene text)
     RETURNS TABLE(settings jsonb) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _scene_settings(p_scene_id bigint)
-    RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL SAFE;
-
 FUNCTION _scene_state(p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamp with time zone, OUT last_error text, OUT is_current boolean, OUT remark text, OUT detected_at timestamp with time zone)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1504,9 +1518,6 @@ FUNCTION _series(p_angle double precision, p_coefficients double precision[])
 
 FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
     RETURNS record LANGUAGE sql STABLE PARALLEL RESTRICTED;
-
-FUNCTION _set_columns(p_name text, p_settings jsonb)
-    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _set_scene(p_name text, p_settings jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1538,22 +1549,13 @@ FUNCTION _shown_heights(p_floor_m double precision, p_ceiling_m double precision
 FUNCTION _shown_lack(p_within_s double precision, p_lacking_s double precision)
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
-FUNCTION _shown_rule(p_a_class text, p_b_class text)
-    RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
-
 FUNCTION _shown_seconds(p_s double precision)
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
-FUNCTION _side_fits(p_side text, p_kind smallint, p_class text)
-    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
-
-FUNCTION _side_rank(p_side text)
-    RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
-
-FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea)
+FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
-FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea)
+FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT tolerances text)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
 FUNCTION _sphere_m()
@@ -1604,9 +1606,6 @@ FUNCTION _tile_time(p_params json, p_name text)
 FUNCTION _tile_windows(p_z integer, p_x integer, p_y integer, p_plane text)
     RETURNS SETOF geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _to_micrometres(p_height_m double precision, p_more_m double precision)
-    RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
-
 FUNCTION _to_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1617,10 +1616,7 @@ FUNCTION _track_feature(p_track track)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
 FUNCTION _track_row(p_scene_id bigint, p_track_id bigint)
-    RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, class_number bigint, owner_number bigint, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea) LANGUAGE sql STABLE PARALLEL SAFE;
-
-FUNCTION _type_of(p_kind smallint, p_class bigint, p_classes bigint[])
-    RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+    RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea, tolerances text) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _unmapped(p_scene text)
     RETURNS SETOF unmapped LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1655,9 +1651,6 @@ FUNCTION _widened(p_span tstzrange, p_by_s double precision)
 FUNCTION _window(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _word_number(p_word text)
-    RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE;
-
 FUNCTION _wrapped(p_geometry geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1672,6 +1665,9 @@ FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last b
 
 FUNCTION acknowledge(p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamp with time zone DEFAULT NULL::timestamp with time zone, p_by text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION apply_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION approaches_of(p_scene text, p_key text)
     RETURNS SETOF approaches LANGUAGE sql STABLE PARALLEL RESTRICTED;
@@ -1695,9 +1691,6 @@ FUNCTION conflicts_known_at(p_scene text, p_instant timestamp with time zone)
     RETURNS TABLE(conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods tstzmultirange, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, run_id bigint, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION conflicts_of(p_scene text, p_key text)
-    RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL RESTRICTED;
-
-FUNCTION conflicts_of_class(p_scene text, p_class text)
     RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
@@ -1748,6 +1741,12 @@ FUNCTION preview_attachment(p_scene text, p_kind text, p_table regclass, p_map j
 FUNCTION probe(p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL::timestamp with time zone, NULL::timestamp with time zone), p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision)
     RETURNS TABLE(key text, kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
+FUNCTION proposal_changes(p_proposal_id bigint)
+    RETURNS text[] LANGUAGE plpgsql STABLE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION proposal_statements(p_proposal_id bigint, p_undo boolean DEFAULT false)
+    RETURNS TABLE(key text, attachment_id bigint, statement text) LANGUAGE plpgsql STABLE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION protect_scenes(p_on boolean DEFAULT true)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET lock_timeout=10s;
 
@@ -1757,19 +1756,13 @@ FUNCTION prune_history(p_scene text, p_kept interval DEFAULT NULL::interval)
 FUNCTION put_area(p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION put_rule(p_scene text, p_a_class text, p_b_class text, p_separation_m double precision DEFAULT NULL::double precision, p_vertical_m double precision DEFAULT NULL::double precision, p_time_s double precision DEFAULT NULL::double precision, p_allowed boolean DEFAULT false, p_yields text DEFAULT NULL::text)
-    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
-
-FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL::geometry, p_floors_m double precision[] DEFAULT NULL::double precision[], p_ceilings_m double precision[] DEFAULT NULL::double precision[], p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text)
+FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL::geometry, p_floors_m double precision[] DEFAULT NULL::double precision[], p_ceilings_m double precision[] DEFAULT NULL::double precision[], p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text, p_tolerances jsonb DEFAULT NULL::jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION rectangle_outline(p_fore_m double precision, p_aft_m double precision, p_port_m double precision, p_starboard_m double precision)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION remove_object(p_scene text, p_key text)
-    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION remove_rule(p_scene text, p_a_class text, p_b_class text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION remove_scene(p_scene text)
@@ -1813,6 +1806,9 @@ FUNCTION track_path(p_waypoints geometry, p_times timestamp with time zone[])
 
 FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION undo_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION unshare_scene(p_scene text, p_role text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;

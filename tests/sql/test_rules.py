@@ -87,7 +87,7 @@ def test_the_database_refuses_as_python_does(conn: Conn) -> None:
                     conn.execute("SELECT conflictdb.put_rule(%s, %s, %s, %s)", values)
             except psycopg.Error as error:
                 state = error.sqlstate
-            assert state == (None if is_sound else "ZC018"), (known, rule)
+            assert state == (None if is_sound else "ZC019"), (known, rule)
             known = [*kept, rule] if is_sound else known
             refused += not is_sound
     assert refused > 10
