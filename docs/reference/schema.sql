@@ -21,6 +21,8 @@ SEQUENCE probe_request_probe_id_seq;
 
 SEQUENCE proposal_proposal_id_seq;
 
+SEQUENCE rule_rule_id_seq;
+
 SEQUENCE run_run_id_seq;
 
 SEQUENCE scene_scene_id_seq;
@@ -116,7 +118,8 @@ TABLE change (
     object_id bigint NOT NULL,
     version bigint NOT NULL,
     changed_at timestamp with time zone NOT NULL DEFAULT now(),
-    is_covered boolean NOT NULL DEFAULT false
+    is_covered boolean NOT NULL DEFAULT false,
+    with_number bigint
 );
 
 TABLE conflict (
@@ -219,7 +222,9 @@ TABLE piece (
     cuts timestamp with time zone[],
     leg_times timestamp with time zone[],
     legs double precision[],
-    climb double precision[]
+    climb double precision[],
+    class_number bigint NOT NULL DEFAULT 0,
+    owner_number bigint NOT NULL DEFAULT 0
 );
 
 TABLE probe_reply (
@@ -297,6 +302,18 @@ TABLE proposal_move (
     passes jsonb NOT NULL,
     explanation text NOT NULL,
     version_after bigint
+);
+
+TABLE rule (
+    rule_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    scene_id bigint NOT NULL,
+    a_class text,
+    b_class text,
+    separation_m double precision,
+    vertical_m double precision,
+    time_s double precision,
+    allowed boolean NOT NULL DEFAULT false,
+    yields text
 );
 
 TABLE run (
@@ -573,6 +590,17 @@ VIEW queue (
     last_error text
 );
 
+VIEW rules (
+    scene text COLLATE C,
+    a_class text,
+    b_class text,
+    separation_m double precision,
+    vertical_m double precision,
+    time_s double precision,
+    allowed boolean,
+    yields text
+);
+
 VIEW scenes (
     scene text COLLATE C,
     motion text,
@@ -695,6 +723,13 @@ CONSTRAINT proposal_left_pkey ON proposal_left: PRIMARY KEY (proposal_id, key);
 CONSTRAINT proposal_left_proposal_fkey ON proposal_left: FOREIGN KEY (proposal_id, scene_id) REFERENCES proposal(proposal_id, scene_id) ON DELETE CASCADE;
 CONSTRAINT proposal_move_pkey ON proposal_move: PRIMARY KEY (proposal_id, track_id);
 CONSTRAINT proposal_move_proposal_fkey ON proposal_move: FOREIGN KEY (proposal_id, scene_id) REFERENCES proposal(proposal_id, scene_id) ON DELETE CASCADE;
+CONSTRAINT rule_pkey ON rule: PRIMARY KEY (rule_id);
+CONSTRAINT rule_scene_fkey ON rule: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT rule_separation_on_earth ON rule: CHECK (((separation_m >= (0)::double precision) AND (separation_m <= (20000000)::double precision)));
+CONSTRAINT rule_side ON rule: CHECK ((num_nonnulls(a_class, b_class) > 0));
+CONSTRAINT rule_time_known ON rule: CHECK (((time_s >= (0)::double precision) AND (time_s <= (2592000)::double precision)));
+CONSTRAINT rule_vertical_on_earth ON rule: CHECK (((vertical_m >= (0)::double precision) AND (vertical_m <= (20000000)::double precision)));
+CONSTRAINT rule_yields_known ON rule: CHECK ((yields = ANY (ARRAY['a'::text, 'b'::text])));
 CONSTRAINT run_failed_or_counted ON run: CHECK (((error IS NULL) = (conflicts IS NOT NULL)));
 CONSTRAINT run_pkey ON run: PRIMARY KEY (run_id);
 CONSTRAINT run_scene_fkey ON run: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -752,6 +787,7 @@ CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene
 CREATE INDEX probe_request_scene_btree ON conflictdb.probe_request USING btree (scene_id, answered_at);
 CREATE INDEX proposal_move_scene_id_btree ON conflictdb.proposal_move USING btree (scene_id);
 CREATE INDEX proposal_scene_id_btree ON conflictdb.proposal USING btree (scene_id);
+CREATE UNIQUE INDEX rule_sides_unique ON conflictdb.rule USING btree (scene_id, LEAST(COALESCE(a_class, ''::text), COALESCE(b_class, ''::text)), GREATEST(COALESCE(a_class, ''::text), COALESCE(b_class, ''::text)));
 CREATE INDEX track_scene_id_owner_btree ON conflictdb.track USING btree (scene_id, owner) WHERE (owner IS NOT NULL);
 
 CREATE TRIGGER area_before BEFORE INSERT OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _area_before() -- always;
@@ -764,6 +800,12 @@ CREATE TRIGGER attachment_fixed BEFORE INSERT OR UPDATE ON conflictdb.attachment
 CREATE TRIGGER attachment_removed AFTER DELETE ON conflictdb.attachment FOR EACH ROW EXECUTE FUNCTION _after_attachment_removal();
 CREATE TRIGGER object_key_restored BEFORE INSERT ON conflictdb.object_key FOR EACH ROW WHEN ((pg_trigger_depth() = 0)) EXECUTE FUNCTION _keep_restored_key() -- always;
 CREATE TRIGGER probe_request_checked BEFORE INSERT ON conflictdb.probe_request FOR EACH ROW EXECUTE FUNCTION _before_probe_request() -- always;
+CREATE TRIGGER rule_before BEFORE INSERT OR UPDATE ON conflictdb.rule FOR EACH ROW EXECUTE FUNCTION _rule_before() -- always;
+CREATE TRIGGER rule_deleted AFTER DELETE ON conflictdb.rule REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
+CREATE TRIGGER rule_inserted AFTER INSERT ON conflictdb.rule REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
+CREATE TRIGGER rule_not_truncated BEFORE TRUNCATE ON conflictdb.rule FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate() -- always;
+CREATE TRIGGER rule_replicated AFTER INSERT OR DELETE OR UPDATE ON conflictdb.rule FOR EACH ROW EXECUTE FUNCTION _after_replicated_rule() -- replicas;
+CREATE TRIGGER rule_updated AFTER UPDATE ON conflictdb.rule REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
 CREATE TRIGGER scene_before BEFORE INSERT OR UPDATE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _scene_before() -- always;
 CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN (((_settings_of(old.*) - 'name'::text) IS DISTINCT FROM (_settings_of(new.*) - 'name'::text))) EXECUTE FUNCTION _after_scene_change() -- always;
 CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON conflictdb.scene DEFERRABLE INITIALLY DEFERRED FOR EACH ROW WHEN ((((old.motion IS DISTINCT FROM new.motion) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _scene_holds_objects();
@@ -802,6 +844,12 @@ FUNCTION _after_replicated_object()
 FUNCTION _after_replicated_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
+FUNCTION _after_replicated_rule()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _after_rule_change()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION _after_scene_change()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -811,11 +859,17 @@ FUNCTION _after_scene_removal()
 FUNCTION _after_scene_resettled()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
+FUNCTION _allowed_types(p_scene_id bigint, OUT classes bigint[], OUT pairs text[])
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
+
 FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb, p_delays jsonb)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _approaches(p_scene text, p_only_near boolean, p_keys text[])
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean, method text, time_error_s double precision, a_name text, b_name text, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _are_compared(p_a_kind smallint, p_a_class bigint, p_a_owner bigint, p_b_kind smallint, p_b_class bigint, p_b_owner bigint, p_classes bigint[], p_allowed text[])
+    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _area_before()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -824,7 +878,7 @@ FUNCTION _area_feature(p_area area)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
 FUNCTION _area_row(p_scene_id bigint, p_area_id bigint)
-    RETURNS TABLE(area_id bigint, version bigint, span_start timestamp with time zone, span_end timestamp with time zone, floor_m double precision, ceiling_m double precision, footprint bytea) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(area_id bigint, version bigint, span_start timestamp with time zone, span_end timestamp with time zone, floor_m double precision, ceiling_m double precision, class_number bigint, owner_number bigint, footprint bytea) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _attached_footprint(p_who text, p_shape geometry)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -907,10 +961,10 @@ FUNCTION _candidates_of_dirty(p_scene_id bigint, OUT a_piece_id bigint, OUT b_pi
 FUNCTION _cast_to(p_type oid, p_wanted oid)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _changed_areas(p_scene_id bigint, p_after bigint, p_most bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
+FUNCTION _changed_areas(p_scene_id bigint, p_after bigint, p_most bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _changed_tracks(p_scene_id bigint, p_after bigint, p_most bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT tolerances text)
+FUNCTION _changed_tracks(p_scene_id bigint, p_after bigint, p_most bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT tolerances text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _check_area_probe(p_footprint geometry, p_active_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
@@ -982,6 +1036,9 @@ FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text)
 FUNCTION _check_role(p_who text, p_role text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
+FUNCTION _check_rules(p_scene_id bigint)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET jit=off;
+
 FUNCTION _check_size(p_who text, p_field text, p_points bigint, p_limit text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -1012,6 +1069,9 @@ FUNCTION _circle_legs(p_path geometry, OUT leg integer, OUT starts_at timestamp 
 FUNCTION _circle_vertices(p_start double precision[], p_heading double precision[], p_angle double precision, p_outline geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _class_number(p_kind smallint, p_id bigint)
+    RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _close_attached_schema()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -1027,7 +1087,7 @@ FUNCTION _conflict_events(p_scene text, p_key text, p_other_key text, p_after bi
 FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint, p_b_version bigint, p_periods tstzmultirange, p_plane text)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan;
 
-FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean, p_keys text[], p_key text, p_from timestamp with time zone, p_to timestamp with time zone, p_since timestamp with time zone, p_verdict text, p_acknowledged boolean)
+FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean, p_keys text[], p_key text, p_from timestamp with time zone, p_to timestamp with time zone, p_since timestamp with time zone, p_verdict text, p_acknowledged boolean, p_class text)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean, conflict_id bigint, changed_at timestamp with time zone, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone, a_name text, b_name text, lacking_s double precision, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _conflicts_known_at(p_scene text, p_instant timestamp with time zone)
@@ -1093,7 +1153,7 @@ FUNCTION _exact_numeric(p_number double precision)
 FUNCTION _explained_as_json(p_key text, p_name text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _explained_object(p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT name text, OUT waits boolean, OUT pieces bigint, OUT is_covered boolean, OUT span tstzrange, OUT low_m double precision, OUT high_m double precision, OUT box geometry, OUT floor_m double precision, OUT ceiling_m double precision)
+FUNCTION _explained_object(p_scene_id bigint, p_key text, OUT kind smallint, OUT id bigint, OUT key text, OUT name text, OUT class text, OUT owner text, OUT waits boolean, OUT pieces bigint, OUT is_covered boolean, OUT span tstzrange, OUT box geometry, OUT floor_m double precision, OUT ceiling_m double precision)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _explained_text(j jsonb)
@@ -1174,6 +1234,9 @@ FUNCTION _is_compared(p_attachment attachment)
 FUNCTION _is_current(p_scene_id bigint)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
+FUNCTION _is_dirty_pair(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint)
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _is_mine(p_attachment_id bigint)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -1192,11 +1255,17 @@ FUNCTION _is_protected()
 FUNCTION _is_watched(p_attachment_id bigint, p_table_schema text, p_table_name text)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _is_with(p_kind smallint, p_class bigint, p_numbers bigint[])
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _keep_restored_key()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _keys_of(p_scene_id bigint, p_kinds smallint[], p_ids bigint[])
     RETURNS TABLE(kind smallint, id bigint, key text, name text) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _keys_of_class(p_scene text, p_class text)
+    RETURNS SETOF text LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _known_conflict(p_scene text, p_a_key text, p_b_key text)
     RETURNS conflict LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1240,6 +1309,9 @@ FUNCTION _load(p_name text, p_settings jsonb, p_merge boolean, OUT added bigint,
 FUNCTION _lon_lat(p_who text, p_field text, p_geometry geometry)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _longest_time_s(p_scene_id bigint)
+    RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _map_areas(p_scene text)
     RETURNS TABLE(area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision, start_s double precision, end_s double precision, west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision, inside_lon_deg double precision, inside_lat_deg double precision) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
@@ -1266,6 +1338,9 @@ FUNCTION _map_tracks(p_scene text)
 
 FUNCTION _mark_all(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+
+FUNCTION _mark_side(p_scene_id bigint, p_side text, p_other text)
+    RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _marked_objects(p_scene_id bigint, p_kind smallint)
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
@@ -1357,7 +1432,7 @@ FUNCTION _part_from_plane(p_geometry geometry, p_plane text)
 FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
-FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea)
+FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _pieces_before(p_scene_id bigint, p_kind smallint, p_id bigint, p_until bigint)
@@ -1414,7 +1489,7 @@ FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint)
 FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], p_climbs boolean[], p_climb double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
+FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_class_number bigint[], p_owner_number bigint[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], p_climbs boolean[], p_climb double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
     RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
 FUNCTION _put_plans(p_scene text, p_removed text[], p_plans jsonb)
@@ -1422,6 +1497,9 @@ FUNCTION _put_plans(p_scene text, p_removed text[], p_plans jsonb)
 
 FUNCTION _put_proposal(p_scene_id bigint, p_basis jsonb, p_goal text, p_objective_s double precision, p_bound_s double precision, p_is_least boolean, p_moves jsonb, p_left jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _put_rules(p_scene_id bigint, p_rules jsonb, p_is_all boolean)
+    RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _put_scene(p_name text, p_settings jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1474,8 +1552,17 @@ FUNCTION _retimed(p_path geometry, p_times_us bigint[])
 FUNCTION _rhumb_vertices(p_lon_deg double precision, p_mu double precision, p_bearing_deg double precision, p_outline geometry, p_earth text)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
-FUNCTION _row_boxes(p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea, OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea, OUT span_starts bytea, OUT span_ends bytea)
+FUNCTION _row_boxes(p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea, OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea, OUT span_starts bytea, OUT span_ends bytea, OUT classes bytea, OUT owners bytea)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
+
+FUNCTION _rule_before()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _rule_between(p_scene_id bigint, p_a_kind smallint, p_a_class text, p_b_kind smallint, p_b_class text, p_above integer DEFAULT 0, OUT rule_id bigint, OUT a_class text, OUT b_class text, OUT separation_m double precision, OUT vertical_m double precision, OUT time_s double precision, OUT allowed boolean, OUT yields text)
+    RETURNS record LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _rules_of(p_scene_id bigint)
+    RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
 
 FUNCTION _runs(p_scene text, p_limit integer)
     RETURNS SETOF run LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1501,6 +1588,9 @@ FUNCTION _scene_id(p_scene text)
 FUNCTION _scene_named(p_scene text)
     RETURNS TABLE(settings jsonb) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _scene_settings(p_scene_id bigint)
+    RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _scene_state(p_scene text, OUT objects bigint, OUT pending bigint, OUT last_run_at timestamp with time zone, OUT last_error text, OUT is_current boolean, OUT remark text, OUT detected_at timestamp with time zone)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1518,6 +1608,9 @@ FUNCTION _series(p_angle double precision, p_coefficients double precision[])
 
 FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
     RETURNS record LANGUAGE sql STABLE PARALLEL RESTRICTED;
+
+FUNCTION _set_columns(p_name text, p_settings jsonb)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _set_scene(p_name text, p_settings jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1549,13 +1642,22 @@ FUNCTION _shown_heights(p_floor_m double precision, p_ceiling_m double precision
 FUNCTION _shown_lack(p_within_s double precision, p_lacking_s double precision)
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _shown_rule(p_a_class text, p_b_class text)
+    RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _shown_seconds(p_s double precision)
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
-FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
+FUNCTION _side_fits(p_side text, p_kind smallint, p_class text)
+    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _side_rank(p_side text)
+    RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
-FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT tolerances text)
+FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT tolerances text)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
 FUNCTION _sphere_m()
@@ -1606,6 +1708,9 @@ FUNCTION _tile_time(p_params json, p_name text)
 FUNCTION _tile_windows(p_z integer, p_x integer, p_y integer, p_plane text)
     RETURNS SETOF geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _to_micrometres(p_height_m double precision, p_more_m double precision)
+    RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
 FUNCTION _to_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1616,7 +1721,10 @@ FUNCTION _track_feature(p_track track)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
 FUNCTION _track_row(p_scene_id bigint, p_track_id bigint)
-    RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea, tolerances text) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, class_number bigint, owner_number bigint, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea, tolerances text) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _type_of(p_kind smallint, p_class bigint, p_classes bigint[])
+    RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _unmapped(p_scene text)
     RETURNS SETOF unmapped LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1650,6 +1758,9 @@ FUNCTION _widened(p_span tstzrange, p_by_s double precision)
 
 FUNCTION _window(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _word_number(p_word text)
+    RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _wrapped(p_geometry geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1691,6 +1802,9 @@ FUNCTION conflicts_known_at(p_scene text, p_instant timestamp with time zone)
     RETURNS TABLE(conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods tstzmultirange, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, run_id bigint, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION conflicts_of(p_scene text, p_key text)
+    RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL RESTRICTED;
+
+FUNCTION conflicts_of_class(p_scene text, p_class text)
     RETURNS SETOF conflicts LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
 FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
@@ -1756,6 +1870,9 @@ FUNCTION prune_history(p_scene text, p_kept interval DEFAULT NULL::interval)
 FUNCTION put_area(p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION put_rule(p_scene text, p_a_class text, p_b_class text, p_separation_m double precision DEFAULT NULL::double precision, p_vertical_m double precision DEFAULT NULL::double precision, p_time_s double precision DEFAULT NULL::double precision, p_allowed boolean DEFAULT false, p_yields text DEFAULT NULL::text)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
+
 FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL::geometry, p_floors_m double precision[] DEFAULT NULL::double precision[], p_ceilings_m double precision[] DEFAULT NULL::double precision[], p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text, p_tolerances jsonb DEFAULT NULL::jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1763,6 +1880,9 @@ FUNCTION rectangle_outline(p_fore_m double precision, p_aft_m double precision, 
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION remove_object(p_scene text, p_key text)
+    RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION remove_rule(p_scene text, p_a_class text, p_b_class text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION remove_scene(p_scene text)

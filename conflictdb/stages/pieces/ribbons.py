@@ -88,6 +88,8 @@ def with_ribbons(plane: Plane, tracks: TrackBatch) -> TrackBatch:
         outlines_offset=offsets([one.outlines_m[..., 0].size for one in ribbons]),
         outlines_m=stacked([one.outlines_m.reshape(-1, 2) for one in ribbons]),
         tolerances=np.full(len(of), None, object),
+        class_number=tracks.class_number[of],
+        owner_number=tracks.owner_number[of],
     )
     return _concatenated(tracks.take(plain), derived).take(np.argsort(np.concatenate([plain, of]), kind="stable"))
 
