@@ -44,6 +44,9 @@ COMMENT ON COLUMN track.ceiling_m IS
 COMMENT ON COLUMN track.floors_m IS
 'Lowest heights, metres, inclusive: one per leg, or one per waypoint, linear in between; a null element: no limit. '
 'Null: floor_m applies to all legs.';
+COMMENT ON COLUMN track.tolerances IS
+'How far voyages may differ from the plan, members as in scene files; null: not at all. Detections protect a haven '
+'that contains every such voyage; haven_at, tiles and the map show the plan and the ship.';
 COMMENT ON COLUMN track.ceilings_m IS
 'Highest heights, metres, exclusive: one per leg, or one per waypoint, linear in between; a null element: no limit. '
 'Null: ceiling_m applies to all legs.';

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "3c83d3b255456d4ada9b92018133062f8a00f56f71f0f784e94785306ff2f07d"
+routines_sha256 = "4f70871c9a66824b2337966de29618e7edfa1edf28a36efda6afc8b81e2c9077"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -16,6 +16,11 @@ changes_answers = False
 # Floor at the start and the end of the leg, then the ceilings; null where they do not change.
 CLIMB = """
 ALTER TABLE conflictdb.piece ADD COLUMN IF NOT EXISTS climb double precision[];
+"""
+
+# How far voyages may differ from a plan.
+TOLERANCES = """
+ALTER TABLE conflictdb.track ADD COLUMN IF NOT EXISTS tolerances jsonb;
 """
 
 # Whose separation rules apply to an object, and whose objects are not compared with each other.
@@ -105,7 +110,7 @@ ALTER TABLE conflictdb.conflict_event ADD COLUMN IF NOT EXISTS proposal_id bigin
 
 
 def upgrade() -> None:
-    for statement in (CLIMB, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS):
+    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS):
         op.execute(statement)
 
 
