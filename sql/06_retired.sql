@@ -13,7 +13,12 @@ DECLARE
         '_begin_detection(p_scene, p_wait_s, p_few, p_try_again, scene_id, taken, is_behind, motion, '
         'earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat, srid, area_ids, '
         'track_ids, known_objects)',
+        '_changed_tracks(p_scene_id, p_after, p_most, track_id, version, floor_m, ceiling_m, grow_mps, path, outline, '
+        'outlines, floors, ceilings)',
         '_check_common(p_who, p_key, p_floor_m, p_ceiling_m, p_properties)',
+        '_conflict_events(p_scene, p_key, p_other_key, p_after, p_most, event, kind, at, run_id, conflict_id, a_key, '
+        'a_kind, b_key, b_kind, periods, verdict, time_error_s, closest_at, closest_m, closest_error_m, opened_at, '
+        'closed_at)',
         '_conflicts(p_scene, p_at, p_with_region, p_keys, a_key, a_kind, b_key, b_kind, periods, verdict, '
         'region, first_contact_lon_deg, first_contact_lat_deg, method, time_error_s, is_current, run_id, '
         'found_at, closest_at, closest_m, closest_error_m, closest_a_lon_deg, closest_a_lat_deg, '
@@ -68,8 +73,12 @@ DECLARE
         'centre_lat, areas, tracks, pending, conflicts, run_id, finished_at, error, is_current)',
         '_set_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
         'p_centre_lon, p_centre_lat)',
+        '_some_tracks(p_scene_id, p_track_ids, track_id, version, floor_m, ceiling_m, grow_mps, path, outline, '
+        'outlines, floors, ceilings)',
         '_staged_tracks(p_is_waypoints, p_has_times, p_first, p_last, object_id, key, name, path, outline, outlines, '
         'grow_mps, floor_m, ceiling_m, floors_m, ceilings_m, properties)',
+        '_track_row(p_scene_id, p_track_id, track_id, version, floor_m, ceiling_m, grow_mps, path, outline, outlines, '
+        'floors, ceilings)',
         '_wait_for_probe(p_probe_id, p_timeout, key, kind, verdict, periods, time_error_s, lon_deg, '
         'lat_deg, closest_at, closest_m, closest_error_m)',
         '_wait_for_probe(p_probe_id, p_timeout, key, name, kind, verdict, periods, time_error_s, lon_deg, '

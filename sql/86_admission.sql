@@ -167,7 +167,8 @@ BEGIN
         SELECT * FROM jsonb_to_recordset(p_plans) p (
             key text, name text, footprint text, active_span tstzrange, path text, outline text, outlines text,
             floor_m double precision, ceiling_m double precision, floors_m double precision[],
-            ceilings_m double precision[], grow_mps double precision, properties jsonb, class text, owner text) LOOP
+            ceilings_m double precision[], grow_mps double precision, properties jsonb, class text, owner text,
+            tolerances jsonb) LOOP
         IF v_plan.footprint IS NOT NULL THEN
             PERFORM put_area(
                 p_scene, v_plan.key, ST_GeomFromWKB(decode(v_plan.footprint, 'hex'), 4326), v_plan.active_span,
@@ -178,7 +179,8 @@ BEGIN
                 p_scene, v_plan.key, ST_GeomFromWKB(decode(v_plan.path, 'hex'), 4326),
                 ST_GeomFromWKB(decode(v_plan.outline, 'hex')), v_plan.floor_m, v_plan.ceiling_m, v_plan.name,
                 v_plan.properties, v_plan.grow_mps, ST_GeomFromWKB(decode(v_plan.outlines, 'hex')), v_plan.floors_m,
-                v_plan.ceilings_m, p_class => v_plan.class, p_owner => v_plan.owner);
+                v_plan.ceilings_m, p_class => v_plan.class, p_owner => v_plan.owner,
+                p_tolerances => v_plan.tolerances);
         END IF;
     END LOOP;
     PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);

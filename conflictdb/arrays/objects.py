@@ -70,6 +70,7 @@ class TrackBatch:
     grow_mps : (n,) float64, outward speed of every side; 0 for a haven that does not grow
     outlines_offset : (n + 1,) int64
     outlines_m : (u, 2) float64, concatenated outlines of tracks that have one per waypoint; no rows for other tracks
+    tolerances : (n,) object, members of tolerances (`model.tolerances`), or None
     """
 
     track_id: NDArray[np.int64]
@@ -84,6 +85,7 @@ class TrackBatch:
     grow_mps: NDArray[np.float64]
     outlines_offset: NDArray[np.int64]
     outlines_m: NDArray[np.float64]
+    tolerances: NDArray[np.object_]
 
     def __len__(self) -> int:
         return len(self.track_id)
@@ -107,6 +109,7 @@ class TrackBatch:
             self.grow_mps[rows],
             outlines_offset,
             outlines_m,
+            self.tolerances[rows],
         )
 
     @classmethod
@@ -121,6 +124,8 @@ class TrackBatch:
             if track.floors_m is not None or track.ceilings_m is not None:
                 of_legs = slice(waypoint_offset[i] - i, waypoint_offset[i + 1] - i - 1)
                 floor_m[of_legs], ceiling_m[of_legs] = track.heights_m()
+        tolerances = np.empty(len(tracks), dtype=object)
+        tolerances[:] = [track.tolerances for track in tracks]
         return cls(
             np.arange(len(tracks), dtype=np.int64),
             np.ones(len(tracks), dtype=np.int64),
@@ -134,6 +139,7 @@ class TrackBatch:
             np.array([t.grow_mps for t in tracks], dtype=np.float64),
             offsets([0 if t.outlines_m is None else t.outlines_m[..., 0].size for t in tracks]),
             stacked([t.outlines_m.reshape(-1, 2) for t in tracks if t.outlines_m is not None]),
+            tolerances,
         )
 
     def outlines_on(

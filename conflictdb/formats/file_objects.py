@@ -18,6 +18,7 @@ from conflictdb.formats.instants import format_instant
 from conflictdb.formats.names import RENAME_MEMBER, SETTING_RULE, SETTINGS, misnamed
 from conflictdb.formats.reference import Systems, ToDegrees
 from conflictdb.formats.track_times import TrackAtSpeed
+from conflictdb.model import tolerances
 from conflictdb.model.inputs import all_certain, certain
 from conflictdb.model.plans import METRES_PER_NMI, Area, Scene, Track, rectangle_outline_m
 from conflictdb.model.speed_limits import MPS_PER_KNOT
@@ -27,10 +28,11 @@ TIMES: Final = ("times", "datetimes")
 SPEED: Final = ("start", "speed_kn", "speed_mps")
 # Members that decide how far apart objects must be.
 RULED: Final = ("class", "owner")
+TOLERANCES: Final = tolerances.MEMBERS
 # Names that the reader uses; a property with such a name, set by SQL, would not be read back as a property.
 AREA_MEMBERS: Final = frozenset({"kind", "name", "start", "end", "floor_m", "ceiling_m", *RULED})
 TRACK_MEMBERS: Final = frozenset(
-    {"kind", "name", "floor_m", "ceiling_m", "outline_m", "grow_mps", "outlines_m", *TIMES, *SPEED, *RULED}
+    {"kind", "name", "floor_m", "ceiling_m", "outline_m", "grow_mps", "outlines_m", *TIMES, *SPEED, *RULED, *TOLERANCES}
     | {f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi")}
 )
 # Members whose loss would change conflicts, and where else they belong.
@@ -160,6 +162,7 @@ def track_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
     members |= {
         "name": fields.text("name"),
         "grow_mps": fields.number("grow_mps") or 0.0,
+        "tolerances": {name: fields.get(name) for name in TOLERANCES if fields.has(name)} or None,
         **_ruled(fields),
         "properties": fields.rest(),
     }
@@ -298,6 +301,7 @@ def track_properties(item: Track) -> dict[str, Any]:
         **_present(kind="track", name=item.name),
         "times": [format_instant(int(t)) for t in item.times_us],
         **_haven_properties(item),
+        **(item.tolerances or {}),
         **_present(
             floor_m=item.floor_m if item.floors_m is None else _listed(item.floors_m),
             ceiling_m=item.ceiling_m if item.ceilings_m is None else _listed(item.ceilings_m),

@@ -93,7 +93,7 @@ def tracks(
         _made(
             Track,
             _TRACK,
-            (key, positions_deg[i:j], times_us[i:j], outline_m[start:end], name, *heights, rest, *_STEADY, *of),
+            (key, positions_deg[i:j], times_us[i:j], outline_m[start:end], name, *heights, rest, *_STEADY, *of, None),
         )
         if fits and _are_heights(*heights)
         else None

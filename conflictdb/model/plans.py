@@ -24,6 +24,7 @@ from conflictdb.model.settings import EarthModel as EarthModel
 from conflictdb.model.settings import Intervals as Intervals
 from conflictdb.model.settings import Motion as Motion
 from conflictdb.model.speed_limits import MAX_SPEED_KN, check_speed
+from conflictdb.model.tolerances import as_members, tolerances_of
 
 METRES_PER_NMI: Final = 1852.0  # exact, by definition
 
@@ -252,6 +253,8 @@ class Track:
         ceiling_m are then the lowest and the highest of them. At a waypoint the bands of both legs count
     object_class : the class that separation rules name; None: no class
     owner : objects of one owner are not compared with each other; None: no owner
+    tolerances : members of `conflictdb.model.tolerances`, such as {"xtd_port_m": 500}: how far voyages may differ from
+        the plan; the haven of a detection contains all of them. None: not at all
     max_speed_kn : a track that is faster on a leg, over the shortest way, is refused: 2,000 knots unless given here.
         math.inf takes every speed. It is not kept
     """
@@ -270,6 +273,7 @@ class Track:
     ceilings_m: NDArray[np.float64] | None = None
     object_class: str | None = None
     owner: str | None = None
+    tolerances: Mapping[str, Any] | None = None
     max_speed_kn: InitVar[float] = MAX_SPEED_KN
 
     if TYPE_CHECKING:  # accepted types; __post_init__ converts them to the stored ones
@@ -290,6 +294,7 @@ class Track:
             ceilings_m: inputs.Heights | None = None,
             object_class: str | None = None,
             owner: str | None = None,
+            tolerances: Mapping[str, Any] | None = None,
             max_speed_kn: float = MAX_SPEED_KN,
         ) -> None: ...
 
@@ -327,6 +332,13 @@ class Track:
                 _check_heights(who, self.floor_m, self.ceiling_m)
             else:
                 self._check_leg_heights(who)
+        if self.tolerances is not None:
+            with refusals:
+                tolerances_of(who, self.tolerances, self.times_us)
+                _keep(self, tolerances=as_members(self.tolerances))
+                if self.outlines_m is not None or self.grow_mps != 0.0:
+                    rule = "must not be given for a haven that changes: give the outline of the ship"
+                    raise InvalidInput(who, "tolerances", rule)
         refusals.raise_found()
 
     def _check_leg_heights(self, who: str) -> None:
