@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "4f70871c9a66824b2337966de29618e7edfa1edf28a36efda6afc8b81e2c9077"
+routines_sha256 = "b46abce2356e84e932c7e1605738a3a3fb55ee785ba8e78d34c4cab8811d3ea3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
