@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "119bba1bbc04b3db5ccb743f92ca7c01a4667df36275d706531d21c4a894e8b4"
+routines_sha256 = "d88bdeb0459900650e9b84f8ef40f408f9ce6ae9b66cb0af1f7abc04646a3d69"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
