@@ -17,6 +17,7 @@ from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import from_frames
 from conflictdb.model import inputs
+from conflictdb.model.horizon import expanded, require_one_voyage
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results, Speeds
 from conflictdb.stages import speeds as stage_of_speeds
@@ -122,6 +123,7 @@ def delays(
     scene, plane, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene)
     if waypoint is not None:
         number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
+        require_one_voyage("delays", "waypoint", [track for track in tracks if track.key == keys[number]])
         waits_us = int(times_us[_place("delays", "waypoint", waypoint, len(times_us) - 1) - 1])
         waits = waits_of(scene, plane, AnyTime.of(pieces), number, waits_us, horizon_us)
         asked = np.array([number], np.int64)
@@ -201,6 +203,7 @@ def speeds(
     if scene.time_separation_s > 0.0:
         rule = "must be 0: speeds are not computed with a separation in time; delays are"
         raise InvalidInput("speeds", "time_separation_s", f"{rule}; got {scene.time_separation_s!r}")
+    require_one_voyage("speeds", "key", tracks if key is None else [track for track in tracks if track.key == key])
     if leg is not None:
         number, times_us = _one_track("speeds", "leg", scene, keys, numbers, tracks, key)
         first = _place("speeds", "leg", leg, len(times_us) - 1) - 1
@@ -334,6 +337,7 @@ def _known(
 def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Scene, Plane, list[Track], list[Area]]:
     """Return the scene with a centre, its plane, and its objects in the order of their keys; raises InvalidInput."""
     check_keys([*areas, *tracks])
+    areas, tracks = expanded(areas, tracks, scene.horizon_days)
     scene = centred(scene, areas, tracks)
     plane = plane_of(scene)
     check_plane(plane, areas, tracks)

@@ -10,9 +10,14 @@ DECLARE
         '_approaches(p_scene, p_only_near, p_keys, a_key, a_kind, b_key, b_kind, closest_at, closest_m, '
         'closest_error_m, a_lon_deg, a_lat_deg, b_lon_deg, b_lat_deg, verdict, is_current, run_id, '
         'found_at, scene_is_current, method, time_error_s, a_id, a_version, b_id, b_version)',
+        '_area_row(p_scene_id, p_area_id, area_id, version, span_start, span_end, floor_m, ceiling_m, footprint)',
         '_begin_detection(p_scene, p_wait_s, p_few, p_try_again, scene_id, taken, is_behind, motion, '
         'earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat, srid, area_ids, '
         'track_ids, known_objects)',
+        '_changed_areas(p_scene_id, p_after, p_most, area_id, version, span_start, span_end, floor_m, ceiling_m, '
+        'footprint)',
+        '_changed_tracks(p_scene_id, p_after, p_most, track_id, version, floor_m, ceiling_m, grow_mps, path, outline, '
+        'outlines, floors, ceilings)',
         '_check_common(p_who, p_key, p_floor_m, p_ceiling_m, p_properties)',
         '_conflicts(p_scene, p_at, p_with_region, p_keys, a_key, a_kind, b_key, b_kind, periods, verdict, '
         'region, first_contact_lon_deg, first_contact_lat_deg, method, time_error_s, is_current, run_id, '
@@ -56,8 +61,13 @@ DECLARE
         'centre_lat, areas, tracks, pending, conflicts, run_id, finished_at, error, is_current)',
         '_set_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
         'p_centre_lon, p_centre_lat)',
+        '_some_areas(p_scene_id, p_area_ids, area_id, version, span_start, span_end, floor_m, ceiling_m, footprint)',
+        '_some_tracks(p_scene_id, p_track_ids, track_id, version, floor_m, ceiling_m, grow_mps, path, outline, '
+        'outlines, floors, ceilings)',
         '_staged_tracks(p_is_waypoints, p_has_times, p_first, p_last, object_id, key, name, path, outline, outlines, '
         'grow_mps, floor_m, ceiling_m, floors_m, ceilings_m, properties)',
+        '_track_row(p_scene_id, p_track_id, track_id, version, floor_m, ceiling_m, grow_mps, path, outline, outlines, '
+        'floors, ceilings)',
         '_wait_for_probe(p_probe_id, p_timeout, key, kind, verdict, periods, time_error_s, lon_deg, '
         'lat_deg, closest_at, closest_m, closest_error_m)',
         '_wait_for_probe(p_probe_id, p_timeout, key, name, kind, verdict, periods, time_error_s, lon_deg, '
@@ -71,6 +81,8 @@ DECLARE
         'p_centre_lon, p_centre_lat)',
         'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
         'p_centre_lon, p_centre_lat, p_vertical_separation_m)',
+        'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
+        'p_centre_lon, p_centre_lat, p_vertical_separation_m, p_time_separation_s, p_delays_within_s)',
         'list_objects(p_scene, key, kind, name, start_at, end_at, floor_m, ceiling_m)',
         'put_area(p_scene, p_key, p_footprint, p_active_span, p_floor_m, p_ceiling_m, p_name, p_properties)',
         'put_track(p_scene, p_key, p_path, p_outline, p_floor_m, p_ceiling_m, p_name, p_properties, p_grow_mps, '

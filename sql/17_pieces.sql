@@ -17,23 +17,25 @@ COMMENT ON FUNCTION _pending(bigint) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._area_row(p_scene_id bigint, p_area_id bigint) RETURNS TABLE (
     area_id bigint, version bigint, span_start timestamptz, span_end timestamptz, floor_m double precision,
-    ceiling_m double precision, footprint bytea
+    ceiling_m double precision, footprint bytea, spans bytea
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- "+ 0" prevents use of the index on scene_id, which would read all objects of the scene.
     SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
            coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
-           coalesce(a.ceiling_m, 'infinity'), ST_AsBinary(a.footprint, 'NDR')
+           coalesce(a.ceiling_m, 'infinity'), ST_AsBinary(a.footprint, 'NDR'),
+           coalesce(array_send(_ends_of(a.activations)), '')
     FROM area a WHERE a.area_id = p_area_id AND a.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _area_row(bigint, bigint) IS
-'One area of a scene without nulls: infinite instants and heights (metres) mean unbounded. Inlined into queries.';
+'One area of a scene without nulls: infinite instants and heights (metres) mean unbounded, spans (array_send, starts '
+'and ends in turn) are empty for one span only. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_areas(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
-    OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea
+    OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea, OUT spans bytea
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
@@ -59,25 +61,25 @@ COMMENT ON FUNCTION _footprints(bigint[]) IS 'Footprints of areas as WKB, longit
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._track_row(p_scene_id bigint, p_track_id bigint) RETURNS TABLE (
     track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision,
-    path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea
+    path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea, departures bytea
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
            t.grow_mps, ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
            coalesce(ST_AsBinary(t.outlines, 'NDR'), ''), coalesce(array_send(t.floors_m), ''),
-           coalesce(array_send(t.ceilings_m), '')
+           coalesce(array_send(t.ceilings_m), ''), coalesce(array_send(t.departures), '')
     FROM track t WHERE t.track_id = p_track_id AND t.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _track_row(bigint, bigint) IS
 'One track of a scene without nulls: infinite heights (metres) mean unbounded. Empty: outlines if not per waypoint; '
-'floors and ceilings (array_send, metres) if not per leg. Inlined into queries.';
+'floors and ceilings (array_send, metres) if not per leg; departures (array_send) if it is one voyage. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_tracks(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea,
-    OUT outlines bytea, OUT floors bytea, OUT ceilings bytea
+    OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC

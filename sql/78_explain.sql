@@ -291,7 +291,7 @@ BEGIN
         'pieces', (SELECT coalesce(jsonb_agg(p.pair ORDER BY p.n), '[]')
                    FROM jsonb_array_elements(v_left.pieces) WITH ORDINALITY p (pair, n) WHERE p.n <= c_most_pieces),
         'pieces_not_listed', greatest(v_left.in_hulls - c_most_pieces, 0),
-        'settings', _settings_of(v_scene) - '{name,centre_lon,centre_lat,delays_within_s}'::text[],
+        'settings', _settings_of(v_scene) - '{name,centre_lon,centre_lat,delays_within_s,horizon_days}'::text[],
         'run', CASE WHEN v_is_found THEN jsonb_build_object('run_id', v_conflict.run_id, 'method', v_conflict.method)
                     WHEN v_run.run_id IS NOT NULL THEN
                         jsonb_build_object('run_id', v_run.run_id, 'method', v_run.method) END

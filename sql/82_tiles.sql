@@ -371,8 +371,8 @@ BEGIN
     RETURN (
         SELECT ST_AsMVT(f, 'areas', 4096, 'shape', 'area_id')
         FROM (SELECT a.area_id, a.key, a.name, a.floor_m, a.ceiling_m,
-                     nullif(extract(epoch FROM lower(a.active_span)), '-infinity')::double precision AS start_s,
-                     nullif(extract(epoch FROM upper(a.active_span)), 'infinity')::double precision AS end_s,
+                     nullif(extract(epoch FROM lower(_active_within(a.active_span, a.activations))), '-infinity')::double precision AS start_s,
+                     nullif(extract(epoch FROM upper(_active_within(a.active_span, a.activations))), 'infinity')::double precision AS end_s,
                      CASE WHEN b.is_plain
                           THEN coalesce(_tile_plain(a.footprint, b.box, w.bounds, w.unit_m, w.unit_deg),
                                         _tile_shape(a.footprint, z, x, y))
@@ -383,7 +383,7 @@ BEGIN
               CROSS JOIN LATERAL (SELECT n.box, _is_plain(n.box, w.plain_deg, w.edge_deg) AS is_plain,
                                          _is_plain(n.box, w.large_deg, w.edge_deg) AS is_small
                                   FROM (SELECT Box2D(a.footprint)::box3d AS box OFFSET 0) n OFFSET 0) b
-              WHERE a.scene_id = v.scene_id AND a.active_span && v.span
+              WHERE a.scene_id = v.scene_id AND coalesce(a.activations, tstzmultirange(a.active_span)) && v.span
                 AND (a.footprint && w.shown OR NOT b.is_small)
                 AND coalesce(a.floor_m, '-infinity') < coalesce(v.ceiling_m, 'infinity')
                 AND coalesce(v.floor_m, '-infinity') < coalesce(a.ceiling_m, 'infinity')
@@ -507,8 +507,10 @@ COMMENT ON FUNCTION tile_conflicts(integer, integer, integer, json) IS
 
 CREATE OR REPLACE VIEW map_areas WITH (security_invoker = true) AS
 SELECT a.area_id, s.name AS scene, a.key, a.name, a.floor_m, a.ceiling_m,
-       CASE WHEN isfinite(lower(a.active_span)) THEN lower(a.active_span) END AS starts_at,
-       CASE WHEN isfinite(upper(a.active_span)) THEN upper(a.active_span) END AS ends_at,
+       CASE WHEN isfinite(lower(_active_within(a.active_span, a.activations)))
+            THEN lower(_active_within(a.active_span, a.activations)) END AS starts_at,
+       CASE WHEN isfinite(upper(_active_within(a.active_span, a.activations)))
+            THEN upper(_active_within(a.active_span, a.activations)) END AS ends_at,
        ST_Multi(_shown(
            a.footprint, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))::geometry(MultiPolygon, 4326)
            AS footprint

@@ -26,7 +26,7 @@ import psycopg
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.db import follow_attached, store
+from conflictdb.db import follow_attached, schedules, store
 from conflictdb.db.difference_rows import refresh_differences
 from conflictdb.db.sources import FewSource, SceneSource
 from conflictdb.earth.registry import plane_of
@@ -203,6 +203,8 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
             followed = store.begin_locked(conn, scene_id, scene, options.lock_timeout_s, options.say)
             if followed != begun.taken + 1 or store.read_settings(conn, scene_id) != settings:
                 # Another detection ran in between, or settings changed: process all remaining marks.
+                if store.schedules_wait(conn, scene_id):
+                    raise StoreError(f"schedules of scene {scene!r} changed while it was detected: detect it again")
                 pending = _pending(conn, scene_id, options)
                 settings, record = refresh_pieces(conn, scene_id, pending, record, options.memory, is_first=False)
         writing = _Background(conn, partial(store.begin_write, conn, scene_id, record))
@@ -227,7 +229,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
 
 
 def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Options) -> store.Begun:
-    """Follow attached tables, then begin the first transaction."""
+    """Follow attached tables and expand schedules, then begin the first transaction."""
     few = -1 if full else options.few_objects
     again: bool | None = not options.only_pending
     while True:
@@ -236,7 +238,9 @@ def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Opti
             return begun
         with store.translated():
             conn.rollback()
-        follow_attached.follow(conn, scene, again=again is True)
+        if again is not None:
+            follow_attached.follow(conn, scene, again=again)
+        schedules.expand(conn, scene)
         again = None
 
 

@@ -6,7 +6,7 @@ Units: metres, degrees for longitude and latitude, whole microseconds since 1970
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import InitVar, dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final, cast
@@ -17,9 +17,12 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model import inputs
+from conflictdb.model.activations import INFINITY_US as INFINITY_US
+from conflictdb.model.activations import MINUS_INFINITY_US as MINUS_INFINITY_US
+from conflictdb.model.activations import check_schedule, departures_of, spans_of
 from conflictdb.model.methods import METHODS, REMOVED, Method
 from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
-from conflictdb.model.settings import MOST_M, MOST_S, NAMES, SETTINGS, Setting, SettingType
+from conflictdb.model.settings import MOST_DAYS, MOST_M, MOST_S, NAMES, SETTINGS, Setting, SettingType
 from conflictdb.model.settings import EarthModel as EarthModel
 from conflictdb.model.settings import Motion as Motion
 from conflictdb.model.speed_limits import MAX_SPEED_KN, check_speed
@@ -55,9 +58,6 @@ MAX_WORD_BYTES: Final = 200
 # Range of instants (years 0001 to 9999): timestamps, ISO 8601 and Python can all express it.
 MIN_INSTANT_US: Final = -62_135_596_800_000_000
 MAX_INSTANT_US: Final = 253_402_300_799_999_999
-# Ends of an unbounded span, in arrays of microseconds.
-MINUS_INFINITY_US: Final = -(2**63)
-INFINITY_US: Final = 2**63 - 1
 
 
 # A scene that does not say gets the earth of its motion.
@@ -82,6 +82,7 @@ class Scene:
     delays_within_s : detections store the delays of each track that are in conflict, up to so many seconds, whole
         microseconds, 0 (none) to 30 days. `delays` within these is computed with this horizon, so that the answer is
         the stored one
+    horizon_days : schedules are expanded from today to so many days ahead, 0 to 36,525, and over all voyages
     """
 
     name: str
@@ -95,6 +96,7 @@ class Scene:
     vertical_separation_m: float = 0.0
     time_separation_s: float = 0.0
     delays_within_s: float = 0.0
+    horizon_days: float = 366.0
 
     def __post_init__(self) -> None:
         who = f"scene {self.name!r}"
@@ -144,6 +146,9 @@ class Scene:
         return round(1e6 * self.time_separation_s)
 
 
+_UNITS: Final = {SettingType.METRES: "metres", SettingType.SECONDS: "seconds", SettingType.DAYS: "days"}
+
+
 def _checked(who: str, setting: Setting, value: Any) -> StrEnum | float:
     """Return a choice, distance or time by the rule of its setting; raises InvalidInput."""
     if setting.choices is not None:
@@ -153,7 +158,7 @@ def _checked(who: str, setting: Setting, value: Any) -> StrEnum | float:
             removed = REMOVED.get(value) if setting.choices is Method and isinstance(value, str) else None
             rule = f"must be one of {', '.join(setting.choices)}; got {value!r}"
             raise InvalidInput(who, setting.name, f"{rule}, which {removed}" if removed else rule) from None
-    unit = "seconds" if setting.type is SettingType.SECONDS else "metres"
+    unit = _UNITS[setting.type]
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < np.inf:
         raise InvalidInput(who, setting.name, f"must be a finite number of {unit}, 0 or more; got {value!r}")
     if setting.type is SettingType.SECONDS:
@@ -162,6 +167,10 @@ def _checked(who: str, setting: Setting, value: Any) -> StrEnum | float:
         if abs(1e6 * value - round(1e6 * value)) > _ROUNDING_US:
             raise InvalidInput(who, setting.name, f"must be whole microseconds; got {value!r}")
         return round(1e6 * value) / 1e6
+    if setting.type is SettingType.DAYS:
+        if value > MOST_DAYS:
+            raise InvalidInput(who, setting.name, f"must be at most {MOST_DAYS:.0f} days, a century; got {value!r}")
+        return float(value)
     if value > MAX_DISTANCE_M:
         rule = f"must be at most {MAX_DISTANCE_M:.0f} metres, half the way around the earth"
         raise InvalidInput(who, setting.name, f"{rule}; got {value!r} (is it in metres?)")
@@ -180,6 +189,9 @@ class Area:
     properties : other members of the file, exported again
     object_class : the class that separation rules name; None: no class
     owner : objects of one owner are not compared with each other; None: no owner
+    spans_us : several spans instead of start and end, sorted and joined where they touch: pairs of start and end. With
+        a schedule: its expansion
+    schedule : JSON of `model.schedules`: active at those times of [start, end), expanded for the scene's horizon
     """
 
     key: str
@@ -192,6 +204,8 @@ class Area:
     properties: Mapping[str, Any] = field(default_factory=dict)
     object_class: str | None = None
     owner: str | None = None
+    spans_us: tuple[tuple[int | None, int | None], ...] | None = None
+    schedule: Any = None
 
     if TYPE_CHECKING:  # accepted types; __post_init__ converts them to the stored ones
 
@@ -207,6 +221,8 @@ class Area:
             properties: Mapping[str, Any] = ...,
             object_class: str | None = None,
             owner: str | None = None,
+            spans_us: Sequence[Sequence[inputs.Instant | None]] | None = None,
+            schedule: Any = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -219,6 +235,12 @@ class Area:
             start_us, end_us = inputs.span_us(who, self.start_us, self.end_us)
             _keep(self, start_us=start_us, end_us=end_us)
             _check_span(who, start_us, end_us)
+        if self.spans_us is not None:
+            with refusals:
+                self._keep_spans(who)
+        if self.schedule is not None:
+            with refusals:
+                check_schedule(who, self.schedule)
         _keep_heights(who, self, refusals)
         with refusals:
             check_ruled(who, self.object_class, self.owner)
@@ -226,6 +248,21 @@ class Area:
         with refusals:
             _check_heights(who, self.floor_m, self.ceiling_m)
         refusals.raise_found()
+
+    def _keep_spans(self, who: str) -> None:
+        """Keep spans, and take start and end of the area from them."""
+        spans = spans_of(who, self.spans_us)
+        start_us, end_us = (spans[0][0], spans[-1][1]) if spans else (None, None)
+        for name, own, of_all in (("start", self.start_us, start_us), ("end", self.end_us, end_us)):
+            if own not in (None, of_all) and spans and self.schedule is None:
+                raise InvalidInput(who, name, "must not be given together with spans")
+        for i, span in enumerate(spans):
+            for at in span:
+                if at is not None and not MIN_INSTANT_US <= at <= MAX_INSTANT_US:
+                    raise InvalidInput(who, f"spans[{i}]", "must lie in the years 1 to 9999")
+        _keep(self, spans_us=spans)
+        if spans and self.schedule is None:
+            _keep(self, start_us=start_us, end_us=end_us)
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,6 +286,11 @@ class Track:
         bands of both legs count
     object_class : the class that separation rules name; None: no class
     owner : objects of one owner are not compared with each other; None: no owner
+    departures_us : the voyage is repeated: it departs at each of these instants, increasing, instead of at the first of
+        `times_us`, and all its times are moved with it. A voyage ends before the next departs. With a schedule: its
+        expansion
+    schedule : JSON of `model.schedules`, instead: the voyage departs at each start of an activation, whose end has no
+        meaning; expanded for the scene's horizon
     max_speed_kn : a track that is faster on a leg, over the shortest way, is refused: 2,000 knots unless given here.
         math.inf takes every speed. It is not kept
     """
@@ -267,6 +309,8 @@ class Track:
     ceilings_m: NDArray[np.float64] | None = None
     object_class: str | None = None
     owner: str | None = None
+    departures_us: tuple[int, ...] | None = None
+    schedule: Any = None
     max_speed_kn: InitVar[float] = MAX_SPEED_KN
 
     if TYPE_CHECKING:  # accepted types; __post_init__ converts them to the stored ones
@@ -287,6 +331,8 @@ class Track:
             ceilings_m: inputs.Heights | None = None,
             object_class: str | None = None,
             owner: str | None = None,
+            departures_us: inputs.Instants | None = None,
+            schedule: Any = None,
             max_speed_kn: float = MAX_SPEED_KN,
         ) -> None: ...
 
@@ -313,6 +359,11 @@ class Track:
         with refusals:
             _check_course(who, self.positions_deg, self.times_us)
             check_speed(who, self.positions_deg, self.times_us, max_speed_kn)
+            if self.departures_us is not None:
+                self._keep_departures(who)
+        if self.schedule is not None:
+            with refusals:
+                check_schedule(who, self.schedule)
         with refusals:
             _check_outline(who, "outline_m", self.outline_m)
             if self.grow_mps != 0.0:
@@ -325,6 +376,13 @@ class Track:
             else:
                 self._check_leg_heights(who)
         refusals.raise_found()
+
+    def _keep_departures(self, who: str) -> None:
+        lasts_us = int(self.times_us[-1] - self.times_us[0])
+        departures = departures_of(who, self.departures_us, lasts_us)
+        if departures and not MIN_INSTANT_US <= departures[0] <= departures[-1] + lasts_us <= MAX_INSTANT_US:
+            raise InvalidInput(who, "departures", "must have voyages in the years 1 to 9999")
+        _keep(self, departures_us=departures)
 
     def _check_leg_heights(self, who: str) -> None:
         """Check the heights of legs, and take the band of the whole track from them."""

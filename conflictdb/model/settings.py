@@ -33,6 +33,7 @@ class SettingType(Enum):
     CHOICE = auto()  # one of some names
     METRES = auto()  # a distance, 0 to MOST_M
     SECONDS = auto()  # whole microseconds, 0 to MOST_S
+    DAYS = auto()  # 0 to MOST_DAYS
     PLACE = auto()  # longitude and latitude in degrees; in the database two columns, `_lon` and `_lat`
 
 
@@ -40,6 +41,9 @@ class SettingType(Enum):
 MOST_M: Final = 20_000_000.0
 # Thirty days: spans that are widened by it stay within the instants of PostgreSQL.
 MOST_S: Final = 2_592_000.0
+
+# A century.
+MOST_DAYS: Final = 36_525.0
 
 Choices: TypeAlias = type[StrEnum]
 
@@ -176,11 +180,18 @@ SETTINGS: Final = (
         "store delays",
         is_stored_by_detect=True,
     ),
+    Setting(
+        "horizon_days",
+        SettingType.DAYS,
+        "How many days ahead of today schedules are expanded; they are over all voyages, too.",
+        366.0,
+        "expand schedules",
+    ),
 )
 NAMES: Final = tuple(setting.name for setting in SETTINGS)
 METRES: Final = tuple(setting.name for setting in SETTINGS if setting.type is SettingType.METRES)
 NUMBERS: Final = tuple(
-    setting.name for setting in SETTINGS if setting.type in (SettingType.METRES, SettingType.SECONDS)
+    setting.name for setting in SETTINGS if setting.type in (SettingType.METRES, SettingType.SECONDS, SettingType.DAYS)
 )
 STORED_BY_DETECT: Final = tuple(setting for setting in SETTINGS if setting.is_stored_by_detect)
 

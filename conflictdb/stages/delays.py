@@ -147,7 +147,9 @@ class Leeway:
         """
         moves = (track.positions_deg[1:] != track.positions_deg[:1]).any(axis=1)
         stands = int(np.argmax(moves)) if moves.any() else len(moves)
-        starts_us, leaves_us = int(track.times_us[0]), int(track.times_us[stands])
+        # The first voyage; all are delayed together.
+        first_us = track.departures_us[0] if track.departures_us else int(track.times_us[0])
+        starts_us, leaves_us = first_us, first_us + int(track.times_us[stands] - track.times_us[0])
         if now_us is None:
             return cls(stands > 0, False, -horizon_us, horizon_us)
         if leaves_us < now_us:

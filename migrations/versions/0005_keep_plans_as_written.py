@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "795dc4c9b58ac845efb94f1e5bb86ac1c255066eb5a0914b26c22f6cff661e84"
+routines_sha256 = "a6786d438353e7760894ad83a87aec38811beeb0ea25449755994e390be8b381"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -28,8 +28,27 @@ $$;
 """
 
 
+# When an area is active, and a track departs, several times; the schedule that says so, and how far it is expanded.
+ACTIVATIONS = """
+ALTER TABLE conflictdb.area ADD COLUMN IF NOT EXISTS activations tstzmultirange,
+    ADD COLUMN IF NOT EXISTS schedule jsonb;
+ALTER TABLE conflictdb.track ADD COLUMN IF NOT EXISTS departures timestamptz[],
+    ADD COLUMN IF NOT EXISTS schedule jsonb;
+CREATE INDEX IF NOT EXISTS area_scene_id_scheduled_btree ON conflictdb.area (scene_id) WHERE schedule IS NOT NULL;
+CREATE INDEX IF NOT EXISTS track_scene_id_scheduled_btree ON conflictdb.track (scene_id) WHERE schedule IS NOT NULL;
+ALTER TABLE conflictdb.scene
+    ADD COLUMN IF NOT EXISTS horizon_days double precision NOT NULL DEFAULT 366.0,
+    DROP CONSTRAINT IF EXISTS scene_horizon_days_known,
+    ADD CONSTRAINT scene_horizon_days_known CHECK (horizon_days BETWEEN 0 AND 36525),
+    ADD COLUMN IF NOT EXISTS expanded tstzrange;
+"""
+
+
 def upgrade() -> None:
-    for statement in (CLASSES,):
+    for statement in (
+        CLASSES,
+        ACTIVATIONS,
+    ):
         op.execute(statement)
 
 

@@ -83,6 +83,14 @@ from conflictdb.db.store.scenes import (
     rename_object,
     rename_scene,
 )
+from conflictdb.db.store.schedules import (
+    Scheduled,
+    horizon,
+    scheduled,
+    schedules_wait,
+    store_activations,
+    store_window,
+)
 from conflictdb.db.store.service import (
     HEARD_WITHIN_S,
     WORKER_NAME,

@@ -26,6 +26,7 @@ from conflictdb.db.store.stored_objects import (
     AREA_STRINGS,
     TRACK_COLUMNS,
     TRACK_STRINGS,
+    decode_activations,
     decode_heights,
     decode_outlines,
     decode_paths,
@@ -78,8 +79,10 @@ def area_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
         columns["area_id"],
         columns["version"],
         footprint,
-        copy_binary.microseconds(columns["start"]),
-        copy_binary.microseconds(columns["end"]),
+        decode_activations(
+            strings["spans"],
+            np.stack([copy_binary.microseconds(columns[name]) for name in ("start", "end")], axis=1),
+        ),
         columns["floor_m"],
         columns["ceiling_m"],
     )
@@ -119,6 +122,7 @@ def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]
         columns["grow_mps"],
         outlines_offset,
         outlines_m,
+        decode_activations(strings["departures"], times_us[waypoint_offset[:-1]]),
     )
 
 

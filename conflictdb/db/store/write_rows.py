@@ -55,6 +55,10 @@ _TYPES: Final = {
 } | {one.name: _SENT_AS[one.type] for one in MEASURED}
 
 
+# Settings that change no conflict by themselves.
+_OF_NO_ANSWER: Final = {"delays_within_s", "horizon_days"}
+
+
 @dataclass(frozen=True, slots=True)
 class RunRecord:
     """The record of a detection.
@@ -72,7 +76,7 @@ class RunRecord:
 
     def digest_key(self) -> bytes:
         """Return the key for digests: method, settings and edition, on which answers depend besides their columns."""
-        known = {name: value for name, value in self.settings.items() if name != "delays_within_s"}
+        known = {name: value for name, value in self.settings.items() if name not in _OF_NO_ANSWER}
         settings = json.dumps([self.method, known, EDITION], sort_keys=True)
         return hashlib.blake2b(settings.encode(), digest_size=DIGEST_KEY_BYTES).digest()
 

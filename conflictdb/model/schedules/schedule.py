@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
+from conflictdb.model.activations import MOST_ACTIVATIONS
 from conflictdb.model.schedules.sun import EVENTS, MARGIN_DEG, sun_times
 
 Ints = NDArray[np.int64]
@@ -21,8 +22,8 @@ Floats = NDArray[np.float64]
 # An occurrence: [start, end) microseconds, neither merged with others nor cut at the ends of the request.
 Occurrence = tuple[int, int]
 
-# Spans of one object, at most: an activation every 5 minutes for a year.
-MOST_SPANS: Final = 105_120
+# Occurrences of one object, at most.
+MOST_SPANS: Final = MOST_ACTIVATIONS
 
 _SECOND_US: Final = 1_000_000
 _DAY: Final = timedelta(days=1)
