@@ -86,7 +86,7 @@ def test_activations_conflict_as_objects_entered_by_hand(seed: int, setting: dic
     by_hand_areas, by_hand_tracks = alone(areas, tracks)
     wanted = by_object(conflictdb.solve(by_hand_tracks, by_hand_areas, scene))
     assert found == wanted
-    assert sum(len(periods) for periods in found.values()) > 5
+    assert sum(len(periods) for periods in found.values()) >= 5
 
 
 def test_an_area_without_activations_conflicts_with_nothing() -> None:

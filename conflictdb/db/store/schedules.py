@@ -64,8 +64,18 @@ def schedules_wait(conn: psycopg.Connection[Any], scene_id: int) -> bool:
 def scheduled(conn: psycopg.Connection[Any], scene_id: int, *, only_waiting: bool) -> list[Scheduled]:
     """Return the objects of a scene with schedules, or those whose schedules are not expanded."""
     return [
-        Scheduled(Kind.TRACK if kind else Kind.AREA, *named, (_us(start), _us(end)), shapely.from_wkb(box))
-        for *named, start, end, box, kind in call_many(conn, "_scheduled", scene_id, only_waiting)
+        Scheduled(
+            kind=Kind.TRACK if kind else Kind.AREA,
+            object_id=number,
+            version=version,
+            key=key,
+            schedule=schedule,
+            span_us=(_us(start), _us(end)),
+            box=shapely.from_wkb(box),
+        )
+        for kind, number, version, key, schedule, start, end, box in call_many(
+            conn, "_scheduled", scene_id, only_waiting
+        )
     ]
 
 
