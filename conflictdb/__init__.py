@@ -39,13 +39,14 @@ if TYPE_CHECKING:
     from conflictdb.db.detect import Run
     from conflictdb.drawing.departures import plot_coordination, plot_delays
     from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
-    from conflictdb.formats import Contents, FileHints, Remark, Skipped, read, write
+    from conflictdb.formats import Contents, FileHints, Remark, Skipped, read, write, write_scene_file
     from conflictdb.in_memory import chances, delays, solve, speeds
     from conflictdb.index import Index
     from conflictdb.model.methods import Method
     from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
     from conflictdb.model.proposals import Goal, Left, Move, Passing, Proposal, Side
     from conflictdb.model.results import (
+        Admission,
         Approach,
         Chances,
         Conflict,
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
     from conflictdb.session.stored_scene import StoredScene
 
 __all__ = [
+    "Admission",
     "Advice",
     "Approach",
     "Area",
@@ -132,6 +134,7 @@ __all__ = [
     "solve",
     "speeds",
     "write",
+    "write_scene_file",
 ]
 
 # Imported when first used: `conflictdb --help` need not wait for numpy, shapely and the database driver.
@@ -148,13 +151,16 @@ _HOME: Final = {
     **dict.fromkeys(("Goal", "Left", "Move", "Passing", "Proposal", "Side"), "conflictdb.model.proposals"),
     "Index": "conflictdb.index",
     **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.in_memory"),
-    **dict.fromkeys(("Contents", "FileHints", "Remark", "Skipped", "read", "write"), "conflictdb.formats"),
+    **dict.fromkeys(
+        ("Contents", "FileHints", "Remark", "Skipped", "read", "write", "write_scene_file"), "conflictdb.formats"
+    ),
     **dict.fromkeys(
         ("Area", "EarthModel", "Motion", "Scene", "Track", "rectangle_outline_m"),
         "conflictdb.model.plans",
     ),
     **dict.fromkeys(
         (
+            "Admission",
             "Approach",
             "Chances",
             "Conflict",

@@ -18,7 +18,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats import from_frames
 from conflictdb.model import inputs
 from conflictdb.model.horizon import expanded, require_one_voyage
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track, check_keys
 from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results, Speeds
 from conflictdb.stages import speeds as stage_of_speeds
 from conflictdb.stages.at_any_time import AnyTime
@@ -336,7 +336,7 @@ def _known(
 
 def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Scene, Plane, list[Track], list[Area]]:
     """Return the scene with a centre, its plane, and its objects in the order of their keys; raises InvalidInput."""
-    check_keys([*areas, *tracks])
+    check_keys([area.key for area in areas] + [track.key for track in tracks])
     areas, tracks = expanded(areas, tracks, scene.horizon_days)
     scene = centred(scene, areas, tracks)
     plane = plane_of(scene)
@@ -345,19 +345,6 @@ def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Sce
     areas = sorted(areas, key=lambda area: area.key.encode())
     tracks = sorted(tracks, key=lambda track: track.key.encode())
     return scene, plane, tracks, areas
-
-
-def check_keys(objects: Iterable[Area | Track]) -> None:
-    """Raise InvalidInput for a key that occurs twice, or that files and the database cannot store."""
-    seen: set[str] = set()
-    for key in (one.key for one in objects):
-        if key in seen:
-            raise InvalidInput(f"object {key!r}", "key", "occurs more than once: keys must be unique")
-        seen.add(key)
-        try:
-            key.encode()  # as stored by files and the database, and the order of rows
-        except UnicodeEncodeError:
-            raise InvalidInput(f"object {key!r}", "key", "contains half of a surrogate pair, no character") from None
 
 
 def counts(scene: Scene, areas: list[Area], tracks: list[Track]) -> Funnel:

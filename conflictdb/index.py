@@ -6,9 +6,9 @@ come too close in size are merged. A tree never changes, so questions need no lo
 """
 
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,10 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
-from conflictdb.in_memory import Objects, check_keys
+from conflictdb.in_memory import Objects
 from conflictdb.kernel.boxes import BoxTree, RowBoxes
 from conflictdb.kernel.bundles import boxes_of
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track, check_keys
 from conflictdb.model.results import Conflict, Kind, Results
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
@@ -75,16 +75,16 @@ class Index:
         twice or belong to another owner.
         """
         given = listed("put", plans)
-        check_keys(given)
+        check_keys(one.key for one in given)
         with self._lock:
-            self._scene = centred(self._scene, *_by_kind(given))
-        pieces = _cut(self._scene, plane_of(self._scene), given)
+            self._scene = centred(self._scene, *by_kind(given))
+        mine = Members.of_plans(self._scene, plane_of(self._scene), given)
         names = [one.key if owner is None else owner for one in given]
         owners = {name: _Owner(name) for name in names}
         objects = [_Object(one, owners[name]) for one, name in zip(given, names, strict=True)]
         for item in objects:
             item.owner.keys.append(item.plan.key)
-        level = _Level.of(self._scene, pieces, _object_rows(pieces, given), objects)
+        level = _Level.of(self._scene, mine.pieces, mine.of, objects)
         with self._lock:
             # Plans that are their own owners may take the place of several owners.
             former = [self._owners[name] for name in dict.fromkeys(names) if name in self._owners]
@@ -119,47 +119,27 @@ class Index:
         owner : by default each plan is its own owner: they are compared with each other, too
         """
         given = listed("probe", plans)
-        check_keys(given)
-        scene, state = centred(self._scene, *_by_kind(given)), self._state
+        check_keys(one.key for one in given)
+        scene, state = centred(self._scene, *by_kind(given)), self._state
         plane = plane_of(scene)
-        pieces = _cut(scene, plane, given)
+        mine = Members.of_plans(scene, plane, given)
         keys = {one.key for one in given}
-        mine = _object_rows(pieces, given)
-        objects: list[Plan] = list(given)
-        parts, of = [pieces], [mine]
-        a, b, count = [], [], len(pieces)
-        boxes = _boxes(scene, pieces)
-        if owner is None and len(given) > 1:
-            one, other = BoxTree(boxes).pairs(boxes)
-            earlier = mine[one] < mine[other]
-            a.append(one[earlier])
-            b.append(other[earlier])
+        boxes, met = _boxes(scene, mine.pieces), _Met(mine)
+        if owner is None:
+            met.add_among(boxes)
+        plans_of = {one.key: one for one in given}
         for level in state.levels:
-            one, other = level.tree.pairs(boxes)
-            seen = np.array(
-                [
-                    state.shows(item) and item.plan.key not in keys and (owner is None or item.owner.name != owner)
-                    for item in (level.objects[k] for k in level.object_of[other].tolist())
-                ],
-                np.bool_,
-            )
-            one, other = one[seen], other[seen]
-            if not len(other):
-                continue
-            rows, place = np.unique(other, return_inverse=True)
-            numbers, of_row = np.unique(level.object_of[rows], return_inverse=True)
-            a.append(one)
-            b.append(place + count)
-            parts.append(level.pieces.take(rows))
-            of.append(of_row + len(objects))
-            objects += [level.objects[k].plan for k in numbers.tolist()]
-            count += len(rows)
-        if not any(map(len, a)):
-            return Results((), Conflict)
-        met = Pieces.concatenate(parts), np.concatenate(of), np.concatenate(a), np.concatenate(b)
-        found = _conflicts(scene, plane, objects, *met)
-        origin = Objects(scene, {one.key: one for one in objects})
-        return Results((conflict.found_by(origin) for conflict in found), Conflict)
+            first, second = level.tree.pairs(boxes)
+            met_by = [level.objects[k] for k in level.object_of[second].tolist()]
+            seen = [
+                state.shows(one) and one.plan.key not in keys and (owner is None or one.owner.name != owner)
+                for one in met_by
+            ]
+            rows = np.flatnonzero(np.array(seen, np.bool_))
+            plans_of |= {met_by[k].plan.key: met_by[k].plan for k in rows.tolist()}
+            met.add(level.pieces, level.object_of, level.member, first[rows], second[rows])
+        origin = Objects(scene, plans_of)
+        return Results((conflict.found_by(origin) for conflict in met.conflicts(scene, plane)), Conflict)
 
     def _forget(self, owners: "list[_Owner]", number: int) -> None:
         """Hide the plans of owners from the state of a number on."""
@@ -198,6 +178,9 @@ class _Level:
     pieces: Pieces
     object_of: NDArray[np.int32]
     objects: list[_Object]
+
+    def member(self, k: int) -> "Member":
+        return Member.of(self.objects[k].plan)
 
     @classmethod
     def of(cls, scene: Scene, pieces: Pieces, object_of: NDArray[np.int64], objects: list[_Object]) -> "_Level":
@@ -275,21 +258,147 @@ def listed(who: str, plans: Any) -> list[Plan]:
     return given
 
 
-def _by_kind(plans: Sequence[Plan]) -> tuple[list[Area], list[Track]]:
+def by_kind(plans: Sequence[Plan]) -> tuple[list[Area], list[Track]]:
+    """Return the areas and the tracks of some plans."""
     return [one for one in plans if isinstance(one, Area)], [one for one in plans if isinstance(one, Track)]
 
 
-def _cut(scene: Scene, plane: Plane, plans: Sequence[Plan]) -> Pieces:
-    areas, tracks = _by_kind(plans)
-    check_plane(plane, areas, tracks)
-    return pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+class Member(NamedTuple):
+    """One object, as far as conflicts show it; a track has no footprint. None: no owner."""
+
+    kind: Kind
+    key: str
+    name: str | None
+    footprint: Any = None
+    owner: str | None = None
+
+    @classmethod
+    def of(cls, plan: Plan) -> Self:
+        """Return a plan as a member."""
+        if isinstance(plan, Area):
+            return cls(Kind.AREA, plan.key, plan.name, plan.footprint, plan.owner)
+        return cls(Kind.TRACK, plan.key, plan.name, None, plan.owner)
 
 
-def _object_rows(pieces: Pieces, plans: Sequence[Plan]) -> NDArray[np.int64]:
-    """Return (n,) the place in `plans` of the plan of each piece of `_cut`."""
-    places = [np.array([k for k, one in enumerate(plans) if isinstance(one, kind)], np.int64) for kind in (Area, Track)]
-    row = pieces.object_id + np.where(pieces.kind == Kind.AREA.code, 0, len(places[0]))
-    return np.concatenate(places)[row]
+class Members(NamedTuple):
+    """Some objects and their pieces; of : (n,) the place in `each` of the object of a piece."""
+
+    pieces: Pieces
+    of: NDArray[np.int64]
+    each: list[Member]
+
+    @classmethod
+    def of_plans(cls, scene: Scene, plane: Plane, plans: Sequence[Plan]) -> Self:
+        """Return plans; raises InvalidInput for those that do not fit the scene's plane."""
+        areas, tracks = by_kind(plans)
+        check_plane(plane, areas, tracks)
+        places = [np.array([k for k, one in enumerate(plans) if isinstance(one, kind)]) for kind in (Area, Track)]
+        pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+        row = pieces.object_id + np.where(pieces.kind == Kind.AREA.code, 0, len(areas))
+        return cls(pieces, np.concatenate(places).astype(np.int64)[row], [Member.of(one) for one in plans])
+
+    @classmethod
+    def of_batches(
+        cls, scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch, known: Mapping[tuple[int, int], Member]
+    ) -> Self:
+        """Return stored objects; those that cannot be cut are covered. known : without footprints, by kind and id."""
+        pieces = pieces_of(scene, plane, areas, tracks)
+        each: list[Member] = []
+        place: dict[tuple[int, int], int] = {}
+        for k, number in enumerate(areas.area_id.tolist()):
+            place[Kind.AREA.code, number] = len(each)
+            each.append(known[Kind.AREA.code, number]._replace(footprint=areas.footprint[k]))
+        for number in tracks.track_id.tolist():
+            place[Kind.TRACK.code, number] = len(each)
+            each.append(known[Kind.TRACK.code, number])
+        ids = zip(pieces.kind.tolist(), pieces.object_id.tolist(), strict=True)
+        return cls(pieces, np.array([place[one] for one in ids], np.int64), each)
+
+
+def conflicts_between(
+    scene: Scene, plane: Plane, mine: Members, others: Members, *, among: bool = False
+) -> list[Conflict]:
+    """Return the conflicts of some objects with others of other owners, as `solve` finds them.
+
+    among : also those with each other
+    """
+    boxes, met = _boxes(scene, mine.pieces), _Met(mine)
+    if among:
+        met.add_among(boxes)
+    met.add(others.pieces, others.of, others.each.__getitem__, *BoxTree(_boxes(scene, others.pieces)).pairs(boxes))
+    return met.conflicts(scene, plane)
+
+
+class _Met:
+    """Pairs of pieces whose boxes meet, collected from several sources; of one owner none is kept."""
+
+    def __init__(self, mine: Members) -> None:
+        self._members = list(mine.each)
+        self._pieces, self._of = [mine.pieces], [mine.of]
+        self._a: list[NDArray[np.int64]] = []
+        self._b: list[NDArray[np.int64]] = []
+        self._count = len(mine.pieces)
+
+    def add_among(self, boxes: RowBoxes) -> None:
+        """Add pairs of the first objects with each other; boxes : of their pieces."""
+        if len(self._members) > 1:
+            first, second = BoxTree(boxes).pairs(boxes)
+            once = self._of[0][first] < self._of[0][second]
+            self._a.append(first[once])
+            self._b.append(second[once])
+
+    def add(
+        self,
+        pieces: Pieces,
+        of: NDArray[np.integer[Any]],
+        describe: Callable[[int], Member],
+        first: NDArray[np.int64],
+        second: NDArray[np.int64],
+    ) -> None:
+        """Add pairs of pieces of the first objects and of others, of which `of` gives the number."""
+        if not len(second):
+            return
+        rows, place = np.unique(second, return_inverse=True)
+        numbers, of_row = np.unique(of[rows], return_inverse=True)
+        self._a.append(first)
+        self._b.append(place + self._count)
+        self._pieces.append(pieces.take(rows))
+        self._of.append(of_row + len(self._members))
+        self._members += [describe(k) for k in numbers.tolist()]
+        self._count += len(rows)
+
+    def conflicts(self, scene: Scene, plane: Plane) -> list[Conflict]:
+        """Return the conflicts, by the stages and in the order of `solve`."""
+        if not self._a:
+            return []
+        a, b, of = np.concatenate(self._a), np.concatenate(self._b), np.concatenate(self._of)
+        names = {one.owner: k for k, one in enumerate(self._members) if one.owner is not None}
+        owner = np.array([-1 - k if m.owner is None else names[m.owner] for k, m in enumerate(self._members)])[of]
+        a, b = a[owner[a] != owner[b]], b[owner[a] != owner[b]]
+        # Numbered by key, seam copies beside their originals, and the smaller number first: as `solve` does, whose
+        # answer may depend on it in the last digits.
+        ids = np.empty(len(self._members), np.int64)
+        footprint = np.empty(len(self._members), dtype=object)
+        named: dict[tuple[int, int], tuple[str, str | None]] = {}
+        for kind in Kind:
+            rows = [k for k, one in enumerate(self._members) if one.kind is kind]
+            for number, k in enumerate(sorted(rows, key=lambda k: self._members[k].key.encode())):
+                one = self._members[k]
+                ids[k], named[kind.code, number] = number, (one.key, one.name)
+                if kind is Kind.AREA:
+                    footprint[number] = one.footprint
+        pieces = replace(Pieces.concatenate(self._pieces), object_id=ids[of])
+        order = np.lexsort((-pieces.turn, pieces.part, object_numbers(pieces)))
+        place = np.empty(len(order), np.int64)
+        place[order] = np.arange(len(order))
+        pieces, a, b = pieces.take(order), place[a], place[b]
+        numbers = object_numbers(pieces)
+        a, b = np.where(numbers[a] < numbers[b], (a, b), (b, a))
+        a, b = pairs_together(pieces.meeting_within(scene.time_separation_us), PieceRows(a), PieceRows(b))
+        order = np.lexsort((b, a))
+        source = _Given(pieces, PieceRows(a[order]), PieceRows(b[order]), footprint)
+        parts = [part for part, _ in run_scene(scene, plane, source)]
+        return to_results(scene, named, Conflicts.concatenate(parts)) if parts else []
 
 
 def _boxes(scene: Scene, pieces: Pieces) -> RowBoxes:
@@ -298,42 +407,3 @@ def _boxes(scene: Scene, pieces: Pieces) -> RowBoxes:
     return RowBoxes(
         boxes_of(pieces), *bands, spans.start_us, spans.end_us, np.zeros(len(pieces), np.int64), pieces.turn != 0
     )
-
-
-def _conflicts(
-    scene: Scene,
-    plane: Plane,
-    objects: list[Plan],
-    pieces: Pieces,
-    object_of: NDArray[np.int64],
-    a: NDArray[np.int64],
-    b: NDArray[np.int64],
-) -> list[Conflict]:
-    """Return the conflicts of pairs of pieces (a, b) whose boxes meet, by the stages and in the order of `solve`.
-
-    object_of : (n,) the place in `objects` of each piece's plan
-    """
-    # Numbered by key, seam copies beside their originals, and the smaller number first: as `solve` does, whose answer
-    # may depend on it in the last digits.
-    ids = np.empty(len(objects), np.int64)
-    footprint = np.empty(len(objects), dtype=object)
-    named: dict[tuple[int, int], tuple[str, str | None]] = {}
-    for kind, code in ((Area, Kind.AREA.code), (Track, Kind.TRACK.code)):
-        rows = [k for k, one in enumerate(objects) if isinstance(one, kind)]
-        for number, k in enumerate(sorted(rows, key=lambda k: objects[k].key.encode())):
-            one = objects[k]
-            ids[k], named[code, number] = number, (one.key, one.name)
-            if isinstance(one, Area):
-                footprint[number] = one.footprint
-    pieces = replace(pieces, object_id=ids[object_of])
-    order = np.lexsort((-pieces.turn, pieces.part, object_numbers(pieces)))
-    place = np.empty(len(order), np.int64)
-    place[order] = np.arange(len(order))
-    pieces, a, b = pieces.take(order), place[a], place[b]
-    numbers = object_numbers(pieces)
-    a, b = np.where(numbers[a] < numbers[b], (a, b), (b, a))
-    a, b = pairs_together(pieces.meeting_within(scene.time_separation_us), PieceRows(a), PieceRows(b))
-    order = np.lexsort((b, a))
-    source = _Given(pieces, PieceRows(a[order]), PieceRows(b[order]), footprint)
-    parts = [part for part, _ in run_scene(scene, plane, source)]
-    return to_results(scene, named, Conflicts.concatenate(parts)) if parts else []

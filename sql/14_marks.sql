@@ -167,6 +167,7 @@ BEGIN
     DELETE FROM change m WHERE m.scene_id = OLD.scene_id;
     DELETE FROM object_key k WHERE k.scene_id = OLD.scene_id;
     DELETE FROM scene_lock l WHERE l.scene_id = OLD.scene_id;
+    DELETE FROM admission_lock l WHERE l.scene_id = OLD.scene_id;
     RETURN NULL;
 END
 $$;

@@ -25,12 +25,13 @@ BEGIN ATOMIC
     SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
            coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
            coalesce(a.ceiling_m, 'infinity'), ST_AsBinary(a.footprint, 'NDR'),
-           coalesce(array_send(_ends_of(a.activations)), '')
+           CASE WHEN a.activations IS NOT NULL THEN array_send(_ends_of(a.activations))
+                WHEN a.schedule IS NULL THEN '' ELSE '\x00' END
     FROM area a WHERE a.area_id = p_area_id AND a.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _area_row(bigint, bigint) IS
 'One area of a scene without nulls: infinite instants and heights (metres) mean unbounded, spans (array_send, starts '
-'and ends in turn) are empty for one span only. Inlined into queries.';
+'and ends in turn) are empty for one span only, and a zero byte if the schedule is not expanded. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_areas(
     p_scene_id bigint, p_after bigint, p_most bigint,
@@ -68,12 +69,14 @@ BEGIN ATOMIC
     SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
            t.grow_mps, ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
            coalesce(ST_AsBinary(t.outlines, 'NDR'), ''), coalesce(array_send(t.floors_m), ''),
-           coalesce(array_send(t.ceilings_m), ''), coalesce(array_send(t.departures), '')
+           coalesce(array_send(t.ceilings_m), ''), CASE WHEN t.departures IS NOT NULL THEN array_send(t.departures)
+                                                      WHEN t.schedule IS NULL THEN '' ELSE '\x00' END
     FROM track t WHERE t.track_id = p_track_id AND t.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _track_row(bigint, bigint) IS
 'One track of a scene without nulls: infinite heights (metres) mean unbounded. Empty: outlines if not per waypoint; '
-'floors and ceilings (array_send, metres) if not per leg; departures (array_send) if it is one voyage. Inlined into queries.';
+'floors and ceilings (array_send, metres) if not per leg; departures (array_send) if it is one voyage. '
+'departures are a zero byte if the schedule is not expanded. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_tracks(
     p_scene_id bigint, p_after bigint, p_most bigint,

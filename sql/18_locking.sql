@@ -106,11 +106,14 @@ BEGIN
     DELETE FROM scene_lock l
         USING (SELECT x.scene_id FROM scene_lock x WHERE x.scene_id = OLD.scene_id FOR UPDATE SKIP LOCKED) free
         WHERE l.scene_id = free.scene_id;
+    DELETE FROM admission_lock l
+        USING (SELECT x.scene_id FROM admission_lock x WHERE x.scene_id = OLD.scene_id FOR UPDATE SKIP LOCKED) free
+        WHERE l.scene_id = free.scene_id;
     RETURN NULL;
 END
 $$;
 COMMENT ON FUNCTION _after_scene_removal() IS
-'Trigger: deletes conflicts, differences, events, pieces and the lock of a removed scene. Skips a lock that is held, '
+'Trigger: deletes conflicts, differences, events, pieces and the locks of a removed scene. Skips a lock that is held, '
 'which is harmless, as scene ids are never reused. Runs as its owner: editors cannot write these tables. Restricted to '
 'the scene that was removed.';
 

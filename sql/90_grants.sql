@@ -94,8 +94,11 @@ END
 $$;
 GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, remove_object, request_detection, _set_scene, _put_scene,
                           _ensure_centre, _first_version, _begin_load, _load, _add_staged, _mark_all, share_scene,
-                          unshare_scene, give_scene, rename_scene, copy_scene, remove_scene, rename_object
+                          unshare_scene, give_scene, rename_scene, copy_scene, remove_scene, rename_object,
+                          _begin_admission, _admission_holders, _put_plans
     TO conflictdb_editor;
+-- Row-level security limits it to scenes that the role may change.
+GRANT INSERT, UPDATE ON admission_lock TO conflictdb_editor;
 -- A superfluous mark only causes another detection.
 GRANT INSERT (scene_id, object_kind, object_id, version) ON change TO conflictdb_editor;
 REVOKE EXECUTE ON FUNCTION protect_scenes FROM conflictdb_worker;

@@ -57,8 +57,8 @@ TRIES_S: Final = 0.5
 DATABASE_PER_PIECE: Final = 4.7  # its row in, the marks; stage 1; its pairs and pieces out
 TEST_PER_CANDIDATE: Final = 0.04  # stage 2
 WRITE_PER_CONFLICT: Final = 4.5
-# For a conflict without a region of the kernel, mostly where swept hulls meet and the objects do not: methods that
-# decide nothing report many such pairs, and the database computes the region from the hulls.
+# For a conflict without a region of the kernel: the database computes it from the hulls. Mostly swept hulls meet and
+# the objects do not; methods that decide nothing report many such pairs.
 REGION_PER_CONFLICT: Final = 100.0
 FIXED_S: Final = 0.03  # transactions, statistics, temporary tables
 

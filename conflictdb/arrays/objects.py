@@ -53,7 +53,11 @@ def _unless_scheduled(item: Area | Track, given: Any) -> Any:
     """Return activations that are given; raises InvalidInput for a schedule that is not expanded to some."""
     if item.schedule is not None and given is None:
         kind = "area" if isinstance(item, Area) else "track"
-        raise InvalidInput(f"{kind} {item.key!r}", "schedule", "is not expanded yet: detect the scene first")
+        raise InvalidInput(
+            f"{kind} {item.key!r}",
+            "schedule",
+            "is not expanded: detect the scene that holds it, or give its activations",
+        )
     return given
 
 

@@ -16,7 +16,7 @@ from conflictdb.cli.tables import table, wrapped
 def advise(args: argparse.Namespace) -> int:
     """Print the advice for a scene; changes nothing."""
     with database(args) as db:
-        advice = db.scene(args.scene).advise(sample=args.sample, seed=args.seed)
+        advice = db.scene(args.scene).advise(sample=args.sample)
     if args.format == "json":
         print_json(_finite(asdict(advice)))
     else:

@@ -49,7 +49,7 @@ def wait(db: Database, args: argparse.Namespace) -> None:
 
 def usual_scene(db: Database) -> str | None:
     """Return the scene of the environment, else the last one used, else the only one, with a remark; or None."""
-    if (scene := os.environ.get("CONFLICTDB_SCENE")) is not None:
+    if scene := os.environ.get("CONFLICTDB_SCENE"):
         reason = "CONFLICTDB_SCENE"
     elif (scene := recall(_name(db))) is not None and _exists(db, scene):
         reason = "the last one used"

@@ -203,8 +203,6 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
             followed = store.begin_locked(conn, scene_id, scene, options.lock_timeout_s, options.say)
             if followed != begun.taken + 1 or store.read_settings(conn, scene_id) != settings:
                 # Another detection ran in between, or settings changed: process all remaining marks.
-                if store.schedules_wait(conn, scene_id):
-                    raise StoreError(f"schedules of scene {scene!r} changed while it was detected: detect it again")
                 pending = _pending(conn, scene_id, options)
                 settings, record = refresh_pieces(conn, scene_id, pending, record, options.memory, is_first=False)
         writing = _Background(conn, partial(store.begin_write, conn, scene_id, record))

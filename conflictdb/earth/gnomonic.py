@@ -49,7 +49,10 @@ class Gnomonic:
 
     @property
     def kernel_plane(self) -> kernel.KernelPlane:
-        return kernel.KernelPlane.gnomonic(MEAN_RADIUS_M, self.centre_lon_deg, self.centre_lat_deg)
+        plane = kernel.KernelPlane(kernel.KernelPlane.GNOMONIC, 0, MEAN_RADIUS_M, MEAN_RADIUS_M)
+        plane.conformal_radius[0] = MEAN_RADIUS_M
+        plane.centre_lon_deg, plane.centre_lat_deg = self.centre_lon_deg, self.centre_lat_deg
+        return plane
 
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         """Return plane x and y in metres; NaN for points 90 degrees or more from the centre."""

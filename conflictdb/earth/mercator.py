@@ -33,7 +33,14 @@ class Mercator:
 
     @property
     def kernel_plane(self) -> kernel.KernelPlane:
-        return kernel.KernelPlane.mercator(self.earth)
+        earth, kind = self.earth, kernel.KernelPlane.MERCATOR
+        plane = kernel.KernelPlane(kind, max(len(earth.to_rectifying), len(earth.to_conformal)), earth.radius_m)
+        plane.rectifying_m, plane.eccentricity = earth.rectifying_m, earth.eccentricity
+        plane.oblateness = earth.oblateness
+        for name in ("to_rectifying", "to_conformal", "conformal_radius"):
+            series = getattr(earth, name)
+            getattr(plane, name)[: len(series)] = series
+        return plane
 
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         return self.earth.to_plane(lon_deg, lat_deg)

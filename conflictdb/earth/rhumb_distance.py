@@ -11,8 +11,8 @@ import numpy as np
 from conflictdb.arrays import Floats
 from conflictdb.earth.geodesy import Earth
 
-# Constants of mercator.c: the plane distance, radians, up to which a fixed point finds the nearest place; the relative
-# error of its steps; and the distance, radians, beyond which only the least and the largest radius bound a path.
+# Constants of mercator.c. Up to NEARBY, plane radians, a fixed point finds the nearest place, with steps of this
+# relative error. Beyond LONGEST, radians, only the least and the largest radius bound a path.
 NEARBY: Final = 0.25
 SOLVED_SHARE: Final = 2e-11
 LONGEST: Final = 2.9

@@ -8,5 +8,16 @@ from conflictdb.formats.hints import FileHints
 from conflictdb.formats.reading import read
 from conflictdb.formats.scene_file import scene_text
 from conflictdb.formats.writing import write, write_lines
+from conflictdb.formats.writing_scenes import write_scene_file
 
-__all__ = ["Contents", "FileHints", "Remark", "Skipped", "read", "scene_text", "write", "write_lines"]
+__all__ = [
+    "Contents",
+    "FileHints",
+    "Remark",
+    "Skipped",
+    "read",
+    "scene_text",
+    "write",
+    "write_lines",
+    "write_scene_file",
+]

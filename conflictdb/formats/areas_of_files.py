@@ -132,9 +132,9 @@ class Gathered:
         self.tracks.append(track)
 
     def _once(self, where: str, item: Area | Track) -> None:
-        first = self._seen.setdefault(item.key, where)
-        if first != where:
-            raise given_twice(name_of(item), f"{first} and {where}")
+        if item.key in self._seen:
+            raise given_twice(name_of(item), f"{self._seen[item.key]} and {where}")
+        self._seen[item.key] = where
 
     def circle(self, who: str, lon_deg: float, lat_deg: float, radius_m: float) -> shapely.MultiPolygon:
         """Return a polygon that contains a circle; raises InvalidInput."""

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol, TypeAlias
 
 from conflictdb.errors import InvalidInput
-from conflictdb.formats import operational_intents, rtz, uas_zones
+from conflictdb.formats import aixm, gpx, operational_intents, rtz, s124, s421, uas_zones
 from conflictdb.formats.contents import Contents
 from conflictdb.formats.xml_text import Element, parsed
 
@@ -32,8 +32,14 @@ _JSON: Final[tuple[tuple[IsDialect, ReadJson], ...]] = (
     (uas_zones.is_ed269, uas_zones.read_ed269),
     (operational_intents.is_intent, operational_intents.read_intents),
 )
-_XML: Final[tuple[tuple[Callable[[Element], bool], ReadXml], ...]] = ((rtz.is_rtz, rtz.read_rtz),)
-_NAMES: Final = ("RTZ routes",)
+_XML: Final[tuple[tuple[Callable[[Element], bool], ReadXml], ...]] = (
+    (rtz.is_rtz, rtz.read_rtz),
+    (s421.is_s421, s421.read_s421),
+    (s124.is_s124, s124.read_s124),
+    (aixm.is_aixm, aixm.read_aixm),
+    (gpx.is_gpx, gpx.read_gpx),
+)
+_NAMES: Final = ("RTZ and S-421 routes", "S-124 warnings", "AIXM 5.1 messages", "GPX")
 
 
 def of_json(document: Any) -> ReadJson | None:

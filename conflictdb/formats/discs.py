@@ -70,13 +70,13 @@ def disc(
         made.add(who, corners)
         angle = radius_m / MEAN_RADIUS_M
         wider_m = MEAN_RADIUS_M * float(np.arctan(np.tan(angle) / np.cos(np.pi / corners))) + _ROUNDING_M
-        return _ring(*_at(lon_deg, lat_deg, wider_m, corners, EarthModel.SPHERE), lat_deg, wider_m)
+        return _ring(*_around(lon_deg, lat_deg, wider_m, corners, EarthModel.SPHERE), lat_deg, wider_m)
     corners = _LEAST_CORNERS
     while corners <= _MOST_CORNERS:
         margin_m = _margin_m(who, lon_deg, lat_deg, radius_m, corners, scene.earth)
         if margin_m <= 0.5 * EXCESS * radius_m:
             made.add(who, corners)
-            lon, lat = _at(lon_deg, lat_deg, radius_m + margin_m + _ROUNDING_M, corners, scene.earth)
+            lon, lat = _around(lon_deg, lat_deg, radius_m + margin_m + _ROUNDING_M, corners, scene.earth)
             return _ring(lon, lat, lat_deg, 0.0)
         corners *= 2
     raise InvalidInput(who, "radius_m", "is too large a circle so near the limit of the scene's plane; give a polygon")
@@ -94,7 +94,7 @@ def _margin_m(who: str, lon_deg: float, lat_deg: float, radius_m: float, corners
         )
         raise InvalidInput(who, "radius_m", f"{rule}; use motion 'great_circle'")
     step = 2.0 * np.pi / corners
-    lat = np.abs(np.radians(_at(lon_deg, lat_deg, wider_m, corners, earth)[1]))
+    lat = np.abs(np.radians(_around(lon_deg, lat_deg, wider_m, corners, earth)[1]))
     nearby = wider_m * step / least_curved_m  # latitude range around each corner that contains both edges
     largest = np.minimum(lat + nearby, highest)
     second = wider_m * (1.0 + _UNEVEN + 2.0 * wider_m * np.tan(largest) / least_curved_m) * step**2 / 8.0
@@ -115,14 +115,20 @@ def _ring(lon: Floats, lat: Floats, centre_lat: float, wider_m: float) -> shapel
     return shapely.MultiPolygon([shapely.Polygon(ring)])
 
 
-def _at(lon_deg: float, lat_deg: float, distance_m: float, count: int, earth: EarthModel) -> tuple[Floats, Floats]:
-    """Return longitude and latitude (count,) at a distance along geodesics of evenly spread azimuths, degrees.
+def _around(lon_deg: float, lat_deg: float, distance_m: float, count: int, earth: EarthModel) -> tuple[Floats, Floats]:
+    """Return longitude and latitude (count,) at a distance, in evenly spread directions."""
+    return places_at(lon_deg, lat_deg, distance_m, 2.0 * np.pi * np.arange(count) / count, earth)
+
+
+def places_at(
+    lon_deg: float, lat_deg: float, distance_m: float, azimuth: Floats, earth: EarthModel
+) -> tuple[Floats, Floats]:
+    """Return longitude and latitude (n,), degrees, at a distance along geodesics of azimuths (n,), radians from north.
 
     T. Vincenty, "Direct and inverse solutions of geodesics on the ellipsoid", Survey Review 23 (1975), eqs. 1-11.
     """
     is_round = earth == EarthModel.SPHERE
     radius, f = (MEAN_RADIUS_M, 0.0) if is_round else (WGS84_RADIUS_M, WGS84_FLATTENING)
-    azimuth = 2.0 * np.pi * np.arange(count) / count
     sine, cosine = np.sin(azimuth), np.cos(azimuth)
     reduced = np.arctan((1.0 - f) * np.tan(np.radians(np.clip(lat_deg, -90.0, 90.0))))
     sin_u, cos_u = np.sin(reduced), np.cos(reduced)

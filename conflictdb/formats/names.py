@@ -38,7 +38,7 @@ SYNONYMS: Final = {
 # words, which objects may use freely.
 SETTINGS: Final = NUMBERS
 SETTING_RULE: Final = 'is a setting of the whole scene: put it into the member "scene" of a scene file'
-RENAME_MEMBER: Final = 'Rename it, or name it in the file\'s member "foreign" if it means nothing here'
+RENAME_MEMBER: Final = 'Rename or map it, or name it in the file\'s member "foreign" if it means nothing here'
 RENAME_COLUMN: Final = "Rename the column"
 _INSTANTS: Final = frozenset({"start", "end", "times", "datetimes"})
 # Members that take numbers, or lists of them; members that are neither instants nor numbers accept any value.

@@ -1,9 +1,9 @@
-"""Read areas and tracks from files that the OGR library opens (GeoPackage, Shapefile, KML, GPX, …), through pyogrio.
+"""Read areas and tracks from files that the OGR library opens (GeoPackage, Shapefile, KML, …), through pyogrio.
 
 Needs the extra `ogr`: ``pip install 'conflictdb[ogr]'``. Every polygon of every layer, or of the selected layers,
-becomes an area. A line becomes a track if its layer has a column of times or a speed (OGR drops the M values). The
-track points of GPX become tracks as positions do. A line of KML with a begin and an end (gx:Track) is refused. All
-other points and lines are left out and listed.
+becomes an area. A line becomes a track if its layer has a column of times or a speed (OGR drops the M values). A
+gx:Track of KML becomes a track as positions do, with the times that `kml_tracks` reads; another line of KML with a
+begin and an end is refused. All other points and lines are left out and listed.
 
 Columns named like members of scene files, in upper or lower case, are read as these members, lists as JSON; all others
 are kept as properties. Without an id column the id is the name of a feature of KML if it is unique, else the number of
@@ -16,7 +16,7 @@ The OGR library runs in a confined process: see `confined` and `ogr_child`.
 import json
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -33,7 +33,6 @@ from conflictdb.formats.contents import (
     Contents,
     FileRefusals,
     Remark,
-    Skipped,
     check_columns,
     given_twice,
     left_out,
@@ -43,7 +42,7 @@ from conflictdb.formats.features import LINES, POINTS, TIMES_OR_SPEED, area_of_p
 from conflictdb.formats.fields import MAX_KEY_BYTES
 from conflictdb.formats.fixes import Fixes, tracks_of
 from conflictdb.formats.hints import renamed
-from conflictdb.formats.instants import parse_instant
+from conflictdb.formats.kml_tracks import GxTracks
 from conflictdb.formats.names import RENAME_COLUMN
 from conflictdb.formats.reference import EXTRA, of_name
 from conflictdb.formats.time_columns import is_time_like, without_times
@@ -52,13 +51,10 @@ from conflictdb.model.plans import Area, Scene, Track
 
 # Some of the columns that OGR gives the features of KML.
 _KML_FIELDS: Final = frozenset({"begin", "end", "altitudeMode", "tessellate", "extrude"})
-_KML_TRACK: Final = (
-    "are missing: a line with a begin and an end, as a gx:Track has, whose times of each point the OGR library does "
-    "not give; write it as GPX, or as a line with a column times"
+_KML_LINE: Final = (
+    "are missing: a line with a begin and an end says no time of each point; write it as gx:Track, or as a line with a "
+    "column times"
 )
-_GPX_POINTS: Final = "track_points"
-_POINT_BYTES: Final = 21  # of a point in WKB
-_GPX_LAYERS: Final = frozenset({"waypoints", "routes", "tracks", "route_points", _GPX_POINTS})
 # No service listens here, so addresses in a file lead nowhere.
 _NOWHERE: Final = "http://127.0.0.1:9"
 PROGRAM: Final = Program(
@@ -134,11 +130,12 @@ def read_objects(
     chosen = [replace(layer, fields=renamed(layer.fields)) for layer in layers if not names or layer.name in names]
     contents = Contents(None, [], [], [])
     refusals = FileRefusals()
-    if _is_gpx(layers):
-        _read_gpx(str(path), layers, chosen, max_speed_kn, contents)
-    else:
-        names_of = _kml_keys(layers)
-        _read_features(str(path), chosen, names_of, len(layers) > 1, max_speed_kn, contents, refusals)
+    names_of = _kml_keys(layers)
+    timed_lines = _TimedLines()
+    _read_features(str(path), chosen, names_of, len(layers) > 1, max_speed_kn, contents, refusals, timed_lines)
+    if timed_lines.lines:
+        with refusals:
+            timed_lines.read(path, max_file_mb, max_speed_kn, contents, refusals)
     if not skip_invalid:
         refusals.raise_found()
     contents.skipped.extend(left_out(str(path), refusals))
@@ -179,6 +176,7 @@ def _read_features(
     max_speed_kn: float,
     contents: Contents,
     refusals: Refusals,
+    timed_lines: "_TimedLines",
 ) -> None:
     """Add the areas and tracks of some layers; errors are added to the refusals.
 
@@ -191,7 +189,7 @@ def _read_features(
     for layer in layers:
         numbers = layer.numbers
         keys = [names.get((layer.name, number)) or _key(layer, number, prefixed=prefixed) for number in numbers]
-        for where, item in _features(source, layer, keys, scene, contents, refusals):
+        for where, item in _features(source, layer, keys, scene, contents, refusals, timed_lines):
             first = seen.setdefault(item.key, where)
             with refusals:
                 if first != where:
@@ -203,7 +201,13 @@ def _read_features(
 
 
 def _features(
-    source: str, layer: Layer, keys: Sequence[str], scene: Scene, contents: Contents, refusals: Refusals
+    source: str,
+    layer: Layer,
+    keys: Sequence[str],
+    scene: Scene,
+    contents: Contents,
+    refusals: Refusals,
+    timed_lines: "_TimedLines",
 ) -> Iterator[tuple[str, Area | Track | TrackAtSpeed]]:
     """Yield the place of each object in the file, and the object.
 
@@ -227,8 +231,7 @@ def _features(
         kind = None if shape is None else shapely.get_type_id(shape)
         is_track = kind in LINES and has_times
         if is_kml and kind in LINES and not is_track and values["begin"] is not None and values["end"] is not None:
-            with refusals:
-                raise InvalidInput(where, "times", _KML_TRACK)
+            timed_lines.lines.append((where, keys[i], shape))
             continue
         if kind in LINES and not is_track:
             time_like.update(dict.fromkeys(name for name, value in values.items() if is_time_like(name, value)))
@@ -278,72 +281,31 @@ def _shapes(who: str, layer: Layer) -> NDArray[np.object_]:
         raise InvalidInput(who, "geometry", f"holds what is no simple geometry: {error}") from error
 
 
-def _is_gpx(layers: Sequence[Layer]) -> bool:
-    """Return whether the layers are those of a GPX file, with the columns and geometries that OGR gives them."""
-    by_name = {layer.name: layer for layer in layers}
-    if set(by_name) != _GPX_LAYERS:
-        return False
-    points, tracks = by_name[_GPX_POINTS], by_name["tracks"]
-    column = points.by_field
-    kinds = (("time", str | None), ("track_fid", int), ("track_seg_id", int))
-    titles = tracks.by_field.get("name", [0])
-    return (
-        all(name in column and all(isinstance(one, kind) for one in column[name]) for name, kind in kinds)
-        and all(isinstance(one, str | None) for one in titles)
-        and all(shape is not None and len(shape) == _POINT_BYTES for shape in points.shapes)
-    )
+@dataclass(slots=True)
+class _TimedLines:
+    """Lines of KML with a begin and an end: place, key and shape of each."""
 
+    lines: list[tuple[str, str, Any]] = field(default_factory=list)
 
-def _read_gpx(
-    source: str, layers: Sequence[Layer], chosen: Sequence[Layer], max_speed_kn: float, contents: Contents
-) -> None:
-    """Add the tracks of a GPX file from the usable points of each segment, as for other observed positions."""
-    by_name = {layer.name: layer for layer in layers}
-    for name, what in (("waypoints", "waypoints"), ("routes", "routes, which have no times")):
-        count = len(by_name[name].numbers)
-        if count and by_name[name] in chosen:
-            reason = f"{count} features are {what}: no tracks"
-            contents.skipped.append(Skipped(source, f"layer {name!r}", reason, (), is_whole=False))
-    if not {"tracks", _GPX_POINTS} & {layer.name for layer in chosen}:
-        return
-    points, tracks = by_name[_GPX_POINTS], by_name["tracks"]
-    column = points.by_field
-    titles = dict(zip(tracks.numbers, tracks.by_field["name"], strict=True))
-    places = shapely.get_coordinates(_shapes(f"layer {_GPX_POINTS!r}", points))
-    keys = _gpx_keys(list(zip(column["track_fid"], column["track_seg_id"], strict=True)), titles)
-    segments: dict[tuple[int, int], Fixes] = {}
-    missing: dict[tuple[str, str], list[int]] = defaultdict(list)
-    for i, when in enumerate(column["time"]):
-        segment = column["track_fid"][i], column["track_seg_id"][i]
-        own = segments.setdefault(segment, Fixes())
-        if when is None:
-            missing[keys[segment], "no time"].append(i + 1)
-            continue
-        try:
-            own.times_us.append(parse_instant(when, naive_is_utc=True))
-        except ValueError as error:
-            raise InvalidInput(f"layer {_GPX_POINTS!r}", f"point {i + 1}, time", str(error)) from None
-        own.positions_deg.append((float(places[i, 0]), float(places[i, 1])))
-        own.lines.append(i + 1)
-    for (number, _), own in segments.items():
-        own.constant["name"] = titles.get(number)
-    objects = ((keys[segment], own) for segment, own in segments.items())
-    found, rest = tracks_of(source, objects, (), max_speed_kn, missing)
-    contents.tracks.extend(found)
-    contents.skipped.extend(rest)
-    if contents.tracks:
-        contents.remarks = [Remark(source, "file", "says nothing of sizes: all tracks are points")]
-
-
-def _gpx_keys(segments: Sequence[tuple[int, int]], titles: Mapping[int, Any]) -> dict[tuple[int, int], str]:
-    """Return the key of each segment: the track's name if unique, else its number; and the segment's number."""
-    keys = {}
-    different = dict.fromkeys(segments)
-    parts = Counter(number for number, _ in different)
-    same = Counter(titles.values())
-    for number, part in different:
-        title = titles.get(number)
-        is_name = bool(title) and same[title] == 1
-        segment = f".{part + 1}" if parts[number] > 1 else ""
-        keys[number, part] = (str(title) if is_name else str(number + 1)) + segment
-    return keys
+    def read(self, path: Path, max_file_mb: float, max_speed_kn: float, contents: Contents, refusals: Refusals) -> None:
+        """Add the tracks of lines that are a gx:Track, and refuse all others."""
+        known = GxTracks(path, max_file_mb)
+        observed: list[tuple[str, Fixes]] = []
+        for where, key, shape in self.lines:
+            parts = shapely.get_parts(shape)
+            for part, line in enumerate(parts, 1):
+                positions = shapely.get_coordinates(line)
+                times_us = known.times_us(positions)
+                if times_us is None:
+                    with refusals:
+                        raise InvalidInput(where, "times", _KML_LINE)
+                    continue
+                places = [(float(lon), float(lat)) for lon, lat in positions]
+                numbers = list(range(1, len(places) + 1))
+                fixes = Fixes(numbers, times_us, places, constant={"name": key})
+                observed.append((key if len(parts) == 1 else f"{key}.{part}", fixes))
+        tracks, rest = tracks_of(str(path), observed, (), max_speed_kn, defaultdict(list))
+        contents.tracks.extend(tracks)
+        contents.skipped.extend(rest)
+        if tracks:
+            contents.remarks = [Remark(str(path), "file", "says nothing of sizes: its gx:Tracks are points")]

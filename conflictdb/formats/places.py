@@ -13,7 +13,7 @@ from conflictdb.formats.contents import Remark, name_of
 from conflictdb.model.plans import Area, Track
 
 # An object gets a remark if it lies FAR times as far from the middle as nine of ten other objects, and at least
-# _LEAST_M away: less is no sign of a mistake.
+# _LEAST_M away. Less is no sign of a mistake.
 FAR: Final = 10.0
 _LEAST_M: Final = 200_000.0
 # Objects per chunk.

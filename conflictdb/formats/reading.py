@@ -20,6 +20,7 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Final, TypedDict
 
@@ -29,7 +30,9 @@ from numpy.typing import NDArray
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import places
 from conflictdb.formats.contents import NO_SIZES, PARQUET, TOO_LARGE, Contents, Parts, Phase, Remark, unwatched
+from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.formats.hints import FileHints, applied
+from conflictdb.formats.positions import COLUMNS
 from conflictdb.formats.scene_file import read_scene
 from conflictdb.formats.summary import Summary
 from conflictdb.formats.time_columns import TimeColumns
@@ -40,6 +43,8 @@ from conflictdb.model.speed_limits import MAX_SPEED_KN
 # scene may have many files.
 MAX_FILE_MB: Final = 64.0
 
+# What columns may be mapped to.
+_FIELDS: Final = AREA_MEMBERS | TRACK_MEMBERS | set().union(*COLUMNS.values()) | {"radius_m"}
 _UTF_16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
 
 
@@ -93,6 +98,8 @@ def read(
         If the file, an object or a field breaks a rule. Nothing of the file is used then.
     """
     path = Path(path)
+    if hints is not None:
+        _require_fields(hints)
     with _named(path), applied(hints):
         is_packed = path.suffix.lower() == ".gz"
         contents = _read(_File(path, is_packed, max_speed_kn, layers, skip_invalid, max_file_mb, phase))
@@ -100,6 +107,15 @@ def read(
         _give_havens(contents, rectangle_outline_m(*hints.haven_m))
     contents.remarks = [*contents.remarks, *_remarks(str(path), contents)]
     return contents
+
+
+def _require_fields(hints: FileHints) -> None:
+    """Raise InvalidInput if a column is mapped to a field that no file has."""
+    for name in hints.columns:
+        if name not in _FIELDS:
+            alike = get_close_matches(name, sorted(_FIELDS), 1)
+            known = f"did you mean {alike[0]}?" if alike else f"fields are {', '.join(sorted(_FIELDS))}"
+            raise InvalidInput("mapping", name, f"is not a field; {known}")
 
 
 def _give_havens(contents: Contents, outline_m: NDArray[np.float64]) -> None:
@@ -243,6 +259,12 @@ def _read_xml(file: _File) -> Contents:
     )
 
 
+def _read_notam(file: _File) -> Contents:
+    from conflictdb.formats.notam import read_notam
+
+    return read_notam(file.text(), str(file.path), skip_invalid=file.skip_invalid)
+
+
 def _read_ogr(file: _File) -> Contents:
     if not file.path.exists():
         raise InvalidInput("file", "", "does not exist")
@@ -256,7 +278,8 @@ _READERS: Final[Mapping[str, Callable[[_File], Contents]]] = {
     **dict.fromkeys((".json", ".geojson", ".mfjson"), _read_json),
     **dict.fromkeys((".csv", ".tsv"), _read_rows),
     **dict.fromkeys(PARQUET, _read_parquet),
-    **dict.fromkeys((".rtz", ".xml", ".gml", ".s421"), _read_xml),
+    **dict.fromkeys((".txt", ".notam"), _read_notam),
+    **dict.fromkeys((".rtz", ".xml", ".gml", ".s421", ".gpx"), _read_xml),
 }
 
 

@@ -5,16 +5,14 @@ does not have are those of the default waypoint; without one it is a loxodrome. 
 nautical miles, speeds knots.
 """
 
-import re
 from collections.abc import Iterator, Sequence
 from typing import Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Gathered
 from conflictdb.formats.contents import Contents
-from conflictdb.formats.fields import finite
-from conflictdb.formats.instants import parse_instant
 from conflictdb.formats.routes import Route, Waypoint, agreed, limit_m, track_of
+from conflictdb.formats.values_of_xml import duration_us, number_of, time_of
 from conflictdb.formats.xml_text import Element
 
 VERSIONS: Final = ("1.0", "1.1", "1.2")
@@ -22,10 +20,6 @@ _NAMESPACE: Final = "http://www.cirm.org/RTZ/"
 _GEOMETRY: Final = {"Loxodrome": False, "Orthodrome": True}
 # The schema of version 1.0 misspells it.
 _ELEMENTS: Final = ("scheduleElement", "sheduleElement")
-_DURATION: Final = re.compile(
-    r"P(?:(?P<days>\d+)D)?(?:T(?:(?P<hours>\d+)H)?(?:(?P<minutes>\d+)M)?(?:(?P<seconds>\d+(?:\.\d+)?)S)?)?"
-)
-_SECONDS: Final = {"days": 86_400, "hours": 3600, "minutes": 60, "seconds": 1}
 
 
 def is_rtz(root: Element) -> bool:
@@ -134,31 +128,3 @@ def _call(who: str, point: Waypoint, elements: Sequence[Element]) -> None:
             point.stay_us = duration_us(who, f"{where}, stay", stay)
         if speed is not None and point.speed_kn is None:
             point.speed_kn = number_of(who, f"{where}, speed", speed)
-
-
-def number_of(who: str, field: str, text: str | None) -> float:
-    """Return the number of a text of XML; raises InvalidInput."""
-    try:
-        return finite(who, field, float(text or ""))
-    except ValueError as error:
-        if isinstance(error, InvalidInput):
-            raise
-        raise InvalidInput(who, field, f"must be a number; got {text!r:.40}") from None
-
-
-def time_of(who: str, field: str, text: str | None) -> int | None:
-    """Return a time in microseconds since 1970, None for no text; raises InvalidInput."""
-    if text is None:
-        return None
-    try:
-        return parse_instant(text)
-    except ValueError as error:
-        raise InvalidInput(who, field, str(error)) from None
-
-
-def duration_us(who: str, field: str, text: str) -> int:
-    """Return a duration such as PT2H30M in microseconds; raises InvalidInput, also for months and years."""
-    given = _DURATION.fullmatch(text)
-    if given is None or text in ("P", "PT") or text.endswith("T") or len(text) > 40:
-        raise InvalidInput(who, field, f"must be a duration such as PT2H30M; got {text!r:.40}")
-    return round(1e6 * sum(_SECONDS[unit] * float(one) for unit, one in given.groupdict().items() if one))

@@ -40,7 +40,8 @@ class TimeColumns:
             named = ", ".join(list(self._names)[:_MOST_NAMED]) + (", …" if len(self._names) > _MOST_NAMED else "")
             areas = f"{self._areas:,} area{'' if self._areas == 1 else 's'}"
             text = (
-                f"{areas} without start or end: {named} look like times and are not read; rename what is meant as these"
+                f"{areas} without start or end: {named} look like times and are not read; "
+                "rename or map what is meant as these"
             )
             yield Remark(source, "file", text)
 

@@ -14,7 +14,7 @@ from conflictdb.kernel.header import structure
 from conflictdb.kernel.library import Held, check, library
 from conflictdb.model.results import Kind
 
-# First size of the result, pairs of pieces, and its growth factor: all pairs of two areas of a hundred thousand parts
+# First size of the result, pairs of pieces, and its growth factor. All pairs of two areas of a hundred thousand parts
 # would not fit into memory, and few of them intersect.
 _FIRST_ROOM: Final = 2**24
 _MORE_ROOM: Final = 8

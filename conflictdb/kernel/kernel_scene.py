@@ -4,7 +4,7 @@ import ctypes
 import weakref
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +13,6 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.kernel.header import structure
 from conflictdb.kernel.library import Held, check, library
 
-if TYPE_CHECKING:
-    from conflictdb.earth.geodesy import Earth
-
-_MERCATOR, _GNOMONIC = 0, 1
-
 _Ints = NDArray[np.int64]
 
 
@@ -25,25 +20,7 @@ class KernelPlane(ctypes.Structure):
     """KernelPlane: the plane that a scene lies in."""
 
     _fields_ = structure("KernelPlane")[0]
-
-    @classmethod
-    def mercator(cls, earth: "Earth") -> "KernelPlane":
-        """Return the Mercator plane of a figure of the earth."""
-        plane = cls(_MERCATOR, max(len(earth.to_rectifying), len(earth.to_conformal)), earth.radius_m)
-        plane.rectifying_m, plane.eccentricity = earth.rectifying_m, earth.eccentricity
-        plane.oblateness = earth.oblateness
-        for name in ("to_rectifying", "to_conformal", "conformal_radius"):
-            series = getattr(earth, name)
-            getattr(plane, name)[: len(series)] = series
-        return plane
-
-    @classmethod
-    def gnomonic(cls, radius_m: float, centre_lon_deg: float, centre_lat_deg: float) -> "KernelPlane":
-        """Return the gnomonic plane about a centre, which touches the sphere there."""
-        plane = cls(_GNOMONIC, 0, radius_m, radius_m)
-        plane.conformal_radius[0] = radius_m
-        plane.centre_lon_deg, plane.centre_lat_deg = centre_lon_deg, centre_lat_deg
-        return plane
+    MERCATOR, GNOMONIC = 0, 1
 
 
 @dataclass(slots=True)

@@ -26,8 +26,8 @@ _STATUS: Final = {
 }
 # Rows per slice of a thread: milliseconds of work.
 SHARE: Final = 2048
-# With several threads, slices at the end of a call shrink to this fraction of SHARE: half a millisecond of work, ten
-# times the overhead of a call of the library.
+# With several threads, slices at the end of a call shrink to this fraction of SHARE. That is half a millisecond of
+# work, ten times the overhead of a call of the library.
 LEAST_PART: Final = 8
 # Each further 64 vertices of a pair count as one more row.
 FEW_VERTICES: Final = 64

@@ -6,7 +6,7 @@ Units: metres, degrees for longitude and latitude, whole microseconds since 1970
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final, cast
@@ -428,6 +428,19 @@ def rectangle_outline_m(fore_m: float, aft_m: float, port_m: float, starboard_m:
     """
     corners = [(starboard_m, fore_m), (starboard_m, -aft_m), (-port_m, -aft_m), (-port_m, fore_m)]
     return np.array(list(dict.fromkeys((x + 0.0, y + 0.0) for x, y in corners)), dtype=np.float64)
+
+
+def check_keys(keys: Iterable[str]) -> None:
+    """Raise InvalidInput for a key that occurs twice, or that files and the database cannot store."""
+    seen: set[str] = set()
+    for key in keys:
+        if key in seen:
+            raise InvalidInput(f"object {key!r}", "key", "occurs more than once: keys must be unique")
+        seen.add(key)
+        try:
+            key.encode()  # as stored by files and the database, and the order of rows
+        except UnicodeEncodeError:
+            raise InvalidInput(f"object {key!r}", "key", "contains half of a surrogate pair, no character") from None
 
 
 def _named(kind: str, key: object) -> str:

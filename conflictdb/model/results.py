@@ -534,6 +534,22 @@ class Results(list[_Row]):
         return notebook.conflicts_html(cast("list[Conflict]", self))
 
 
+@dataclass(frozen=True, slots=True)
+class Admission:
+    """Whether plans were admitted to a scene; true if they were.
+
+    conflicts : of the plans, as far as they were computed; near pairs are left out
+    new : those of them that the plans in their place did not have, or not as long or as severe
+    """
+
+    is_admitted: bool
+    conflicts: Results[Conflict]
+    new: Results[Conflict]
+
+    def __bool__(self) -> bool:
+        return self.is_admitted
+
+
 class Listing(Results[_Row]):
     """A list of conflicts or closest approaches of a stored scene that says whether it is complete.
 

@@ -16,7 +16,7 @@ from conflictdb.formats import Remark, Skipped
 from conflictdb.formats.contents import Parts, Phase, without_objects
 from conflictdb.formats.gather import Plan, gather, scene_name
 from conflictdb.formats.reading import ReadOptions, is_parquet, read_parts
-from conflictdb.model.plans import Area, Motion, Scene, Track
+from conflictdb.model.plans import Area, Motion, Scene, Track, check_keys
 from conflictdb.stages.pieces.cutting import check_plane
 
 if TYPE_CHECKING:
@@ -72,6 +72,22 @@ def load_files(
     for plan, _ in plans:
         _require_objects(plan, replace)
     return [_loaded(connection, plan, settings, replace, phase) for plan, settings in plans]
+
+
+def put(
+    connection: "psycopg.Connection[Any]", name: str, plans: Sequence[Area | Track], settings: Scene | None
+) -> store.LoadCounts:
+    """Add plans to a scene, or replace those of their keys, all or none; settings create or change the scene."""
+    check_keys(one.key for one in plans)
+    areas, tracks = [one for one in plans if isinstance(one, Area)], [one for one in plans if isinstance(one, Track)]
+    if settings is None:
+        with store.transaction(connection):
+            store.scene_id(connection, name)  # raises InvalidInput for an unknown scene
+    else:
+        settings = dataclasses.replace(settings, name=name)
+    settings = centred(_own_settings(connection, name, settings), areas, tracks)
+    check_plane(plane_of(settings), areas, tracks)
+    return store.replace_scene(connection, settings, areas, tracks, merge=True)
 
 
 def _with_settings(

@@ -20,6 +20,7 @@ from conflictdb.model import inputs
 from conflictdb.model.horizon import later
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import (
+    Admission,
     Approach,
     Conflict,
     ConflictEvent,
@@ -357,7 +358,7 @@ class StoredScene:
             A transaction is open: the answer must come from one state of the database, and workers see a question only
             once it is committed.
         """
-        plans = _plans(plan)
+        plans = _plans("probe", plan)
         inputs.count("probe", "jobs", jobs, 1)
         # Imported here: the stages are slow to import.
         from conflictdb.db import probes
@@ -369,6 +370,69 @@ class StoredScene:
             found = probes.ask(self.connection, self.name, plans, timeout)
         _warn_if_incomplete(found.state)
         return found
+
+    def put(self, plan: Area | Track | Sequence[Area | Track], settings: Scene | None = None) -> store.LoadCounts:
+        """Add plans to the scene, or replace the objects of the same keys, all or none; return what changed.
+
+        They wait for a detection, and may conflict: `admit` puts only plans that do not.
+
+        settings : create the scene, or change its settings; the name is this scene's. None: the scene must exist
+
+        Raises InvalidInput, and changes nothing, for keys that occur twice and plans that do not fit the scene's plane.
+        """
+        if not isinstance(settings, Scene | None):
+            raise InvalidInput("put", "settings", f"must be a Scene, or absent; got {settings!r:.60}")
+        # Imported here: the stages are slow to import.
+        from conflictdb.session import loading
+
+        return loading.put(self.connection, self.name, _plans("put", plan), settings)
+
+    def admit(
+        self,
+        plan: Area | Track | Sequence[Area | Track],
+        owner: str | None = None,
+        *,
+        allow_known: bool = False,
+        lock_timeout_s: float | None = None,
+    ) -> Admission:
+        """Put plans into the scene only if they conflict with nobody; return whether they were put, and the conflicts.
+
+        Of several sessions that admit plans which exclude each other, exactly one succeeds: admissions of a scene take
+        turns, until their transactions end. Plans are compared with all objects as they are committed, detected or not.
+        Objects with the keys of the plans are replaced, as in `probe`. Grazing and unresolved pairs count as conflicts.
+
+        Parameters
+        ----------
+        plan : Area or Track, or a sequence of them
+            The plans, all or none of which are put. They are compared with each other, too, unless they have an owner.
+        owner : str, optional
+            The owner of the plans. They take the place of all objects that it has in the scene, and are compared with
+            those of others only.
+        allow_known : bool
+            Put plans in spite of conflicts that the objects they replace had before: with the same objects, at least
+            as long and as severe.
+        lock_timeout_s : float, optional
+            Longest wait for another admission, seconds; then `LockTimeout` is raised. By default the wait is that for
+            any other lock.
+
+        Raises
+        ------
+        InvalidInput
+            The scene does not exist, its plane cannot contain a plan, or a key belongs to another owner.
+        LockTimeout
+            Another admission did not end in time.
+        """
+        plans = _plans("admit", plan)
+        if owner is not None and (not isinstance(owner, str) or not owner):
+            raise InvalidInput("admit", "owner", f"must be a non-empty string, or absent; got {owner!r:.60}")
+        if lock_timeout_s is not None:
+            inputs.seconds("admit", "lock_timeout_s", lock_timeout_s)
+        # Imported here: the stages are slow to import.
+        from conflictdb.db import admission
+
+        return admission.admit(
+            self.connection, self.name, plans, owner, allow_known=allow_known, lock_timeout_s=lock_timeout_s
+        )
 
     def delays(
         self,
@@ -767,18 +831,18 @@ def _selection(
     return store.Selection(when["at"], key, start, end, when["since"], chosen, acknowledged)
 
 
-def _plans(given: Any) -> list[Area | Track]:
+def _plans(who: str, given: Any) -> list[Area | Track]:
     """Return a plan, or several, as a list; raises InvalidInput for anything else, and for keys that occur twice."""
     plans = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
     seen: set[str] = set()
     for plan in plans:
         if not isinstance(plan, Area | Track):
-            raise InvalidInput("probe", "plan", f"must be an Area or a Track, or several; got {type(plan).__name__}")
+            raise InvalidInput(who, "plan", f"must be an Area or a Track, or several; got {type(plan).__name__}")
         if plan.key in seen:
             raise InvalidInput(f"plan {plan.key!r}", "key", "occurs more than once: keys must be unique")
         seen.add(plan.key)
     if not plans:
-        raise InvalidInput("probe", "plan", "must be an Area or a Track, or several; got none")
+        raise InvalidInput(who, "plan", "must be an Area or a Track, or several; got none")
     return plans
 
 

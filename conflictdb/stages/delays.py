@@ -6,7 +6,7 @@ intervals reach T further at both ends. Outer intervals contain all forbidden de
 ones only.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final, Self
 
@@ -111,6 +111,8 @@ class Differences:
     def blocking(self, least: int, most: int) -> _Ints:
         """Return the numbers of the objects that forbid every change from least to most."""
         first, last = self.low <= least, self.high >= most
+        if not (first.any() and last.any()):
+            return np.empty(0, np.int64)
         found = np.unique(self.other[first & last])
         # Several rows together may.
         others = np.setdiff1d(np.intersect1d(self.other[first], self.other[last]), found)
@@ -298,12 +300,12 @@ def delays_of(key: str, keys: Mapping[int, str], found: Differences, horizon_us:
     found : the differences of this track alone, perhaps none
     leeway : of this track
     """
-    outer, _ = found.forbidden(-horizon_us, horizon_us)
+    outer, inner = found.forbidden(-horizon_us, horizon_us)
     return Delays(
         key,
         tuple(
             Forbidden(low / 1e6, high / 1e6, from_error / 1e6, to_error / 1e6, is_proven, by)
-            for low, high, from_error, to_error, is_proven, by in forbidden_by(keys, found, -horizon_us, horizon_us)
+            for low, high, from_error, to_error, is_proven, by in forbidden_by(keys, found, outer, inner)
         ),
         _seconds(least_later(outer, 0, leeway.last_us)),
         _seconds(least_later(Spans(-outer.high[::-1], -outer.low[::-1]), 0, -leeway.first_us)),
@@ -316,18 +318,17 @@ def delays_of(key: str, keys: Mapping[int, str], found: Differences, horizon_us:
 
 
 def forbidden_by(
-    keys: Mapping[int, str], found: Differences, least: int, most: int
+    keys: Mapping[int, str], found: Differences, outer: Spans, inner: Spans
 ) -> Iterator[tuple[int, int, int, int, bool, tuple[str, ...]]]:
-    """Yield the intervals that are forbidden to a track.
+    """Yield the intervals that are forbidden to a track, of its `Differences.forbidden`.
 
     Each with both ends, how far outside of what is proven each end lies, whether all between these is proven, and the
     keys of the objects that forbid it.
     """
-    outer, inner = found.forbidden(least, most)
     first = np.searchsorted(inner.low, outer.low)
     last = np.searchsorted(inner.low, outer.high, side="right")
     for k, (low, high) in enumerate(zip(outer.low.tolist(), outer.high.tolist(), strict=True)):
-        by = np.unique(found.other[(found.low <= high) & (found.high >= low)]).tolist()
+        by = set(found.other[(found.low <= high) & (found.high >= low)].tolist())
         parts = range(int(first[k]), int(last[k]))
         begins, ends = (int(inner.low[parts[0]]), int(inner.high[parts[-1]])) if parts else (high, low)
         yield low, high, begins - low, high - ends, len(parts) == 1, sorted_keys(keys, by)
@@ -347,7 +348,7 @@ def _seconds(us: int | None) -> float | None:
     return None if us is None else us / 1e6
 
 
-def sorted_keys(keys: Mapping[int, str], numbers: list[int]) -> tuple[str, ...]:
+def sorted_keys(keys: Mapping[int, str], numbers: Iterable[int]) -> tuple[str, ...]:
     """Return the keys of objects in order."""
     return tuple(sorted((keys[number] for number in numbers), key=str.encode))
 

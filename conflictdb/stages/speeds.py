@@ -83,11 +83,11 @@ def speeds_of(
 ) -> Speeds:
     """Return the speeds of a track; found: those of this track alone."""
     least, most = int(np.ceil(slowest * UNIT)), int(np.floor(fastest * UNIT))
+    outer, inner = found.forbidden(least, most)
     forbidden = tuple(
         ForbiddenSpeeds(low / UNIT, high / UNIT, from_error / UNIT, to_error / UNIT, is_proven, by)
-        for low, high, from_error, to_error, is_proven, by in delays.forbidden_by(keys, found, least, most)
+        for low, high, from_error, to_error, is_proven, by in delays.forbidden_by(keys, found, outer, inner)
     )
-    outer, _ = found.forbidden(least, most)
     faster = delays.least_later(outer, UNIT, most)
     slower = delays.least_later(Spans(-outer.high[::-1], -outer.low[::-1]), -UNIT, -least)
     blocked_by = delays.sorted_keys(keys, found.blocking(least, most).tolist())

@@ -47,6 +47,11 @@ TABLE acknowledgement (
     given_name text
 );
 
+TABLE admission_lock (
+    scene_id bigint NOT NULL,
+    taken bigint NOT NULL
+);
+
 TABLE alembic_version (
     version_num character varying(32) NOT NULL
 );
@@ -549,6 +554,7 @@ CONSTRAINT acknowledgement_given_name_valid ON acknowledgement: CHECK (((btrim(g
 CONSTRAINT acknowledgement_pkey ON acknowledgement: PRIMARY KEY (acknowledgement_id);
 CONSTRAINT acknowledgement_reason_given ON acknowledgement: CHECK ((btrim(reason) <> ''::text));
 CONSTRAINT acknowledgement_scene_fkey ON acknowledgement: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT admission_lock_pkey ON admission_lock: PRIMARY KEY (scene_id);
 CONSTRAINT alembic_version_pkc ON alembic_version: PRIMARY KEY (version_num);
 CONSTRAINT area_area_id_in_range ON area: CHECK (((area_id >= 1) AND (area_id <= '4611686018427387903'::bigint)));
 CONSTRAINT area_ceiling_above_floor ON area: CHECK ((ceiling_m > floor_m));
@@ -654,6 +660,7 @@ CONSTRAINT track_track_id_in_range ON track: CHECK (((track_id >= 1) AND (track_
 
 CREATE UNIQUE INDEX acknowledgement_conflict_id_btree ON conflictdb.acknowledgement USING btree (conflict_id) WHERE (ended_at IS NULL);
 CREATE INDEX acknowledgement_scene_id_btree ON conflictdb.acknowledgement USING btree (scene_id);
+CREATE INDEX area_scene_id_owner_btree ON conflictdb.area USING btree (scene_id, owner) WHERE (owner IS NOT NULL);
 CREATE INDEX attached_object_object_btree ON conflictdb.attached_object USING btree (attachment_id, object_id);
 CREATE INDEX attached_object_reason_btree ON conflictdb.attached_object USING btree (attachment_id) WHERE (reason IS NOT NULL);
 CREATE INDEX attachment_scene_id_btree ON conflictdb.attachment USING btree (scene_id);
@@ -667,6 +674,7 @@ CREATE INDEX difference_scene_id_track_btree ON conflictdb.difference USING btre
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
 CREATE INDEX probe_request_scene_btree ON conflictdb.probe_request USING btree (scene_id, answered_at);
+CREATE INDEX track_scene_id_owner_btree ON conflictdb.track USING btree (scene_id, owner) WHERE (owner IS NOT NULL);
 
 CREATE TRIGGER area_before BEFORE INSERT OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _area_before() -- always;
 CREATE TRIGGER area_deleted AFTER DELETE ON conflictdb.area REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
@@ -700,6 +708,9 @@ FUNCTION _add_scene_lock(p_scene_id bigint)
 
 FUNCTION _add_staged(p_scene_id bigint, p_first_page bigint, OUT added bigint, OUT next_page bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
+
+FUNCTION _admission_holders(p_scene_id bigint)
+    RETURNS TABLE(pid integer, application text, role text, since timestamp with time zone) LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _after_attachment_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
@@ -781,6 +792,9 @@ FUNCTION _before_probe_request()
 
 FUNCTION _before_scene_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _begin_admission(p_scene text, p_wait_s double precision, OUT scene_id bigint, OUT settings jsonb)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _begin_attached()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET client_min_messages=warning;
@@ -1124,6 +1138,9 @@ FUNCTION _leg_with_heading(p_path geometry, p_leg integer, p_motion text, p_eart
 FUNCTION _legs(p_path geometry, p_earth text, OUT leg integer, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone, OUT lon_deg double precision, OUT lon_step_deg double precision, OUT mu double precision, OUT mu_step double precision, OUT bearing_deg double precision)
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
+FUNCTION _lies_near(p_shape geometry, p_reach_m double precision, p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[])
+    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _lift_limits(p_lock_timeout_s double precision)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1214,6 +1231,9 @@ FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_firs
 FUNCTION _object_number(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _objects_near(p_scene_id bigint, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[], p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[])
+    RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
+
 FUNCTION _off_the_pole(p_part geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
@@ -1292,6 +1312,9 @@ FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint)
 FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
     RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
+FUNCTION _put_plans(p_scene text, p_removed text[], p_plans jsonb)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _put_scene(p_name text, p_settings jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1327,6 +1350,9 @@ FUNCTION _refuse_truncate()
 
 FUNCTION _register_attachment(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval)
     RETURNS attachment LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _replaced_objects(p_scene_id bigint, p_keys text[], p_owner text)
+    RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _request_probe(p_scene text, p_key text, p_kind integer, p_footprint bytea, p_start_us bigint, p_end_us bigint, p_path bytea, p_outline bytea, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;

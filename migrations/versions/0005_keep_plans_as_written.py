@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "a6786d438353e7760894ad83a87aec38811beeb0ea25449755994e390be8b381"
+routines_sha256 = "aa86769a0102396cad049b8dd94f8c552111ecc041b1772be2399848d8fad9c2"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -25,6 +25,16 @@ BEGIN
     END IF;
 END
 $$;
+"""
+
+# One admission of a scene at a time. Not `scene_lock`, which detections hold for as long as they take.
+ADMISSIONS = """
+CREATE TABLE IF NOT EXISTS conflictdb.admission_lock (
+    scene_id bigint NOT NULL CONSTRAINT admission_lock_pkey PRIMARY KEY,
+    taken bigint NOT NULL
+);
+CREATE INDEX IF NOT EXISTS area_scene_id_owner_btree ON conflictdb.area (scene_id, owner) WHERE owner IS NOT NULL;
+CREATE INDEX IF NOT EXISTS track_scene_id_owner_btree ON conflictdb.track (scene_id, owner) WHERE owner IS NOT NULL;
 """
 
 
@@ -45,10 +55,7 @@ ALTER TABLE conflictdb.scene
 
 
 def upgrade() -> None:
-    for statement in (
-        CLASSES,
-        ACTIVATIONS,
-    ):
+    for statement in (CLASSES, ADMISSIONS, ACTIVATIONS):
         op.execute(statement)
 
 

@@ -5,9 +5,9 @@ with independent formulas for positions. Methods have their table in `conflictdb
 in `sources`, write-backs in `stores`.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -129,7 +129,7 @@ class CircleOracle:
         return oracle_circle.Chart.at(*self.centre)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class MotionRow:
     """A motion, and all facts about it that the tests need.
 
@@ -239,38 +239,56 @@ every_motion = pytest.mark.parametrize("row", MOTIONS.values(), ids=list(MOTIONS
 
 def for_every_motion(
     *strategies: Callable[[MotionRow], st.SearchStrategy[Any]],
-    fixed: Callable[[MotionRow], Iterator[tuple[Any, ...]]] = lambda row: iter(()),
+    fixed: Callable[[MotionRow], Sequence[tuple[Any, ...]]] | None = None,
 ) -> Callable[[Callable[..., None]], Any]:
     """Make a test of a property: run it for every motion, on examples drawn by the motion's strategies.
 
-    fixed : examples that are tested before those. The sweep (marked slow) draws more.
+    fixed : examples that are tested before those; these tests share what they draw. The sweep (marked slow) draws more.
     """
 
     def tested(holds: Callable[..., None]) -> Any:
         @pytest.mark.parametrize("count", [QUICK, pytest.param(MANY, marks=pytest.mark.slow)], ids=["", "many"])
         @every_motion
         def test(row: MotionRow, count: int) -> None:
-            for one in fixed(row):
+            for one in fixed(row) if fixed else ():
                 holds(row, *one)
-
-            def example(drawn: tuple[Any, ...]) -> None:
-                holds(row, *drawn)
-
-            once = given(st.tuples(*(strategy(row) for strategy in strategies)))(example)
-            # The same examples in every run; the sweep draws others each time, unless CI gives a seed.
-            fixed_draws = count == QUICK
-            settings(
-                max_examples=count,
-                deadline=None,
-                derandomize=fixed_draws,
-                database=None,
-                suppress_health_check=[HealthCheck.too_slow],
-            )(once)()
+            if fixed and count == QUICK:
+                for one in _shared(row, strategies):
+                    holds(row, *one)
+            else:
+                _draw(row, strategies, count, lambda drawn: holds(row, *drawn))
 
         test.__name__, test.__doc__, test.__module__ = holds.__name__, holds.__doc__, holds.__module__
         return test
 
     return tested
+
+
+Strategies = tuple[Callable[[MotionRow], st.SearchStrategy[Any]], ...]
+
+
+def _draw(row: MotionRow, strategies: Strategies, count: int, example: Callable[[tuple[Any, ...]], None]) -> None:
+    """Test examples: the same few in every run; the sweep draws others each time, unless a seed is given."""
+    once = given(st.tuples(*(strategy(row) for strategy in strategies)))(example)
+    settings(
+        max_examples=count,
+        deadline=None,
+        derandomize=count < MANY,
+        database=None,
+        suppress_health_check=[HealthCheck.too_slow],
+    )(once)()
+
+
+@cache
+def _shared(row: MotionRow, strategies: Strategies) -> list[tuple[Any, ...]]:
+    """Return examples for several properties: drawing one, and moving it, takes longer than most properties."""
+    found: list[tuple[Any, ...]] = []
+
+    def example(drawn: tuple[Any, ...]) -> None:
+        found.append(drawn)
+
+    _draw(row, strategies, 2 * QUICK, example)
+    return found
 
 
 def near(place: Place, other: Place) -> Place:
@@ -491,8 +509,13 @@ def whole_leg(row: MotionRow, track: Track) -> Moving:
     return Moving(row, track, pieces, 0, 0.0, (track.times_us[1] - track.times_us[0]) / 1e6)
 
 
-def extremes(row: MotionRow) -> Iterator[tuple[Moving]]:
+@cache
+def extremes(row: MotionRow) -> list[tuple[Moving]]:
     """Whole legs: ordinary ones, and those at the limits of validity."""
+    return [(haven,) for haven in _extremes(row)]
+
+
+def _extremes(row: MotionRow) -> Iterator[Moving]:
     hours, ever = 36_000_000_000, MAX_INSTANT_US - MIN_INSTANT_US
     (lon, lat), (rim_lon, rim_lat) = row.home, row.rim
     on, back = (lon + 5.0, lat - 3.0), (0.7 * lon + 0.3 * rim_lon, 0.7 * lat + 0.3 * rim_lat)
@@ -521,10 +544,10 @@ def extremes(row: MotionRow) -> Iterator[tuple[Moving]]:
             speed = share * grown_m / (duration_us / 1e6)  # noqa: B023
             return Track("T", np.array([start, end]), times_us, share * outline, grow_mps=speed, max_speed_kn=np.inf)  # noqa: B023
 
-        yield (whole_leg(row, within_limits(row, sized, to_the_limit=True)),)
+        yield whole_leg(row, within_limits(row, sized, to_the_limit=True))
     if row.has_seam:
         # Over the seam by the last digit of a longitude, which a difference of both rounds away.
         for start_deg in (-180.0, 180.0):
             places = np.array([(start_deg, 57.0), (-np.nextafter(start_deg, 0.0), 57.0)])
             box = rectangle_outline_m(1.0, 1.0, 1.0, 1.0)
-            yield (whole_leg(row, Track("T", places, np.array([T0_US, T0_US + 1]), box, max_speed_kn=np.inf)),)
+            yield whole_leg(row, Track("T", places, np.array([T0_US, T0_US + 1]), box, max_speed_kn=np.inf))

@@ -93,7 +93,10 @@ def member(opened: Opened, pieces: Pieces, row: int) -> Member:
 @every_source
 @every_scene
 def test_stages_1_and_2_find_what_brute_force_finds(dsn: str, open_source: Open, objects: Objects) -> None:
-    """No candidate is missing, and all hulls that meet are found, each pair once; with regions where a member moves."""
+    """No candidate is missing, and all hulls that meet are found, each pair once; with regions where a member moves.
+
+    Pieces come by kind, key, part and turn: of contacts that begin together every source reports the same one first.
+    """
     pieces, keys, must, may = brute_force(objects)
     hulls = hulls_of(pieces)
     columns = (pieces.kind, keys, pieces.part, pieces.turn)
@@ -102,11 +105,15 @@ def test_stages_1_and_2_find_what_brute_force_finds(dsn: str, open_source: Open,
     shared = shapely.area(shapely.intersection(hulls[must[0]], hulls[must[1]]))
     surely = {frozenset((named[a], named[b])) for a, b in must[:, shared > ROUNDING_M].T}
     perhaps = {frozenset((named[a], named[b])) for a, b in may[:, apart <= ROUNDING_M].T}
-    for regions in (True, False):
-        with open_source(dsn, *objects) as opened:
-            chunks = list(opened.source.candidates())
-            count = sum(len(one.a) if one.candidate_pairs is None else one.candidate_pairs for one in chunks)
-            assert must.shape[1] <= count <= may.shape[1]
+    with open_source(dsn, *objects) as opened:
+        chunks = list(opened.source.candidates())
+        count = sum(len(one.a) if one.candidate_pairs is None else one.candidate_pairs for one in chunks)
+        assert must.shape[1] <= count <= may.shape[1]
+        for pieces, *_ in chunks:
+            names = [member(opened, pieces, row) for row in range(len(pieces))]
+            order = [(kind, key.encode(), part, -turn) for kind, key, part, turn in names]
+            assert order == sorted(order)
+        for regions in (True, False):
             found, of_objects = [], []
             for some, *candidates in (chunk[:3] for chunk in chunks):
                 pairs = intersections(some, *candidates, regions=regions)
@@ -163,17 +170,6 @@ def test_the_same_scene_has_the_same_rows_from_every_source(dsn: str, open_sourc
     assert found.keys() == expected.keys()
     for pair, row in found.items():
         np.testing.assert_equal(row, expected[pair], err_msg=str(pair))
-
-
-@every_source
-@every_scene
-def test_pieces_come_in_the_order_of_their_objects(dsn: str, open_source: Open, objects: Objects) -> None:
-    """By kind, key, part and turn: of contacts that begin together every source reports the same one as the first."""
-    with open_source(dsn, *objects) as opened:
-        for pieces, *_ in opened.source.candidates():
-            names = [member(opened, pieces, row) for row in range(len(pieces))]
-            order = [(kind, key.encode(), part, -turn) for kind, key, part, turn in names]
-            assert order == sorted(order)
 
 
 @every_source

@@ -295,5 +295,4 @@ def test_the_command_answers_where_there_is_nothing(run: Run, dsn: str) -> None:
     assert (done.code, done.out) == (0, "empty: the scene holds no objects: there is nothing to detect.\n")
     assert json.loads(run("advise", "--scene", "empty", "--format", "json").out)["estimates"] == []
     assert run("advise", "--scene", "nowhere").code == 4
-    for wrong in (("advise", "--scene", "s", "--sample", "0"), ("advise", "--scene", "s", "--seed", "-1")):
-        assert run(*wrong).code == 2
+    assert run("advise", "--scene", "s", "--sample", "0").code == 2

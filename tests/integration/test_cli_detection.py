@@ -283,7 +283,7 @@ def test_the_scene_is_that_of_the_environment_or_the_last_or_only_one(
     assert run("explain", "FERRY", "TOW").err == "conflictdb: scene 'strait' (the last one used)\n"
     monkeypatch.setenv("CONFLICTDB_SCENE", "other")
     assert "conflictdb: scene 'other' (CONFLICTDB_SCENE)\n" in run("detect").err
-    monkeypatch.delenv("CONFLICTDB_SCENE")
+    monkeypatch.setenv("CONFLICTDB_SCENE", "")
     assert run("report", tmp_path / "r.xyz").err.startswith("conflictdb: scene 'strait' (the last one used)\n")
 
 

@@ -340,6 +340,8 @@ def test_files_of_others_are_loaded_with_hints(run: Run, tmp_path: Path) -> None
     unzoned = run("load", tmp_path / "tug.csv", *hints[:2], *hints[4:])
     assert unzoned.code == 4
     assert unzoned.err.startswith("conflictdb: times lack an offset: --time-zone ZONE says where they are local")
+    misspelt = run("load", tmp_path / "tug.csv", "--scene", "s", "--map", "id=ship,tiem=when")
+    assert (misspelt.code, "tiem: is not a field; did you mean time?" in misspelt.err) == (4, True)
     for wrong in (("--map", "id"), ("--time-zone", "Mars"), ("--haven", "1,2")):
         assert run("load", tmp_path / "tug.csv", *wrong).code == 2
     assert run("detect", "--scene", "s", "--haven", "1,2,3,4").code == 2

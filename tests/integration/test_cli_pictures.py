@@ -80,11 +80,16 @@ def test_what_is_not_complete_says_so_in_the_picture_too(run: Run, dsn: str, tmp
 
 
 def test_a_report_names_objects_and_says_who_acknowledged(run: Run, dsn: str, tmp_path: Path) -> None:
-    """When, until when and why; without an acknowledgement there is no such section."""
+    """When, until when and why; without an acknowledgement there is no such section. It tells of the last run."""
     path = tmp_path / "x.html"
-    run("report", "--scene", "strait", str(path))
-    assert "<td>FIRING (Firing practice)</td><td>FERRY (Ferry)</td>" in path.read_text()
-    assert "Acknowledged" not in path.read_text()
+    assert run("report", "--scene", "strait", str(path)).code == 0
+    page = path.read_text()
+    assert "Run 1, " in page
+    assert "whose boxes meet (stage 1)" in page
+    assert "<td>TOW must leave 11 min 18 s later or 7 min 59 s earlier to clear FERRY</td>" in page
+    assert "PostgreSQL " in page
+    assert "<td>FIRING (Firing practice)</td><td>FERRY (Ferry)</td>" in page
+    assert "Acknowledged" not in page
     reason = ("--reason", "seen <by> me", "--by", "Ada", "--until", "2100-01-01T00:00Z")
     assert run("acknowledge", "--scene", "strait", "FIRING", "FERRY", *reason).code == 0
     assert run("report", "--scene", "strait", str(path)).code == 0
@@ -100,15 +105,6 @@ def test_a_report_names_objects_and_says_who_acknowledged(run: Run, dsn: str, tm
     assert row.startswith(f"<td>FIRING (Firing practice)</td><td>FERRY (Ferry)</td><td>{one.acknowledged_by}</td>")
     assert "Ada" in one.acknowledged_by
     assert f"<td>{at}</td><td>2100-01-01 00:00:00</td><td>seen &lt;by&gt; me</td>" in row
-
-
-def test_a_report_tells_of_the_last_run(run: Run, tmp_path: Path) -> None:
-    assert run("report", "--scene", "strait", str(tmp_path / "x.html")).code == 0
-    page = (tmp_path / "x.html").read_text()
-    assert "Run 1, " in page
-    assert "whose boxes meet (stage 1)" in page
-    assert "<td>TOW must leave 11 min 18 s later or 7 min 59 s earlier to clear FERRY</td>" in page
-    assert "PostgreSQL " in page
 
 
 def test_conflicts_of_a_database_draw_themselves(run: Run, dsn: str) -> None:

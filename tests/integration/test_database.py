@@ -292,26 +292,27 @@ def test_solving_in_memory_gives_what_the_database_gives(dsn: str, tmp_path: Pat
     assert [(one["scene"], one["is_current"]) for one in told["scenes"]] == [("strait", True)]
 
 
-@settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
-)
-@given(scenes(STORABLE_INSTANT, 60.0))
-def test_any_scene_comes_back_from_the_database_as_it_was(
-    dsn: str, tmp_path: Path, content: tuple[Scene, list[Area], list[Track]]
-) -> None:
+@pytest.mark.parametrize("count", [12, pytest.param(200, marks=pytest.mark.slow)])
+def test_any_scene_comes_back_from_the_database_as_it_was(dsn: str, tmp_path: Path, count: int) -> None:
     path = tmp_path / "scene.geojson"
-    path.write_text("".join(scene_text(*content)))
-    with conflictdb.connect(dsn) as db:
-        loaded = db.load_files([path], replace=True, max_speed_kn=math.inf)[0]  # random ones have no reason
-        assert loaded.scene == content[0].name
-        db.scene(loaded.scene).export(path)
-        assert db.load_files([path], replace=True, max_speed_kn=math.inf)[0].counts == LoadCounts(
-            0, 0, 0, len(content[1]) + len(content[2])
-        )
-    scene, areas, tracks, _ = conflictdb.read(path, max_speed_kn=math.inf)
-    assert scene == content[0]
-    for one, other in zip([*content[1], *content[2]], [*areas, *tracks], strict=True):
-        assert_same(one, other)
+
+    @settings(max_examples=count, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+    @given(scenes(STORABLE_INSTANT, 60.0))
+    def comes_back(content: tuple[Scene, list[Area], list[Track]]) -> None:
+        path.write_text("".join(scene_text(*content)))
+        with conflictdb.connect(dsn) as db:
+            loaded = db.load_files([path], replace=True, max_speed_kn=math.inf)[0]  # random ones have no reason
+            assert loaded.scene == content[0].name
+            db.scene(loaded.scene).export(path)
+            assert db.load_files([path], replace=True, max_speed_kn=math.inf)[0].counts == LoadCounts(
+                0, 0, 0, len(content[1]) + len(content[2])
+            )
+        scene, areas, tracks, _ = conflictdb.read(path, max_speed_kn=math.inf)
+        assert scene == content[0]
+        for one, other in zip([*content[1], *content[2]], [*areas, *tracks], strict=True):
+            assert_same(one, other)
+
+    comes_back()
 
 
 def test_objects_of_1970_come_back_from_the_database(dsn: str, tmp_path: Path) -> None:

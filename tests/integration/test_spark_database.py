@@ -90,7 +90,6 @@ def test_a_scene_goes_through_spark_and_back(networked: Networked, run: Run, tmp
     for name, path in exported.items():
         assert run("export", "--scene", name, path).code == 0
     ways = [
-        ("strait", networked.owner, ["--input", str(exported["strait"])]),
         ("strait", networked.reader, ["--scene", "strait"]),
         ("strait", networked.owner, ["--scene", "strait"]),  # over a socket, which Java does not know
         ("circles", networked.reader, ["--scene", "circles"]),

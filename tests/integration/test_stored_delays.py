@@ -63,7 +63,7 @@ def waits_first(name: str, one: Track) -> Track:
 @pytest.mark.parametrize("separation_m", [0.0, 5000.0])
 def test_a_lookup_is_the_computation_to_the_bit(dsn: str, workload: Workload, separation_m: float) -> None:
     """In Python, in SQL and in memory, for each track alone and all together, for each horizon and `now`."""
-    scene, areas, tracks = throw(workload, 3, 8, 12, separation_m=separation_m)
+    scene, areas, tracks = throw(workload, 3, 6, 7, separation_m=separation_m)
     scene = replace(
         scene, delays_within_s=600.0 if workload is HARBOUR else WITHIN_S, time_separation_s=separation_m / 50
     )
@@ -131,12 +131,14 @@ def edit(conn: Conn, rng: np.random.Generator, scene: Scene, spare: list[Track |
 
 
 @pytest.mark.parametrize(
-    "workload", [EQUATOR, pytest.param(GROWING_CIRCLES, marks=pytest.mark.slow)], ids=lambda one: one.name
+    ("workload", "edits"),
+    [(EQUATOR, 35), *(pytest.param(one, 100, marks=pytest.mark.slow) for one in (EQUATOR, GROWING_CIRCLES))],
+    ids=lambda one: one.name if isinstance(one, Workload) else str(one),
 )
 def test_after_random_edits_the_rows_are_those_of_a_full_computation(
-    dsn: str, workload: Workload, monkeypatch: pytest.MonkeyPatch
+    dsn: str, workload: Workload, edits: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """100 edits by a role that may only edit, detected one by one or several together, in batches of any size."""
+    """Edits by a role that may only edit, detected one by one or several together, in batches of any size."""
     rng = np.random.default_rng(7)
     scene, areas, tracks = throw(workload, 5, 18, 24, separation_m=1000.0)
     scene = replace(scene, delays_within_s=WITHIN_S)
@@ -146,7 +148,7 @@ def test_after_random_edits_the_rows_are_those_of_a_full_computation(
     with connect(dsn) as db:
         known = stored(db, scene, areas, tracks)
         with Colleague(db.connection, dsn) as conn:
-            for number in range(100):
+            for number in range(edits):
                 done.append(edit(conn, rng, scene, spare))
                 if rng.uniform() < 0.6:
                     monkeypatch.setattr(difference_rows, "_FIRST_OBJECTS", int(rng.integers(1, 9)))

@@ -34,7 +34,7 @@ NOT_READ = "valid_from look like times and are not read"
 FILES = {
     "empty.geojson": "the file ends too early",
     "empty.csv": "column id: is missing",
-    "empty.gpx": "cannot be read by OGR",
+    "empty.gpx": "no element found",
     "empty.gpkg": "cannot be read by OGR",
     "empty.parquet": "cannot be read as Parquet",
     "system.geojson": r"latitude must lie within \+-90 degrees",

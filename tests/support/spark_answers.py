@@ -4,7 +4,7 @@
 
 reads requests, one JSON object a line, and answers each with a line. `master`, `directory` run every `*.job` of a
 directory, a pickled Job, in a Spark session, and write the conflicts of each into the same directory. `commands` are
-run, and the answer is their exit codes and output; they share one session, which begins at the first command. With
+run, and the answer is their exit codes and output; they share one session, also with jobs of its master. With
 `is_alone` they have a session of their own. With `kills_worker` the first Python worker that appears is killed
 meanwhile.
 """
@@ -20,7 +20,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr
+from contextlib import contextmanager, nullcontext, redirect_stderr
 from dataclasses import dataclass
 from functools import cache
 from io import StringIO
@@ -194,7 +194,6 @@ def _answer(
     kills_worker: bool = False,
 ) -> dict[str, object]:
     if directory:
-        _stop()
         _take(Path(directory), master)
         return {}
     if is_alone:
@@ -214,12 +213,19 @@ def _answer(
 
 def _run(command: Sequence[str]) -> tuple[int, str]:
     """Run a command, and keep its session for the next."""
-    from pyspark.sql import SparkSession
-
     from conflictdb.cli import main
 
-    with patch.object(SparkSession, "stop"), redirect_stderr(StringIO()) as errors:
+    with _kept(), redirect_stderr(StringIO()) as errors:
         return main([*command, "--master", _MASTER]), errors.getvalue()
+
+
+@contextmanager
+def _kept() -> Iterator[None]:
+    """Keep the session that begins in the block."""
+    from pyspark.sql import SparkSession
+
+    with patch.object(SparkSession, "stop"):
+        yield
 
 
 def _stop() -> None:
@@ -235,8 +241,11 @@ def _cache() -> Path:
 
 
 def _take(directory: Path, master: str) -> None:
-    """Take the jobs of a directory through a session."""
-    with engine.session(master, _cache(), os.environ, is_quiet=False) as spark:
+    """Take the jobs of a directory through a session: that of commands, or one of another master."""
+    if master != _MASTER:
+        _stop()
+    keeps = _kept() if master == _MASTER else nullcontext()
+    with keeps, engine.session(master, _cache(), os.environ, is_quiet=False) as spark:
         from conflictdb.spark.files import read_objects, write_conflicts
         from conflictdb.spark.on_cluster import detect_on_spark
 

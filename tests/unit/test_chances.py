@@ -116,7 +116,7 @@ def test_an_unknown_track_is_refused() -> None:
 def test_200_pairs_are_as_often_in_conflict_as_computed() -> None:
     """Monte Carlo by `solve`: each pair, each track, and the number of conflicts, within four standard errors."""
     scene, areas, tracks = throw(LOW_LATITUDE, 4, 10, 40, tolerance_m=1.0)
-    rng, runs = np.random.default_rng(0), 250
+    rng, runs = np.random.default_rng(0), 120
     kinds: list[Any] = [stats.norm(0.0, 1800.0), stats.uniform(-3600.0, 7200.0), rng.normal(0.0, 3000.0, 50)]
     departures = {one.key: kinds[k % 3] for k, one in enumerate(tracks)}
     found = chances(tracks, areas, scene, departures)

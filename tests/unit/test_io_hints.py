@@ -41,6 +41,14 @@ def test_dates_of_the_danish_archive_are_day_first_and_the_file_says_so(tmp_path
         read(american)
 
 
+@pytest.mark.parametrize(("field", "meant"), [("strat", "did you mean start"), ("xyzzy", "fields are .*, start, ")])
+def test_a_column_is_mapped_to_a_field(tmp_path: Path, field: str, meant: str) -> None:
+    """Else it would be kept as a property, and the area would be closed at all times."""
+    path = closed(tmp_path / "a.geojson", opens="2026-06-01T09:00Z")
+    with pytest.raises(InvalidInput, match=f"{field}: is not a field; {meant}"):
+        read(path, hints=FileHints({field: "opens"}))
+
+
 def test_times_without_offset_are_in_the_zone(tmp_path: Path) -> None:
     path = file(tmp_path / "t.csv", "key,time,lon,lat\nT,2026-06-01T09:00,9,57\nT,2026-06-01T10:00:00Z,9.1,57\n")
     with pytest.raises(InvalidInput, match="offset"):

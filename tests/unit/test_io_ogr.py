@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,7 @@ def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
     contents = formats.read(path)
     assert [area.start_us for area in contents.areas] == [None, None]
     (remark,) = contents.remarks
-    rule = "valid_from, day, activeUntil look like times and are not read; rename what is meant as these"
+    rule = "valid_from, day, activeUntil look like times and are not read; rename or map what is meant as these"
     assert remark.text == f"2 areas without start or end: {rule}"
     known = {"start": HOURS[:1], "revised": HOURS[:1], "end": HOURS[1:2]}
     assert list(formats.read(write_layer(tmp_path / "known.gpkg", [SQUARE], **known)).remarks) == []
@@ -70,15 +71,26 @@ GX_TRACK = """<gx:Track><when>2026-06-01T08:00:00Z</when><when>2026-06-01T09:00:
 
 
 @pytest.mark.parametrize("track", [GX_TRACK, f"<gx:MultiTrack>{GX_TRACK}</gx:MultiTrack>"])
-def test_a_track_of_kml_is_refused_with_the_reason(tmp_path: Path, track: str) -> None:
-    """Its times get lost on the way; all other objects are read if it is left out."""
+def test_a_track_of_kml_is_read_with_its_times(tmp_path: Path, track: str) -> None:
+    """Also from a KMZ; a line with a begin and an end for all of it is refused, as it says no time of each point."""
     path = tmp_path / "plan.kml"
     path.write_text(KML.format(track))
-    with pytest.raises(InvalidInput, match=r"times: are missing: .* as a gx:Track has"):
+    contents = formats.read(path)
+    (found,) = contents.tracks
+    assert (len(contents.areas), contents.skipped) == (1, [])
+    assert found.positions_deg.tolist() == [[9.0, 57.0], [9.5, 57.2]]
+    assert (found.times_us[1] - found.times_us[0]) == 3600 * 1_000_000
+    with zipfile.ZipFile(tmp_path / "plan.kmz", "w") as archive:
+        archive.write(path, "doc.kml")
+    assert formats.read(tmp_path / "plan.kmz").tracks[0].times_us.tolist() == found.times_us.tolist()
+    line = "<LineString><coordinates>9,57 9.5,57.2</coordinates></LineString>"
+    span = "<TimeSpan><begin>2026-06-01T08:00:00Z</begin><end>2026-06-01T09:00:00Z</end></TimeSpan>"
+    path.write_text(KML.format(span + line))
+    with pytest.raises(InvalidInput, match=r"times: are missing: a line with a begin and an end says no time of each"):
         formats.read(path)
-    contents = formats.read(path, skip_invalid=True)
-    assert (len(contents.areas), contents.tracks) == (1, [])
-    assert [one.is_refused for one in contents.skipped] == [True]
+    path.write_text(KML.format(track.replace("<when>2026-06-01T09:00:00Z</when>", "")))
+    with pytest.raises(InvalidInput, match=r"gx:Track 1 in line \d+: when: must have as many of when and gx:coord"):
+        formats.read(path)
     path.write_text(KML.format("<LineString><coordinates>9,57 9.4,57</coordinates></LineString>"))
     assert [one.reason for one in formats.read(path).skipped] == [
         "1 features are LineStrings, without times: no tracks (1)"

@@ -1,4 +1,4 @@
-"""Routes in RTZ: what each field becomes, and one message a mistake.
+"""Routes in RTZ, S-421 and GPX: what each field becomes, and one message a mistake.
 
 The files are made here, after the public schemas. `docs/how-to/plan-with-routes-of-an-ecdis.md` says which public files
 were read, with what result.
@@ -183,3 +183,104 @@ def test_a_mistake_has_one_message_that_names_it(mistake: str, tmp_path: Path) -
     with pytest.raises(InvalidInput, match=rule) as refused:
         track(tmp_path, text, None if "schedule" in text else STARTED)
     assert str(refused.value).count("\n") == 0
+
+
+def s421(*, namespace: str = "S421/gml/1.0", kind: str = "2", limit: str = "500", times: str = "") -> str:
+    def point(number: int, lat: float, lon: float, leg: str = "") -> str:
+        return (
+            f'<member><S421:routeWaypoint gml:id="W{number}"><geometry><S100:pointProperty>'
+            f'<S100:Point gml:id="P{number}">'
+            f"<gml:pos>{lat} {lon}</gml:pos></S100:Point></S100:pointProperty></geometry>"
+            f"<routeWaypointID>{number}</routeWaypointID>{leg}</S421:routeWaypoint></member>"
+        )
+
+    return (
+        f'<S421:DataSet xmlns:S421="http://www.iho.int/{namespace}" xmlns:gml="http://www.opengis.net/gml/3.2" '
+        'xmlns:S100="http://www.iho.int/s100gml/1.0" xmlns:xlink="http://www.w3.org/1999/xlink" gml:id="D">'
+        '<imember><S421:routeInfo gml:id="I"><routeInfoName>R</routeInfoName></S421:routeInfo></imember>'
+        '<member><S421:routeWaypoints gml:id="WS"><routeWaypoint xlink:href="#W1"/><routeWaypoint xlink:href="#W2"/>'
+        "</S421:routeWaypoints></member>"
+        + point(1, 57.0, 4.0)
+        + point(2, 57.0, 9.0, '<routeWaypointLeg xlink:href="#L"/>')
+        + f'<member><S421:routeWaypointLeg gml:id="L"><routeWaypointLegPortXTDL>{limit}</routeWaypointLegPortXTDL>'
+        f"<routeWaypointLegGeometryType>{kind}</routeWaypointLegGeometryType></S421:routeWaypointLeg></member>"
+        '<imember><S421:routeSchedule gml:id="S"><routeScheduleManual xlink:href="#M"/></S421:routeSchedule></imember>'
+        '<imember><S421:routeScheduleManual gml:id="M"><routeScheduleElement xlink:href="#E1"/>'
+        '<routeScheduleElement xlink:href="#E2"/></S421:routeScheduleManual></imember>'
+        '<imember><S421:routeScheduleElement gml:id="E1"><routeWaypointId>1</routeWaypointId>'
+        "<routeScheduleElementETD>2026-03-01T06:00:00Z</routeScheduleElementETD></S421:routeScheduleElement></imember>"
+        '<imember><S421:routeScheduleElement gml:id="E2"><routeWaypointId>2</routeWaypointId>'
+        f"<routeScheduleElementPlanSOG>12</routeScheduleElementPlanSOG>{times}</S421:routeScheduleElement></imember>"
+        "</S421:DataSet>"
+    )
+
+
+@pytest.mark.parametrize("namespace", ["S421/gml/1.0", "S421/gml/cs0/1.0"])
+def test_a_route_plan_of_s421_becomes_a_track(namespace: str, tmp_path: Path) -> None:
+    """Latitude comes first, limits are metres, and names may begin with an upper-case letter."""
+    (tmp_path / "plan.s421").write_text(s421(namespace=namespace))
+    text = s421(namespace=namespace).replace("S421:route", "S421:Route")
+    (tmp_path / "upper.gml").write_text(text)
+    for name in ("plan.s421", "upper.gml"):
+        (found,) = read(tmp_path / name).tracks
+        assert (found.key, found.positions_deg[0].tolist(), found.positions_deg[-1].tolist()) == ("R", [4, 57], [9, 57])
+        assert found.outline_m.tolist() == pytest.approx(
+            np.array([[0.5, 0.5], [0.5, -0.5], [-500.5, -0.5], [-500.5, 0.5]])
+        )
+        _, _, length_m = GEOD.inv(4, 57, 9, 57)
+        assert (found.times_us[-1] - found.times_us[0]) / 3.6e9 == pytest.approx(length_m / (12 * NMI), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        (s421(kind="3"), "'R': waypoint 2, routeWaypointLegGeometryType: must be loxodrome"),
+        (s421(limit="12000"), "'R': waypoint 2, routeWaypointLegPortXTDL: must be metres, 0 to 10000; got 12000"),
+        (s421().replace('gml:id="W2"', 'gml:id="X"'), "'R': routeWaypoint in line 1: refers to #W2, which is missing"),
+        (s421().replace("57.0 9.0", "57.0"), "pos in line 1: must be positions of 2 numbers each"),
+        (s421().replace("Id>2<", "Id>7<"), "has the routeWaypointId '7', which no waypoint has"),
+        (
+            s421(times="<routeScheduleElementETA>2026-03-01T18:00:00</routeScheduleElementETA>"),
+            "waypoint 2, ETA: needs an offset",
+        ),
+    ],
+)
+def test_a_mistake_in_s421_is_named(text: str, rule: str, tmp_path: Path) -> None:
+    path = tmp_path / "plan.s421"
+    path.write_text(text)
+    with pytest.raises(InvalidInput, match=rule) as refused:
+        read(path)
+    assert str(refused.value).count("\n") == 0
+
+
+def gpx(extensions: str = "", of_point: str = "") -> str:
+    return (
+        '<gpx version="1.1" creator="t" xmlns="http://www.topografix.com/GPX/1/1" xmlns:o="http://www.opencpn.org">'
+        f"<rte><name>R</name><extensions>{extensions}</extensions>"
+        f'<rtept lat="57" lon="4"><extensions>{of_point}</extensions></rtept><rtept lat="57" lon="5"/></rte></gpx>'
+    )
+
+
+def test_a_route_of_gpx_needs_a_planned_departure(tmp_path: Path) -> None:
+    path = tmp_path / "plan.gpx"
+    path.write_text(gpx())
+    assert [one.reason for one in read(path).skipped] == ["1 features are routes, which have no times: no tracks"]
+    (by_option,) = read(path, hints=STARTED).tracks
+    planned = "<o:planned_departure>2026-03-01T06:00:00Z</o:planned_departure><o:planned_speed>12</o:planned_speed>"
+    path.write_text(gpx(planned))
+    (by_file,) = read(path).tracks
+    path.write_text(gpx("<o:planned_speed>12</o:planned_speed>", "<o:etd>2026-03-01T06:00:00Z</o:etd>"))
+    (by_point,) = read(path).tracks
+    assert by_option.times_us.tolist() == by_file.times_us.tolist() == by_point.times_us.tolist()
+    for wrong, rule in (
+        (gpx(planned, "<o:planned_speed>9</o:planned_speed>"), "'R': point 1, planned_speed: says a speed, but not"),
+        (gpx(planned).replace(">12<", ">fast<"), "'R': planned_speed: must be a number; got 'fast'"),
+        (gpx(planned).replace("06:00:00Z", "06:00:00"), "'R': planned_departure: needs an offset"),
+        (
+            gpx("<o:planned_departure>2026-03-01T06:00:00Z</o:planned_departure>"),
+            "'R': point 2: has neither an arrival",
+        ),
+    ):
+        path.write_text(wrong)
+        with pytest.raises(InvalidInput, match=rule):
+            read(path)

@@ -25,7 +25,6 @@ from conflictdb.cli.values import (
     name,
     time,
     time_or_age,
-    whole,
 )
 from conflictdb.model.settings import STORED_BY_DETECT
 
@@ -163,5 +162,4 @@ def _add_questions(commands: Any) -> None:
     parser = command(commands, "advise", "advice:advise", "estimate cost and error of other settings", more)
     add_scene(parser)
     parser.add_argument("--sample", type=count, metavar="N", help="pairs to try (default: 500)")
-    parser.add_argument("--seed", type=whole, default=0, metavar="N", help="draws another sample (default: 0)")
     add_format(parser, "table", "json")

@@ -1,6 +1,7 @@
 """Run SQL. No other module does: each statement calls one routine of sql/, or is a COPY to or from one."""
 
 from conflictdb.db.store.acknowledging import acknowledge, counted_conflicts, unacknowledge
+from conflictdb.db.store.admissions import StoredObject, admission, objects_near, read_objects, replaced_objects
 from conflictdb.db.store.attached import (
     READ_WITHIN_S,
     Attachment,
@@ -87,7 +88,6 @@ from conflictdb.db.store.schedules import (
     Scheduled,
     horizon,
     scheduled,
-    schedules_wait,
     store_activations,
     store_window,
 )
@@ -117,6 +117,7 @@ from conflictdb.db.store.stored_objects import (
     each_object,
     is_scene,
     list_scenes,
+    put_plans,
     read_scene,
     read_settings,
     replace_scene,

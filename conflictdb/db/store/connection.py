@@ -73,7 +73,7 @@ _LOST_BEFORE: Final = ("the connection is lost", "the connection is closed")  # 
 _Row = TypeVar("_Row")
 
 # Whether a user may use the schema, one of its routines and temporary tables, and the least role that may call that
-# routine: each role includes the rights of the roles before it (sql/05_roles.sql).
+# routine. Each role includes the rights of the roles before it (sql/05_roles.sql).
 _RIGHTS: Final = """
 SELECT pg_catalog.quote_ident(current_user), pg_catalog.quote_ident(current_database()),
        has_schema_privilege('conflictdb', 'USAGE'),

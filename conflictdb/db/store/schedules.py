@@ -56,11 +56,6 @@ def horizon(conn: psycopg.Connection[Any], scene_id: int) -> Horizon:
     return Horizon(days, _pair(first, until), is_waiting, _pair(starts, ends))
 
 
-def schedules_wait(conn: psycopg.Connection[Any], scene_id: int) -> bool:
-    """Return whether schedules of a scene are not expanded yet, or not far enough."""
-    return bool(call(conn, "_schedules_wait", scene_id)[0])
-
-
 def scheduled(conn: psycopg.Connection[Any], scene_id: int, *, only_waiting: bool) -> list[Scheduled]:
     """Return the objects of a scene with schedules, or those whose schedules are not expanded."""
     return [

@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import psycopg
@@ -17,10 +17,10 @@ from conflictdb.arrays.objects import Activations, TrackBatch, outer_spans
 from conflictdb.arrays.ragged import offsets
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many, require_writable, transaction
-from conflictdb.errors import InvalidInput
+from conflictdb.errors import InvalidInput, StoreError
 from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.model.activations import Spans
-from conflictdb.model.inputs import all_certain, certain
+from conflictdb.model.inputs import EPOCH, MICROSECOND, all_certain, certain
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.settings import SETTINGS, SettingType
 
@@ -122,6 +122,53 @@ def replace_scene_by_parts(
             more, page = call(conn, "_add_staged", number, page)
             stored += more
     return LoadCounts(*counts)
+
+
+def put_plans(
+    conn: psycopg.Connection[Any], scene: str, removed: Sequence[str], areas: Sequence[Area], tracks: Sequence[Track]
+) -> None:
+    """Remove some objects of a scene by key and put others, few at a time, as `replace_scene` with `merge` does."""
+    rows = []
+    plans_of: list[tuple[Sequence[Area | Track], dict[str, copy_binary.Column]]] = [
+        (areas, _staged_areas(areas)),
+        (tracks, _staged_tracks(tracks)),
+    ]
+    for plans, columns in plans_of:
+        shapes = [name for name in ("footprint", "path", "outline", "outlines") if name in columns]
+        for k, one in enumerate(plans):
+            row = {"key": one.key, "name": one.name, "class": one.object_class, "owner": one.owner}
+            row |= {name: getattr(one, name) for name in ("floor_m", "ceiling_m")} | {
+                "properties": dict(one.properties)
+            }
+            for name in shapes:
+                column = cast("copy_binary.Ragged", columns[name])
+                row[name] = column.data[column.offset[k] : column.offset[k + 1]].tobytes().hex() or None
+            rows.append(row | (_track_fields(one) if isinstance(one, Track) else _area_fields(one)))
+    call(conn, "_put_plans", scene, list(removed), json.dumps(rows))
+
+
+def _track_fields(track: Track) -> dict[str, Any]:
+    heights = {"floors_m": track.floors_m, "ceilings_m": track.ceilings_m}
+    per_leg = {
+        name: None if given is None else [x if math.isfinite(x) else None for x in given.tolist()]
+        for name, given in heights.items()
+    }
+    recurs = {"schedule": track.schedule} if track.schedule is not None else {}
+    if track.departures_us is not None and track.schedule is None:
+        recurs = {"departures": [(EPOCH + us * MICROSECOND).isoformat() for us in track.departures_us]}
+    return {"grow_mps": track.grow_mps, **per_leg, **recurs}
+
+
+def _area_fields(area: Area) -> dict[str, Any]:
+    if area.spans_us is not None and area.schedule is None:
+        return {"activations": "{" + ",".join(map(_range, area.spans_us)) + "}"}
+    return {"active_span": _range((area.start_us, area.end_us)), "schedule": area.schedule}
+
+
+def _range(span_us: tuple[int | None, int | None]) -> str:
+    """Return a span as text of a tstzrange, with whole microseconds."""
+    ends = ("" if us is None else (EPOCH + us * MICROSECOND).isoformat() for us in span_us)
+    return "[" + ",".join(ends) + ")"
 
 
 def set_scene(conn: psycopg.Connection[Any], scene: Scene) -> int:
@@ -296,7 +343,10 @@ def decode_instants(sent: bytes) -> NDArray[np.int64]:
 
 
 def decode_activations(sent: Sequence[bytes], once: NDArray[np.int64]) -> Activations:
-    """Return spans or departures from array_send format; no bytes: that of `once`."""
+    """Return spans or departures from array_send format; no bytes: that of `once`. Raises StoreError if one waits."""
+    # Rows whose schedule is not expanded send one zero byte.
+    if any(one == b"\0" for one in sent):
+        raise StoreError("a schedule of the scene is not expanded yet: detect the scene first")
     shape = (-1, *once.shape[1:])
     return Activations.of([decode_instants(one).reshape(shape).tolist() if one else None for one in sent], once)
 

@@ -18,8 +18,8 @@ from conflictdb.db.store.connection import call_each
 from conflictdb.db.store.stored_bundles import PIECE_COLUMNS, PIECE_STRINGS, decoded
 from conflictdb.kernel.boxes import RowBoxes
 
-# Rows and pairs that fit one answer, limited by the 1 GB of a value: 134 bytes for a row's box, 52 for a pair, with
-# room for all pairs of the last two objects.
+# Rows and pairs that fit one answer, limited by the 1 GB of a value. A row's box takes 134 bytes, a pair 52, with room
+# for all pairs of the last two objects.
 _ROWS_THAT_FIT: Final = 7_000_000
 _PAIRS_THAT_FIT: Final = 10_000_000
 # The columns of _row_boxes, which returns each as an array.

@@ -11,8 +11,8 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.ragged import offsets, ragged_take
 from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M
 
-# A polygon counts as convex if its hull is larger by at most this share of its area: dents less than a micrometre deep,
-# in areas up to 1,000 km across.
+# A polygon counts as convex if its hull is larger by at most this share of its area. Its dents are then less than a
+# micrometre deep, in areas up to 1,000 km across.
 CONVEX_AREA_SHARE: Final = 1e-13
 # Rounding error of the total area of triangles, relative.
 TRIANGULATION_AREA_SHARE: Final = 1e-9

@@ -32,7 +32,7 @@ from conflictdb.stages.pieces.convex_parts import convex_parts, is_thread
 # minimum is flat (benchmarks/slicing.py). Smaller values give more pieces, larger values more candidates.
 WHOLE_LEG_HAVENS: Final = 32.0
 MAX_SLICES: Final = 16
-# Limit of the chord deviation that pads a hull, as a share of the haven's reach; a leg above it is cut into shorter
+# Limit of the chord deviation that pads a hull, as a share of the haven's reach. A leg above it is cut into shorter
 # slices, at most MAX_SLICES_FOR_DEVIATION more per track. Only havens of hundreds of kilometres close to a pole reach
 # that number. Their hulls are wider than necessary, and stages 1 and 2 leave more pairs.
 MAX_DEVIATION_SHARE: Final = 0.25

@@ -10,7 +10,7 @@ from typing import Final
 # Polygons this close touch. Coordinates are rounded to 1e-8 m: with less, a touch may become a miss; with more, ends of
 # contacts are stated with more doubt.
 TOUCH_M: Final = 5e-8
-# Up to this distance the nearest points in a conformal plane are those on the earth: the scale differs along it by a
+# Up to this distance the nearest points in a conformal plane are those on the earth. The scale differs along it by a
 # share of 1e-8 at 89 degrees of latitude. With more, a distance may be found too large; with less, more pairs are
 # measured along geodesics, which is slower.
 SHORT_M: Final = 1e-3

@@ -1,0 +1,97 @@
+"""Admit plans to a scene of the database: put them only if they conflict with nobody."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import psycopg
+
+from conflictdb.db import store
+from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import centred, plane_of
+from conflictdb.errors import InvalidInput
+from conflictdb.index import Member, Members, by_kind, conflicts_between
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Admission, Conflict, Kind, Results, Verdict
+
+# From the mildest verdict to the worst.
+_SEVERITY: Final = (Verdict.GRAZING, Verdict.UNRESOLVED, Verdict.CONFLICT)
+
+
+def admit(
+    conn: psycopg.Connection[Any],
+    scene: str,
+    plans: Sequence[Area | Track],
+    owner: str | None,
+    *,
+    allow_known: bool,
+    lock_timeout_s: float | None,
+) -> Admission:
+    """Put plans unless they conflict with anybody; see `StoredScene.admit`."""
+    given = [one if owner is None else replace(one, owner=owner, **_unlimited(one)) for one in plans]
+    store.require_writable(conn)
+    with store.admission(conn, scene, lock_timeout_s) as (number, stored):
+        settings = centred(stored, *by_kind(given))
+        plane = plane_of(settings)
+        mine = Members.of_plans(settings, plane, given)
+        replaced = store.replaced_objects(conn, number, [one.key for one in given], owner)
+        _check_owners(given, replaced)
+        within_us = settings.time_separation_us
+        near = store.objects_near(conn, number, settings, mine.pieces.longer(within_us, within_us), given)
+        others = _members(conn, number, settings, plane, sorted(set(near) - set(replaced)))
+        found = _conflicts(settings, plane, mine, others, among=owner is None)
+        known: list[Conflict] = []
+        if found and replaced:
+            former = _members(conn, number, settings, plane, replaced)
+            known = _conflicts(settings, plane, former, others, among=owner is None)
+        new = [one for one in found if not _was_there(one, known)]
+        is_admitted = not (new if allow_known else found)
+        if is_admitted:
+            put = {(Member.of(one).kind.code, one.key) for one in given}
+            gone = [one.key for one in replaced if (one.kind, one.key) not in put]
+            store.put_plans(conn, scene, gone, *by_kind(given))
+    return Admission(is_admitted, Results(found, Conflict), Results(new, Conflict))
+
+
+def _check_owners(plans: Sequence[Area | Track], replaced: Sequence[store.StoredObject]) -> None:
+    """Raise InvalidInput for a plan with the key of an object of another owner."""
+    owners = {one.key: one.owner for one in plans}
+    for one in replaced:
+        if one.owner is not None and owners.get(one.key, one.owner) != one.owner:
+            rule = f"belongs to owner {one.owner!r}; got owner {owners[one.key]!r}"
+            raise InvalidInput(f"plan {one.key!r}", "key", f"{rule}: choose another key")
+
+
+def _unlimited(plan: Area | Track) -> dict[str, Any]:
+    """Return what keeps a track from being checked for its speed again."""
+    return {} if isinstance(plan, Area) else {"max_speed_kn": float("inf")}
+
+
+def _members(
+    conn: psycopg.Connection[Any], number: int, scene: Scene, plane: Plane, objects: Sequence[store.StoredObject]
+) -> Members:
+    known = {(one.kind, one.id): Member(Kind.of_code(one.kind), one.key, one.name, None, one.owner) for one in objects}
+    return Members.of_batches(scene, plane, *store.read_objects(conn, number, objects), known)
+
+
+def _conflicts(scene: Scene, plane: Plane, mine: Members, others: Members, *, among: bool) -> list[Conflict]:
+    found = conflicts_between(scene, plane, mine, others, among=among)
+    return [one for one in found if one.verdict is not Verdict.NEAR]
+
+
+def _was_there(conflict: Conflict, known: Sequence[Conflict]) -> bool:
+    """Return whether a known conflict of the same objects lasts at least as long, and is at least as severe."""
+    return any(
+        (one.a_key, one.b_key) == (conflict.a_key, conflict.b_key)
+        and _SEVERITY.index(conflict.verdict) <= _SEVERITY.index(one.verdict)
+        and all(any(_within(period, other) for other in one.periods) for period in conflict.periods)
+        for one in known
+    )
+
+
+def _within(period: tuple[Any, Any], other: tuple[Any, Any]) -> bool:
+    """Return whether a period lies within another; None: unbounded."""
+    (start, end), (first, last) = period, other
+    return (first is None or (start is not None and first <= start)) and (
+        last is None or (end is not None and end <= last)
+    )

@@ -1,0 +1,124 @@
+"""Read what plans may meet, detected or not, while no other admission of the scene runs (sql/86).
+
+begin_admission; replaced_objects; objects_near; some_areas, some_tracks; replace_scene; commit
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import psycopg
+import shapely
+from numpy.typing import NDArray
+from psycopg.pq import TransactionStatus
+
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import Pieces
+from conflictdb.db.store.connection import Holder, call, call_many, transaction
+from conflictdb.db.store.few import some_areas, some_tracks
+from conflictdb.db.store.stored_objects import scene_of
+from conflictdb.errors import LockTimeout
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Kind
+from conflictdb.stages.stage1_broad_phase import hulls_of
+
+# Sides of a plan up to a degree wide rise at most 0.0011 degrees above it on great circles (_lies_near). A plan that is
+# wider, or close to a pole, may reach any place.
+_WIDE_DEG: Final = 1.0
+_RISE_DEG: Final = 0.002
+_HIGHEST_DEG: Final = 85.0
+_METRES_PER_DEGREE: Final = 110_000.0
+_EVERYWHERE: Final = (-math.inf, -math.inf, math.inf, math.inf)
+
+
+class StoredObject(NamedTuple):
+    """An object of a scene, without its geometry."""
+
+    kind: int
+    id: int
+    key: str
+    name: str | None
+    owner: str | None
+
+
+@contextmanager
+def admission(conn: psycopg.Connection[Any], scene: str, lock_timeout_s: float | None) -> Iterator[tuple[int, Scene]]:
+    """Run the block in a transaction that holds the lock of admissions; yield id and settings of the scene.
+
+    An own transaction sees what was committed before each statement; the lock lasts until the outermost transaction
+    ends. Raises LockTimeout, naming the holder, if the lock is not free within `lock_timeout_s` (None: the limit of the
+    connection).
+    """
+    is_own = conn.info.transaction_status == TransactionStatus.IDLE
+    begun = False
+    try:
+        with transaction(conn):
+            if is_own:
+                conn.execute(b"SET TRANSACTION ISOLATION LEVEL READ COMMITTED", prepare=False)
+            number, settings = call(conn, "_begin_admission", scene, lock_timeout_s)
+            begun = True
+            yield int(number), scene_of(settings)
+    except LockTimeout as timeout:
+        if begun or conn.info.transaction_status == TransactionStatus.INERROR:
+            raise
+        with transaction(conn):
+            number = call(conn, "_scene_id", scene)[0]
+            holders = " and ".join(str(Holder(*row)) for row in call_many(conn, "_admission_holders", number))
+        raise LockTimeout(
+            f"another admission of scene {scene!r} is at work: {holders or 'it has just ended'}"
+        ) from timeout.__cause__
+
+
+def replaced_objects(
+    conn: psycopg.Connection[Any], scene_id: int, keys: Sequence[str], owner: str | None
+) -> list[StoredObject]:
+    """Return the objects of a scene that have one of some keys, or an owner (None: no other objects)."""
+    return [StoredObject(*row) for row in call_many(conn, "_replaced_objects", scene_id, list(keys), owner)]
+
+
+def objects_near(
+    conn: psycopg.Connection[Any], scene_id: int, scene: Scene, pieces: Pieces, plans: Sequence[Area | Track]
+) -> list[StoredObject]:
+    """Return the objects that pieces might meet, as committed, detected or not.
+
+    pieces : of `plans` and perhaps of others, with spans widened by the scene's separation in time
+    """
+    columns = (pieces.start_us, pieces.end_us, pieces.end_inclusive, pieces.floor_m, pieces.ceiling_m, pieces.turn)
+    hulls = list(shapely.to_wkb(hulls_of(pieces)))
+    boxes = np.array([_box_deg(plan, scene.reach_m) for plan in plans]).T
+    given = [hulls, *(column.tolist() for column in columns), *boxes.tolist()]
+    return [StoredObject(*row) for row in call_many(conn, "_objects_near", scene_id, *given)]
+
+
+def read_objects(
+    conn: psycopg.Connection[Any], scene_id: int, objects: Sequence[StoredObject]
+) -> tuple[AreaBatch, TrackBatch]:
+    """Return some objects of a scene as they are stored."""
+    areas, tracks = ([one.id for one in objects if one.kind == kind.code] for kind in (Kind.AREA, Kind.TRACK))
+    return (
+        some_areas(conn, scene_id, areas) if areas else AreaBatch.of(()),
+        some_tracks(conn, scene_id, tracks) if tracks else TrackBatch.of(()),
+    )
+
+
+def _box_deg(plan: Area | Track, reach_m: float) -> tuple[float, ...]:
+    """Return west, south, east and north of all places that a plan may reach, degrees."""
+    corners: NDArray[np.float64]
+    if isinstance(plan, Area):
+        corners = shapely.get_coordinates(plan.footprint)
+    else:
+        corners = plan.positions_deg
+        if plan.grow_mps or plan.outlines_m is not None:
+            return _EVERYWHERE
+        reach_m += float(np.hypot(*plan.outline_m.T).max())
+    (west, south), (east, north) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    up = _RISE_DEG + reach_m / _METRES_PER_DEGREE
+    highest = max(abs(south), abs(north)) + up
+    if east - west > _WIDE_DEG or highest > _HIGHEST_DEG:
+        return _EVERYWHERE
+    across = up / math.cos(math.radians(highest))
+    middle = 0.5 * (west + east)
+    home = 360.0 * round(middle / 360.0)
+    return west - across - home, south - up, east + across - home, north + up

@@ -1,0 +1,131 @@
+"""Read GPX: track points as observed positions, routes as plans.
+
+Each segment of a track becomes a track, from its usable points. A route becomes a track if it has a planned departure:
+`planned_departure`, `planned_speed` (knots) and, at its points, `etd` among its extensions, as OpenCPN writes them, or
+the departure and speed of the hints. Its legs are rhumb lines.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from conflictdb.errors import InvalidInput
+from conflictdb.formats.areas_of_files import Gathered
+from conflictdb.formats.contents import Contents, Remark, Skipped
+from conflictdb.formats.fixes import Fixes, tracks_of
+from conflictdb.formats.hints import departure
+from conflictdb.formats.instants import parse_instant
+from conflictdb.formats.routes import Route, Waypoint, track_of
+from conflictdb.formats.values_of_xml import number_of, time_of
+from conflictdb.formats.xml_text import Element
+from conflictdb.model.plans import Track
+
+_LAYERS: Final = ("waypoints", "routes", "tracks", "route_points", "track_points")
+_NO_SIZES: Final = "says nothing of sizes: all tracks are points"
+
+
+def is_gpx(root: Element) -> bool:
+    """Return whether an XML document is GPX, of any version."""
+    return root.name == "gpx"
+
+
+def read_gpx(
+    root: Element, source: str, *, stem: str, max_speed_kn: float, layers: Sequence[str], skip_invalid: bool
+) -> Contents:
+    """Return the tracks of a GPX file; raises InvalidInput.
+
+    layers : of waypoints, routes and tracks; none: all
+    """
+    del stem
+    unknown = [name for name in layers if name not in _LAYERS]
+    if unknown:
+        rule = f"there is no layer {unknown[0]!r:.60}; the file has {', '.join(_LAYERS)}"
+        raise InvalidInput("file", "layer", rule)
+    found = Gathered(source)
+    skipped: list[Skipped] = []
+    waypoints = sum(1 for _ in root.each("wpt"))
+    if waypoints and (not layers or "waypoints" in layers):
+        reason = f"{waypoints} features are waypoints: no tracks"
+        skipped.append(Skipped(source, "layer 'waypoints'", reason, (), is_whole=False))
+    observed: list[tuple[str, Fixes]] = []
+    missing: dict[tuple[str, str], list[int]] = defaultdict(list)
+    if not layers or {"tracks", "track_points"} & set(layers):
+        observed = list(_segments(root, missing))
+    keys = {key for key, _ in observed}
+    if not layers or {"routes", "route_points"} & set(layers):
+        untimed = 0
+        for number, route in enumerate(root.each("rte"), 1):
+            if _departure(route) is None and departure()[0] is None:
+                untimed += 1
+                continue
+            name = route.value("name")
+            key = name if name and name not in keys else f"route {number}"
+            with found.refusals:
+                found.add_track(f"route {number}", _planned(key, route, max_speed_kn))
+        if untimed:
+            reason = f"{untimed} features are routes, which have no times: no tracks"
+            skipped.append(Skipped(source, "layer 'routes'", reason, (), is_whole=False))
+    tracks, rest = tracks_of(source, observed, (), max_speed_kn, missing)
+    contents = found.contents(skip_invalid=skip_invalid)
+    contents.tracks.extend(tracks)
+    contents.skipped.extend([*skipped, *rest])
+    if contents.tracks:
+        contents.remarks = [Remark(source, "file", _NO_SIZES)]
+    return contents
+
+
+def _segments(root: Element, missing: dict[tuple[str, str], list[int]]) -> Iterator[tuple[str, Fixes]]:
+    """Yield the key and the fixes of each segment of each track; points without a time are noted as missing."""
+    every = list(root.each("trk"))
+    same = Counter(track.value("name") for track in every)
+    number = 0
+    for nth, track in enumerate(every, 1):
+        name = track.value("name")
+        segments = [one for one in track.each("trkseg") if one.child("trkpt") is not None]
+        for part, segment in enumerate(segments, 1):
+            key = (name if name and same[name] == 1 else str(nth)) + (f".{part}" if len(segments) > 1 else "")
+            fixes = Fixes(constant={"name": name})
+            for point in segment.each("trkpt"):
+                number += 1
+                who = f"layer 'track_points', point {number}"
+                when = point.value("time")
+                if when is None:
+                    missing[key, "no time"].append(number)
+                    continue
+                try:
+                    fixes.times_us.append(parse_instant(when, naive_is_utc=True))
+                except ValueError as error:
+                    raise InvalidInput(who, "time", str(error)) from None
+                fixes.positions_deg.append(_place(who, point))
+                fixes.lines.append(number)
+            yield key, fixes
+
+
+def _place(who: str, point: Element) -> tuple[float, float]:
+    return number_of(who, "lon", point.get("lon")), number_of(who, "lat", point.get("lat"))
+
+
+def _departure(route: Element) -> str | None:
+    """Return the planned departure of a route, of its first point, None if neither has one."""
+    first = route.child("rtept")
+    own = route.value("extensions", "planned_departure")
+    return own or (None if first is None else first.value("extensions", "etd"))
+
+
+def _planned(key: str, route: Element, max_speed_kn: float) -> Track:
+    """Return the track of a route; raises InvalidInput."""
+    who = f"route {key!r}"
+    speed = route.value("extensions", "planned_speed")
+    speed_kn = None if speed is None else number_of(who, "planned_speed", speed)
+    points: list[Waypoint] = []
+    for number, point in enumerate(route.each("rtept"), 1):
+        where = f"point {number}"
+        if point.child("extensions", "planned_speed") is not None:
+            rule = "says a speed, but not of which leg: give planned_speed to the route, or etd to its points"
+            raise InvalidInput(who, f"{where}, planned_speed", rule)
+        lon, lat = _place(f"{who}, {where}", point)
+        etd = time_of(who, f"{where}, etd", point.value("extensions", "etd"))
+        points.append(Waypoint(where, lon, lat, speed_kn=speed_kn, departure_us=etd))
+    if points and points[0].departure_us is None:
+        points[0].departure_us = time_of(who, "planned_departure", _departure(route))
+    return track_of(who, Route(key, points), max_speed_kn)

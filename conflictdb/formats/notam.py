@@ -1,0 +1,205 @@
+"""Read NOTAM in the format of ICAO (Annex 15, PANS-AIM): areas of airspace restrictions and warnings.
+
+An area is the circle or polygon that item E gives by coordinates; where it gives none, or more than plain lines, the
+circle of item Q, which contains the area by rule. Coordinates of item E are degrees, minutes and perhaps seconds.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import shapely
+
+from conflictdb.errors import InvalidInput
+from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone, along_shortest_lines
+from conflictdb.formats.contents import Contents, Remark, Skipped
+from conflictdb.formats.heights import height_m
+from conflictdb.formats.instants import format_instant
+from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.model.plans import METRES_PER_NMI
+
+# Subjects of item Q whose NOTAM close or endanger airspace: organisation, restrictions, warnings.
+_SUBJECTS: Final = ("QA", "QR", "QW")
+_NUMBER: Final = re.compile(r"\(?\s*([A-Z]\d{1,4}/\d{2})\s+NOTAM([NRC])(?:\s+([A-Z]\d{1,4}/\d{2}))?")
+_ITEM: Final = re.compile(r"(?:(?<=\s)|^)([QABCDEFG])\)\s*")
+_Q: Final = re.compile(
+    r"([A-Z]{4})/(Q[A-Z]{4})/[A-Z ]*/[A-Z ]*/[A-Z ]*/(\d{3})/(\d{3})/(\d{4})([NS])(\d{5})([EW])(\d{3})"
+)
+_TIME: Final = re.compile(r"(\d{10})\s*(EST)?")
+# As 5014N00836E, and as N5014E00836; degrees and minutes, and perhaps seconds.
+_LATITUDE, _LONGITUDE = r"(\d{4}|\d{6}(?:\.\d{1,3})?)", r"(\d{5}|\d{7}(?:\.\d{1,3})?)"
+_PLACE: Final = re.compile(
+    rf"(?<![\dA-Z]){_LATITUDE}([NS])\s?{_LONGITUDE}([EW])(?![\dA-Z])"
+    rf"|(?<![\dA-Z])([NS]){_LATITUDE}\s?([EW]){_LONGITUDE}(?![\d])"
+)
+_BROKEN: Final = re.compile(r"(?<=\d)\r?\n(?=\d)")
+_CHAIN: Final = re.compile(r"[\s,;]*(?:-|TO|THEN|AND)?[\s,;]*")
+_RADIUS: Final = re.compile(
+    r"(?P<before>\d{1,3}(?:\.\d{1,3})?)\s?(?P<of>NM|KM|M)\s+RADIUS\b"
+    r"|\bRADIUS(?:\s+OF)?\s+(?P<after>\d{1,3}(?:\.\d{1,3})?)\s?(?P<in>NM|KM|M)\b"
+)
+_CURVED: Final = re.compile(r"\b(ARC|CLOCKWISE|ANTICLOCKWISE|BORDER|BOUNDARY|COAST|ALONG|FOLLOWING|SECTOR|BTN|EXC)\b")
+_HEIGHT: Final = re.compile(r"FL\s?(\d{1,3})|(\d{1,5})\s?(FT|M)\s*(AMSL|MSL|AGL|ASFC|SFC|GND)?")
+_UNITS_M: Final = {"NM": METRES_PER_NMI, "KM": 1000.0, "M": 1.0}
+_WHOLE_FIR: Final = 999
+_LONGEST_NAME: Final = 80
+
+
+def read_notam(text: str, source: str, *, skip_invalid: bool) -> Contents:
+    """Return the areas of the NOTAM of a text; raises InvalidInput with all errors."""
+    found = Gathered(source)
+    skipped: list[Skipped] = []
+    remarks: list[Remark] = []
+    every = list(_split(text))
+    if not every:
+        raise InvalidInput("file", "", "holds no NOTAM: each begins with its number, such as A0123/26 NOTAMN")
+    ended = {former: key for key, kind, former, _ in every if kind in "RC" and former}
+    for number, (key, kind, former, body) in enumerate(every, 1):
+        who = f"NOTAM {key!r}"
+        if kind == "C":
+            skipped.append(Skipped(source, who, f"cancels {former}", (), is_whole=False))
+            continue
+        if key in ended:
+            skipped.append(Skipped(source, who, f"is replaced or cancelled by {ended[key]}", (), is_whole=False))
+            continue
+        with found.refusals:
+            items = _items(who, body)
+            q = _Q.search(items.get("Q", "").replace("\n", " "))
+            if q is None:
+                raise InvalidInput(who, "Q", "must be FIR/Q-code/traffic/purpose/scope/lower/upper/place and radius")
+            if not q[2].startswith(_SUBJECTS):
+                skipped.append(
+                    Skipped(source, who, f"is no airspace restriction or warning: {q[2]}", (), is_whole=False)
+                )
+                continue
+            zone, is_rough = _zone(who, key, items, q, found)
+            found.add_zone(f"NOTAM {number}", zone)
+            if is_rough:
+                remarks.append(Remark(source, who, "item E describes its area otherwise: the circle of item Q is used"))
+    contents = found.contents(skip_invalid=skip_invalid)
+    contents.skipped.extend(skipped)
+    contents.remarks = remarks
+    return contents
+
+
+def _split(text: str) -> Iterator[tuple[str, str, str | None, str]]:
+    """Yield number, kind (N, R, C), number of the NOTAM that it replaces or cancels, and text of each NOTAM."""
+    heads = list(_NUMBER.finditer(text))
+    ends = [*(head.start() for head in heads), len(text)]
+    for head, end in zip(heads, ends[1:], strict=True):
+        yield head[1], head[2], head[3], text[head.end() : end].strip().removesuffix(")")
+
+
+def _items(who: str, body: str) -> dict[str, str]:
+    """Return the texts of items by their letters; raises InvalidInput for one given twice or missing."""
+    marks: list[re.Match[str]] = []
+    for mark in _ITEM.finditer(body):
+        # Letters come in this order; a later "A)" is an enumeration in item E.
+        if not marks or "QABCDEFG".index(mark[1]) > "QABCDEFG".index(marks[-1][1]):
+            marks.append(mark)
+    ends = [*(mark.start() for mark in marks), len(body)]
+    items = {mark[1]: body[mark.end() : end].strip() for mark, end in zip(marks, ends[1:], strict=True)}
+    missing = [letter for letter in "QABCE" if not items.get(letter)]
+    if missing:
+        raise InvalidInput(who, missing[0], "is missing")
+    return items
+
+
+def _zone(who: str, key: str, items: Mapping[str, str], q: "re.Match[str]", found: Gathered) -> tuple[Zone, bool]:
+    """Return the zone of a NOTAM, and whether its area is the circle of item Q though item E says more."""
+    start_us, end_us = _time(who, "B", items["B"]), _time(who, "C", items["C"])
+    if start_us is None:
+        raise InvalidInput(who, "B", f"must be ten digits, year to minute; got {items['B']!r:.40}")
+    shape, is_rough = _shape(who, items["E"], q, found)
+    floor_m = _height(who, "F", items.get("F"), q[3], is_floor=True)
+    ceiling_m = _height(who, "G", items.get("G"), q[4], is_floor=False)
+    schedule = None
+    if "D" in items:
+        schedule = {"notam": " ".join(items["D"].split()), "from": format_instant(start_us)}
+        if end_us is not None:
+            schedule["until"] = format_instant(end_us)
+    named = " ".join(items["E"].split())
+    name = named if len(named) <= _LONGEST_NAME else f"{named[: _LONGEST_NAME - 1]}…"
+    properties = {"fir": q[1], "q_code": q[2], "text": named}
+    return Zone(
+        key, [Volume(shape, floor_m, ceiling_m)], name, [Active(start_us, end_us, schedule)], properties
+    ), is_rough
+
+
+def _time(who: str, item: str, text: str) -> int | None:
+    """Return the time of item B or C, None for PERM; an estimated end is an end."""
+    if item == "C" and text.startswith("PERM"):
+        return None
+    given = _TIME.match(text)
+    if given is not None:
+        try:
+            return (datetime.strptime(given[1], "%y%m%d%H%M").replace(tzinfo=UTC) - EPOCH) // MICROSECOND
+        except ValueError:
+            pass
+    rule = "must be ten digits, year to minute" + (", or PERM" if item == "C" else "")
+    raise InvalidInput(who, item, f"{rule}; got {text!r:.40}")
+
+
+def _shape(who: str, text: str, q: "re.Match[str]", found: Gathered) -> tuple[shapely.MultiPolygon, bool]:
+    """Return the area of a NOTAM, and whether it is the circle of item Q though item E gives coordinates."""
+    text = _BROKEN.sub("", text)
+    places = list(_PLACE.finditer(text))
+    radius = _RADIUS.search(text)
+    is_plain = _CURVED.search(text) is None
+    if is_plain and radius is not None and len(places) == 1:
+        number, unit = radius["before"] or radius["after"], radius["of"] or radius["in"]
+        lon, lat = _degrees(who, places[0])
+        return found.circle(who, lon, lat, float(number) * _UNITS_M[unit]), False
+    if is_plain and radius is None and len(places) >= 3 and _is_chain(text, places):
+        ring = [_degrees(who, place) for place in places]
+        ring = ring if ring[0] == ring[-1] else [*ring, ring[0]]
+        line = along_shortest_lines(who, "E", np.array(ring, np.float64))
+        return shapely.MultiPolygon([shapely.Polygon(line)]), False
+    miles = int(q[9])
+    if miles in (0, _WHOLE_FIR):
+        raise InvalidInput(who, "Q", f"has no circle to use (radius {q[9]}), and item E no plain circle or polygon")
+    lon, lat = _minutes(who, "Q", q[7], q[8], 3), _minutes(who, "Q", q[5], q[6], 2)
+    # Its centre is rounded to a minute.
+    return found.circle(who, lon, lat, (miles + 1) * METRES_PER_NMI), bool(places)
+
+
+def _is_chain(text: str, places: Sequence["re.Match[str]"]) -> bool:
+    """Return whether coordinates follow each other, joined by dashes, commas or TO."""
+    return all(_CHAIN.fullmatch(text[before.end() : after.start()]) is not None for before, after in pairwise(places))
+
+
+def _degrees(who: str, place: "re.Match[str]") -> tuple[float, float]:
+    lat, north, lon, east = place.groups()[:4] if place[1] else (place[6], place[5], place[8], place[7])
+    return _minutes(who, "E", lon, east, 3), _minutes(who, "E", lat, north, 2)
+
+
+def _minutes(who: str, item: str, digits: str, side: str, width: int) -> float:
+    """Return degrees of DDMM or DDMMSS[.sss], south and west negative; `width` digits are whole degrees."""
+    whole, minutes, seconds = int(digits[:width]), int(digits[width : width + 2]), float(digits[width + 2 :] or 0.0)
+    value = whole + minutes / 60.0 + seconds / 3600.0
+    if minutes >= 60 or seconds >= 60.0 or value > (90.0 if width == 2 else 180.0):
+        raise InvalidInput(who, item, f"holds {digits}{side}, which is no coordinate")
+    return -value if side in "SW" else value
+
+
+def _height(who: str, item: str, text: str | None, of_q: str, *, is_floor: bool) -> float | None:
+    """Return the height of item F or G, metres above mean sea level; without it the level of item Q."""
+    if text is None:
+        level = int(of_q)
+        if level == (0 if is_floor else _WHOLE_FIR):
+            return None
+        return height_m(who, "Q", float(level), "FL", "STD", is_floor=is_floor)
+    text = " ".join(text.upper().split()).rstrip(".")
+    if text in (("SFC", "GND") if is_floor else ("UNL",)):
+        return None
+    given = _HEIGHT.fullmatch(text)
+    if given is None or (given[1] is None and given[4] is None):
+        rule = "must be such as SFC, FL195, 2000FT AMSL or UNL, with its reference"
+        raise InvalidInput(who, item, f"{rule}; got {text!r:.40}")
+    if given[1] is not None:
+        return height_m(who, item, float(given[1]), "FL", "STD", is_floor=is_floor)
+    reference = {"ASFC": "AGL"}.get(given[4], given[4])
+    return height_m(who, item, float(given[2]), given[3], reference, is_floor=is_floor)

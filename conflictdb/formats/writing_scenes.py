@@ -1,0 +1,35 @@
+"""Write scenes in memory to scene files, GeoJSON or GeoParquet."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from conflictdb.errors import InvalidInput
+from conflictdb.formats.reading import is_parquet
+from conflictdb.formats.scene_file import scene_text
+from conflictdb.formats.writing import whole_file, write_lines
+from conflictdb.model.plans import Area, Scene, Track, check_keys
+
+
+def write_scene_file(plans: Sequence[Area | Track], path: str | Path, scene: Scene) -> None:
+    """Write plans and the settings of their scene to a file from which `read` and `load` get exactly these.
+
+    GeoParquet if its name ends in .parquet, which needs the extra `parquet`; else GeoJSON, compressed if its name ends
+    in .gz. The file appears when it is complete; if writing fails, an older file stays.
+
+    Raises InvalidInput for other objects than areas and tracks, and for keys that occur twice.
+    """
+    for k, one in enumerate(plans):
+        if not isinstance(one, Area | Track):
+            raise InvalidInput("write_scene_file", f"plans[{k}]", f"must be an Area or a Track; got {one!r:.60}")
+    if not isinstance(scene, Scene):
+        raise InvalidInput("write_scene_file", "scene", f"must be a Scene; got {scene!r:.60}")
+    check_keys(one.key for one in plans)
+    areas, tracks = [one for one in plans if isinstance(one, Area)], [one for one in plans if isinstance(one, Track)]
+    if not is_parquet(path):
+        write_lines(path, scene_text(scene, areas, tracks))
+        return
+    from conflictdb.arrays.arrow.object_rows import of_objects  # needs pyarrow
+    from conflictdb.formats.parquet_writing import write_objects
+
+    with whole_file(path) as stream:
+        write_objects(stream, scene, [of_objects(areas, tracks)])

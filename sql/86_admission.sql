@@ -1,0 +1,191 @@
+-- Admission: plans are put only if they conflict with nobody. One admission of a scene at a time, so that of two that
+-- exclude each other exactly one is admitted. Statements that put objects directly wait for nobody; an admission sees
+-- what they have committed, detected or not.
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._begin_admission(
+    p_scene text, p_wait_s double precision, OUT scene_id bigint, OUT settings jsonb
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+#variable_conflict use_column
+DECLARE
+    v_scene_id bigint := _scene_to_change(p_scene);
+    v_lock_timeout text := current_setting('lock_timeout');
+BEGIN
+    IF p_wait_s IS NOT NULL THEN
+        PERFORM set_config('lock_timeout', greatest(1, ceil(1000 * p_wait_s))::integer::text, true);
+    END IF;
+    -- A row lock, as for detections: only roles that may change the scene can take it.
+    INSERT INTO admission_lock AS l (scene_id, taken) VALUES (v_scene_id, 1)
+        ON CONFLICT (scene_id) DO UPDATE SET taken = l.taken + 1;
+    PERFORM set_config('lock_timeout', v_lock_timeout, true);
+    SELECT s.scene_id, _settings_of(s) INTO scene_id, settings FROM scene s WHERE s.scene_id = v_scene_id;
+END
+$$;
+COMMENT ON FUNCTION _begin_admission(text, double precision) IS
+'Takes the lock of admissions of a scene until the transaction ends; returns the scene''s id and settings. Waits at '
+'most p_wait_s seconds (null: lock_timeout), then raises lock_not_available. A transaction with an older snapshot than '
+'the last admission gets serialization_failure.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._admission_holders(p_scene_id bigint)
+RETURNS TABLE (pid integer, application text, role text, since timestamptz)
+LANGUAGE plpgsql VOLATILE STRICT SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+BEGIN
+    RETURN QUERY
+    SELECT a.pid, a.application_name, coalesce(a.usename, '')::text, a.xact_start
+    FROM pg_catalog.pg_stat_activity a
+    WHERE a.pid <> pg_backend_pid()
+      AND (EXISTS (SELECT FROM admission_lock s
+                   JOIN pg_catalog.pg_locks l ON l.locktype = 'transactionid' AND l.transactionid = s.xmax
+                   WHERE s.scene_id = p_scene_id AND l.pid = a.pid AND l.granted)
+           -- The row of a first admission is not visible yet: whoever wrote rows and waits for nobody.
+           OR NOT EXISTS (SELECT FROM admission_lock s WHERE s.scene_id = p_scene_id)
+              AND EXISTS (SELECT FROM pg_catalog.pg_locks l
+                          WHERE l.relation = 'admission_lock'::regclass AND l.granted AND l.pid = a.pid
+                            AND l.mode = 'RowExclusiveLock'
+                            AND l.database = (SELECT d.oid FROM pg_catalog.pg_database d
+                                              WHERE d.datname = current_database()))
+              AND NOT EXISTS (SELECT FROM pg_catalog.pg_locks l WHERE l.pid = a.pid AND NOT l.granted))
+    ORDER BY a.xact_start, a.pid;
+END
+$$;
+COMMENT ON FUNCTION _admission_holders(bigint) IS
+'Sessions that hold the lock of admissions of a scene, and the start of their transactions. Runs as its owner, who may '
+'see more of other sessions. Restricted to sessions that hold the lock of the given scene.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._replaced_objects(p_scene_id bigint, p_keys text[], p_owner text)
+RETURNS TABLE (kind smallint, id bigint, key text, name text, owner text)
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT 0::smallint, a.area_id, a.key, a.name, a.owner FROM area a
+    WHERE a.scene_id = p_scene_id AND a.key = ANY (p_keys)
+    UNION
+    SELECT 0::smallint, a.area_id, a.key, a.name, a.owner FROM area a
+    WHERE a.scene_id = p_scene_id AND a.owner = p_owner
+    UNION
+    SELECT 1::smallint, t.track_id, t.key, t.name, t.owner FROM track t
+    WHERE t.scene_id = p_scene_id AND t.key = ANY (p_keys)
+    UNION
+    SELECT 1::smallint, t.track_id, t.key, t.name, t.owner FROM track t
+    WHERE t.scene_id = p_scene_id AND t.owner = p_owner;
+END;
+COMMENT ON FUNCTION _replaced_objects(bigint, text[], text) IS
+'Objects of a scene that have one of some keys, or an owner (null: none).';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._lies_near(
+    p_shape geometry, p_reach_m double precision, p_low_lon double precision[], p_low_lat double precision[],
+    p_high_lon double precision[], p_high_lat double precision[]
+) RETURNS boolean
+LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+    -- Sides of an object up to a degree wide rise at most 0.0011 degrees above it on great circles: half of sin(2 lat)
+    -- times (sec(w / 2) - 1). Others, and those near a pole, are always near. Corners grow at most 115 times as fast as
+    -- sides (conflictdb.model.outlines.FASTEST_TIP).
+    SELECT o.is_wide OR EXISTS (
+        SELECT FROM unnest(p_low_lon, p_low_lat, p_high_lon, p_high_lat) b (west, south, east, north)
+        CROSS JOIN unnest(ARRAY[-360, 0, 360]) turn
+        WHERE o.west - o.east_deg <= b.east + turn AND b.west + turn <= o.east + o.east_deg
+          AND o.south - o.north_deg <= b.north AND b.south <= o.north + o.north_deg)
+    FROM (SELECT n.*, n.north_deg / cos(radians(least(n.highest + n.north_deg, 89))) AS east_deg,
+                 n.east - n.west > 1 OR n.highest + n.north_deg > 85 AS is_wide
+          FROM (SELECT ST_XMin(p_shape) AS west, ST_XMax(p_shape) AS east, ST_YMin(p_shape) AS south,
+                       ST_YMax(p_shape) AS north, greatest(abs(ST_YMin(p_shape)), abs(ST_YMax(p_shape))) AS highest,
+                       0.002 + p_reach_m / 110000 AS north_deg OFFSET 0) n OFFSET 0) o;
+END;
+COMMENT ON FUNCTION _lies_near(geometry, double precision, double precision[], double precision[], double precision[],
+                               double precision[]) IS
+'Whether a footprint or path (longitude and latitude), with p_reach_m metres around it, may reach one of some boxes in '
+'degrees; true if in doubt.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._objects_near(
+    p_scene_id bigint, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[],
+    p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[], p_low_lon double precision[],
+    p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[]
+) RETURNS TABLE (kind smallint, id bigint, key text, name text, owner text)
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
+SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
+SET jit = off AS $$
+DECLARE
+    v_span tstzrange := (SELECT tstzrange(_instant_of(min(u.s)), _instant_of(max(u.e)), '[]')
+                         FROM unnest(p_starts_us, p_ends_us) u (s, e));
+BEGIN
+    RETURN QUERY
+        WITH given AS MATERIALIZED (
+            SELECT u.floor_m, u.ceiling_m, u.turn,
+                   ST_GeomFromWKB(u.wkb, (SELECT _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat))
+                                          FROM scene s WHERE s.scene_id = p_scene_id)) AS hull,
+                   tstzrange(_instant_of(u.start_us), _instant_of(u.end_us),
+                             CASE WHEN u.is_inclusive THEN '[]' ELSE '[)' END) AS span
+            FROM unnest(p_hulls, p_starts_us, p_ends_us, p_inclusive, p_floors_m, p_ceilings_m, p_turns)
+                 u (wkb, start_us, end_us, is_inclusive, floor_m, ceiling_m, turn)
+        ), near AS (
+            SELECT DISTINCT p.object_kind, p.object_id
+            FROM given q JOIN piece p ON p.hull && q.hull AND p.span && q.span AND p.scene_id = p_scene_id
+            WHERE p.floor_m < q.ceiling_m AND q.floor_m < p.ceiling_m AND (p.turn = 0 OR q.turn = 0)
+        ), pending AS MATERIALIZED (
+            SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id AND NOT c.is_covered
+        )
+        SELECT 0::smallint, a.area_id, a.key, a.name, a.owner
+        FROM near n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id WHERE n.object_kind = 0
+        UNION
+        SELECT 1::smallint, t.track_id, t.key, t.name, t.owner
+        FROM near n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id WHERE n.object_kind = 1
+        UNION
+        SELECT 0::smallint, a.area_id, a.key, a.name, a.owner
+        FROM pending n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
+        WHERE n.object_kind = 0 AND coalesce(a.active_span, tstzrange(NULL, NULL)) && v_span
+          AND _lies_near(a.footprint, 0, p_low_lon, p_low_lat, p_high_lon, p_high_lat)
+        UNION
+        SELECT 1::smallint, t.track_id, t.key, t.name, t.owner
+        FROM pending n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id
+        WHERE n.object_kind = 1
+          AND tstzrange(to_timestamp(ST_M(ST_StartPoint(t.path)) - 1), to_timestamp(ST_M(ST_EndPoint(t.path)) + 1))
+              && v_span
+          AND _lies_near(t.path, ST_MaxDistance(ST_MakePoint(0, 0), coalesce(t.outlines, t.outline))
+                                 + 115 * t.grow_mps * (ST_M(ST_EndPoint(t.path)) - ST_M(ST_StartPoint(t.path))),
+                         p_low_lon, p_low_lat, p_high_lon, p_high_lat);
+END
+$$;
+COMMENT ON FUNCTION _objects_near(
+    bigint, bytea[], bigint[], bigint[], boolean[], double precision[], double precision[], integer[],
+    double precision[], double precision[], double precision[], double precision[]) IS
+'Objects of a scene that given pieces might meet: those with a piece whose box, time and heights overlap, and those '
+'whose pieces are still to be made and that may reach one of some boxes in degrees during the time of all pieces.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._put_plans(p_scene text, p_removed text[], p_plans jsonb) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_max_speed_kn text := current_setting('conflictdb.max_speed_kn', true);
+    v_key text;
+    v_plan record;
+BEGIN
+    -- conflictdb.model has already checked speeds, under the limit of the plan.
+    PERFORM set_config('conflictdb.max_speed_kn', 'infinity', true);
+    FOREACH v_key IN ARRAY p_removed LOOP
+        PERFORM remove_object(p_scene, v_key);
+    END LOOP;
+    FOR v_plan IN
+        SELECT * FROM jsonb_to_recordset(p_plans) p (
+            key text, name text, footprint text, active_span tstzrange, path text, outline text, outlines text,
+            floor_m double precision, ceiling_m double precision, floors_m double precision[],
+            ceilings_m double precision[], grow_mps double precision, properties jsonb, class text, owner text,
+            activations tstzmultirange, departures timestamptz[], schedule jsonb) LOOP
+        IF v_plan.footprint IS NOT NULL THEN
+            PERFORM put_area(
+                p_scene, v_plan.key, ST_GeomFromWKB(decode(v_plan.footprint, 'hex'), 4326), v_plan.active_span,
+                v_plan.floor_m, v_plan.ceiling_m, v_plan.name, v_plan.properties, p_class => v_plan.class,
+                p_owner => v_plan.owner, p_activations => v_plan.activations, p_schedule => v_plan.schedule);
+        ELSE
+            PERFORM put_track(
+                p_scene, v_plan.key, ST_GeomFromWKB(decode(v_plan.path, 'hex'), 4326),
+                ST_GeomFromWKB(decode(v_plan.outline, 'hex')), v_plan.floor_m, v_plan.ceiling_m, v_plan.name,
+                v_plan.properties, v_plan.grow_mps, ST_GeomFromWKB(decode(v_plan.outlines, 'hex')), v_plan.floors_m,
+                v_plan.ceilings_m, p_class => v_plan.class, p_owner => v_plan.owner,
+                p_departures => v_plan.departures, p_schedule => v_plan.schedule);
+        END IF;
+    END LOOP;
+    PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);
+END
+$$;
+COMMENT ON FUNCTION _put_plans(text, text[], jsonb) IS
+'Removes objects by key, then puts plans: the arguments of put_area (with a footprint) and put_track; geometries as '
+'WKB in hexadecimal digits.';

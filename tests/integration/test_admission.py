@@ -1,0 +1,369 @@
+"""Plans are admitted only if they meet nobody, whatever was detected, and however many sessions ask at once."""
+
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+from hypothesis import HealthCheck, given, settings
+from scene_strategies import STORABLE_INSTANT, assert_same, scenes
+from workloads import GROWING, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
+
+from conflictdb import (
+    Area,
+    ConflictDBError,
+    Database,
+    InvalidInput,
+    LockTimeout,
+    Motion,
+    Scene,
+    StoredScene,
+    StoreError,
+    Track,
+    connect,
+    rectangle_outline_m,
+    solve,
+)
+from conflictdb.db import store
+
+HOUR_US = 3_600_000_000
+T0_US = 1_900_000_000_000_000
+CITY = Scene("city", tolerance_m=0.005)
+
+
+def square(key: str, lon: float, hours: tuple[float, float] = (0.0, 1.0), **fields: object) -> Area:
+    ring = [(lon, 0.0), (lon + 0.01, 0.0), (lon + 0.01, 0.01), (lon, 0.01)]
+    start, end = (T0_US + round(h * HOUR_US) for h in hours)
+    return Area(key, ring, start_us=start, end_us=end, **fields)  # type: ignore[arg-type]
+
+
+def flight(key: str, lon: float, hour: float = 0.0, **fields: object) -> Track:
+    """A drone that crosses the squares about that longitude, from south to north within six minutes."""
+    times = [T0_US + round(h * HOUR_US) for h in (hour, hour + 0.1)]
+    return Track(key, [(lon, -0.01), (lon, 0.02)], times, rectangle_outline_m(50, 50, 50, 50), **fields)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def db(dsn: str) -> Iterator[Database]:
+    with connect(dsn) as db:
+        store.set_scene(db.connection, CITY)
+        yield db
+
+
+@pytest.fixture
+def city(db: Database) -> StoredScene:
+    return db.scene("city")
+
+
+def keys(scene: StoredScene) -> list[str]:
+    return [one.key for one in scene.objects()]
+
+
+def test_what_meets_nobody_is_put(city: StoredScene) -> None:
+    admission = city.admit(square("a", 0.0))
+    assert admission
+    assert admission.conflicts == admission.new == []
+    # Not detected, and nevertheless seen.
+    refused = city.admit([square("c", 0.5), square("b", 0.005)])
+    assert not refused
+    assert [(one.a_key, one.b_key, one.verdict) for one in refused.conflicts] == [("a", "b", "conflict")]
+    assert keys(city) == ["a"]
+    city.detect()
+    assert not city.admit(square("b", 0.005))
+    assert city.admit(square("b", 0.005, (1.0, 2.0)))
+    assert keys(city) == ["a", "b"]
+
+
+def test_plans_with_an_owner_are_not_compared_with_each_other(city: StoredScene) -> None:
+    both = [square("1", 0.0), square("2", 0.005)]
+    assert [one.b_key for one in city.admit(both).conflicts] == ["2"]
+    assert city.admit(both, owner="f")
+    assert city.admit([square("3", 0.0), flight("4", 0.005)], owner="f")  # in place of the other two
+    assert keys(city) == ["3", "4"]
+    assert not city.admit(square("1", 0.0), owner="g")
+    for owner in ("g", None):
+        with pytest.raises(InvalidInput, match="plan '3': key: belongs to owner 'f'"):
+            city.admit(square("3", 0.6), owner=owner)
+    assert city.admit(replace(square("1", 0.0), owner="f"))  # and without taking the place of anything
+    assert keys(city) == ["1", "3", "4"]
+    assert city.admit(replace(flight("3", 0.3), owner="f"))  # an area becomes a track
+    assert [(one.key, one.kind) for one in city.objects()] == [("1", "area"), ("3", "track"), ("4", "track")]
+
+
+def test_a_changed_plan_says_which_conflicts_are_new(city: StoredScene) -> None:
+    """Those before may be allowed: with the same objects, at most as long and as severe."""
+    city.put([square("a", 0.0), square("b", 0.005), square("c", 0.03)])
+    assert not city.admit(square("a", 0.001))
+    later = city.admit(square("a", 0.001, (0.2, 0.9)), allow_known=True)
+    assert later
+    assert [one.b_key for one in later.conflicts] == ["b"]
+    assert later.new == []
+    longer = city.admit(square("a", 0.001, (0.1, 0.9)), allow_known=True)
+    assert not longer
+    assert [one.b_key for one in longer.new] == ["b"]
+    moved = city.admit(square("a", 0.022, (0.2, 0.9)), allow_known=True)
+    assert [(one.a_key, one.b_key) for one in moved.new] == [("a", "c")]
+    assert city.admit(square("a", 0.1))
+
+
+def test_what_detections_have_not_seen_counts(city: StoredScene) -> None:
+    """Objects that are new, changed, moved away or gone, areas and tracks."""
+    city.put([square("stays", 0.0), square("moves", 0.1), flight("flies", 0.205), square("goes", 0.3)])
+    city.detect()
+    city.put([square("moves", 0.4), flight("flies", 0.505)])
+    city.delete_objects("goes")
+    assert not city.admit(square("x", 0.005))
+    assert city.admit([square("x", 0.1), square("y", 0.2), square("z", 0.3)])
+    for lon in (0.4, 0.5):
+        assert not city.admit(square("w", lon))
+
+
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, SEAM, OCEAN, GROWING], ids=lambda w: w.name)
+def test_an_admission_finds_what_solve_finds(dsn: str, workload: Workload) -> None:
+    """Of every plan among others, of which a part was detected, a part changed since, and a part is new."""
+    scene, thrown_areas, thrown_tracks = throw(workload, 3, 12, 12)
+    scene = replace(scene, name="city")
+    plans = [*thrown_areas, *thrown_tracks]
+    stored, asked = plans[::2] + plans[1::4], plans[3::4]
+    expected = {
+        (one.a_key, one.b_key): one.verdict
+        for one in solve([p for p in plans if isinstance(p, Track)], [p for p in plans if isinstance(p, Area)], scene)
+    }
+    found = 0
+    with connect(dsn) as db:
+        city = db.scene("city")
+        city.put([replace(one, floor_m=5000.0) for one in stored[:4]] + stored[4:9], scene)
+        city.detect()
+        city.put([*stored[:4], *stored[9:]])
+        for one in asked:
+            conflicts = city.admit(one).conflicts
+            mine = {pair: verdict for pair, verdict in expected.items() if one.key in pair}
+            left = {
+                pair: verdict for pair, verdict in mine.items() if not {*pair} & ({p.key for p in asked} - {one.key})
+            }
+            assert {(c.a_key, c.b_key): c.verdict for c in conflicts} == left
+            found += len(left)
+            city.put(stored)
+            if one.key in keys(city):
+                city.delete_objects(one.key)
+    assert found > 3
+
+
+@given(scenes(STORABLE_INSTANT, 80.0))
+@settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=[*HealthCheck])
+def test_plans_are_admitted_as_they_are(
+    conn: psycopg.Connection[Any], made: tuple[Scene, list[Area], list[Track]]
+) -> None:
+    """Whatever an area or track may be, it is stored as a load stores it."""
+    _, some_areas, some_tracks = made
+    for name in ("put", "admitted"):
+        store.set_scene(conn, Scene(name))
+    store.replace_scene(conn, Scene("put"), some_areas, some_tracks, merge=False)
+    store.replace_scene(conn, Scene("admitted"), [], [], merge=False)
+    with store.transaction(conn):
+        store.put_plans(conn, "admitted", [], some_areas, some_tracks)
+    (_, *put), (_, *admitted) = (store.read_scene(conn, name) for name in ("put", "admitted"))
+    for one, other in zip(put, admitted, strict=True):
+        assert len(one) == len(other)
+        for known in one:
+            assert_same(known, next(item for item in other if item.key == known.key))
+
+
+def test_an_object_that_cannot_be_cut_stops_nobody_else(city: StoredScene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """During its time and at its heights it is unresolved; requests for other times are answered."""
+    from conflictdb.stages.pieces import covers
+
+    city.put(square("bad", 0.0))
+    cut = covers.area_pieces
+
+    def fails(scene: object, plane: object, some: object) -> object:
+        if any(start == T0_US for start in some.start_us):  # type: ignore[attr-defined]
+            raise ValueError("cannot be cut")
+        return cut(scene, plane, some)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(covers, "area_pieces", fails)
+    [conflict] = city.admit(square("x", 0.005, (0.5, 2.0))).conflicts
+    assert (conflict.a_key, conflict.verdict) == ("bad", "unresolved")
+    assert city.admit(square("x", 0.005, (2.0, 3.0)))
+
+
+def rounds(dsn: str, count: int, seed: int) -> tuple[int, int]:
+    """Let 2 to 8 sessions admit plans that exclude each other at once, and kill some of them.
+
+    Returns how many were admitted, and how many sessions were killed.
+    """
+    rng = np.random.default_rng(seed)
+    admitted = killed = 0
+    with connect(dsn) as db:
+        db.scene("city").put(square("fixed", 50.0), CITY)
+        for turn in range(count):
+            n, kills = int(rng.integers(2, 9)), rng.random() < 0.5
+            lons = turn * 0.02 % 40.0 + rng.choice([0.0, 0.004, 0.012], n)
+            plans: list[Area | Track] = [
+                flight(f"{turn}-{k}", lon + 0.005) if rng.random() < 0.3 else square(f"{turn}-{k}", lon)
+                for k, lon in enumerate(lons)
+            ]
+            if rng.random() < 0.2:
+                plans = [replace(plans[0], key=f"{turn}-same")] * n  # the same plan from all of them
+            begin, pids = threading.Barrier(n + 1), dict[int, int]()
+
+            def work(
+                k: int, plans: list[Area | Track] = plans, begin: threading.Barrier = begin, pids: dict[int, int] = pids
+            ) -> bool | None:
+                with suppress(ConflictDBError), connect(dsn) as mine:
+                    pids[k] = mine.connection.info.backend_pid
+                    begin.wait()
+                    return bool(mine.scene("city").admit(plans[k], owner=f"{plans[k].key} of {k}"))
+                return None
+
+            with ThreadPoolExecutor(n) as threads:
+                asked = [threads.submit(work, k) for k in range(n)]
+                begin.wait()
+                for k in rng.choice(n, int(kills) * int(rng.integers(1, n)), replace=False).tolist():
+                    threading.Event().wait(float(rng.uniform(0.0, 0.03)))
+                    with psycopg.connect(dsn, autocommit=True) as other:
+                        other.execute("SELECT pg_terminate_backend(%s)", [pids[k]])
+                answers = [one.result() for one in asked]
+            _, areas_there, tracks_there = store.read_scene(db.connection, "city")
+            db.connection.commit()
+            there = {one.owner: one for one in [*areas_there, *tracks_there] if one.key != "fixed"}
+            assert not solve(tracks_there, areas_there, CITY)
+            for k, answer in enumerate(answers):
+                if answer is not None:
+                    assert answer == (f"{plans[k].key} of {k}" in there)
+            # Whoever was refused met somebody.
+            assert there or None in answers
+            admitted, killed = admitted + len(there), killed + answers.count(None)
+            db.scene("city").delete_objects(*(one.key for one in there.values()))
+    return admitted, killed
+
+
+def test_of_sessions_that_exclude_each_other_one_succeeds(dsn: str) -> None:
+    admitted, _ = rounds(dsn, 6, 1)
+    assert admitted >= 4
+
+
+@pytest.mark.slow
+def test_a_thousand_rounds_of_sessions_with_kills(dsn: str) -> None:
+    admitted, killed = rounds(dsn, 1000, 2)
+    assert admitted > 1000
+    assert killed > 200
+
+
+def test_an_open_transaction_keeps_others_waiting(dsn: str, city: StoredScene) -> None:
+    """Until it ends; then they see what it put, also with a snapshot of their own."""
+    with psycopg.connect(dsn, application_name="desk") as conn:
+        conn.execute("SELECT")
+        first = connect(conn).scene("city")
+        assert first.admit(square("a", 0.0))
+        with pytest.raises(LockTimeout, match=r"another admission of scene 'city' .*'desk'"):
+            city.admit(square("b", 0.005), lock_timeout_s=0.1)
+        # Other scenes, and plain changes, do not wait.
+        city.put(square("c", 0.5))
+        with ThreadPoolExecutor(1) as thread:
+            waits = thread.submit(city.admit, square("b", 0.005))
+            conn.rollback()
+            assert waits.result()
+    assert keys(city) == ["b", "c"]
+
+
+def test_a_transaction_that_is_too_old_is_refused(dsn: str, city: StoredScene) -> None:
+    """It would not see what was admitted meanwhile."""
+    city.admit(square("z", 0.9))
+    with psycopg.connect(dsn) as conn:
+        conn.isolation_level = psycopg.IsolationLevel.REPEATABLE_READ
+        conn.execute("SELECT count(*) FROM conflictdb.area").fetchone()
+        assert city.admit(square("a", 0.0))
+        with pytest.raises(StoreError, match="40001"):
+            connect(conn).scene("city").admit(square("b", 0.005))
+        conn.rollback()
+        assert not connect(conn).scene("city").admit(square("b", 0.005))
+
+
+def test_a_default_isolation_does_not_matter(dsn: str, city: StoredScene) -> None:
+    with psycopg.connect(dsn, options="-c default_transaction_isolation=serializable") as conn, connect(dsn) as other:
+        conn.autocommit = True
+        scene = connect(conn).scene("city")
+        assert scene.admit(square("a", 0.0))
+        assert other.scene("city").admit(square("b", 0.02))
+        assert not scene.admit(square("c", 0.025))
+
+
+def test_admission_needs_the_right_to_change(dsn: str, db: Database, city: StoredScene) -> None:
+    db.connection.execute("CREATE ROLE admits LOGIN; GRANT conflictdb_editor TO admits")
+    db.connection.execute("CREATE ROLE reads LOGIN; GRANT conflictdb_reader TO reads")
+    db.connection.commit()
+    try:
+        with psycopg.connect(dsn) as conn:
+            for role, refusal in (("reads", "GRANT conflictdb_editor"), ("admits", None)):
+                conn.execute(f"SET ROLE {role}")
+                conn.commit()
+                scene = connect(conn).scene("city")
+                if refusal is None:
+                    assert scene.admit(square("a", 0.0))
+                    assert not scene.admit(flight("b", 0.005))
+                    conn.commit()
+                else:
+                    with pytest.raises(ConflictDBError, match="permission denied"):
+                        scene.admit(square("a", 0.0))
+                    conn.rollback()
+            db.protect_scenes()
+            scene = connect(conn).scene("city")
+            with pytest.raises(ConflictDBError, match="not in this database"):
+                scene.admit(square("c", 0.5))
+            conn.rollback()
+            db.scene("city").share("admits", "read")
+            with pytest.raises(ConflictDBError, match="not change it"):
+                scene.admit(square("c", 0.5))
+            conn.rollback()
+            db.scene("city").share("admits", "write")
+            assert scene.admit(square("c", 0.5))
+            conn.rollback()
+            conn.execute("RESET ROLE")
+    finally:
+        db.protect_scenes(on=False)
+        for role in ("admits", "reads"):
+            db.connection.execute(f"REASSIGN OWNED BY {role} TO CURRENT_USER; DROP OWNED BY {role}; DROP ROLE {role}")
+        db.connection.commit()
+
+
+def test_bad_plans_change_nothing(city: StoredScene, db: Database) -> None:
+    for plans, rule in (
+        ([], "got none"),
+        ("a", "must be an Area or a Track"),
+        ([square("a", 0.0), square("a", 0.5)], "more than once"),
+        (Track("t", [(0.0, 89.5), (1.0, 89.5)], [T0_US, T0_US + HOUR_US], [(0.0, 0.0)]), "beyond"),
+    ):
+        with pytest.raises(InvalidInput, match=rule):
+            city.admit(plans)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInput, match="owner"):
+        city.admit(square("a", 0.0), owner="")
+    with pytest.raises(InvalidInput, match="city"):
+        db.scene("town").admit(square("a", 0.0))
+    assert keys(city) == []
+
+
+def test_great_circles_get_a_centre_with_the_first_admission(db: Database) -> None:
+    store.set_scene(db.connection, Scene("round", motion=Motion.GREAT_CIRCLE))
+    scene = db.scene("round")
+    assert scene.admit(square("a", 10.0))
+    assert scene.settings().centre is not None
+    assert not scene.admit(square("b", 10.005))
+    with pytest.raises(InvalidInput, match="60 degrees"):
+        scene.admit(square("c", 100.0))
+
+
+def test_put_adds_and_replaces(db: Database) -> None:
+    scene = db.scene("new")
+    with pytest.raises(InvalidInput, match="new"):
+        scene.put(square("a", 0.0))
+    assert scene.put([square("a", 0.0), flight("b", 0.1)], Scene("other", tolerance_m=2.0)).added == 2
+    assert scene.settings() == Scene("new", tolerance_m=2.0)
+    counts = scene.put([square("a", 0.0), flight("b", 0.2)])
+    assert (counts.updated, counts.unchanged) == (1, 1)
+    assert [one.key for one in scene.objects()] == ["a", "b"]

@@ -1,0 +1,364 @@
+"""Airspaces of AIXM, NOTAM, and warnings of S-124: what each field becomes, and one message a mistake.
+
+The files are made here, after the public schemas. `docs/how-to/read-notam-and-airspaces.md` says which public files
+were read, with what result.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+import pytest
+import shapely
+
+from conflictdb import Area, InvalidInput, read
+from conflictdb.formats import Contents, FileHints
+
+GEOD = pyproj.Geod(ellps="WGS84")
+NMI = 1852.0
+AT_ALL_HEIGHTS = FileHints(unbounded_heights=True)
+SQUARE = "57 4 57 5 58 5 58 4 57 4"
+PERIOD = (
+    "<gml:beginPosition>2026-03-01T06:00:00Z</gml:beginPosition><gml:endPosition>2026-03-31T18:00:00Z</gml:endPosition>"
+)
+SHEET = "<aixm:timeReference>UTC</aixm:timeReference><aixm:day>{}</aixm:day><aixm:startTime>{}</aixm:startTime>"
+SHEET += "<aixm:endTime>{}</aixm:endTime>"
+
+
+def lines(positions: str = SQUARE, kind: str = "GeodesicString") -> str:
+    return f"<gml:{kind}><gml:posList>{positions}</gml:posList></gml:{kind}>"
+
+
+def surface(*segments: str, system: str = 'srsName="urn:ogc:def:crs:EPSG::4326"') -> str:
+    each = "".join(segments or (lines(),))
+    curve = f"<gml:curveMember><gml:Curve><gml:segments>{each}</gml:segments></gml:Curve></gml:curveMember>"
+    patch = f"<gml:PolygonPatch><gml:exterior><gml:Ring>{curve}</gml:Ring></gml:exterior></gml:PolygonPatch>"
+    return f"<aixm:Surface {system}><gml:patches>{patch}</gml:patches></aixm:Surface>"
+
+
+def volume(shape: str = "", lower: str = "", upper: str = "", operation: str = "BASE") -> str:
+    limits = lower or '<aixm:lowerLimit uom="FT">GND</aixm:lowerLimit>'
+    limits += (
+        upper
+        or '<aixm:upperLimit uom="M">900</aixm:upperLimit><aixm:upperLimitReference>MSL</aixm:upperLimitReference>'
+    )
+    projection = f"<aixm:horizontalProjection>{shape or surface()}</aixm:horizontalProjection>"
+    return (
+        f"<aixm:geometryComponent><aixm:AirspaceGeometryComponent><aixm:operation>{operation}</aixm:operation>"
+        f"<aixm:theAirspaceVolume><aixm:AirspaceVolume>{limits}{projection}</aixm:AirspaceVolume>"
+        "</aixm:theAirspaceVolume></aixm:AirspaceGeometryComponent></aixm:geometryComponent>"
+    )
+
+
+def activation(status: str = "ACTIVE", *sheets: str) -> str:
+    times = "".join(f"<aixm:timeInterval><aixm:Timesheet>{one}</aixm:Timesheet></aixm:timeInterval>" for one in sheets)
+    inside = f"{times}<aixm:status>{status}</aixm:status>"
+    return f"<aixm:activation><aixm:AirspaceActivation>{inside}</aixm:AirspaceActivation></aixm:activation>"
+
+
+def aixm(*slices: tuple[str, str], more: str = "") -> str:
+    every = "".join(
+        "<aixm:timeSlice><aixm:AirspaceTimeSlice><gml:validTime><gml:TimePeriod>"
+        f"{PERIOD}</gml:TimePeriod></gml:validTime><aixm:interpretation>{kind}</aixm:interpretation>"
+        f"<aixm:sequenceNumber>{number}</aixm:sequenceNumber><aixm:designator>EAR1</aixm:designator>{inside}"
+        "</aixm:AirspaceTimeSlice></aixm:timeSlice>"
+        for number, (kind, inside) in enumerate(slices or (("BASELINE", volume()),), 1)
+    )
+    return (
+        '<message:AIXMBasicMessage xmlns:message="http://www.aixm.aero/schema/5.1.1/message" '
+        'xmlns:aixm="http://www.aixm.aero/schema/5.1.1" xmlns:gml="http://www.opengis.net/gml/3.2" '
+        'xmlns:xlink="http://www.w3.org/1999/xlink">'
+        f'<message:hasMember><aixm:Airspace gml:id="uuid.1">{every}</aixm:Airspace></message:hasMember>{more}'
+        "</message:AIXMBasicMessage>"
+    )
+
+
+def contents(tmp_path: Path, text: str, name: str = "a.xml", **more: Any) -> Contents:
+    (tmp_path / name).write_text(text)
+    return read(tmp_path / name, **more)
+
+
+def one(tmp_path: Path, text: str, name: str = "a.xml", **more: Any) -> Area:
+    (area,) = contents(tmp_path, text, name, **more).areas
+    return area
+
+
+def minutes(instant_us: int | None) -> np.datetime64:
+    return np.datetime64(instant_us, "us").astype("datetime64[m]")
+
+
+def test_an_airspace_becomes_an_area(tmp_path: Path) -> None:
+    area = one(tmp_path, aixm())
+    assert (area.key, area.floor_m, area.ceiling_m) == ("EAR1", None, 900.0)
+    assert minutes(area.start_us) == np.datetime64("2026-03-01T06:00")
+    assert minutes(area.end_us) == np.datetime64("2026-03-31T18:00")
+    assert area.footprint.bounds[:3] == (4.0, 57.0, 5.0)
+    assert area.properties == {"interpretation": "BASELINE", "airspace_designator": "EAR1"}
+
+
+def test_geodesics_of_an_airspace_bulge_towards_the_pole(tmp_path: Path) -> None:
+    """Straight segments do not; without a reference system the order of coordinates is unknown."""
+    positions = "60 0 60 20 62 20 62 0 60 0"
+    geodesic = one(tmp_path, aixm(("BASELINE", volume(surface(lines(positions)))))).footprint
+    straight = one(tmp_path, aixm(("BASELINE", volume(surface(lines(positions, "LineStringSegment")))))).footprint
+    assert geodesic.bounds[3] == pytest.approx(GEOD.npts(0, 62, 20, 62, 1)[0][1], abs=1e-4)
+    assert straight.bounds == (0, 60, 20, 62)
+    longitude_first = surface(lines("0 60 20 60 20 62 0 60"), system='srsName="urn:ogc:def:crs:OGC:1.3:CRS84"')
+    assert one(tmp_path, aixm(("BASELINE", volume(longitude_first)))).footprint.bounds[0] == 0.0
+
+
+def arc(start: float, end: float, radius: float = 25.0) -> str:
+    return (
+        f'<gml:ArcByCenterPoint><gml:pos>55 10</gml:pos><gml:radius uom="NM">{radius}</gml:radius>'
+        f'<gml:startAngle uom="deg">{start}</gml:startAngle><gml:endAngle uom="deg">{end}</gml:endAngle>'
+        "</gml:ArcByCenterPoint>"
+    )
+
+
+def place(azimuth: float, miles: float) -> str:
+    lon, lat, _ = GEOD.fwd(10, 55, azimuth, miles * NMI)
+    return f"{lat} {lon}"
+
+
+def test_an_arc_is_contained_on_both_sides(tmp_path: Path) -> None:
+    """A sector between 15 and 25 miles: its outer arc bulges outward, its inner one inward."""
+    outer = lines(f"{place(40, 15)} {place(40, 25)}"), arc(40, 130, 25.0)
+    inner = lines(f"{place(130, 25)} {place(130, 15)}"), arc(130, 40, 15.0)
+    area = one(tmp_path, aixm(("BASELINE", volume(surface(*outer, *inner))))).footprint
+    boundary = area.buffer(1e-5)
+    rng = np.random.default_rng(5)
+    for azimuth, share in rng.random((500, 2)):
+        lon, lat, _ = GEOD.fwd(10, 55, 40 + 90 * azimuth, (15 + 10 * share) * NMI)
+        assert boundary.contains(shapely.Point(lon, lat))
+    for azimuth in np.linspace(45, 125, 20):
+        assert not boundary.contains(shapely.Point(*GEOD.fwd(10, 55, azimuth, 25.05 * NMI)[:2]))
+        assert not boundary.contains(shapely.Point(*GEOD.fwd(10, 55, azimuth, 14.95 * NMI)[:2]))
+
+
+def test_a_circle_of_an_airspace_is_contained(tmp_path: Path) -> None:
+    circle = (
+        '<gml:CircleByCenterPoint numArc="1"><gml:pointProperty xlink:href="#P"/><gml:radius uom="KM">10</gml:radius>'
+    )
+    more = '<message:hasMember><aixm:DesignatedPoint><aixm:Point gml:id="P"><gml:pos>55 10</gml:pos></aixm:Point>'
+    more += "</aixm:DesignatedPoint></message:hasMember>"
+    found = contents(tmp_path, aixm(("BASELINE", volume(surface(circle + "</gml:CircleByCenterPoint>"))), more=more))
+    ring = shapely.get_coordinates(found.areas[0].footprint)
+    away = [GEOD.inv(10, 55, *corner)[2] for corner in ring.tolist()]
+    assert 9999.9 < min(away) < max(away) < 10_011.0
+    assert [str(one.reason) for one in found.skipped] == ["1 features are DesignatedPoints, no airspaces"]
+
+
+def test_a_temporary_change_has_the_shape_of_its_baseline(tmp_path: Path) -> None:
+    base, delta = contents(tmp_path, aixm(("BASELINE", volume()), ("TEMPDELTA", activation()))).areas
+    assert (base.key, delta.key) == ("EAR1", "EAR1/TEMPDELTA")
+    assert shapely.equals(base.footprint, delta.footprint)
+    found = contents(tmp_path, aixm(("BASELINE", volume() + activation("INACTIVE"))))
+    assert [str(one.reason) for one in found.skipped] == ["is never active"]
+
+
+EXCLUDED = SHEET.format("ANY", "00:00", "24:00") + "<aixm:excluded>YES</aixm:excluded>"
+LOCAL = SHEET.format("MON", "08:00", "10:00").replace("UTC", "LOCAL")
+LIMIT = '<aixm:upperLimit uom="{}">{}</aixm:upperLimit><aixm:upperLimitReference>{}</aixm:upperLimitReference>'
+MISTAKES = {
+    "a delta alone": (aixm(("TEMPDELTA", activation())), "geometryComponent: is missing: the file has no"),
+    "an operation": (aixm(("BASELINE", volume(operation="SUBTR"))), "'EAR1': operation in line 1: is SUBTR"),
+    "a flight level": (
+        aixm(("BASELINE", volume(upper=LIMIT.format("FL", 195, "STD")))),
+        "'EAR1': upperLimit in line 1: is measured from a surface of constant pressure",
+    ),
+    "no reference": (
+        aixm(("BASELINE", volume(upper='<aixm:upperLimit uom="FT">900</aixm:upperLimit>'))),
+        "'EAR1': upperLimit in line 1: needs a unit and a reference",
+    ),
+    "a unit": (aixm(("BASELINE", volume(upper=LIMIT.format("YD", 9, "MSL")))), "in line 1: has the unit 'YD'"),
+    "no system": (aixm(("BASELINE", volume(surface(system="")))), "in line 1: names no reference system"),
+    "a system": (
+        aixm(("BASELINE", volume(surface(system='srsName="EPSG:3857"')))),
+        "Surface in line 1: has the reference system EPSG:3857; read are EPSG:4326 and CRS84",
+    ),
+    "an open ring": (
+        aixm(("BASELINE", volume(surface(lines("57 4 57 5 58 5"))))),
+        "exterior in line 1: must be closed",
+    ),
+    "a gap": (
+        aixm(("BASELINE", volume(surface(lines("57 4 57 5"), lines("58 5 57 4"))))),
+        "exterior in line 1: has a gap of 1 degrees",
+    ),
+    "a spline": (
+        aixm(("BASELINE", volume(surface("<gml:BSpline/>")))),
+        "BSpline in line 1: is a curve that is not read",
+    ),
+    "elsewhere": (
+        aixm(("BASELINE", volume('<aixm:Surface><gml:patches xlink:href="#x"/></aixm:Surface>'))),
+        "patches in line 1: is elsewhere, in #x",
+    ),
+    "a status": (
+        aixm(("BASELINE", volume() + activation("PERHAPS"))),
+        "status in line 1: is not understood: 'PERHAPS'",
+    ),
+    "a holiday": (
+        aixm(("BASELINE", volume() + activation("ACTIVE", SHEET.format("HOL", "08:00", "10:00")))),
+        "Timesheet in line 1: has the day HOL; understood are ANY and MON",
+    ),
+    "an excluded time": (
+        aixm(("BASELINE", volume() + activation("ACTIVE", EXCLUDED))),
+        "Timesheet in line 1: excludes times",
+    ),
+    "no zone": (
+        aixm(("BASELINE", volume() + activation("ACTIVE", LOCAL))),
+        "Timesheet in line 1: needs a timeReference such as UTC or UTC",
+    ),
+    "an interpretation": (aixm(("DELTA", volume())), "interpretation: must be one of BASELINE"),
+    "a time": (aixm().replace("06:00:00Z", "06:00:00"), "validTime, beginPosition: needs an offset from UTC"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_in_aixm_has_one_message_that_names_it(mistake: str, tmp_path: Path) -> None:
+    text, rule = MISTAKES[mistake]
+    with pytest.raises(InvalidInput, match=rule) as refused:
+        contents(tmp_path, text)
+    assert str(refused.value).count("\n") == 0
+
+
+NOTAM = """(A1485/26 NOTAMN
+Q) EDWW/{}/IV/BO/W/000/100/5405N01030E010
+A) EDWW B) 2603010600 C) {}
+E) {}
+F) {} G) {})
+"""
+RING = "GUN FIRING WI AREA 540000N 0102000E - 541000N 0102000E - 541000N\n0104000E - 540000N 0102000E"
+
+
+def notam(text: str = RING, q: str = "QWMLW", c: str = "2603311800", f: str = "SFC", g: str = "10000FT AMSL") -> str:
+    return NOTAM.format(q, c, text, f, g)
+
+
+def test_a_notam_becomes_an_area(tmp_path: Path) -> None:
+    area = one(tmp_path, notam(), "a.txt")
+    assert (area.key, area.floor_m, area.ceiling_m) == ("A1485/26", None, pytest.approx(3048.0))
+    assert (minutes(area.start_us), minutes(area.end_us)) == (
+        np.datetime64("2026-03-01T06:00"),
+        np.datetime64("2026-03-31T18:00"),
+    )
+    assert area.footprint.bounds == pytest.approx((10 + 1 / 3, 54.0, 10 + 2 / 3, 54 + 1 / 6), abs=2e-4)
+    assert area.properties["q_code"] == "QWMLW"
+    assert one(tmp_path, notam(c="PERM"), "a.txt").end_us is None
+    prefixed = "DANGER AREA BOUNDED BY N540000E0102000-N541000E0102000-N5410\n00E0104000 BACK TO START"
+    again = one(tmp_path, notam(prefixed), "a.txt")
+    assert again.footprint.bounds == pytest.approx(area.footprint.bounds, abs=1e-4)
+
+
+def test_a_circle_is_that_of_item_e_or_else_of_item_q(tmp_path: Path) -> None:
+    def reach_m(text: str, lon: float, lat: float) -> float:
+        ring = shapely.get_coordinates(one(tmp_path, notam(text), "a.txt").footprint).tolist()
+        return min(GEOD.inv(lon, lat, *corner)[2] for corner in ring)
+
+    for text in (
+        "WI 5NM RADIUS OF 540000N 0102000E",
+        "RADIUS OF 5 NM CENTRED ON 5400N01020E",
+        "5.0NM RADIUS 5400N01020E",
+    ):
+        assert reach_m(text, 10 + 1 / 3, 54) == pytest.approx(5 * NMI, rel=2e-3)
+    assert reach_m("GUN FIRING AS PUBLISHED", 10.5, 54 + 5 / 60) == pytest.approx(11 * NMI, rel=2e-3)
+    curved = "AREA 5400N01020E - CLOCKWISE ARC 5NM RADIUS OF 5405N01020E - 5410N01020E"
+    assert reach_m(curved, 10.5, 54 + 5 / 60) == pytest.approx(11 * NMI, rel=2e-3)
+    (remark,) = contents(tmp_path, notam(curved), "a.txt").remarks
+    assert "the circle of item Q is used" in remark.text
+
+
+def test_cancelled_and_other_notam_are_left_out(tmp_path: Path) -> None:
+    cancel = "(A1486/26 NOTAMC A1485/26\nQ) EDWW/QWMLC/IV/BO/W/000/100/5405N01030E010\nA) EDWW B) 2603010600\nE) CNL)"
+    runway = notam("RWY CLSD", "QMRLC").replace("A1485", "A1487")
+    found = contents(tmp_path, notam() + cancel + runway, "a.txt")
+    assert found.areas == []
+    assert [one.reason for one in found.skipped] == [
+        "is replaced or cancelled by A1486/26",
+        "cancels A1485/26",
+        "is no airspace restriction or warning: QMRLC",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        ("no NOTAM here", "file: holds no NOTAM"),
+        (notam().replace("Q)", "X)"), "NOTAM 'A1485/26': Q: is missing"),
+        (notam().replace("5405N", "5465N").replace(RING, "AS PUBLISHED"), "'A1485/26': Q: holds 5465N, which is no"),
+        (notam().replace("E010\n", "E999\n").replace(RING, "WHOLE FIR"), "Q: has no circle to use"),
+        (notam(c="2603321800"), "'A1485/26': C: must be ten digits, year to minute, or PERM"),
+        (notam(RING.replace("541000N", "546100N")), "'A1485/26': E: holds 546100N, which is no coordinate"),
+        (notam(g="FL100"), "'A1485/26': G: is measured from a surface of constant pressure"),
+        (notam(f="500FT AGL"), "'A1485/26': F: is measured from the ground"),
+        (notam(g="3000FT"), "'A1485/26': G: must be such as SFC, FL195, 2000FT AMSL or UNL, with its reference"),
+        (notam() * 2, "area 'A1485/26': id: is given twice, by NOTAM 1 and NOTAM 2"),
+    ],
+)
+def test_a_mistake_in_a_notam_is_named(text: str, rule: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=rule) as refused:
+        contents(tmp_path, text, "a.notam")
+    assert str(refused.value).count("\n") == 0
+
+
+def s124(dates: str = "", shape: str = "", part: str = "NavwarnPart") -> str:
+    ring = f"<gml:LinearRing><gml:posList>{SQUARE}</gml:posList></gml:LinearRing>"
+    patch = f"<gml:PolygonPatch><gml:exterior>{ring}</gml:exterior></gml:PolygonPatch>"
+    own = (
+        shape
+        or f"<S100:surfaceProperty><S100:Surface><gml:patches>{patch}</gml:patches></S100:Surface>"
+        "</S100:surfaceProperty>"
+    )
+    return (
+        '<Dataset xmlns="http://www.iho.int/S124/gml/2.0" xmlns:gml="http://www.opengis.net/gml/3.2" '
+        'xmlns:S100="http://www.iho.int/s100gml/5.0"><members><NavwarnPreamble><messageSeriesIdentifier>'
+        "<warningNumber>1</warningNumber><year>2026</year></messageSeriesIdentifier></NavwarnPreamble>"
+        f'<{part} gml:id="W.1">{dates}<warningInformation><information><text>Firing</text></information>'
+        f"</warningInformation><geometry>{own}</geometry></{part}></members></Dataset>"
+    )
+
+
+def dates(start: str = "2026-03-01", end: str = "2026-03-02", clock: str = "") -> str:
+    return (
+        f"<fixedDateRange><dateStart><S100:date>{start}</S100:date></dateStart><dateEnd><S100:date>{end}</S100:date>"
+        f"</dateEnd>{clock}</fixedDateRange>"
+    )
+
+
+@pytest.mark.parametrize("part", ["NavwarnPart", "NAVWARNPart", "S124_NavigationalWarningPart", "NavwarnAreaAffected"])
+def test_a_part_of_a_warning_becomes_an_area(part: str, tmp_path: Path) -> None:
+    area = one(tmp_path, s124(dates(), part=part))
+    assert (area.key, area.name, area.footprint.bounds) == ("W.1", "Firing", (4.0, 57.0, 5.0, 58.0))
+    assert (minutes(area.start_us), minutes(area.end_us)) == (np.datetime64("2026-03-01"), np.datetime64("2026-03-03"))
+    assert area.properties == {"warningNumber": "1", "year": "2026", "text": "Firing", "part": part}
+    clock = "<timeOfDayStart>10:00:00</timeOfDayStart><timeOfDayEnd>123000Z</timeOfDayEnd>"
+    area = one(tmp_path, s124(dates(clock=clock)))
+    assert (minutes(area.start_us), minutes(area.end_us)) == (
+        np.datetime64("2026-03-01T10:00"),
+        np.datetime64("2026-03-02T12:30"),
+    )
+    assert one(tmp_path, s124()).start_us is None
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        (s124(dates("--03-01")), "warning 'W.1': dateStart in line 1: must be a whole date"),
+        (s124(dates(clock="<timeOfDayStart>10h</timeOfDayStart>")), "timeOfDayStart in line 1: must be such as"),
+        (s124("<periodicDateRange/>"), "'W.1': periodicDateRange in line 1: is not understood"),
+        (s124(dates("2026-03-05")), "area 'W.1': end: must be later than start"),
+        (s124().replace(SQUARE, SQUARE[:-5]), "'W.1': exterior in line 1: must be closed"),
+        (s124().replace(SQUARE, "157 4 157 5 158 5 157 4"), "latitude must lie"),
+    ],
+)
+def test_a_mistake_in_a_warning_is_named(text: str, rule: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=rule) as refused:
+        contents(tmp_path, text)
+    assert str(refused.value).count("\n") == 0
+
+
+def test_points_of_warnings_are_left_out(tmp_path: Path) -> None:
+    point = "<S100:pointProperty><S100:Point><gml:pos>57 4</gml:pos></S100:Point></S100:pointProperty>"
+    found = contents(tmp_path, s124(shape=point))
+    assert found.areas == []
+    assert [one.reason for one in found.skipped] == ["1 geometries are Points: no areas"]
