@@ -43,6 +43,9 @@ Object = TypeVar("Object", Area, Track)
 
 # Speeds are at most this many times faster or slower: instants of ten days stay sharper than a microsecond.
 MOST_FACTOR: Final = 100.0
+# Limits of uncertain delays, seconds; and how far beyond those of a speed its conflicts are computed, relative.
+_LATEST_S: Final = 1e9
+_BEYOND: Final = 1e-6
 
 
 def solve(
@@ -200,9 +203,7 @@ def speeds(
     """
     slowest, fastest = limits(slowest, fastest)
     scene, plane, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene)
-    if scene.time_separation_s > 0.0:
-        rule = "must be 0: speeds are not computed with a separation in time; delays are"
-        raise InvalidInput("speeds", "time_separation_s", f"{rule}; got {scene.time_separation_s!r}")
+    _require_one_time("speeds", scene)
     require_one_voyage("speeds", "key", tracks if key is None else [track for track in tracks if track.key == key])
     if leg is not None:
         number, times_us = _one_track("speeds", "leg", scene, keys, numbers, tracks, key)
@@ -220,6 +221,13 @@ def speeds(
         )
         rows.append(stage_of_speeds.speeds_of(keys[number], leg, keys, found, slowest, fastest))
     return rows
+
+
+def _require_one_time(what: str, scene: Scene) -> None:
+    """Raise InvalidInput for a scene with a separation in time."""
+    if scene.time_separation_s > 0.0:
+        rule = "must be 0: speeds are not computed with a separation in time; delays are"
+        raise InvalidInput(what, "time_separation_s", f"{rule}; got {scene.time_separation_s!r}")
 
 
 def limits(slowest: Any, fastest: Any) -> tuple[float, float]:
@@ -262,12 +270,12 @@ def chances(
     areas: Iterable[Area],
     scene: Scene | None = None,
     departures: Mapping[str, Any] | None = None,
+    speeds: Mapping[str, Any] | None = None,
 ) -> Chances:
-    """Return how likely conflicts are if tracks may depart earlier or later than planned: bounds on either side.
+    """Return how likely conflicts are if departures, or the speed of a track, are uncertain: bounds on either side.
 
     Conflicts are those of tracks, with each other and with areas. Departures are independent of each other, and the
-    method is `exact`. A departure shifts a whole plan: nothing of it
-    is there before, and nothing after.
+    method is `exact`. A departure shifts a whole plan: nothing of it is there before, and nothing after.
 
     Raises the errors of `solve`, and InvalidInput for an unknown track or another distribution.
 
@@ -276,24 +284,44 @@ def chances(
     departures : mapping, optional
         Delays in seconds by the keys of tracks: ``scipy.stats.norm(60, 300)``, ``scipy.stats.uniform(-300, 900)``, or a
         sequence of delays, each as likely. All other tracks depart as planned.
+    speeds : mapping, optional
+        By the key of one track, factors of its planned speed on all legs: ``scipy.stats.norm(1, 0.05)``. It departs as
+        planned, and everything else goes as planned: give no `departures`.
     """
     from conflictdb.stages import chances as stage  # not above: it brings scipy
 
-    scene, plane, pieces, keys, numbers, _ = numbered("chances", tracks, areas, scene)
-    known: dict[int, stage.Departure] = {}
-    for key, given in (departures or {}).items():
-        [number] = _known(scene, keys, numbers, [key]).tolist()
-        try:
-            known[number] = stage.Departure.of(given)
-        except (TypeError, ValueError):
-            rule = "must be norm or uniform of scipy.stats, with their parameters, or finite delays in seconds"
-            raise InvalidInput("chances", f"departures[{key!r}]", f"{rule}; got {given!r:.60}") from None
+    scene, plane, pieces, keys, numbers, plans = numbered("chances", tracks, areas, scene)
+    if speeds and (departures or len(speeds) > 1):
+        rule = "must have one track, without departures: no other may be uncertain, too"
+        raise InvalidInput("chances", "speeds", f"{rule}; got {len(speeds)}, and {len(departures or ())} departures")
+    known: dict[int, stage.Uncertain] = {}
+    for name, each_of, unit, least, most in (
+        ("departures", departures, "delays in seconds", -_LATEST_S, _LATEST_S),
+        ("speeds", speeds, "factors", 1.0 / MOST_FACTOR, MOST_FACTOR),
+    ):
+        for key, given in (each_of or {}).items():
+            [number] = _known(scene, keys, numbers, [key]).tolist()
+            try:
+                known[number] = stage.Uncertain.of(given, least, most)
+            except (TypeError, ValueError):
+                rule = f"must be norm or uniform of scipy.stats, with their parameters, or finite {unit}"
+                limits = f"from {least:g} to {most:g}"
+                raise InvalidInput("chances", f"{name}[{key!r}]", f"{rule}, {limits}; got {given!r:.60}") from None
+    placed, tail, slow = AnyTime.of(pieces), sum(one.tail for one in known.values()), None
+    if speeds:
+        _require_one_time("chances", scene)
+        slow, speed = known.popitem()
+        times_us = plans[numbers.tolist().index(slow)].times_us
+        factors = min(speed.low, 1.0) * (1.0 - _BEYOND), max(speed.high, 1.0) * (1.0 + _BEYOND)
+        ends_us = int(times_us[0]), int(times_us[-1])
+        met = stage_of_speeds.speeds_of_track(scene, plane, placed, slow, *ends_us, *factors)
     most_s = max([0.0, *(one.high for one in known.values())]) - min([0.0, *(one.low for one in known.values())])
     horizon_us = int(np.ceil(1e6 * most_s)) + 1
-    tail = sum(one.tail for one in known.values())
     movable = set(numbers.tolist())
     pairs, any_of = {}, {keys[number]: (0.0, tail) for number in numbers.tolist()}
-    every = differences_of(scene, plane, AnyTime.of(pieces), numbers, horizon_us, waits=False)
+    every = differences_of(scene, plane, placed, numbers, horizon_us, waits=False)
+    if slow is not None:
+        every = every.take(np.flatnonzero((every.track != slow) & (every.other != slow)))
     for number, own in every.of_each_track():
         departure = known.get(number, stage.PLANNED)
         rivals = stage.rivals_of(own, horizon_us, lambda other: known.get(other, stage.PLANNED))
@@ -301,6 +329,15 @@ def chances(
         for other, rival in rivals.items():
             if other not in movable or other > number:
                 pairs[keys[number], keys[other]] = stage.chance_of_pair(departure, rival)
+    if slow is not None:
+        any_of[keys[slow]] = stage.chance_at_speed(speed, met)
+        for other in np.unique(met.other).tolist():
+            chance = stage.chance_at_speed(speed, met.take(np.flatnonzero(met.other == other)))
+            if chance[1] > tail + stage.ROUNDING:
+                first, second = (other, slow) if other in movable and other < slow else (slow, other)
+                pairs[keys[first], keys[second]] = chance
+            if other in movable:
+                any_of[keys[other]] = stage.either(any_of[keys[other]], chance)
     least, most = (float(sum(bound[k] for bound in pairs.values())) for k in (0, 1))
     return Chances(pairs, (least, most + tail * len(keys)), any_of)
 

@@ -35,8 +35,13 @@ DECLARE
         '_explained_object(p_scene_id, p_key, kind, id, key, waits, pieces, is_covered, span, floor_m, '
         'ceiling_m, box)',
         '_keys_of(p_scene_id, p_kinds, p_ids, kind, id, key)',
+        '_leg_heights(p_floor_m, p_ceiling_m, p_floors_m, p_ceilings_m, p_first, p_last, floor_m, ceiling_m)',
         '_load(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
         'p_centre_lon, p_centre_lat, p_merge, added, updated, removed, unchanged)',
+        '_pieces(p_scene_id, p_piece_ids, piece_id, rank, object_kind, object_id, version, pieces, part, '
+        'turn, span_start, span_end, end_inclusive, floor_m, ceiling_m, leg_start, leg_end, start_lon_deg, '
+        'start_lat_deg, end_lon_deg, end_lat_deg, bearing_deg, hull, shape, shape_to, parts, cuts, leg_times, '
+        'legs)',
         '_pieces_meeting(p_scene_id, p_key, p_hulls, p_starts_us, p_ends_us, p_inclusive, p_floors_m, '
         'p_ceilings_m, p_turns, n, piece_id, pieces, object_number)',
         '_probe_request(p_probe_id, object_kind, key, footprint, start_us, end_us, path, outline, '
@@ -48,6 +53,13 @@ DECLARE
         'version, pieces, part, turn, span_start, span_end, end_inclusive, floor_m, ceiling_m, leg_start, '
         'leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg, bearing_deg, hull, shape, '
         'shape_to, parts, cuts, leg_times, legs, met)',
+        '_put_pieces(p_scene_id, p_most, p_most_compared, p_object_kind, p_object_id, p_version, p_pieces, '
+        'p_part, p_turn, p_hull, p_span, p_floor_m, p_ceiling_m, p_shape, p_shape_to, p_leg_start, p_leg_end, '
+        'p_start_lon_deg, p_start_lat_deg, p_end_lon_deg, p_end_lat_deg, p_bearing_deg, p_first, p_hulls, '
+        'p_shapes, p_parts, p_starts, p_leg_times, p_legs, piece_id, rank, object_kind, object_id, version, '
+        'pieces, part, turn, span_start, span_end, end_inclusive, floor_m, ceiling_m, leg_start, leg_end, '
+        'start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg, bearing_deg, hull, shape, shape_to, parts, '
+        'cuts, leg_times, legs, met, own_parts, met_parts, candidate_pairs, stage2_us)',
         '_read_areas(p_scene_id, p_keys, area_id, version, span_start, span_end, floor_m, ceiling_m, has_name, '
         'footprint, key, name, properties)',
         '_read_tracks(p_scene_id, p_keys, track_id, version, floor_m, ceiling_m, has_name, grow_mps, path, outline, '

@@ -140,31 +140,44 @@ DECLARE
 BEGIN
     SELECT h.* INTO v_bad FROM (VALUES ('floors_m', p_floors_m), ('ceilings_m', p_ceilings_m)) h (field, heights)
         WHERE array_ndims(h.heights) IS DISTINCT FROM 1 AND h.heights IS NOT NULL OR array_lower(h.heights, 1) <> 1
-           OR cardinality(h.heights) <> v_legs LIMIT 1;
+           OR cardinality(h.heights) NOT IN (v_legs, v_legs + 1) LIMIT 1;
     IF FOUND THEN
         FOUND := _raise('ZC004', p_who, v_bad.field,
-                        format('must be one per leg: %s legs, %s heights', v_legs, cardinality(v_bad.heights)),
-                        'height_per_leg', 'Null is no limit.');
+                        format('must be one per leg (%s) or one per waypoint (%s); got %s heights', v_legs, v_legs + 1,
+                               cardinality(v_bad.heights)), 'height_per_leg', 'Null is no limit.');
     END IF;
-    SELECT n.leg, coalesce(p_floors_m[n.leg], CASE WHEN p_floors_m IS NULL THEN p_floor_m END) AS floor_m,
-           coalesce(p_ceilings_m[n.leg], CASE WHEN p_ceilings_m IS NULL THEN p_ceiling_m END) AS ceiling_m INTO v_bad
-        FROM generate_series(1, v_legs) n (leg)
-        WHERE NOT (p_floors_m[n.leg] > '-infinity' AND p_floors_m[n.leg] < 'infinity')
-           OR NOT (p_ceilings_m[n.leg] > '-infinity' AND p_ceilings_m[n.leg] < 'infinity')
-           OR coalesce(p_ceilings_m[n.leg], CASE WHEN p_ceilings_m IS NULL THEN p_ceiling_m END)
-              <= coalesce(p_floors_m[n.leg], CASE WHEN p_floors_m IS NULL THEN p_floor_m END)
-        ORDER BY n.leg LIMIT 1;
+    SELECT format('%s[%s]', h.field, u.nr) AS field, u.height INTO v_bad
+        FROM (VALUES ('floors_m', p_floors_m), ('ceilings_m', p_ceilings_m)) h (field, heights)
+        CROSS JOIN LATERAL unnest(h.heights) WITH ORDINALITY u (height, nr)
+        WHERE NOT (u.height > '-infinity' AND u.height < 'infinity') LIMIT 1;
+    IF FOUND THEN
+        FOUND := _raise('ZC004', p_who, v_bad.field, format('heights must be finite, or null; got %s', v_bad.height),
+                        'heights_finite');
+    END IF;
+    -- At both ends of each leg: with one height per waypoint, these are of two waypoints, and null if one of them is.
+    SELECT n.leg, f.floor_m, c.ceiling_m INTO v_bad
+        FROM generate_series(1, v_legs) n (leg) CROSS JOIN generate_series(0, 1) e (after)
+        CROSS JOIN LATERAL (SELECT CASE WHEN p_floors_m IS NULL THEN p_floor_m
+                                        WHEN cardinality(p_floors_m) = v_legs THEN p_floors_m[n.leg]
+                                        WHEN p_floors_m[n.leg + 1 - e.after] IS NOT NULL
+                                        THEN p_floors_m[n.leg + e.after] END AS floor_m) f
+        CROSS JOIN LATERAL (SELECT CASE WHEN p_ceilings_m IS NULL THEN p_ceiling_m
+                                        WHEN cardinality(p_ceilings_m) = v_legs THEN p_ceilings_m[n.leg]
+                                        WHEN p_ceilings_m[n.leg + 1 - e.after] IS NOT NULL
+                                        THEN p_ceilings_m[n.leg + e.after] END AS ceiling_m) c
+        WHERE c.ceiling_m <= f.floor_m
+        ORDER BY n.leg, e.after LIMIT 1;
     IF FOUND THEN
         FOUND := _raise('ZC004', p_who, format('leg %s', v_bad.leg),
-                        format('heights must be finite, or null, and the ceiling above the floor; got %s to %s',
-                               v_bad.floor_m, v_bad.ceiling_m), 'ceiling_above_floor');
+                        format('must have the ceiling above the floor; got %s to %s', v_bad.floor_m, v_bad.ceiling_m),
+                        'ceiling_above_floor');
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _check_leg_heights(text, geometry, double precision, double precision, double precision[],
                                        double precision[]) IS
-'Raises ZC004 unless there is one height (metres) per leg, heights are finite or null, and ceilings are above floors. '
-'Legs count from 1. A null array means that the height of the whole track applies.';
+'Raises ZC004 unless there is one height (metres) per leg or per waypoint, heights are finite or null, and ceilings '
+'are above floors. Legs count from 1. A null array means that the height of the whole track applies.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._whole_height(
     p_who text, p_field text, p_given_m double precision, p_whole_m double precision, p_known_m double precision,

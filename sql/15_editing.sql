@@ -134,7 +134,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION put_area(
-    text, text, geometry, tstzrange, double precision, double precision, text, jsonb, text, text, tstzmultirange, jsonb) IS
+    text, text, geometry, tstzrange, double precision, double precision, text, jsonb, text, text, tstzmultirange,
+    jsonb) IS
 'Adds an area to a scene, or replaces the one with that key; returns its id. '
 'Longitude and latitude in degrees (SRID 4326), heights in metres above mean sea level, active during [start, end); '
 'null is unbounded. Objects of one owner are not compared with each other. It is active during p_activations instead, '
@@ -205,7 +206,8 @@ COMMENT ON FUNCTION put_track(
 'The haven may change: p_grow_mps moves every side outward (metres per second) from the first waypoint''s time on, or '
 'p_outlines gives a MultiPolygon with one outline per waypoint (p_outline may then be null). '
 'Heights (metres above mean sea level, null: no limit) apply to the whole track; p_floors_m and p_ceilings_m instead '
-'give one per leg (p_floor_m and p_ceiling_m must then be null or agree). '
+'give one per leg, or one per waypoint, between which it changes linearly (p_floor_m and p_ceiling_m must then be null '
+'or agree). '
 'Objects of one owner are not compared with each other. The voyage departs at p_departures instead of at its first '
 'time, or at each start of p_schedule (JSON as in scene files), which the next detection expands and checks.';
 

@@ -192,21 +192,21 @@ BEGIN
             USING (object_kind, object_id, part, turn)
         WHERE (k.version, k.hull, k.span, k.floor_m, k.ceiling_m, k.shape, k.shape_to, k.leg_start, k.leg_end,
                k.start_lon_deg, k.start_lat_deg, k.end_lon_deg, k.end_lat_deg, k.bearing_deg, k.parts, k.hulls,
-               k.shapes, k.cuts, k.leg_times, k.legs)
+               k.shapes, k.cuts, k.leg_times, k.legs, k.climb)
               IS DISTINCT FROM
               (m.version, m.hull, m.span, m.floor_m, m.ceiling_m, m.shape, m.shape_to, m.leg_start, m.leg_end,
                m.start_lon_deg, m.start_lat_deg, m.end_lon_deg, m.end_lat_deg, m.bearing_deg, m.parts, m.hulls,
-               m.shapes, m.cuts, m.leg_times, m.legs)
+               m.shapes, m.cuts, m.leg_times, m.legs, m.climb)
     ), removed AS (
         DELETE FROM piece p USING difference d WHERE p.piece_id = d.piece_id
     ), added AS (
         INSERT INTO piece (scene_id, object_kind, object_id, version, pieces, part, turn, hull, span, floor_m,
                            ceiling_m, shape, shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg,
-                           end_lat_deg, bearing_deg, parts, hulls, shapes, cuts, leg_times, legs)
+                           end_lat_deg, bearing_deg, parts, hulls, shapes, cuts, leg_times, legs, climb)
             SELECT m.scene_id, m.object_kind, m.object_id, m.version, m.pieces, m.part, m.turn, m.hull, m.span,
                    m.floor_m, m.ceiling_m, m.shape, m.shape_to, m.leg_start, m.leg_end, m.start_lon_deg,
                    m.start_lat_deg, m.end_lon_deg, m.end_lat_deg, m.bearing_deg, m.parts, m.hulls, m.shapes, m.cuts,
-                   m.leg_times, m.legs
+                   m.leg_times, m.legs, m.climb
             FROM difference d JOIN pg_temp.made_piece m ON m.ctid = d.place
     )
     SELECT count(*) INTO v_changed FROM difference;

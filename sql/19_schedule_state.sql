@@ -1,11 +1,13 @@
 -- Whether the schedules of a scene wait to be expanded (23_schedules.sql).
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._is_behind_horizon(p_scene scene) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_behind_horizon(
+    p_expanded tstzrange, p_horizon_days double precision
+) RETURNS boolean
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT upper((p_scene).expanded) < now() + 0.9 * (p_scene).horizon_days * interval '1 day';
+    SELECT upper(p_expanded) < now() + 0.9 * p_horizon_days * interval '1 day';
 END;
-COMMENT ON FUNCTION _is_behind_horizon(scene) IS
+COMMENT ON FUNCTION _is_behind_horizon(tstzrange, double precision) IS
 'Whether a tenth of the horizon has passed since the schedules of a scene were expanded; null: it has none.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._schedules_wait(p_scene_id bigint) RETURNS boolean
@@ -22,7 +24,7 @@ BEGIN
     END IF;
     SELECT * INTO v_scene FROM scene s WHERE s.scene_id = p_scene_id;
     RETURN v_scene.expanded IS NOT NULL
-           AND (_is_behind_horizon(v_scene)
+           AND (_is_behind_horizon(v_scene.expanded, v_scene.horizon_days)
                 -- Voyages that changed may leave the time for which schedules are expanded.
                 OR EXISTS (SELECT FROM change c
                            CROSS JOIN LATERAL (SELECT t.* FROM track t WHERE t.track_id = c.object_id OFFSET 0) t

@@ -187,7 +187,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._pieces(
     OUT ceiling_m double precision, OUT leg_start timestamptz, OUT leg_end timestamptz,
     OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision,
     OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea,
-    OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea
+    OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
@@ -199,7 +199,8 @@ BEGIN ATOMIC
            coalesce(p.end_lon_deg, 0), coalesce(p.end_lat_deg, 0), coalesce(p.bearing_deg, 0),
            ST_AsBinary(coalesce(p.hulls, p.hull), 'NDR'), ST_AsBinary(coalesce(p.shapes, p.shape), 'NDR'),
            coalesce(ST_AsBinary(p.shape_to, 'NDR'), ''), coalesce(array_send(p.parts), ''),
-           coalesce(array_send(p.cuts), ''), coalesce(array_send(p.leg_times), ''), coalesce(array_send(p.legs), '')
+           coalesce(array_send(p.cuts), ''), coalesce(array_send(p.leg_times), ''), coalesce(array_send(p.legs), ''),
+           coalesce(array_send(p.climb), '')
     -- OFFSET 0 forces lookups; for a large scene the planner would scan all pieces.
     FROM unnest(p_piece_ids) wanted (piece_id)
     CROSS JOIN LATERAL (SELECT m.* FROM piece m WHERE m.piece_id = wanted.piece_id OFFSET 0) p
@@ -213,4 +214,4 @@ END;
 COMMENT ON FUNCTION _pieces(bigint, bigint[]) IS
 'Rows of pieces by id, without nulls, for COPY. rank orders objects by kind and key, so that results do not depend on '
 'ids. Areas and bundles have no motion: epoch and 0. For bundles, hull and shape hold those of all pieces (shape only '
-'if they differ). shape_to and the arrays of bundles (array_send) may be empty.';
+'if they differ). shape_to, climb and the arrays of bundles (array_send) may be empty.';

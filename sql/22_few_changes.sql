@@ -60,8 +60,8 @@ $$;
 COMMENT ON FUNCTION _begin_detection(text, double precision, integer, boolean) IS
 'Takes the lock of a scene as _take_scene does (taken is null if that fails) and returns its settings. Stops there, '
 'with null ids, if attached tables have pending changes (is_behind; p_try_again as in _attachments_to_follow, null: '
-'not checked), if schedules wait to be expanded (is_behind), or if the scene has more than p_few marks (negative: always). Otherwise returns the ids of the changed '
-'objects, deletes their pieces and covers their marks; _put_pieces must follow in the same transaction. known_objects: '
+'not checked), if schedules wait to be expanded (is_behind), or if the scene has more than p_few marks (negative: '
+'always). Otherwise returns the ids of the changed objects, deletes their pieces and covers their marks; _put_pieces must follow in the same transaction. known_objects: '
 'how many of them the last detection included; null if unknown.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._some_areas(
@@ -104,15 +104,16 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._put_pieces(
     p_leg_start timestamptz[], p_leg_end timestamptz[], p_start_lon_deg double precision[],
     p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[],
     p_bearing_deg double precision[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[],
-    p_starts timestamptz[], p_leg_times timestamptz[], p_legs double precision[],
+    p_starts timestamptz[], p_leg_times timestamptz[], p_legs double precision[], p_climbs boolean[],
+    p_climb double precision[],
     OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint,
     OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamptz, OUT span_end timestamptz,
     OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision,
     OUT leg_start timestamptz, OUT leg_end timestamptz, OUT start_lon_deg double precision,
     OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision,
     OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea,
-    OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea,
-    OUT candidate_pairs bigint, OUT stage2_us bigint
+    OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea, OUT met bytea, OUT own_parts bytea,
+    OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint
 ) RETURNS SETOF record
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET enable_seqscan = off SET jit = off AS $$
@@ -135,7 +136,7 @@ BEGIN
     WITH made AS (
         INSERT INTO piece (scene_id, object_kind, object_id, version, pieces, part, turn, hull, span, floor_m,
                            ceiling_m, shape, shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg,
-                           end_lat_deg, bearing_deg, parts, hulls, shapes, cuts, leg_times, legs)
+                           end_lat_deg, bearing_deg, parts, hulls, shapes, cuts, leg_times, legs, climb)
             SELECT p_scene_id, m.object_kind, m.object_id, m.version, m.pieces, m.part, m.turn,
                    ST_GeomFromEWKB(m.hull), m.span, m.floor_m, m.ceiling_m, ST_GeomFromEWKB(m.shape),
                    ST_GeomFromEWKB(m.shape_to), m.leg_start, m.leg_end, m.start_lon_deg, m.start_lat_deg,
@@ -144,14 +145,16 @@ BEGIN
                    ST_GeomFromEWKB(m.hulls), ST_GeomFromEWKB(m.shapes),
                    CASE WHEN m.has_slices THEN p_starts[m.first:m.first + m.pieces - 1] || upper(m.span) END,
                    CASE WHEN m.has_slices THEN p_leg_times[2 * m.first - 1:2 * (m.first + m.pieces - 1)] END,
-                   CASE WHEN m.has_slices THEN p_legs[5 * m.first - 4:5 * (m.first + m.pieces - 1)] END
+                   CASE WHEN m.has_slices THEN p_legs[5 * m.first - 4:5 * (m.first + m.pieces - 1)] END,
+                   CASE WHEN m.climbs THEN p_climb[4 * m.first - 3:4 * m.first] END
             FROM (SELECT u.*, u.pieces > 1 AND u.object_kind = 1 AS has_slices
                   FROM unnest(p_object_kind, p_object_id, p_version, p_pieces, p_part, p_turn, p_hull, p_span,
                               p_floor_m, p_ceiling_m, p_shape, p_shape_to, p_leg_start, p_leg_end, p_start_lon_deg,
-                              p_start_lat_deg, p_end_lon_deg, p_end_lat_deg, p_bearing_deg, p_first, p_hulls, p_shapes)
+                              p_start_lat_deg, p_end_lon_deg, p_end_lat_deg, p_bearing_deg, p_first, p_hulls, p_shapes,
+                              p_climbs)
                        u (object_kind, object_id, version, pieces, part, turn, hull, span, floor_m, ceiling_m, shape,
                           shape_to, leg_start, leg_end, start_lon_deg, start_lat_deg, end_lon_deg, end_lat_deg,
-                          bearing_deg, first, hulls, shapes)) m
+                          bearing_deg, first, hulls, shapes, climbs)) m
             RETURNING piece_id, object_kind, object_id
     )
     SELECT array_agg(m.piece_id), array_agg(DISTINCT _object_number(m.object_kind, m.object_id))
@@ -210,7 +213,7 @@ COMMENT ON FUNCTION _put_pieces(
     bigint, bigint, bigint, smallint[], bigint[], bigint[], integer[], integer[], smallint[], bytea[], tstzrange[],
     double precision[], double precision[], bytea[], bytea[], timestamptz[], timestamptz[], double precision[],
     double precision[], double precision[], double precision[], double precision[], integer[], bytea[], bytea[],
-    integer[], timestamptz[], timestamptz[], double precision[]) IS
+    integer[], timestamptz[], timestamptz[], double precision[], boolean[], double precision[]) IS
 'Stores the pieces of the objects from _begin_detection and runs stage 1 for them, at most p_most pairs of rows; also '
 'stage 2 if they contain at most p_most_compared pairs of pieces. Returns all rows of pieces that are in a pair left, '
 'with the columns of _pieces, in order of rank; one row without a piece if there is none. met: ids of the rows that a '

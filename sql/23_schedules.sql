@@ -52,7 +52,8 @@ COMMENT ON FUNCTION _scheduled(bigint, boolean) IS
 'or the first waypoint of a track.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._set_activations(
-    p_scene_id bigint, p_kinds smallint[], p_ids bigint[], p_versions bigint[], p_counts integer[], p_instants_us bigint[]
+    p_scene_id bigint, p_kinds smallint[], p_ids bigint[], p_versions bigint[], p_counts integer[],
+    p_instants_us bigint[]
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -85,8 +86,8 @@ END
 $$;
 COMMENT ON FUNCTION _set_activations(bigint, smallint[], bigint[], bigint[], integer[], bigint[]) IS
 'Stores expanded schedules of objects that still have the given versions, and so marks those that changed; returns '
-'their number. p_instants_us: of all objects, microseconds since 1970; starts and ends in turn, or departures. p_counts: '
-'how many are of each object.';
+'their number. p_instants_us: of all objects, microseconds since 1970; starts and ends in turn, or departures. '
+'p_counts: how many are of each object.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._set_expanded(p_scene_id bigint, p_from_us bigint, p_until_us bigint)
 RETURNS void

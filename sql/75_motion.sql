@@ -246,22 +246,39 @@ COMMENT ON FUNCTION _rhumb_vertices(double precision, double precision, double p
 'Vertices of a haven (outline in metres) with its reference point at a longitude (degrees) and a rectifying latitude '
 '(radians) and a heading (degrees): longitude and latitude, degrees, not wrapped.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._leg_heights(
+CREATE OR REPLACE FUNCTION conflictdb_internal._height_on(
+    p_whole_m double precision, p_heights_m double precision[], p_path geometry, p_leg integer, p_instant timestamptz
+) RETURNS double precision
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- Exact at both ends of the leg.
+    SELECT CASE WHEN p_heights_m IS NULL THEN p_whole_m
+                WHEN cardinality(p_heights_m) < ST_NPoints(p_path) OR p_heights_m[p_leg] = p_heights_m[p_leg + 1]
+                THEN p_heights_m[p_leg]
+                ELSE (1 - s.share) * p_heights_m[p_leg] + s.share * p_heights_m[p_leg + 1] END
+    FROM (SELECT least(greatest(extract(epoch FROM p_instant - to_timestamp(ST_M(ST_PointN(p_path, p_leg))))
+                                / extract(epoch FROM to_timestamp(ST_M(ST_PointN(p_path, p_leg + 1)))
+                                                     - to_timestamp(ST_M(ST_PointN(p_path, p_leg)))), 0), 1
+                 )::double precision AS share) s;
+END;
+COMMENT ON FUNCTION _height_on(double precision, double precision[], geometry, integer, timestamptz) IS
+'Height (metres; null: no limit) on a leg at an instant, from that of the track, of its legs, or of its waypoints.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._heights_on(
     p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[],
-    p_ceilings_m double precision[], p_first integer, p_last integer,
+    p_ceilings_m double precision[], p_path geometry, p_first integer, p_last integer, p_instant timestamptz,
     OUT floor_m double precision, OUT ceiling_m double precision
 )
-LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT nullif(min(CASE WHEN p_floors_m IS NULL THEN coalesce(p_floor_m, '-infinity')
-                           ELSE coalesce(p_floors_m[n.leg], '-infinity') END), '-infinity'),
-           nullif(max(CASE WHEN p_ceilings_m IS NULL THEN coalesce(p_ceiling_m, 'infinity')
-                           ELSE coalesce(p_ceilings_m[n.leg], 'infinity') END), 'infinity')
+    SELECT nullif(min(coalesce(_height_on(p_floor_m, p_floors_m, p_path, n.leg, p_instant), '-infinity')), '-infinity'),
+           nullif(max(coalesce(_height_on(p_ceiling_m, p_ceilings_m, p_path, n.leg, p_instant), 'infinity')),
+                  'infinity')
     FROM generate_series(p_first, p_last) n (leg);
 END;
-COMMENT ON FUNCTION _leg_heights(double precision, double precision, double precision[], double precision[], integer,
-                                 integer) IS
-'Height band (metres; null: no limit) of legs p_first to p_last of a track, from heights of the track or of its legs.';
+COMMENT ON FUNCTION _heights_on(double precision, double precision, double precision[], double precision[], geometry,
+                                integer, integer, timestamptz) IS
+'Height band (metres; null: no limit) of legs p_first to p_last of a track at an instant.';
 
 CREATE OR REPLACE FUNCTION heights_at(
     p_scene text, p_key text, p_instant timestamptz, OUT floor_m double precision, OUT ceiling_m double precision
@@ -270,11 +287,14 @@ LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT h.floor_m, h.ceiling_m
     FROM track t
+    -- As on the voyage that the path describes.
+    CROSS JOIN LATERAL (SELECT p_instant - _shift(t.path, t.departures, p_instant) AS at) v
     CROSS JOIN LATERAL (SELECT min(n.leg) AS first, max(n.leg) AS last
                         FROM generate_series(1, ST_NPoints(t.path) - 1) n (leg)
-                        WHERE p_instant BETWEEN to_timestamp(ST_M(ST_PointN(t.path, n.leg)))
-                                        AND to_timestamp(ST_M(ST_PointN(t.path, n.leg + 1)))) l
-    CROSS JOIN LATERAL _leg_heights(t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m, l.first, l.last) h
+                        WHERE v.at BETWEEN to_timestamp(ST_M(ST_PointN(t.path, n.leg)))
+                                   AND to_timestamp(ST_M(ST_PointN(t.path, n.leg + 1)))
+                          AND (t.departures IS NULL OR p_instant >= t.departures[1])) l
+    CROSS JOIN LATERAL _heights_on(t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m, t.path, l.first, l.last, v.at) h
     WHERE t.scene_id = _scene_id(p_scene) AND t.key = p_key;
 END;
 COMMENT ON FUNCTION heights_at(text, text, timestamptz) IS

@@ -210,9 +210,9 @@ BEGIN
                                  v_track.grow_mps, v_track.outlines, v_leg.n,
                                  ARRAY(SELECT u.at - v_leg.later FROM unnest(v_leg.instants) u (at))) h
                 -- At a waypoint, the heights of both legs.
-                CROSS JOIN LATERAL _leg_heights(
-                    v_track.floor_m, v_track.ceiling_m, v_track.floors_m, v_track.ceilings_m,
-                    v_leg.n - (v_leg.n > 1 AND h.at + v_leg.later = v_leg.starts_at)::integer, v_leg.n) b;
+                CROSS JOIN LATERAL _heights_on(
+                    v_track.floor_m, v_track.ceiling_m, v_track.floors_m, v_track.ceilings_m, v_track.path,
+                    v_leg.n - (v_leg.n > 1 AND h.at + v_leg.later = v_leg.starts_at)::integer, v_leg.n, h.at) b;
         END LOOP;
     END LOOP;
 END

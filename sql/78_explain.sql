@@ -172,10 +172,11 @@ BEGIN
 
     SELECT count(*) AS in_boxes, count(*) FILTER (WHERE m.meets) AS in_hulls,
            (jsonb_agg(jsonb_build_object('a', m.a_part, 'b', m.b_part, 'from', lower(m.span), 'to', upper(m.span))
-                      ORDER BY m.span, m.a_part, m.b_part) FILTER (WHERE m.meets)) AS pieces
+                      ORDER BY m.span, m.a_part, m.b_part) FILTER (WHERE m.meets)) AS pieces,
+           coalesce(bool_or(m.climbs), false) AS climb
         INTO v_left
         FROM (SELECT m.part AS a_part, n.part AS b_part, _shared_span(m.span, n.span, v_within_s) AS span,
-                     _hulls_meet(m.hull, n.hull) AS meets
+                     _hulls_meet(m.hull, n.hull) AS meets, num_nonnulls(o.climb, p.climb) > 0 AS climbs
               FROM piece o JOIN piece p ON p.hull && o.hull AND p.span && _widened(o.span, v_within_s)
               CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) m
               JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes, p.cuts) n
@@ -236,10 +237,11 @@ BEGIN
             v_why := CASE WHEN v_within_s > 0
                           THEN format('they are proven to use no place within %s of each other',
                                       _shown_seconds(v_within_s))
-                          ELSE 'they are proven to stay further apart than the limit of a conflict' END;
+                          ELSE 'they are proven to stay further apart than the limit of a conflict' END
+                     || CASE WHEN v_left.climb THEN ' while their heights overlap' ELSE '' END;
         END IF;
         -- Only exact and nlp prove distances, and only for pairs that share time and heights.
-        IF v_by NOT IN ('time', 'height') AND v_method <> 'screen' AND a.span && b.span THEN
+        IF v_by NOT IN ('time', 'height') AND v_method <> 'screen' AND a.span && b.span AND NOT v_left.climb THEN
             v_further_than_m := greatest(v_scene.separation_m, v_scene.nearest_m);
         END IF;
     END IF;

@@ -186,7 +186,7 @@ BEGIN ATOMIC
           WHERE (q.attachment_id IS NOT NULL OR NOT _is_compared(a))
                 AND NOT _has_just_failed(a) AND _is_mine(a.attachment_id)
           UNION ALL
-          SELECT h.scene_id, now(), 0 FROM scene h WHERE _is_behind_horizon(h)
+          SELECT h.scene_id, now(), 0 FROM scene h WHERE _is_behind_horizon(h.expanded, h.horizon_days)
           UNION ALL
           SELECT w.scene_id, now(), 0 FROM area w WHERE w.schedule IS NOT NULL AND w.activations IS NULL
           UNION ALL

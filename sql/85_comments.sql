@@ -18,15 +18,17 @@ COMMENT ON COLUMN area.name IS 'Display name; null: none.';
 COMMENT ON COLUMN area.footprint IS
 'Longitude and latitude, degrees; longitudes may exceed 180. Edges are straight in the scene''s plane.';
 COMMENT ON COLUMN area.activations IS
-'When it is closed, if several times: spans [start, end) within active_span. With a schedule: its expansion, null until '
-'a detection makes it. Null without a schedule: active_span alone.';
-COMMENT ON COLUMN area.schedule IS 'When it is closed within active_span, as written (JSON as in scene files); null: none.';
+'When it is closed, if several times: spans [start, end) within active_span. With a schedule: its expansion, null '
+'until a detection makes it. Null without a schedule: active_span alone.';
+COMMENT ON COLUMN area.schedule IS
+'When it is closed within active_span, as written (JSON as in scene files); null: none.';
 COMMENT ON COLUMN track.departures IS
-'When its voyages depart, if several: the path, moved so that it begins then. With a schedule: its expansion, null until '
-'a detection makes it. Null without a schedule: one voyage, at the times of the path.';
+'When its voyages depart, if several: the path, moved so that it begins then. With a schedule: its expansion, null '
+'until a detection makes it. Null without a schedule: one voyage, at the times of the path.';
 COMMENT ON COLUMN track.schedule IS 'When it departs: the starts of a schedule (JSON as in scene files); null: none.';
 COMMENT ON COLUMN scene.expanded IS 'The time for which schedules are expanded; null: none is.';
-COMMENT ON COLUMN area.active_span IS 'When it is closed: [start, end); a missing bound is unbounded. With activations it holds all of them.';
+COMMENT ON COLUMN area.active_span IS 
+'When it is closed: [start, end); a missing bound is unbounded. With activations it holds all of them.';
 COMMENT ON COLUMN area.floor_m IS 'Lowest height, metres above mean sea level, inclusive; null: no limit.';
 COMMENT ON COLUMN area.ceiling_m IS 'Highest height, metres above mean sea level, exclusive; null: no limit.';
 COMMENT ON COLUMN area.properties IS 'Additional data of its source, a JSON object.';
@@ -51,9 +53,11 @@ COMMENT ON COLUMN track.floor_m IS
 COMMENT ON COLUMN track.ceiling_m IS
 'Highest height, metres above mean sea level, exclusive; null: no limit. With ceilings_m their greatest.';
 COMMENT ON COLUMN track.floors_m IS
-'Lowest height of each leg, metres, inclusive; a null element: no limit. Null: floor_m applies to all legs.';
+'Lowest heights, metres, inclusive: one per leg, or one per waypoint, linear in between; a null element: no limit. '
+'Null: floor_m applies to all legs.';
 COMMENT ON COLUMN track.ceilings_m IS
-'Highest height of each leg, metres, exclusive; a null element: no limit. Null: ceiling_m applies to all legs.';
+'Highest heights, metres, exclusive: one per leg, or one per waypoint, linear in between; a null element: no limit. '
+'Null: ceiling_m applies to all legs.';
 COMMENT ON COLUMN track.properties IS 'Additional data of its source, a JSON object.';
 COMMENT ON COLUMN track.version IS 'Increases whenever key, path, outline, growth, heights, class or owner change.';
 COMMENT ON COLUMN track.class IS 'Class that separation rules name; null: none.';
@@ -125,6 +129,8 @@ COMMENT ON COLUMN piece.cuts IS
 'for areas and for one piece.';
 COMMENT ON COLUMN piece.leg_times IS
 'Bundles of tracks: start and end of each slice''s leg; null for areas and for one piece.';
+COMMENT ON COLUMN piece.climb IS
+'Floor at the start and the end of the leg, then the ceilings, metres; linear in between. Null: heights are constant.';
 COMMENT ON COLUMN piece.legs IS
 'Bundles of tracks: for each slice, longitude and latitude at the start and at the end of its leg, and the bearing, '
 'degrees; null for areas and for one piece.';

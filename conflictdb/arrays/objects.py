@@ -129,7 +129,7 @@ class TrackBatch:
     times_us : (w,) int64
     outline_offset : (n + 1,) int64
     outline_m : (v, 2) float64, starboard and forward
-    floor_m, ceiling_m : (w - n,) float64, of each leg, -inf and +inf where unbounded
+    floor_m, ceiling_m : (w - n, 2) float64, at both ends of each leg, -inf and +inf where unbounded
     grow_mps : (n,) float64, outward speed of every side; 0 for a haven that does not grow
     outlines_offset : (n + 1,) int64
     outlines_m : (u, 2) float64, concatenated outlines of tracks that have one per waypoint; no rows for other tracks
@@ -185,7 +185,7 @@ class TrackBatch:
         legs = np.diff(waypoint_offset) - 1
         lowest = np.array([-np.inf if t.floor_m is None else t.floor_m for t in tracks], np.float64)
         highest = np.array([np.inf if t.ceiling_m is None else t.ceiling_m for t in tracks], np.float64)
-        floor_m, ceiling_m = np.repeat(lowest, legs), np.repeat(highest, legs)
+        floor_m, ceiling_m = (np.repeat(whole, 2 * legs).reshape(-1, 2) for whole in (lowest, highest))
         for i, track in enumerate(tracks):
             if track.floors_m is not None or track.ceilings_m is not None:
                 of_legs = slice(waypoint_offset[i] - i, waypoint_offset[i + 1] - i - 1)

@@ -28,6 +28,11 @@ def later(at_us: NDArray[np.int64], by_us: int | NDArray[np.int64]) -> NDArray[n
     return at_us + np.where((at_us == MINUS_INFINITY_US) | (at_us == INFINITY_US), 0, by_us)
 
 
+def level_m(floor_m: NDArray[np.float64], ceiling_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return heights (n,) that do not change, as `Pieces.climb_m`."""
+    return np.stack([floor_m, floor_m, ceiling_m, ceiling_m], axis=1)
+
+
 @dataclass(frozen=True, slots=True)
 class Pieces:
     """n pieces: the unit that stages 1 to 4 work on.
@@ -40,7 +45,8 @@ class Pieces:
     start_us, end_us : (n,) int64 MINUS_INFINITY_US, INFINITY_US where unbounded
     end_inclusive : (n,) bool     whether the instant end_us belongs to the piece (inner slices: yes, the object's
         end: no)
-    floor_m, ceiling_m : (n,) float64   -inf, +inf where unbounded
+    floor_m, ceiling_m : (n,) float64   the lowest and the highest, -inf, +inf where unbounded
+    climb_m : (n, 4) float64      floor at the start and the end of the leg, then the ceilings; linear in between
     hull_xy, hull_offset : (h, 2) float64, (n + 1,) int64   padded convex hull of everything the piece covers, closed
         ring, plane coordinates in metres, shifted by `turn`
     shape_xy, shape_offset : (s, 2) float64, (n + 1,) int64  open ring, counter-clockwise, not shifted. Area: the exact
@@ -62,6 +68,7 @@ class Pieces:
     end_inclusive: NDArray[np.bool_]
     floor_m: NDArray[np.float64]
     ceiling_m: NDArray[np.float64]
+    climb_m: NDArray[np.float64]
     hull_xy: NDArray[np.float64]
     hull_offset: NDArray[np.int64]
     shape_xy: NDArray[np.float64]
@@ -88,6 +95,11 @@ class Pieces:
             differs = (self.shape_to_xy != self.shape_xy).any(axis=1)
             found[np.repeat(np.arange(len(self)), np.diff(self.shape_offset))[differs]] = True
         return found
+
+    def climbs(self) -> NDArray[np.bool_]:
+        """Return (n,) whether the heights of a piece change along its leg."""
+        climb = self.climb_m
+        return (climb[:, 0] != climb[:, 1]) | (climb[:, 2] != climb[:, 3])
 
     def shared_span(self, a: PieceRows, b: PieceRows) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return (start_us, end_us) of the shared time of pieces a and b, (n,) each; unbounded where both are."""

@@ -27,8 +27,15 @@ def load(args: argparse.Namespace) -> int:
 
 def export(args: argparse.Namespace) -> int:
     """Write a scene file."""
-    check(args, [(args.format == "geojson" and is_parquet(args.file), "a file of GeoJSON does not end in .parquet")])
     is_binary = args.format == "geoparquet"
+    is_whole = is_binary or args.file == "-" or is_parquet(args.file)
+    check(
+        args,
+        [
+            (args.format == "geojson" and is_parquet(args.file), "a file of GeoJSON does not end in .parquet"),
+            (bool(args.keys) and is_whole, "GeoParquet and stdout hold the whole scene"),
+        ],
+    )
     with database(args) as db:
         scene = db.scene(args.scene)
         if is_binary and (args.file == "-" or not is_parquet(args.file)):
@@ -37,7 +44,7 @@ def export(args: argparse.Namespace) -> int:
         elif args.file == "-":
             data([scene.text()], is_json=True)
         else:
-            scene.export(args.file)
+            scene.export(args.file, args.keys or None)
     return DONE
 
 

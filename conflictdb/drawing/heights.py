@@ -62,7 +62,8 @@ def draw(panel: Any, sketch: Sketch, at_us: NDArray[np.int64], times: list[Any],
 
 def _bands(one: Area | Track) -> tuple[Floats, Floats]:
     if isinstance(one, Track):
-        return one.heights_m()
+        floors_m, ceilings_m = one.heights_m()
+        return floors_m.min(axis=1), ceilings_m.max(axis=1)
     floor_m = -np.inf if one.floor_m is None else one.floor_m
     ceiling_m = np.inf if one.ceiling_m is None else one.ceiling_m
     return np.array([floor_m]), np.array([ceiling_m])

@@ -16,6 +16,7 @@ from conflictdb.earth.registry import centred, plane_of
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind, distinct_labels
+from conflictdb.stages.heights import bands_at
 from conflictdb.stages.pieces.covers import COVER, pieces_of
 from conflictdb.stages.published.stage3_projection import windows
 from conflictdb.stages.stage1_broad_phase import candidates, hulls_of
@@ -83,8 +84,9 @@ class Sketch:
         floor, ceiling = np.full(len(at_us), np.nan), np.full(len(at_us), np.nan)
         for row in rows:
             there = (self.pieces.start_us[row] <= at_us) & (at_us <= self.pieces.end_us[row])
-            floor[there] = np.fmin(floor[there], self.pieces.floor_m[row])
-            ceiling[there] = np.fmax(ceiling[there], self.pieces.ceiling_m[row])
+            of_row = PieceRows(np.full(int(there.sum()), row))
+            low, high = bands_at(self.pieces, of_row, at_us[there])
+            floor[there], ceiling[there] = np.fmin(floor[there], low), np.fmax(ceiling[there], high)
         return floor, ceiling
 
     def shape_at(self, number: int, at_us: int) -> shapely.Geometry | None:

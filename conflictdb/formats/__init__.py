@@ -5,6 +5,7 @@
 
 from conflictdb.formats.contents import Contents, Remark, Skipped
 from conflictdb.formats.hints import FileHints
+from conflictdb.formats.objects_writing import object_lines
 from conflictdb.formats.reading import read
 from conflictdb.formats.scene_file import scene_text
 from conflictdb.formats.writing import write, write_lines
@@ -15,6 +16,7 @@ __all__ = [
     "FileHints",
     "Remark",
     "Skipped",
+    "object_lines",
     "read",
     "scene_text",
     "write",

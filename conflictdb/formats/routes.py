@@ -4,7 +4,7 @@ Times between two timed waypoints follow from the lengths of the legs, at consta
 within half a metre, or a hundredth of the cross-track limits; the haven grows by that.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Final
@@ -51,11 +51,15 @@ class Waypoint:
 
 @dataclass(slots=True)
 class Route:
-    """A route; `name` is its key too."""
+    """A route; `name` is its key too.
+
+    members : of the track, in place of the haven and the properties
+    """
 
     name: str
     waypoints: Sequence[Waypoint]
     properties: dict[str, Any] = field(default_factory=dict)
+    members: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,18 +112,12 @@ def track_of(who: str, route: Route, max_speed_kn: float) -> Track:
     if departures[-1] > arrivals[-1]:
         positions.append(positions[-1])
         times.append(departures[-1])
-    lon = np.array([position[0] for position in positions])
-    lon = lon[0] + np.concatenate([[0.0], np.cumsum(geodesy.shorter_way_deg(np.diff(lon)))])
-    lonlat = np.stack([lon, [position[1] for position in positions]], axis=1)
-    return Track(
-        route.name,
-        lonlat,
-        np.array(times, np.int64),
-        _haven(points, deviation_m),
-        route.name,
-        properties=route.properties,
-        max_speed_kn=max_speed_kn,
-    )
+    lonlat = np.array(positions, np.float64)
+    # Whole turns, so that a route over the antimeridian is continuous and keeps its digits.
+    lonlat[1:, 0] -= 360.0 * np.cumsum(np.round(np.diff(lonlat[:, 0]) / 360.0))
+    members: dict[str, Any] = {"outline_m": _haven(points, deviation_m), "name": route.name}
+    members |= {"properties": route.properties, **route.members}
+    return Track(route.name, lonlat, np.array(times, np.int64), **members, max_speed_kn=max_speed_kn)
 
 
 def _haven(points: Sequence[Waypoint], deviation_m: float) -> NDArray[np.float64]:

@@ -6,14 +6,19 @@ nautical miles, speeds knots.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Gathered
 from conflictdb.formats.contents import Contents
+from conflictdb.formats.fields import Fields
+from conflictdb.formats.file_objects import FileContext, track_members
+from conflictdb.formats.json_text import parse
 from conflictdb.formats.routes import Route, Waypoint, agreed, limit_m, track_of
+from conflictdb.formats.rtz_writing import EXTENSION
 from conflictdb.formats.values_of_xml import duration_us, number_of, time_of
 from conflictdb.formats.xml_text import Element
+from conflictdb.model.plans import Scene
 
 VERSIONS: Final = ("1.0", "1.1", "1.2")
 _NAMESPACE: Final = "http://www.cirm.org/RTZ/"
@@ -45,8 +50,24 @@ def read_rtz(
         points = dict(_waypoints(who, root))
         _schedule(who, root, points, layers)
         properties = {} if info is None else {key: one for key, one in info.attributes.items() if key != "routeName"}
-        found.add_track(name, track_of(who, Route(name, list(points.values()), dict(properties)), max_speed_kn))
+        route = Route(name, list(points.values()), dict(properties), _members(who, root))
+        found.add_track(name, track_of(who, route, max_speed_kn))
     return found.contents(skip_invalid=skip_invalid)
+
+
+def _members(who: str, root: Element) -> dict[str, Any]:
+    """Return the members of a track that `rtz_writing` wrote; an empty dictionary for other routes."""
+    for outer in root.each("extensions"):
+        for extension in outer.each("extension"):
+            if {name: extension.get(name) for name in EXTENSION} == EXTENSION:
+                value = parse(extension.attributes.get("track", ""))
+                if not isinstance(value, dict):
+                    raise InvalidInput(who, f"extension in line {extension.line}", "must be an object of members")
+                fields = Fields(who, value)
+                members = track_members(fields, FileContext(Scene("file")))
+                fields.raise_found()
+                return members
+    return {}
 
 
 def _waypoints(who: str, root: Element) -> Iterator[tuple[str, Waypoint]]:

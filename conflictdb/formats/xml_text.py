@@ -5,7 +5,7 @@ the only place where entities can be declared, are refused: no format here has o
 and attributes are limited.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 from xml.parsers import expat
@@ -127,7 +127,7 @@ def parsed(text: str) -> Element:
     return tree.root
 
 
-def written(name: str, attributes: dict[str, object] | None = None, *inside: str, text: str | None = None) -> str:
+def written(name: str, attributes: Mapping[str, object] | None = None, *inside: str, text: str | None = None) -> str:
     """Return an element as XML.
 
     attributes : None leaves one out

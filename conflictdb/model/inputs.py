@@ -172,10 +172,12 @@ def count(who: str, field: str, given: int, least: int) -> int:
 
 
 def heights_m(who: str, field: str, given: Heights) -> NDArray[np.float64]:
-    """Return heights of legs as (n,) float64; raises InvalidInput."""
+    """Return heights of legs or waypoints as (n,) float64; raises InvalidInput."""
     array = np.asarray(given if hasattr(given, "__array__") else _listed(who, field, given))
     if array.ndim != 1 or array.dtype.kind not in "iuf":
-        raise InvalidInput(who, field, f"must be one number of metres, or one per leg; got {given!r:.60}")
+        raise InvalidInput(
+            who, field, f"must be one number of metres, one per leg or one per waypoint; got {given!r:.60}"
+        )
     return np.asarray(array, dtype=np.float64)
 
 

@@ -281,9 +281,9 @@ class Track:
     grow_mps : metres per second, >= 0, at which every side of the haven moves outward from the first waypoint's time on
     outlines_m : (n, m, 2) float64, instead: the haven at every waypoint, outline_m the first; on a leg each vertex
         moves straight, and steadily, from its place in one to that in the next; None: it keeps its outline, or grows
-    floors_m, ceilings_m : (n - 1,) float64, instead of floor_m or ceiling_m: the height band on every leg, -inf and
-        +inf where unbounded; floor_m and ceiling_m are then the lowest and the highest of them. At a waypoint the
-        bands of both legs count
+    floors_m, ceilings_m : float64, instead of floor_m or ceiling_m: (n - 1,) one per leg, or (n,) one per waypoint,
+        between which it changes linearly; -inf and +inf where unbounded (at a waypoint: on both its legs). floor_m and
+        ceiling_m are then the lowest and the highest of them. At a waypoint the bands of both legs count
     object_class : the class that separation rules name; None: no class
     owner : objects of one owner are not compared with each other; None: no owner
     departures_us : the voyage is repeated: it departs at each of these instants, increasing, instead of at the first of
@@ -390,9 +390,10 @@ class Track:
             heights, given = getattr(self, name.replace("_m", "s_m")), getattr(self, name)
             if heights is None:
                 continue
-            if heights.shape != (len(self.positions_deg) - 1,):
-                rule = f"must be one number, or one per leg: {len(self.positions_deg) - 1} legs, {heights.size} heights"
-                raise InvalidInput(who, name, rule)
+            waypoints = len(self.positions_deg)
+            if heights.ndim != 1 or len(heights) not in (waypoints - 1, waypoints):
+                rule = f"must be one number, one per leg ({waypoints - 1}) or one per waypoint ({waypoints})"
+                raise InvalidInput(who, name, f"{rule}; got {heights.size} heights")
             for i, height in enumerate(heights.tolist()):
                 _check_height(
                     who, f"{name}[{i}]", None if height == (-np.inf if extreme is np.min else np.inf) else height
@@ -403,22 +404,32 @@ class Track:
                 raise InvalidInput(who, name, f"must be that of all legs ({of_all}), or be left out; got {given}")
             object.__setattr__(self, name, of_all)
         floors_m, ceilings_m = self.heights_m()
-        low = np.flatnonzero(ceilings_m <= floors_m)
+        low = np.argwhere(ceilings_m <= floors_m)
         if low.size:
-            i = int(low[0])
-            name = "ceiling_m" if self.ceilings_m is None else f"ceiling_m[{i}]"
-            rule = f"must be above the floor of leg {i} ({floors_m[i]:g}); got {ceilings_m[i]:g}"
+            i, end = low[0].tolist()
+            ceilings = self.ceilings_m
+            per_waypoint = ceilings is not None and len(ceilings) > len(ceilings_m)
+            name = "ceiling_m" if ceilings is None else f"ceiling_m[{i + end * per_waypoint}]"
+            rule = f"must be above the floor of leg {i} ({floors_m[i, end]:g}); got {ceilings_m[i, end]:g}"
             raise InvalidInput(who, name, rule)
 
     def heights_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the floor and the ceiling of each leg, (n - 1,) metres, -inf and +inf where unbounded."""
+        """Return the floor and the ceiling at both ends of each leg, (n - 1, 2) metres, infinite where unbounded."""
         legs = len(self.positions_deg) - 1
         floor_m = -np.inf if self.floor_m is None else self.floor_m
         ceiling_m = np.inf if self.ceiling_m is None else self.ceiling_m
         return (
-            np.full(legs, floor_m) if self.floors_m is None else self.floors_m,
-            np.full(legs, ceiling_m) if self.ceilings_m is None else self.ceilings_m,
+            np.full((legs, 2), floor_m) if self.floors_m is None else heights_of_legs(self.floors_m, legs),
+            np.full((legs, 2), ceiling_m) if self.ceilings_m is None else heights_of_legs(self.ceilings_m, legs),
         )
+
+
+def heights_of_legs(heights_m: NDArray[np.float64], legs: int) -> NDArray[np.float64]:
+    """Return heights per leg or waypoint as those at both ends of each leg, (legs, 2); infinite ones on whole legs."""
+    if len(heights_m) == legs:
+        return np.stack([heights_m, heights_m], axis=1)
+    ends = np.stack([heights_m[:-1], heights_m[1:]], axis=1)
+    return np.where(np.isinf(ends[:, ::-1]), ends[:, ::-1], ends)
 
 
 def rectangle_outline_m(fore_m: float, aft_m: float, port_m: float, starboard_m: float) -> NDArray[np.float64]:

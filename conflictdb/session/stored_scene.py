@@ -13,7 +13,7 @@ import psycopg
 
 from conflictdb.db import follow_attached, store
 from conflictdb.errors import IncompleteWarning, InvalidInput
-from conflictdb.formats import scene_text, write_lines
+from conflictdb.formats import object_lines, scene_text, write_lines
 from conflictdb.formats.reading import is_parquet
 from conflictdb.formats.writing import whole_file
 from conflictdb.model import inputs
@@ -773,17 +773,27 @@ class StoredScene:
         checked = report.Checked(settings, areas, tracks, found, near, found.state, server, columns, later)
         report.write(checked, file)
 
-    def export(self, path: str | Path) -> None:
+    def export(self, path: str | Path, keys: Sequence[str] | None = None) -> None:
         """Write a scene file that loads as exactly the same objects: GeoParquet if its name ends in .parquet.
 
-        Otherwise GeoJSON, compressed if its name ends in .gz. The file appears when it is complete; if writing fails,
-        an older file stays.
+        Names that end in .rtz, .kml, .ed318.json (areas only) or .f3548.json are written in these formats, all others
+        as GeoJSON; compressed if they end in .gz. The file appears when it is complete; if writing fails, an older file
+        stays.
+
+        keys : of the objects to write; None: all. GeoParquet holds all
         """
         if is_parquet(path):
+            if keys is not None:
+                raise InvalidInput("export", "keys", "GeoParquet holds the whole scene", str(path))
             with whole_file(path) as stream:
                 self.write_geoparquet(stream)
         else:
-            write_lines(path, scene_text(*self._read()))
+            scene, areas, tracks = self._read(keys)
+            known = {area.key for area in areas} | {track.key for track in tracks}
+            for key in keys or ():
+                if key not in known:
+                    raise InvalidInput(f"scene {self.name!r}", "keys", f"has no object {key!r:.60}", str(path))
+            write_lines(path, object_lines(path, scene, areas, tracks))
 
     def write_geoparquet(self, stream: IO[bytes]) -> None:
         """Write the scene as GeoParquet that loads as exactly the same objects, in batches, however many there are.

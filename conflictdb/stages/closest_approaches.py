@@ -15,6 +15,7 @@ from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Verdict
 from conflictdb.stages.conflict_regions import Meetings
+from conflictdb.stages.heights import overlap_at_one_time
 from conflictdb.stages.object_pairs import members, numbered, object_keys, ordered_members
 from conflictdb.stages.pieces.covers import is_covered
 from conflictdb.stages.stage4.closest_approach import approaches
@@ -133,10 +134,10 @@ def _at_all_times(
     asked, group = np.unique(place[wanted], return_inverse=True)
     order = np.argsort(group, kind="stable")
     rows, of_conflicts = seen[wanted][order], asked[asked < len(conflicts)]
-    at_all_times = np.zeros(len(rows)), np.full(len(rows), np.inf)
     # The members in the order of their keys, as everywhere.
     members = PieceRows(pairs.a[rows]), PieceRows(pairs.b[rows])
-    return _Queries(*members, *at_all_times, group[order]), of_conflicts, len(asked) - len(of_conflicts)
+    first, last, _ = overlap_at_one_time(pieces, *members)
+    return _Queries(*members, np.maximum(first, 0.0), last, group[order]), of_conflicts, len(asked) - len(of_conflicts)
 
 
 def _without_contact(

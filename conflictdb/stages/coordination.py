@@ -15,6 +15,7 @@ from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import shifts_of
+from conflictdb.stages.heights import with_heights
 from conflictdb.stages.pieces.covers import is_covered
 
 # Contact at a single instant stays a single slice, however often its time is halved.
@@ -43,7 +44,9 @@ def contact_set(
         return shapely.MultiPolygon(), shapely.MultiPolygon()
     cut, first_us, last_us = shifts_of(pieces, a, b, horizon_us)
     prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
-    rows = np.arange(len(a))
+    rows, cut, doubt_s = with_heights(pieces, cut)
+    is_certain = np.zeros(len(a), np.bool_)
+    is_certain[rows] = np.isfinite(doubt_s)
     for halvings in range(_MOST_HALVINGS + 1):
         found = differences(prepared, cut, scene.separation_m + scene.tolerance_m, kernel.Work())
         met = np.flatnonzero(found["state"] != DifferenceState.NONE)
@@ -65,7 +68,7 @@ def contact_set(
     polygons = []
     for name in ("outer", "inner"):
         low, high = found[f"{name}_low"], found[f"{name}_high"]
-        some = np.flatnonzero(low <= high)
+        some = np.flatnonzero((low <= high) & (is_certain[rows] | (name == "outer")))
         moving, standing = some[~still[some]], some[still[some]]
         bands = _bands(u[moving], v[moving], (later_s + low)[moving], (later_s + high)[moving])
         # Beside what stands still a difference is minus the time of the track.

@@ -21,6 +21,7 @@ from conflictdb.kernel.differences import DifferenceState, Shifts, differences
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene, Track
 from conflictdb.model.results import Delays, Forbidden, Kind
 from conflictdb.stages.at_any_time import FOREVER_US, AnyTime
+from conflictdb.stages.heights import with_heights
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.pieces.covers import COVER, is_covered
 
@@ -418,7 +419,11 @@ def _of_some_pairs(
     zero = shifts.a_zero_us
     covered = is_covered(pieces, a, b)
     solved = np.flatnonzero(~covered)
-    rows, found = solved_shifts(prepared, shifts.take(solved), scene.separation_m + scene.tolerance_m, threads)
+    left, own, doubt_s = with_heights(pieces, shifts.take(solved))
+    rows, found = solved_shifts(prepared, own, scene.separation_m + scene.tolerance_m, threads)
+    found["inner_low"] += doubt_s[rows]
+    found["inner_high"] -= doubt_s[rows]
+    rows = left[rows]
     # Of covers only the times are known.
     unknown = np.zeros(np.count_nonzero(covered), found.dtype)
     unknown["outer_low"], unknown["outer_high"] = -shifts.a_end_s[covered], shifts.b_end_s[covered]

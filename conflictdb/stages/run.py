@@ -22,6 +22,7 @@ from conflictdb.model.results import Kind, Verdict
 from conflictdb.stages.closest_approaches import with_closest_approaches
 from conflictdb.stages.conflict_regions import Meetings
 from conflictdb.stages.funnel import Funnel, Progress
+from conflictdb.stages.heights import overlap_at_one_time, sharing_heights
 from conflictdb.stages.merge import merged_by_object
 from conflictdb.stages.object_pairs import company_of
 from conflictdb.stages.pieces.covers import is_covered
@@ -107,11 +108,13 @@ def run_stages(
     funnel = Funnel()
     started = time.perf_counter()
     method = METHODS[scene.method]
+    within_us = scene.time_separation_us
+    if not within_us:
+        pairs = sharing_heights(pieces, pairs)
     pairs = replace(pairs, company=company_of(pieces, pairs))
     covered = is_covered(pieces, pairs.a, pairs.b)
     static = (pieces.kind[pairs.a] == Kind.AREA.code) & (pieces.kind[pairs.b] == Kind.AREA.code)
     # With a separation in time pairs of tracks have a solver of their own, and areas are there for longer.
-    within_us = scene.time_separation_us
     of_tracks = ~static & ~covered & (pieces.kind[pairs.a] == pieces.kind[pairs.b]) & (within_us > 0)
     # Once, for all queries about the pairs.
     prepared = kernel.KernelScene(
@@ -132,6 +135,8 @@ def run_stages(
         first, last = _windows(scene, plane, prepared, pairs.take(moving), funnel)
         if method.needs_regions:
             funnel.stage3_s = time.perf_counter() - clock
+        low, high, doubt_s = overlap_at_one_time(prepared.pieces, *_members(pairs, moving))
+        first, last = np.maximum(first, low), np.minimum(last, high)
         possible = np.flatnonzero(first <= last)
         moving, first, last = PairRows(moving[possible]), first[possible], last[possible]
         tell = _counting(len(moving), progress)
@@ -143,7 +148,8 @@ def run_stages(
         funnel.projected_pairs += exact.closed_forms
         funnel.window_pairs += len(moving) - exact.closed_apart
         funnel.solved_pairs = len(moving) - exact.closed_forms
-        solved = solved.of_pairs(moving)
+        # A contact that begins or ends with the overlap of heights has its error.
+        solved = replace(solved, error_s=solved.error_s + doubt_s[possible][solved.pair]).of_pairs(moving)
     if within_us:
         found = Contacts.concatenate(parts), solved
         tracks = PairRows(np.flatnonzero(of_tracks))
@@ -207,7 +213,7 @@ def _merged_uses(
 def _at_one_time(plane: Plane, pieces: Pieces, pairs: Pairs) -> tuple[kernel.KernelScene, Pairs]:
     """Return the pairs that are there at the same time, and their pieces."""
     start, end = pieces.shared_span(pairs.a, pairs.b)
-    pairs = pairs.take(PairRows(np.flatnonzero(start <= end)))
+    pairs = sharing_heights(pieces, pairs.take(PairRows(np.flatnonzero(start <= end))))
     return kernel.KernelScene(plane.kernel_plane, pieces, pairs.a, pairs.b), pairs
 
 
@@ -271,9 +277,18 @@ def _whole_spans(
     pieces: Pieces, pairs: Pairs, rows: PairRows, verdict: NDArray[np.int8], touches: NDArray[np.bool_]
 ) -> Contacts:
     """Return the shared spans of some pairs as contacts: the exact time for areas, a safe one for a screening."""
-    start, end = pieces.shared_span(PieceRows(pairs.a[rows]), PieceRows(pairs.b[rows]))
+    start, end = pieces.shared_span(*_members(pairs, rows))
     unbounded = (start == MINUS_INFINITY_US) | (end == INFINITY_US)
     width = np.where(unbounded, np.inf, (end - np.where(unbounded, 0, start)) / 1e6)
     # Areas that meet do so during all of their shared time; the place is unknown.
-    error = np.where((verdict == Verdict.UNRESOLVED.code) & np.isfinite(width), width, 0.0)
-    return Contacts(rows, np.zeros(len(rows)), width, error, verdict, touches)
+    first, last, _ = overlap_at_one_time(pieces, *_members(pairs, rows))
+    # With a separation in time heights need not overlap at one time; nobody reads the times of these contacts.
+    overlap = first <= last
+    first, last = np.where(overlap, np.maximum(first, 0.0), 0.0), np.where(overlap, np.minimum(last, width), width)
+    error = np.where((verdict == Verdict.UNRESOLVED.code) & np.isfinite(width), last - first, 0.0)
+    return Contacts(rows, first, last, error, verdict, touches)
+
+
+def _members(pairs: Pairs, rows: PairRows) -> tuple[PieceRows, PieceRows]:
+    """Return the pieces of some pairs."""
+    return PieceRows(pairs.a[rows]), PieceRows(pairs.b[rows])

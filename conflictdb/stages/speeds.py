@@ -21,6 +21,7 @@ from conflictdb.model.results import ForbiddenSpeeds, Kind, Speeds
 from conflictdb.stages import delays
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import Differences, Spans
+from conflictdb.stages.heights import with_heights
 from conflictdb.stages.pieces.covers import COVER, is_covered
 
 _Ints = NDArray[np.int64]
@@ -135,7 +136,14 @@ def _of_stretched(
     times = a_start_s[rows], a_end_s[rows], b_start_s[rows], b_end_s[rows]
     asked = np.full(len(rows), least), np.full(len(rows), most)
     shifts = Shifts(a[rows], b[rows], zero[rows], zero[rows], *times, *asked, is_factor=True)
+    left, shifts, doubt_s = with_heights(pieces, shifts)
     row, found = delays.solved_shifts(prepared, shifts, reach_m, threads)
+    # A factor moves the times of a; a doubt of its ends is one of factors, relative to them.
+    doubt = found["inner_high"] * doubt_s[row] / np.maximum(shifts.a_start_s[row], 1e-6)
+    doubt = np.where(doubt_s[row] > 0.0, doubt, 0.0)
+    found["inner_low"] += doubt
+    found["inner_high"] -= doubt
+    rows = rows[left]
     put(rows[row], found["outer_low"], found["outer_high"], found["inner_low"], found["inner_high"])
     # An area: a is in contact with it during some of its own seconds, at any speed.
     rows = np.flatnonzero(~covered & still)
@@ -144,7 +152,11 @@ def _of_stretched(
         *(a[rows], b[rows], zero[rows], nothing[rows].astype(np.int64)),
         *(a_start_s[rows], a_end_s[rows], nothing[rows], nothing[rows], -ever, ever),
     )
+    left, shifts, doubt_s = with_heights(pieces, shifts)
     row, found = delays.solved_shifts(prepared, shifts, reach_m, threads)
+    found["inner_low"] += doubt_s[row]
+    found["inner_high"] -= doubt_s[row]
+    rows = rows[left]
     rows, is_known = rows[row], found["inner_low"] <= found["inner_high"]
     pad_s = _ROUNDED_US / 1e6
     low, high = _factors(-found["outer_high"], -found["outer_low"], b_start_s[rows], b_end_s[rows], pad_s)

@@ -23,6 +23,7 @@ from conflictdb.model.plans import Scene
 from conflictdb.model.results import Verdict
 from conflictdb.stages.delays import solved_shifts
 from conflictdb.stages.ends_of_uses import ROUNDING_US, ends_of, guessed_ends, shifted
+from conflictdb.stages.heights import surely_overlap, with_heights
 from conflictdb.stages.uses import Uses
 
 _Ints = NDArray[np.int64]
@@ -66,6 +67,8 @@ def _of_some(
     """Yield the uses of pairs that come within the separation, then of the others that come within the tolerance."""
     within_us = scene.time_separation_us
     shifts = _shifts(prepared.pieces, PieceRows(pairs.a[rows]), PieceRows(pairs.b[rows]), within_us)
+    left, shifts, _ = with_heights(prepared.pieces, shifts)
+    rows = PairRows(rows[left])
     met = _of_reach(scene, plane, prepared, shifts, scene.separation_m, touches=True, work=work, threads=threads)
     yield replace(met, pair=rows[met.pair])
     rest = np.setdiff1d(np.arange(len(rows)), met.pair)
@@ -111,7 +114,10 @@ def _of_reach(
     asked = shifts.take(pair)
     verdict = _verdicts(scene, plane, prepared.pieces, asked, outer[0][widest], outer[1][widest], work, threads)
     is_sure_pair = np.isfinite(sure_gap)
+    # Heights at two times: the tests know those of whole slices.
+    is_level = surely_overlap(prepared.pieces, PieceRows(asked.a), PieceRows(asked.b))
     verdict[(verdict != Verdict.CONFLICT.code) & is_sure_pair] = Verdict.GRAZING.code
+    verdict[~is_level] = Verdict.UNRESOLVED.code
     guesses_s = guessed_ends(plane, prepared, asked, reach_m, within_us, work, threads)
     ends_s, error_s = ends_of(prepared, asked, guesses_s, reach_m, within_us, work, threads)
     first_us = [

@@ -217,7 +217,8 @@ TABLE piece (
     shapes geometry(MultiPolygon),
     cuts timestamp with time zone[],
     leg_times timestamp with time zone[],
-    legs double precision[]
+    legs double precision[],
+    climb double precision[]
 );
 
 TABLE probe_reply (
@@ -1078,6 +1079,12 @@ FUNCTION _has_grown(p_periods tstzmultirange, p_verdict text, p_time_error_s dou
 FUNCTION _has_just_failed(p_attachment attachment)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _height_on(p_whole_m double precision, p_heights_m double precision[], p_path geometry, p_leg integer, p_instant timestamp with time zone)
+    RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _heights_on(p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[], p_ceilings_m double precision[], p_path geometry, p_first integer, p_last integer, p_instant timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision)
+    RETURNS record LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _history_kept(p_scene_id bigint)
     RETURNS interval LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1158,9 +1165,6 @@ FUNCTION _leeway(p_path geometry, p_horizon_us bigint, p_now_us bigint, OUT wait
 
 FUNCTION _leg_havens(p_motion text, p_earth text, p_plane text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry, p_leg integer, p_instants timestamp with time zone[])
     RETURNS TABLE(at timestamp with time zone, haven geometry) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION _leg_heights(p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[], p_ceilings_m double precision[], p_first integer, p_last integer, OUT floor_m double precision, OUT ceiling_m double precision)
-    RETURNS record LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _leg_with_heading(p_path geometry, p_leg integer, p_motion text, p_earth text, OUT line geometry, OUT leg integer)
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
@@ -1291,7 +1295,7 @@ FUNCTION _part_from_plane(p_geometry geometry, p_plane text)
 FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
-FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea)
+FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _pieces_before(p_scene_id bigint, p_kind smallint, p_id bigint, p_until bigint)
@@ -1339,7 +1343,7 @@ FUNCTION _put_attached(p_attachment attachment, p_first bigint, p_last bigint)
 FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
+FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], p_climbs boolean[], p_climb double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
     RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
 FUNCTION _put_plans(p_scene text, p_removed text[], p_plans jsonb)

@@ -8,10 +8,15 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "aa86769a0102396cad049b8dd94f8c552111ecc041b1772be2399848d8fad9c2"
+routines_sha256 = "dab7b0b8f4da557e9279d5cff531d7788e6648a9001920aeb1beb7b51e65ad2b"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
+
+# Floor at the start and the end of the leg, then the ceilings; null where they do not change.
+CLIMB = """
+ALTER TABLE conflictdb.piece ADD COLUMN IF NOT EXISTS climb double precision[];
+"""
 
 # Whose separation rules apply to an object, and whose objects are not compared with each other.
 CLASSES = """
@@ -55,7 +60,7 @@ ALTER TABLE conflictdb.scene
 
 
 def upgrade() -> None:
-    for statement in (CLASSES, ADMISSIONS, ACTIVATIONS):
+    for statement in (CLIMB, CLASSES, ADMISSIONS, ACTIVATIONS):
         op.execute(statement)
 
 

@@ -345,3 +345,22 @@ def test_files_of_others_are_loaded_with_hints(run: Run, tmp_path: Path) -> None
     for wrong in (("--map", "id"), ("--time-zone", "Mars"), ("--haven", "1,2")):
         assert run("load", tmp_path / "tug.csv", *wrong).code == 2
     assert run("detect", "--scene", "s", "--haven", "1,2,3,4").code == 2
+
+
+def test_export_writes_the_format_of_the_name(run: Run, tmp_path: Path) -> None:
+    """One route of a scene as RTZ, and all of it as KML; wrong keys and objects are refused, and leave no file."""
+    run("detect", STRAIT)
+    assert run("export", "--scene", "strait", tmp_path / "ferry.rtz", "FERRY").code == 0
+    (track,) = conflictdb.read(tmp_path / "ferry.rtz").tracks
+    assert track.key == "FERRY"
+    assert run("export", "--scene", "strait", tmp_path / "all.kml").code == 0
+    assert "<gx:Track>" in (tmp_path / "all.kml").read_text()
+    for name, keys, rule in (
+        ("all.rtz", (), "RTZ: holds one track"),
+        ("one.rtz", ("FERY",), "scene 'strait': keys: has no object 'FERY'"),
+        ("zones.ed318.json", (), "ED-318: holds areas only"),
+    ):
+        done = run("export", "--scene", "strait", tmp_path / name, *keys)
+        assert (done.code, rule in done.err) == (4, True), done.err
+        assert not (tmp_path / name).exists()
+    assert run("export", "--scene", "strait", "-", "FERRY").code == 2

@@ -1,5 +1,6 @@
 """Heights per leg in SQL: stored, read back, checked, and used by pieces and conflicts."""
 
+from datetime import timedelta
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,7 @@ import psycopg
 import pytest
 from psycopg.rows import dict_row
 
-from conflictdb import connect
+from conflictdb import connect, solve
 from conflictdb.db import store
 
 Conn = psycopg.Connection[Any]
@@ -15,6 +16,7 @@ Conn = psycopg.Connection[Any]
 PATH = "track_path('SRID=4326;LINESTRING(4 57, 4.5 57.1, 5 57)', ARRAY['2026-03-01 00:00+00', '2026-03-01 01:00+00',"
 PATH += " '2026-03-01 02:00+00']::timestamptz[])"
 PUT = f"SELECT put_track('s', 'T', {PATH}, rectangle_outline(50, 50, 20, 20), "
+LATE = "'[2026-03-01 00:40+00, 2026-03-01 01:20+00)'"
 WHOLE = "'SRID=4326;POLYGON((3 56, 6 56, 6 58, 3 58, 3 56))'"
 
 
@@ -69,8 +71,8 @@ def test_putting_the_same_again_changes_nothing_and_other_heights_do(scene: Conn
 @pytest.mark.parametrize(
     ("more", "rule"),
     [
-        ("p_floors_m => '{0}'", "must be one per leg: 2 legs, 1 heights"),
-        ("p_floors_m => '{}'", "must be one per leg: 2 legs, 0 heights"),
+        ("p_floors_m => '{0}'", "must be one per leg (2) or one per waypoint (3); got 1 heights"),
+        ("p_floors_m => '{}'", "must be one per leg (2) or one per waypoint (3); got 0 heights"),
         ("p_floors_m => '[0:1]={1,2}'", "must be one per leg"),
         ("p_ceilings_m => '{{1},{2}}'", "must be one per leg"),
         ("p_floors_m => '{0, infinity}'", "heights must be finite"),
@@ -122,3 +124,42 @@ def test_conflicts_follow_the_heights_of_legs(dsn: str, tmp_path: Any) -> None:
         assert db.load_files([path])[0].counts == store.LoadCounts(0, 0, 0, 4)
         _, _, (track,) = store.read_scene(db.connection, "s")
         assert np.array_equal(track.floors_m, [400.0, 200.0])
+
+
+def test_heights_of_waypoints_change_along_legs(dsn: str) -> None:
+    """Stored pieces keep the climb: detections of few changes, in full, and in memory agree; so does heights_at."""
+    with psycopg.connect(dsn, autocommit=True, options="-c search_path=conflictdb,conflictdb_internal,public") as conn:
+        conn.execute("SELECT create_scene('s')")
+        put(conn, "p_floors_m => '{0, 1000, 400}', p_ceilings_m => '{100, 1100, NULL}'")
+        conn.execute(f"SELECT put_area('s', 'A', {WHOLE}, NULL, 300, 500)".encode())
+        conn.execute(f"SELECT put_area('s', 'never', {WHOLE}, NULL, -300, 0)".encode())
+        bands = {"00:00": (0.0, 100.0), "00:30": (500.0, 600.0), "01:00": (1000.0, None), "01:30": (700.0, None)}
+        for at, band in bands.items():
+            found = conn.execute("SELECT * FROM heights_at('s', 'T', %s)", [f"2026-03-01 {at}+00"]).fetchone()
+            assert found == band, at
+        rows = conn.execute(
+            "SELECT floor_m, ceiling_m FROM havens('s', '2026-03-01 00:00+00', '2026-03-01 01:30+00', '30 min')"
+        ).fetchall()
+        assert rows == [(0.0, 100.0), (500.0, 600.0), (1000.0, None), (700.0, None)]
+    with connect(dsn) as db:
+        scene = db.scene("s")
+        scene.detect()
+        (few,) = [(c.a_key, c.b_key, c.periods) for c in scene.conflicts()]
+        rounding = timedelta(milliseconds=1)
+        starts = [((start + rounding).strftime("%H:%M"), end.strftime("%H:%M")) for start, end in few[2]]
+        assert starts == [("00:12", "00:30"), ("01:50", "02:00")]
+        scene.detect(full=True)
+        assert [(c.a_key, c.b_key, c.periods) for c in scene.conflicts()] == [few]
+        stored, areas, tracks = store.read_scene(db.connection, "s")
+        (alone,) = solve(tracks, areas, stored)
+        assert alone.periods == few[2]
+        climbs = db.connection.execute("SELECT climb FROM conflictdb.piece WHERE object_kind = 1").fetchall()
+        assert [1000.0, 400.0, float("inf"), float("inf")] in [row[0] for row in climbs]
+        (one,) = db.connection.execute("SELECT conflictdb.explain_conflict('s', 'T', 'never')").fetchone()
+        assert one["decided_by"] == {"stage": 1, "by": "height"}
+        db.connection.execute(f"SELECT conflictdb.put_area('s', 'never', {WHOLE}, {LATE}, 0, 500)".encode())
+        db.connection.commit()
+        scene.detect()
+        (one,) = db.connection.execute("SELECT conflictdb.explain_conflict('s', 'T', 'never')").fetchone()
+        assert (one["verdict"], one["further_than_m"]) == ("apart", None)
+        assert one["why"].endswith("while their heights overlap")

@@ -147,7 +147,7 @@ def changed(batch: pa.RecordBatch | pa.Table, name: str, column: pa.Array) -> pa
         ("outline_m", pa.array([[[0.0, 1.0, 2.0]]]), r"ring of \[starboard, forward\]"),
         ("outline_m", pa.array([[[0.0, None]]]), r"ring of \[starboard, forward\]"),
         ("outline_m", pa.array([None], pa.list_(pa.list_(pa.float64()))), "is missing|needs at least|ring of"),
-        ("floors_m", pa.array([[1.0, 2.0]]), "per leg"),
+        ("floors_m", pa.array([[1.0, 2.0, 3.0]]), "per leg"),
     ],
 )
 def test_a_table_that_does_not_fit_is_refused(name: str, column: pa.Array, rule: str) -> None:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import shapely
 from scipy import integrate, stats
+from shifting import stretched
 from workloads import LOW_LATITUDE, throw
 
-from conflictdb import Area, InvalidInput, Scene, Track, chances, delays, rectangle_outline_m, solve
+from conflictdb import Area, InvalidInput, Scene, Track, chances, delays, rectangle_outline_m, solve, speeds
 
 T0_US = 1_780_000_000_000_000
 SCENE = Scene("chances")
@@ -91,6 +92,74 @@ def test_what_departs_as_planned_is_met_together_exactly() -> None:
     assert least - 1e-7 <= expected <= most + 1e-7
     assert most - least < 1e-6
     assert set(found.pairs) == {("east", "north"), ("east", "second"), ("north", "second"), ("east", "closed")}
+
+
+@pytest.mark.parametrize("given", [stats.norm(1.0, 0.05), stats.uniform(0.9, 0.3), [0.95, 1.0, 1.0, 1.1]])
+def test_the_speed_of_a_track_is_uncertain(given: Any) -> None:
+    """The chance is that of its forbidden speeds."""
+    closed = Area("closed", shapely.box(0.9, -0.1, 1.1, 0.1), None, T0_US + 9_000_000_000, T0_US + 9_500_000_000)
+    plans = [EAST, NORTH, replace(NORTH, key="second", times_us=NORTH.times_us + 200_000_000)]
+    found = chances(plans, [closed], SCENE, speeds={"east": given})
+
+    def chance(of: Any, key: str) -> float:
+        """Over the forbidden speeds of east because of one other object, or of any."""
+        others = [one for one in plans if one.key in ("east", key) or key == "any"]
+        areas = [closed] if key in ("any", "closed") else []
+        spans = [
+            (each.from_factor, each.to_factor) for each in speeds(others, areas, SCENE, "east", 0.3, 2.0)[0].forbidden
+        ]
+        if isinstance(of, list):
+            return float(np.mean([any(low <= one <= high for low, high in spans) for one in of]))
+        return float(sum(of.cdf(high) - of.cdf(low) for low, high in spans))
+
+    for key in ("north", "second", "closed"):
+        least, most = found.pairs.get(("east", key), (0.0, 0.0))
+        assert least - 1e-7 <= chance(given, key) <= most + 1e-7
+        assert most < least + 1e-6
+        assert key == "closed" or found.tracks[key][0] >= least - 1e-9
+    least, most = found.tracks["east"]
+    assert least - 1e-7 <= chance(given, "any") <= most + 1e-7
+    assert found.expected == pytest.approx([sum(one[k] for one in found.pairs.values()) for k in (0, 1)], abs=1e-9)
+
+
+def test_an_uncertain_speed_is_as_often_in_conflict_as_computed() -> None:
+    """Monte Carlo by `solve`, within four standard errors."""
+    scene, areas, tracks = throw(LOW_LATITUDE, 4, 10, 40, tolerance_m=1.0)
+    rng, runs, given, count = np.random.default_rng(0), 50, stats.norm(1.0, 0.15), 0
+    for one in (track for track in tracks if track.key in ("T5", "T9", "T13")):
+        found = {
+            key: bounds
+            for key, bounds in chances(tracks, areas, scene, speeds={one.key: given}).pairs.items()
+            if one.key in key
+        }
+        met = {other for key in found for other in key} - {one.key}
+        rest, closed = [track for track in tracks if track.key in met], [area for area in areas if area.key in met]
+        seen: Counter[frozenset[str]] = Counter()
+        for _ in range(runs):
+            faster = stretched(one, float(given.rvs(random_state=rng)))
+            seen.update({frozenset((row.a_key, row.b_key)) for row in solve([faster, *rest], closed, scene)})
+        for key, (least, most) in found.items():
+            error = 4.0 * np.sqrt(max(least * (1.0 - least), 1.0 / runs) / runs)
+            assert least - error <= seen[frozenset(key)] / runs <= most + error
+            assert most - least < 1e-6
+            count += 0.05 < least < 0.95
+    assert count > 10
+
+
+@pytest.mark.parametrize(
+    ("given", "rule"),
+    [
+        ({"departures": {"north": NORMAL}, "speeds": {"east": [1.0]}}, "must have one track, without departures"),
+        ({"speeds": {"north": [1.0], "east": [1.0]}}, "must have one track"),
+        ({"speeds": {"east": stats.norm(1.0, 0.5)}}, "finite factors, from 0.01 to 100"),
+        ({"speeds": {"east": [0.0]}}, "finite factors"),
+        ({"speeds": {"east": stats.norm(0.0, 0.0)}}, "finite factors"),
+        ({"departures": {"east": [1e18]}}, "finite delays in seconds, from -1e\\+09"),
+    ],
+)
+def test_uncertainty_has_limits(given: dict[str, Any], rule: str) -> None:
+    with pytest.raises(InvalidInput, match=rule):
+        chances([EAST, NORTH], [], SCENE, **given)
 
 
 def test_a_waiting_track_shifts_as_a_whole() -> None:

@@ -67,7 +67,7 @@ def test_a_wrong_choice_is_told_with_the_right_ones(capsys: pytest.CaptureFixtur
         ),
         ("spark detect --output o --partition=4", "spark detect: unrecognized arguments: --partition=4; did you mean"),
         ("status --dsn dbname=x", "status: unrecognized arguments: --dsn dbname=x; --dsn goes before the command (see"),
-        ("export --scene s out.json another.json", "export: unrecognized arguments: another.json (see"),
+        ("scenes out.json", "scenes: unrecognized arguments: out.json (see"),
         ("conflicts --scene s --xyzzy", "conflicts: unrecognized arguments: --xyzzy (see conflictdb conflicts --help)"),
         (
             "detect --scene s --method window",

@@ -55,7 +55,7 @@ def test_one_of_two_heights_may_be_of_legs_and_unbounded() -> None:
     track = climbing(floors_m=np.array([-np.inf, 200.0]), ceilings_m=None, ceiling_m=300.0)
     assert (track.floor_m, track.ceiling_m) == (None, 300.0)
     floors_m, ceilings_m = track.heights_m()
-    assert (floors_m.tolist(), ceilings_m.tolist()) == ([-np.inf, 200.0], [300.0, 300.0])
+    assert (floors_m.tolist(), ceilings_m.tolist()) == ([[-np.inf] * 2, [200.0] * 2], [[300.0] * 2] * 2)
     deep = Area("A", WHOLE, ceiling_m=-500.0)
     ((_, end_us),) = periods_us(solve([track], [deep], Scene("s"))[0])
     assert end_us == TIMES_US[1]
@@ -129,8 +129,8 @@ def test_a_file_gives_heights_per_leg_and_gets_them_back(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("properties", "field", "rule"),
     [
-        ({"floor_m": [1]}, "floor_m", "one per leg: 2 legs, 1 heights"),
-        ({"floor_m": []}, "floor_m", "one per leg: 2 legs, 0 heights"),
+        ({"floor_m": [1]}, "floor_m", "one per leg (2) or one per waypoint (3); got 1 heights"),
+        ({"floor_m": []}, "floor_m", "one per leg (2) or one per waypoint (3); got 0 heights"),
         ({"floor_m": [1, "x"]}, "floor_m[1]", "must be a number"),
         ({"ceiling_m": [1, float("nan")]}, "ceiling_m[1]", "finite"),
         ({"floor_m": [1, 5], "ceiling_m": [2, 5]}, "ceiling_m[1]", r"above the floor of leg 1 (5); got 5"),

@@ -11,7 +11,7 @@ outline_m               tracks: the haven, a list of [starboard, forward], at th
 grow_mps                tracks: outward speed of every side of the haven, or null
 outlines_m              tracks: the haven at every waypoint, or null
 floor_m, ceiling_m      height band, null where unbounded; of a track with one per leg the lowest and the highest
-floors_m, ceilings_m    tracks: of every leg, null within where unbounded; or null
+floors_m, ceilings_m    tracks: of every leg, or of every waypoint, null within where unbounded; or null
 properties              JSON, or null
 spans                   areas of several activations: starts and ends in turn, null where unbounded; else null
 departures              tracks of several voyages; else null

@@ -67,7 +67,8 @@ def _add_plans(commands: Any) -> None:
     parser = command(
         commands, "export", "scene_objects:export", "write a scene file", "Loading it gives the same objects."
     )
-    parser.add_argument("file", metavar="FILE", help="file (.gz: compressed; -: stdout)")
+    parser.add_argument("file", metavar="FILE", help="file (.rtz, .kml, .ed318.json, .f3548.json; .gz; -: stdout)")
+    parser.add_argument("keys", nargs="*", metavar="KEY", help="only these objects")
     add_scene(parser)
     parser.add_argument(
         "--format", choices=("geojson", "geoparquet"), help="default: geoparquet for .parquet, else geojson"

@@ -39,6 +39,7 @@ _ARRAY_HEADER: Final = 20  # bytes for one dimension; an array without elements 
 
 # OIDs of the element types of arrays (pg_type.dat), the same on every server.
 _OID: Final = {
+    "boolean": 16,
     "bytea": 17,
     "bigint": 20,
     "smallint": 21,

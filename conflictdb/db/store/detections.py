@@ -32,6 +32,7 @@ from conflictdb.db.store.stored_objects import (
     decode_paths,
     decode_rings,
 )
+from conflictdb.model.plans import heights_of_legs
 from conflictdb.stages.pieces.bundling import bundles_of
 
 # Pieces encoded at once: some megabytes, and many per COPY.
@@ -129,12 +130,14 @@ def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]
 def _leg_heights(
     whole_m: NDArray[np.float64], sent: Sequence[bytes], waypoint_offset: NDArray[np.int64], unbounded: float
 ) -> NDArray[np.float64]:
-    """Return the height of each leg of all tracks: its own where the track has heights per leg, else the track's."""
+    """Return the heights at both ends of each leg of all tracks (m, 2): its own where it has some, else the track's."""
     legs = np.diff(waypoint_offset) - 1
-    heights = np.repeat(whole_m, legs)
+    heights = np.repeat(whole_m, 2 * legs).reshape(-1, 2)
     start = np.cumsum(legs) - legs
     for i in np.flatnonzero([bool(one) for one in sent]).tolist():
-        heights[start[i] : start[i] + legs[i]] = decode_heights(sent[i], unbounded)
+        own = decode_heights(sent[i], unbounded)
+        assert own is not None  # noqa: S101
+        heights[start[i] : start[i] + legs[i]] = heights_of_legs(own, int(legs[i]))
     return heights
 
 

@@ -20,6 +20,8 @@ from conflictdb.db.store.locking import Say, begin_taking
 from conflictdb.db.store.stored_bundles import (
     PIECE_COLUMNS,
     PIECE_STRINGS,
+    climb,
+    climbs,
     decoded,
     hulls,
     leg_times,
@@ -187,6 +189,8 @@ def put_pieces(
         (copy_binary.instants(of_pieces.start_us), "timestamptz"),
         (leg_times(of_pieces), "timestamptz"),
         (legs(of_pieces), "double precision"),
+        (copy_binary.fixed(climbs(stored), "b1"), "boolean"),
+        (climb(of_pieces), "double precision"),
     ]
     arrays = [copy_binary.array([column], of) for column, of in columns]
     found, strings = copy_binary.few(

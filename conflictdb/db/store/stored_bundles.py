@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
-from conflictdb.arrays.pieces import Bundles, Pieces
+from conflictdb.arrays.pieces import Bundles, Pieces, level_m
 from conflictdb.arrays.ragged import offsets, ragged_take
 from conflictdb.db.store import copy_binary
 from conflictdb.kernel.bundles import boxes_of, wkb_rings
@@ -24,7 +24,7 @@ PIECE_COLUMNS = [
     ("ceiling_m", "f8"), ("leg_start_us", "i8"), ("leg_end_us", "i8"), ("start_lon_deg", "f8"),
     ("start_lat_deg", "f8"), ("end_lon_deg", "f8"), ("end_lat_deg", "f8"), ("bearing_deg", "f8"),
 ]  # fmt: skip
-PIECE_STRINGS = ["hull", "shape", "shape_to", "parts", "cuts", "leg_times", "legs"]
+PIECE_STRINGS = ["hull", "shape", "shape_to", "parts", "cuts", "leg_times", "legs", "climb"]
 _LEG_NUMBERS = ("start_lon_deg", "start_lat_deg", "end_lon_deg", "end_lat_deg", "bearing_deg")
 
 
@@ -59,10 +59,24 @@ def scalars(bundles: Bundles, srid: int) -> dict[str, copy_binary.Column]:
     return found
 
 
+def climbs(bundles: Bundles) -> NDArray[np.bool_]:
+    """Return (m,) whether the heights of a row change; it is a single piece then."""
+    return bundles.pieces.climbs()[bundles.offset[:-1]]
+
+
+def climb(pieces: Pieces) -> copy_binary.Bytes:
+    """Return `Pieces.climb_m` as numbers, four a piece, infinite where unbounded."""
+    return copy_binary.fixed(pieces.climb_m.reshape(-1), "f8")
+
+
 def columns(bundles: Bundles, scene_id: int, srid: int) -> dict[str, copy_binary.Column]:
     """Return the columns of rows of table `piece`; columns that are null in all rows may be missing."""
     found = {"scene_id": copy_binary.fixed(np.full(len(bundles), scene_id), "i8"), **scalars(bundles, srid)}
-    is_bundle = np.diff(bundles.offset) > 1
+    is_bundle, is_climbing = np.diff(bundles.offset) > 1, climbs(bundles)
+    if is_climbing.any():
+        of = bundles.take(np.flatnonzero(is_climbing)).pieces
+        arrays = copy_binary.arrays(climb(of), 4 * np.arange(len(of) + 1), "double precision")
+        found["climb"] = copy_binary.where(arrays, is_climbing)
     some = bundles.take(np.flatnonzero(is_bundle))
     if not len(some):
         return found
@@ -225,8 +239,14 @@ def decoded(rows: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]) -> t
     start_deg, end_deg = (
         np.stack([of_piece.pop(f"{end}_lon_deg"), of_piece.pop(f"{end}_lat_deg")], axis=1) for end in ("start", "end")
     )
+    climb_m = level_m(of_piece["floor_m"], of_piece["ceiling_m"])
+    is_climbing = np.array([bool(one) for one in strings["climb"]], np.bool_)[row]
+    if is_climbing.any():
+        # Only single-piece rows.
+        climb_m[is_climbing] = copy_binary.array_values(strings["climb"], "f8").reshape(-1, 4)
     pieces = Pieces(
         **{**of_piece, "kind": of_piece["kind"].astype(np.int8)},
+        climb_m=climb_m,
         hull_xy=hull_xy,
         hull_offset=hull_offset,
         shape_xy=shape_xy,

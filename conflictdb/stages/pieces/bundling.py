@@ -23,6 +23,10 @@ def _begins_run(pieces: Pieces) -> NDArray[np.bool_]:
     together = np.ones(max(len(pieces) - 1, 0), np.bool_)
     for column in (pieces.kind, pieces.object_id, pieces.turn, pieces.floor_m, pieces.ceiling_m):
         together &= column[1:] == column[:-1]
+    if pieces.climbs().any():
+        # A bundle has one band of heights.
+        level = ~pieces.climbs()
+        together &= level[1:] & level[:-1]
     # A bundle of slices has one outline, and stores only the start of each slice.
     follows = (pieces.part[1:] == pieces.part[:-1] + 1) & (pieces.start_us[1:] == pieces.end_us[:-1])
     follows &= pieces.end_inclusive[:-1] & _same_outline(pieces)

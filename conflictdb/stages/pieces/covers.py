@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import PieceRows, Pieces, level_m
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.plane import Plane
 from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, Scene
@@ -51,6 +51,7 @@ def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) 
         pieces,
         floor_m=_to_micrometres(pieces.floor_m - half_m),
         ceiling_m=_to_micrometres(pieces.ceiling_m + half_m),
+        climb_m=_to_micrometres(pieces.climb_m + half_m * np.array([-1.0, -1.0, 1.0, 1.0])),
     )
 
 
@@ -122,8 +123,8 @@ def _track_covers(plane: Plane, tracks: TrackBatch) -> Pieces:
     start, end = tracks.departs.at_us[first], tracks.departs.at_us[last] + lasts_us
     # The lowest floor and highest ceiling of all legs.
     first_leg = tracks.waypoint_offset[:-1] - np.arange(len(tracks))
-    floor_m = np.minimum.reduceat(tracks.floor_m, first_leg)
-    ceiling_m = np.maximum.reduceat(tracks.ceiling_m, first_leg)
+    floor_m = np.minimum.reduceat(tracks.floor_m.min(axis=1), first_leg)
+    ceiling_m = np.maximum.reduceat(tracks.ceiling_m.max(axis=1), first_leg)
     return _covers(plane, Kind.TRACK, tracks, tracks.track_id, start, end, floor_m, ceiling_m)
 
 
@@ -155,6 +156,7 @@ def _covers(
         end_inclusive=np.zeros(n, np.bool_),
         floor_m=floor_m,
         ceiling_m=ceiling_m,
+        climb_m=level_m(floor_m, ceiling_m),
         hull_xy=np.tile(np.concatenate([corners, corners[:1]]), (n, 1)),
         hull_offset=np.arange(n + 1, dtype=np.int64) * (len(corners) + 1),
         shape_xy=shape_xy,

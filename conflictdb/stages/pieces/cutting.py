@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import Pieces
+from conflictdb.arrays.pieces import Pieces, level_m
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import shorter_way_deg
 from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M, Plane
@@ -109,6 +109,7 @@ def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
         end_inclusive=np.zeros(n, np.bool_),
         floor_m=areas.floor_m[owner],
         ceiling_m=areas.ceiling_m[owner],
+        climb_m=level_m(areas.floor_m[owner], areas.ceiling_m[owner]),
         hull_xy=np.empty((0, 2)),
         hull_offset=np.zeros(n + 1, np.int64),
         shape_xy=xy,
@@ -225,8 +226,9 @@ def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tupl
         start_us=_cut(legs, count, leg, nth),
         end_us=_cut(legs, count, leg, nth + 1),
         end_inclusive=np.append(track[1:] == track[:-1], False)[:n],
-        floor_m=tracks.floor_m[leg],
-        ceiling_m=tracks.ceiling_m[leg],
+        floor_m=tracks.floor_m[leg].min(axis=1),
+        ceiling_m=tracks.ceiling_m[leg].max(axis=1),
+        climb_m=np.concatenate([tracks.floor_m[leg], tracks.ceiling_m[leg]], axis=1),
         hull_xy=np.empty((0, 2)),
         hull_offset=np.zeros(n + 1, np.int64),
         shape_xy=shape,

@@ -1,0 +1,75 @@
+"""Write areas and tracks as KML 2.2, to look at: polygons, and gx:Tracks of reference points.
+
+Members that KML has no room for are ExtendedData, named as in scene files.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.formats.file_objects import area_properties, track_properties
+from conflictdb.formats.instants import format_instant
+from conflictdb.formats.json_text import dumped
+from conflictdb.formats.xml_text import written
+from conflictdb.model.plans import Area, Scene, Track
+
+# Members with a type: other ExtendedData are texts to other programs.
+_NUMBERS: Final = ("floor_m", "ceiling_m")
+
+
+def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
+    """Yield the lines of a file of objects."""
+    yield '<?xml version="1.0" encoding="UTF-8"?>\n'
+    yield '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'
+    yield written("name", text=scene.name) + "\n"
+    fields = (written("SimpleField", {"type": "double", "name": name}) for name in _NUMBERS)
+    yield written("Schema", {"name": "heights", "id": "heights"}, *fields) + "\n"
+    for area in areas:
+        yield _placemark(area.key, area_properties(area), _span(area), _polygons(area.footprint)) + "\n"
+    for track in tracks:
+        whens = (written("when", text=format_instant(int(time))) for time in track.times_us)
+        coords = (written("gx:coord", text=f"{lon!r} {lat!r} 0") for lon, lat in track.positions_deg.tolist())
+        shape = written("gx:Track", None, *whens, *coords)
+        yield _placemark(track.key, track_properties(track), "", shape) + "\n"
+    yield "</Document></kml>\n"
+
+
+def _placemark(key: str, members: dict[str, Any], span: str, shape: str) -> str:
+    data = {"id": key} | {name: one for name, one in members.items() if name not in ("kind", "start", "end", "times")}
+    numbers = {name: data.pop(name) for name in _NUMBERS if isinstance(data.get(name), int | float)}
+    typed = (written("SimpleData", {"name": name}, text=repr(one)) for name, one in numbers.items())
+    values = [
+        written("SchemaData", {"schemaUrl": "#heights"}, *typed),
+        *(
+            written("Data", {"name": name}, written("value", text=one if isinstance(one, str) else dumped(one)))
+            for name, one in data.items()
+        ),
+    ]
+    return written("Placemark", None, written("name", text=key), span, written("ExtendedData", None, *values), shape)
+
+
+def _span(area: Area) -> str:
+    ends = (("begin", area.start_us), ("end", area.end_us))
+    inside = [written(name, text=format_instant(one)) for name, one in ends if one is not None]
+    return written("TimeSpan", None, *inside) if inside else ""
+
+
+def _polygons(footprint: shapely.MultiPolygon) -> str:
+    polygons = [
+        written(
+            "Polygon",
+            None,
+            written("outerBoundaryIs", None, _ring(shapely.get_coordinates(part.exterior))),
+            *(written("innerBoundaryIs", None, _ring(shapely.get_coordinates(ring))) for ring in part.interiors),
+        )
+        for part in footprint.geoms
+    ]
+    return polygons[0] if len(polygons) == 1 else written("MultiGeometry", None, *polygons)
+
+
+def _ring(positions_deg: NDArray[np.float64]) -> str:
+    text = " ".join(f"{lon!r},{lat!r}" for lon, lat in positions_deg.tolist())
+    return written("LinearRing", None, written("coordinates", text=text))

@@ -1,0 +1,35 @@
+"""Write the objects of a scene; the ending of the name decides the format."""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Final, TypeAlias
+
+from conflictdb.formats.kml_writing import kml_lines
+from conflictdb.formats.rtz_writing import rtz_lines
+from conflictdb.formats.scene_file import scene_text
+from conflictdb.formats.uas_zones_writing import ed318_lines
+from conflictdb.model.plans import Area, Scene, Track
+
+Lines: TypeAlias = Callable[[Scene, Sequence[Area], Sequence[Track]], Iterator[str]]
+
+
+def _f3548_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
+    from conflictdb.formats.volumes_writing import f3548_lines  # needs the kernel
+
+    return f3548_lines(scene, areas, tracks)
+
+
+# Endings of names without .gz; any other is a scene file.
+_WRITERS: Final[dict[str, Lines]] = {
+    ".rtz": rtz_lines,
+    ".kml": kml_lines,
+    ".ed318.json": ed318_lines,
+    ".f3548.json": _f3548_lines,
+}
+
+
+def object_lines(path: str | Path, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
+    """Return the lines of a file of objects, in the format of its name; raises InvalidInput for what it cannot hold."""
+    name = Path(path).name.lower().removesuffix(".gz")
+    write = next((one for ending, one in _WRITERS.items() if name.endswith(ending)), scene_text)
+    return write(scene, areas, tracks)

@@ -1,0 +1,66 @@
+"""Write a track as a route of an ECDIS: RTZ 1.2.
+
+Every leg is a loxodrome. What RTZ has no room for (the haven, heights, properties) is in an extension, as in scene
+files; `rtz` reads it back. Cross-track limits are the sides of the haven, rounded up.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+
+from conflictdb.errors import InvalidInput
+from conflictdb.formats.file_objects import track_properties
+from conflictdb.formats.instants import format_instant
+from conflictdb.formats.json_text import dumped
+from conflictdb.formats.xml_text import written
+from conflictdb.model.plans import METRES_PER_NMI, Area, Scene, Track
+
+EXTENSION: Final = {"manufacturer": "conflictdb", "name": "track", "version": "1.0"}
+# Members of an extension that the route itself has.
+_OF_ROUTE: Final = ("kind", "times", "name")
+_STEP_NMI: Final = 1e-4
+
+
+def rtz_lines(_: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
+    """Yield the lines of a file of one track; raises InvalidInput for other objects."""
+    if areas or len(tracks) != 1:
+        rule = f"holds one track; here are {len(tracks)} tracks and {len(areas)} areas: name the key of one"
+        raise InvalidInput("RTZ", "", rule)
+    (track,) = tracks
+    is_steady = track.outlines_m is None and track.floors_m is None and track.ceilings_m is None
+    yield '<?xml version="1.0" encoding="UTF-8"?>\n'
+    yield '<route xmlns="http://www.cirm.org/RTZ/1/2" version="1.2">\n'
+    yield written("routeInfo", {"routeName": track.key}) + "\n<waypoints>\n"
+    yield written("defaultWaypoint", None, written("leg", {**_limits(track), "geometryType": "Loxodrome"})) + "\n"
+    calls: list[str] = []
+    times = track.times_us.tolist()
+    i = 0
+    while i < len(times):
+        lon, lat = track.positions_deg[i].tolist()
+        number = len(calls) + 1
+        place = {"lat": repr(lat), "lon": repr(lon if abs(lon) <= 180.0 else math.remainder(lon, 360.0))}
+        yield written("waypoint", {"id": number}, written("position", place)) + "\n"
+        stays = is_steady and i + 1 < len(times) and bool(np.all(track.positions_deg[i] == track.positions_deg[i + 1]))
+        eta = format_instant(times[i]) if i or stays else None
+        etd = format_instant(times[i + 1] if stays else times[i]) if stays or not i else None
+        calls.append(written("scheduleElement", {"waypointId": number, "eta": eta, "etd": etd}))
+        i += 1 + stays
+    yield "</waypoints>\n"
+    schedule = written("schedule", {"id": 1}, written("manual", None, *calls))
+    yield written("schedules", None, schedule) + "\n"
+    members = {name: one for name, one in track_properties(track).items() if name not in _OF_ROUTE}
+    members["name"] = track.name
+    yield written("extensions", None, written("extension", {**EXTENSION, "track": dumped(members)})) + "\n"
+    yield "</route>\n"
+
+
+def _limits(track: Track) -> dict[str, str]:
+    """Return the cross-track limits of a track: how far its haven reaches to port and starboard, nautical miles."""
+    outlines = track.outline_m if track.outlines_m is None else track.outlines_m.reshape(-1, 2)
+    grown_m = track.grow_mps * float(track.times_us[-1] - track.times_us[0]) / 1e6
+    return {
+        name: f"{math.ceil((max(0.0, float(side)) + grown_m) / METRES_PER_NMI / _STEP_NMI) * _STEP_NMI:.4f}"
+        for name, side in (("portsideXTD", -outlines[:, 0].min()), ("starboardXTD", outlines[:, 0].max()))
+    }

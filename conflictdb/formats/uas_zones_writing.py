@@ -1,0 +1,62 @@
+"""Write areas as UAS geographical zones: ED-318 (GeoJSON). Tracks are no zones."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+import shapely
+
+from conflictdb.errors import InvalidInput
+from conflictdb.formats.instants import format_instant
+from conflictdb.formats.json_text import dumped
+from conflictdb.model.plans import Area, Scene, Track
+
+_LONGEST_KEY: Final = 7
+# What the standard requires of a zone; properties of the area replace it.
+_DEFAULTS: Final[dict[str, Any]] = {
+    "country": "XXX",  # unspecified, as in passports
+    "type": "PROHIBITED",
+    "variant": "COMMON",
+    "zoneAuthority": [{"purpose": "INFORMATION"}],
+}
+_OPTIONAL: Final = frozenset(
+    {
+        *("restrictionConditions", "region", "reason", "otherReasonInfo", "regulationExemption", "message"),
+        *("dataSource", "extendedProperties"),
+    }
+)
+
+
+def ed318_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
+    """Yield the lines of a feed of areas; raises InvalidInput for tracks, and for an id that is too long."""
+    if tracks:
+        rule = f"holds areas only; here are {len(tracks)} tracks, such as {tracks[0].key!r}: name the keys of the areas"
+        raise InvalidInput("ED-318", "", rule)
+    yield f'{{ "type": "FeatureCollection", "name": {dumped(scene.name)}, "features": ['
+    separator = "\n"
+    for area in areas:
+        yield f"{separator}{dumped(_feature(area))}"
+        separator = ",\n"
+    yield " ] }\n"
+
+
+def _feature(area: Area) -> dict[str, Any]:
+    if len(area.key) > _LONGEST_KEY:
+        rule = f"is longer than the {_LONGEST_KEY} characters of an identifier of ED-318"
+        raise InvalidInput(f"area {area.key!r}", "id", rule)
+    parts = shapely.get_parts(area.footprint)
+    geometry = dict(shapely.geometry.mapping(parts[0] if len(parts) == 1 else area.footprint))
+    layer: dict[str, Any] = {}
+    for side, height in (("lower", area.floor_m), ("upper", area.ceiling_m)):
+        if height is not None:
+            layer |= {side: height, f"{side}Reference": "AMSL"}
+    if layer:
+        geometry["layer"] = {**layer, "uom": "m"}
+    own = {name: one for name, one in area.properties.items() if name in _DEFAULTS.keys() | _OPTIONAL}
+    properties = {"identifier": area.key, **_DEFAULTS, **own}
+    if area.name is not None:
+        properties["name"] = [{"text": area.name[:200], "lang": "en-GB"}]
+    ends = {"startDateTime": area.start_us, "endDateTime": area.end_us}
+    period = {name: format_instant(one) for name, one in ends.items() if one is not None}
+    if period:
+        properties["limitedApplicability"] = [period]
+    return {"type": "Feature", "geometry": geometry, "properties": properties}

@@ -1,0 +1,110 @@
+"""Write areas and moving havens as operational intents of ASTM F3548-21: volumes that contain them.
+
+A moving haven becomes volumes one after the other in time: the hulls of its pieces. Each contains all that the haven
+covers meanwhile. Edges are shortest lines: shapes are wider by 2 metres, and the rhumb lines between their vertices are
+so short that shortest lines deviate from them by at most half a metre.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.arrays.objects import TrackBatch
+from conflictdb.earth.geodesy import WGS84_RADIUS_M
+from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import centred, plane_of
+from conflictdb.errors import InvalidInput
+from conflictdb.formats.instants import format_instant
+from conflictdb.formats.json_text import dumped
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.stages.pieces.cutting import planar, track_pieces
+
+Floats = NDArray[np.float64]
+
+# The geoid lies between 107 m below and 86 m above the ellipsoid (EGM96, EGM2008), rounded outward.
+_GEOID_BELOW_M: Final = 108.0
+_GEOID_ABOVE_M: Final = 87.0
+# Heights that the standard allows.
+_LEAST_M, _MOST_M = -8_000.0, 100_000.0
+_DEVIATION_M: Final = 0.5
+_WIDER_M: Final = 2.0
+# Nearer to a pole the plane of rhumb lines stretches too much.
+_HIGHEST_DEG: Final = 85.0
+
+
+def f3548_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
+    """Yield the lines of a list of operational intents; raises InvalidInput for an area without a start or an end."""
+    scene = centred(scene, areas, tracks)
+    plane = plane_of(scene)
+    yield "["
+    separator = "\n"
+    for key, volumes in [*((one.key, _of_area(plane, one)) for one in areas), *_of_tracks(scene, plane, tracks)]:
+        details = {"volumes": list(volumes), "off_nominal_volumes": [], "priority": 0}
+        yield f"{separator}{dumped({'reference': {'id': key}, 'details': details})}"
+        separator = ",\n"
+    yield " ]\n"
+
+
+def _of_area(plane: Plane, area: Area) -> Iterator[Mapping[str, Any]]:
+    who = f"area {area.key!r}"
+    if area.start_us is None or area.end_us is None:
+        raise InvalidInput(who, "start", "and end must be given: an operational intent has both")
+    flat = planar(plane, np.array([area.footprint], dtype=object))[0]
+    for part in shapely.get_parts(flat):
+        ring = shapely.Polygon(part.exterior)  # a volume has no holes
+        yield _volume(who, plane, ring, (area.start_us, area.end_us), (area.floor_m, area.ceiling_m))
+
+
+def _of_tracks(
+    scene: Scene, plane: Plane, tracks: Sequence[Track]
+) -> Iterator[tuple[str, Iterator[Mapping[str, Any]]]]:
+    for track in tracks:
+        yield track.key, _of_track(scene, plane, track)
+
+
+def _of_track(scene: Scene, plane: Plane, track: Track) -> Iterator[Mapping[str, Any]]:
+    who = f"track {track.key!r}"
+    pieces = track_pieces(scene, plane, TrackBatch.of([track]))
+    for i in np.flatnonzero(pieces.turn == 0).tolist():
+        hull = pieces.hull_xy[pieces.hull_offset[i] : pieces.hull_offset[i + 1]]
+        if not len(hull) or not np.isfinite(hull).all():
+            raise InvalidInput(who, "geometry", "has a haven too wide to be cut into volumes")
+        heights = (float(pieces.floor_m[i]), float(pieces.ceiling_m[i]))
+        bounded = tuple(one if np.isfinite(one) else None for one in heights)
+        shape = shapely.MultiPoint(hull).convex_hull
+        yield _volume(who, plane, shape, (int(pieces.start_us[i]), int(pieces.end_us[i])), (bounded[0], bounded[1]))
+
+
+def _volume(
+    who: str,
+    plane: Plane,
+    flat: shapely.Geometry,
+    span_us: tuple[int, int],
+    heights_m: tuple[float | None, float | None],
+) -> Mapping[str, Any]:
+    """Return a volume that contains a shape of the plane."""
+    lat = np.abs(plane.from_plane(*shapely.get_coordinates(flat).T)[1]).max()
+    if lat > _HIGHEST_DEG:
+        raise InvalidInput(who, "geometry", f"reaches beyond {_HIGHEST_DEG:g} degrees of latitude")
+    # A plane of rhumb lines stretches by the secant of the latitude; one of great circles by at most 4.
+    stretch = max(4.0, 1.1 / float(np.cos(np.radians(lat))))
+    most_m = np.sqrt(8.0 * _DEVIATION_M * 0.99 * WGS84_RADIUS_M / np.tan(np.radians(max(lat + 0.5, 1.0))))
+    wide = flat.buffer(_WIDER_M * stretch, quad_segs=2).segmentize(float(most_m))
+    lon, lat_deg = plane.from_plane(*shapely.get_coordinates(wide.exterior)[:-1].T)
+    lon = np.remainder(lon + 180.0, 360.0) - 180.0
+    floor_m, ceiling_m = heights_m
+    lower = _LEAST_M if floor_m is None else max(_LEAST_M, floor_m - _GEOID_BELOW_M)
+    upper = _MOST_M if ceiling_m is None else min(_MOST_M, ceiling_m + _GEOID_ABOVE_M)
+    vertices = [{"lng": x, "lat": y} for x, y in zip(lon.tolist(), lat_deg.tolist(), strict=True)]
+    return {
+        "volume": {
+            "outline_polygon": {"vertices": vertices},
+            "altitude_lower": {"value": lower, "reference": "W84", "units": "M"},
+            "altitude_upper": {"value": upper, "reference": "W84", "units": "M"},
+        },
+        "time_start": {"value": format_instant(span_us[0]), "format": "RFC3339"},
+        "time_end": {"value": format_instant(span_us[1]), "format": "RFC3339"},
+    }

@@ -1,0 +1,189 @@
+"""Objects written in other formats: what is read again is the same, and volumes contain moving havens."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from oracle import haven_at
+from route_files import rtz, s421, waypoint
+
+from conflictdb import Area, InvalidInput, Scene, Track, read
+from conflictdb.formats import FileHints, object_lines, write_lines
+
+HOLE = [(4.6, 57.2), (4.7, 57.2), (4.7, 57.3)]
+SQUARE = shapely.MultiPolygon([shapely.Polygon([(4, 57), (5, 57), (5, 58), (4, 57)], [HOLE])])
+HOUR = 3_600_000_000
+BEGIN = 1_772_344_800_000_000
+
+
+def written(path: Path, areas: list[Area], tracks: list[Track], scene: Scene | None = None) -> Path:
+    write_lines(path, object_lines(path, scene or Scene("s"), areas, tracks))
+    return path
+
+
+def random_rtz(rng: np.random.Generator) -> str:
+    """Return a route with legs of both kinds, limits, stays, and a schedule that is manual, calculated or both."""
+    count = int(rng.integers(2, 7))
+    lon, lat = rng.uniform(-180, 180), rng.uniform(-60, 60)
+    points, calls, hours = "", [], 0.0
+    for number in range(1, count + 1):
+        leg = f'geometryType="{rng.choice(["Loxodrome", "Orthodrome"])}"'
+        if rng.random() < 0.5:
+            leg += f' portsideXTD="{rng.uniform(0.01, 2):.3f}" starboardXTD="{rng.uniform(0.01, 2):.3f}"'
+        points += waypoint(number, float((lon + 180) % 360 - 180), float(lat), leg)
+        time = f"2026-03-{1 + int(hours // 24):02d}T{int(hours % 24):02d}:{int(hours * 60 % 60):02d}:07Z"
+        if number == 1:
+            calls.append(f'"{number}" etd="{time}"')
+        elif rng.random() < 0.3:
+            calls.append(f'"{number}" speed="{rng.uniform(5, 20):.2f}"')
+        else:
+            calls.append(f'"{number}" eta="{time}"' + (' stay="PT45M"' if rng.random() < 0.4 else ""))
+        lon, lat = lon + rng.uniform(-3, 3), lat + rng.uniform(-2, 2)
+        hours += rng.uniform(30, 60)
+    part = str(rng.choice(["manual", "calculated"]))
+    each = "".join(f"<scheduleElement waypointId={one}/>" for one in calls)
+    return rtz(points, f'<schedule id="1"><{part}>{each}</{part}></schedule>', str(rng.choice(["1.1", "1.2"])))
+
+
+def assert_same(one: Track, other: Track) -> None:
+    assert (one.key, one.name, one.properties) == (other.key, other.name, other.properties)
+    assert np.array_equal(one.positions_deg, other.positions_deg) or np.allclose(
+        one.positions_deg, other.positions_deg, rtol=0, atol=1e-12
+    )
+    assert one.times_us.tolist() == other.times_us.tolist()
+    assert np.array_equal(one.outline_m, other.outline_m)
+    for name in ("floor_m", "ceiling_m", "grow_mps"):
+        assert getattr(one, name) == getattr(other, name)
+    for name in ("outlines_m", "floors_m", "ceilings_m"):
+        a, b = getattr(one, name), getattr(other, name)
+        assert (a is None and b is None) or np.array_equal(a, b)
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_routes_of_rtz_and_s421_come_back_without_loss(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    if seed % 5:
+        path = tmp_path / "in.rtz"
+        path.write_text(random_rtz(rng))
+    else:
+        path = tmp_path / "in.s421"
+        path.write_text(s421(kind=str(rng.integers(1, 3)), limit=f"{rng.uniform(1, 9999):.1f}"))
+    (first,) = read(path).tracks
+    (again,) = read(written(tmp_path / "out.rtz", [], [first])).tracks
+    assert_same(first, again)
+
+
+def test_any_track_comes_back_from_rtz(tmp_path: Path) -> None:
+    """With a haven that changes, heights of legs, an odd name, stays, and times to the microsecond."""
+    outlines = [[(50, 100), (50, -100), (-50, -100), (-50, 100)], [(90, 40), (90, -70), (-90, -70), (-90, 40)]]
+    tracks = [
+        Track(
+            "A & <B>",
+            [(4, 57), (5, 57)],
+            [BEGIN, BEGIN + HOUR],
+            outlines[0],
+            "é",
+            outlines_m=outlines,
+            properties={"x": [1]},
+        ),
+        Track(
+            "T",
+            [(4, 57), (4, 57), (5, 57), (5, 57)],
+            [BEGIN, BEGIN + 1, BEGIN + HOUR, BEGIN + 2 * HOUR],
+            [(0, 0)],
+            floor_m=-5,
+        ),
+        Track(
+            "H",
+            [(179, 5), (181, 5), (181, 5)],
+            [BEGIN, BEGIN + 9 * HOUR, BEGIN + 10 * HOUR],
+            [(1, 0), (-1, 0)],
+            floors_m=[-9, -5],
+            ceilings_m=[0, np.inf],
+        ),
+        Track("G", [(4, 57), (5, 57)], [BEGIN, BEGIN + HOUR], outlines[0], grow_mps=0.25),
+    ]
+    for track in tracks:
+        (again,) = read(written(tmp_path / "out.rtz", [], [track])).tracks
+        assert_same(track, again)
+    with pytest.raises(InvalidInput, match="RTZ: holds one track; here are 2 tracks and 0 areas"):
+        written(tmp_path / "two.rtz", [], tracks[:2])
+
+
+def test_areas_come_back_from_ed318(tmp_path: Path) -> None:
+    areas = [
+        Area("A1", SQUARE, "Zone", BEGIN, BEGIN + HOUR, 10.0, 500.0, {"type": "CONDITIONAL", "reason": ["NATURE"]}),
+        Area("A2", shapely.union(SQUARE, shapely.box(8, 50, 9, 51))),
+    ]
+    again = read(written(tmp_path / "out.ed318.json", areas, [])).areas
+    for one, other in zip(areas, again, strict=True):
+        assert (one.key, one.name, one.start_us, one.end_us) == (other.key, other.name, other.start_us, other.end_us)
+        assert (one.floor_m, one.ceiling_m) == (other.floor_m, other.ceiling_m)
+        assert shapely.equals(one.footprint, other.footprint)
+        assert one.properties.items() <= other.properties.items()
+    with pytest.raises(InvalidInput, match="area 'TOO LONG': id: is longer than the 7 characters"):
+        written(tmp_path / "long.ed318.json", [Area("TOO LONG", SQUARE)], [])
+    with pytest.raises(InvalidInput, match="ED-318: holds areas only; here are 1 tracks, such as 'T'"):
+        written(tmp_path / "t.ed318.json", [], [Track("T", [(4, 57), (5, 57)], [BEGIN, BEGIN + HOUR], [(0, 0)])])
+
+
+def test_areas_and_tracks_come_back_from_kml(tmp_path: Path) -> None:
+    pytest.importorskip("pyogrio")
+    area = Area("A1", SQUARE, "Zone", BEGIN, BEGIN + HOUR, 10.0, 500.0)
+    track = Track("T1", [(4, 57), (5, 57)], [BEGIN, BEGIN + HOUR], [(0, 0)])
+    found = read(written(tmp_path / "out.kml", [area], [track]))
+    (again,), (moved,) = found.areas, found.tracks
+    assert (again.key, again.start_us, again.end_us) == ("A1", BEGIN, BEGIN + HOUR)
+    assert shapely.equals(again.footprint, area.footprint)
+    assert (moved.key, moved.times_us.tolist()) == ("T1", track.times_us.tolist())
+    assert moved.positions_deg.tolist() == track.positions_deg.tolist()
+
+
+def volumes(path: Path) -> list[tuple[int, int, Any]]:
+    """Return start, end and polygon of each volume, as this package reads them."""
+    found = read(path, hints=FileHints(unbounded_heights=True)).areas
+    return [(area.start_us or 0, area.end_us or 0, area.footprint) for area in found]
+
+
+def test_volumes_contain_an_area(tmp_path: Path) -> None:
+    area = Area("A1", SQUARE, None, BEGIN, BEGIN + HOUR, 10.0, 500.0)
+    path = written(tmp_path / "out.f3548.json", [area], [])
+    ((start, end, footprint),) = volumes(path)
+    assert (start, end) == (BEGIN, BEGIN + HOUR)
+    assert footprint.contains(shapely.MultiPolygon([shapely.Polygon(SQUARE.geoms[0].exterior)]))
+    assert footprint.area < 1.01 * shapely.Polygon(SQUARE.geoms[0].exterior).area
+    volume = json.loads(path.read_text())[0]["details"]["volumes"][0]["volume"]
+    assert (volume["altitude_lower"]["value"], volume["altitude_upper"]["value"]) == (-98.0, 587.0)
+    with pytest.raises(InvalidInput, match="area 'A1': start: and end must be given"):
+        written(tmp_path / "open.f3548.json", [Area("A1", SQUARE, None, BEGIN)], [])
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_volumes_contain_a_moving_haven(seed: int, tmp_path: Path) -> None:
+    """At random times every corner of the haven is in a volume of that time; together they cover all of the time."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(2, 6))
+    lon, lat = rng.uniform(-180, 180) if seed % 3 else 179.9, rng.uniform(-70, 70)
+    positions = np.cumsum(np.vstack([[lon, lat], rng.uniform(-0.6, 0.6, (count - 1, 2))]), axis=0)
+    times = BEGIN + np.cumsum(np.append(0, rng.integers(1, 5, count - 1))) * HOUR
+    outline = [(800.0, 1500.0), (800.0, -2500.0), (-400.0, -2500.0), (-400.0, 1500.0)]
+    grown = {"grow_mps": 0.05} if seed % 2 else {}
+    scene = Scene("s")
+    track = Track("T", positions, times, outline, **grown, max_speed_kn=np.inf)  # type: ignore[arg-type]
+    path = written(tmp_path / "out.f3548.json", [], [track], scene)
+    found = volumes(path)
+    assert min(start for start, _, _ in found) == times[0]
+    assert max(end for _, end, _ in found) == times[-1]
+    for at in rng.integers(times[0], times[-1], 60):
+        now = [shape for start, end, shape in found if start <= at <= end]
+        assert now, "a gap in time"
+        corners = haven_at(scene, track, int(at), int(np.searchsorted(times, at, side="right")) - 1)
+        for x, y in corners:
+            assert any(shape.contains(shapely.Point(x + turn, y)) for shape in now for turn in (-360.0, 0.0, 360.0)), (
+                at,
+                x,
+                y,
+            )
