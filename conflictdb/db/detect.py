@@ -26,7 +26,7 @@ import psycopg
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.db import follow_attached, schedules, store
+from conflictdb.db import expansion, follow_attached, store
 from conflictdb.db.difference_rows import refresh_differences
 from conflictdb.db.sources import FewSource, SceneSource
 from conflictdb.earth.registry import plane_of
@@ -238,7 +238,7 @@ def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Opti
             conn.rollback()
         if again is not None:
             follow_attached.follow(conn, scene, again=again)
-        schedules.expand(conn, scene)
+        expansion.expand(conn, scene)
         again = None
 
 

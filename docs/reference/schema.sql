@@ -1109,7 +1109,7 @@ FUNCTION _is_alike(p_some tstzmultirange, p_others tstzmultirange, p_within_s do
 FUNCTION _is_all_dirty(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _is_behind_horizon(p_scene scene)
+FUNCTION _is_behind_horizon(p_expanded tstzrange, p_horizon_days double precision)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _is_compared(p_attachment attachment)

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "dab7b0b8f4da557e9279d5cff531d7788e6648a9001920aeb1beb7b51e65ad2b"
+routines_sha256 = "be9094e7dde88b46315afa9db348015ee6b4e7280ca8147e7c69d597244129e4"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -10,7 +10,7 @@ from psycopg.types.json import Jsonb
 from test_recurring import alone, by_object, objects
 
 import conflictdb
-from conflictdb.db import schedules, store
+from conflictdb.db import expansion, store
 from conflictdb.db.detect import detect, detect_pending
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Scene
@@ -130,9 +130,9 @@ def test_the_horizon_advances_and_marks_only_what_changed(conn: psycopg.Connecti
     window = conn.execute("SELECT lower(expanded), upper(expanded) FROM conflictdb.scene").fetchone()
     conn.commit()
     now_us = round(window[1].timestamp() * 1e6)  # type: ignore[index]
-    schedules.expand(conn, "plans", now_us - 29 * DAY_US)
+    expansion.expand(conn, "plans", now_us - 29 * DAY_US)
     assert pending(conn) == 0
-    schedules.expand(conn, "plans", now_us)
+    expansion.expand(conn, "plans", now_us)
     assert pending(conn) == 1
     marked = conn.execute("SELECT DISTINCT object_kind, object_id FROM conflictdb.change").fetchall()
     key = conn.execute("SELECT key FROM conflictdb.area WHERE area_id = %s", [marked[0][1]]).fetchone()

@@ -84,7 +84,7 @@ from conflictdb.db.store.scenes import (
     rename_object,
     rename_scene,
 )
-from conflictdb.db.store.schedules import (
+from conflictdb.db.store.stored_schedules import (
     Scheduled,
     horizon,
     scheduled,

@@ -40,10 +40,10 @@ def item_d_schedule(who: str, text: str, valid_us: Valid = (None, None)) -> Sche
         raise InvalidInput(who, _FIELD, f"must be text such as MON-FRI 0800-1700; got {text!r:.60}")
     if len(text) > _MOST_TEXT:
         raise InvalidInput(who, _FIELD, f"must have at most {_MOST_TEXT:,} characters; got {len(text):,}")
-    return _Reader(who, text, valid_us).schedule()
+    return _ItemD(who, text, valid_us).schedule()
 
 
-class _Reader:
+class _ItemD:
     """Read words from left to right: groups of days, then periods, then exceptions."""
 
     def __init__(self, who: str, text: str, valid_us: Valid) -> None:
