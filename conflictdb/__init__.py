@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from conflictdb.db.detect import Run
     from conflictdb.drawing.departures import plot_coordination, plot_delays
     from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
-    from conflictdb.formats import Contents, FileHints, Remark, Skipped, read, write, write_scene_file
+    from conflictdb.formats import Contents, FileHints, Remark, Skipped, circle, read, write, write_scene_file
     from conflictdb.in_memory import chances, delays, solve, speeds
     from conflictdb.index import Index
     from conflictdb.model.methods import Method
@@ -121,6 +121,7 @@ __all__ = [
     "Verdict",
     "__version__",
     "chances",
+    "circle",
     "connect",
     "delays",
     "plot_coordination",
@@ -152,7 +153,8 @@ _HOME: Final = {
     "Index": "conflictdb.index",
     **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.in_memory"),
     **dict.fromkeys(
-        ("Contents", "FileHints", "Remark", "Skipped", "read", "write", "write_scene_file"), "conflictdb.formats"
+        ("Contents", "FileHints", "Remark", "Skipped", "circle", "read", "write", "write_scene_file"),
+        "conflictdb.formats",
     ),
     **dict.fromkeys(
         ("Area", "EarthModel", "Motion", "Scene", "Track", "rectangle_outline_m"),

@@ -185,12 +185,15 @@ LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- Hulls are padded by half of tolerance plus separation, at their own scale. The other half is added here, at the
     -- largest scale (metres of the plane per metre) that the geometry reaches. Tries all turns of the geometry. Heights
-    -- are padded by half of the vertical separation, to the micrometre.
+    -- are padded by half of the vertical separation, to the micrometre. Pieces have closed ends if the scene says so.
     WITH plane AS MATERIALIZED (
         SELECT _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane, s.motion,
                2 * pi() * _radius_m(s.earth) AS turn_m,
                s.tolerance_m + s.separation_m AS wanted_m, s.time_separation_s AS within_s,
                CASE WHEN s.vertical_separation_m > 0 THEN s.vertical_separation_m / 2 + 1e-6 ELSE 0 END AS half_m,
+               s.intervals = 'closed' AS is_closed,
+               CASE s.intervals WHEN 'closed' THEN tstzrange(lower(p_span), upper(p_span), '[]')
+                                ELSE p_span END AS span,
                CASE s.motion WHEN 'great_circle' THEN _near_centre(p_geometry, s.centre_lon, s.centre_lat)
                              ELSE p_geometry END AS given
         FROM scene s WHERE s.scene_id = p_scene_id
@@ -202,7 +205,7 @@ BEGIN ATOMIC
                     * cosh(2 * pi() * greatest(abs(ST_YMin(g.shape)), abs(ST_YMax(g.shape))) / g.turn_m) AS s
         FROM given g
     ), probed AS MATERIALIZED (
-        SELECT ST_Translate(p.shape, turn * p.turn_m, 0) AS shape, p.half_m, p.within_s,
+        SELECT ST_Translate(p.shape, turn * p.turn_m, 0) AS shape, p.half_m, p.within_s, p.span, p.is_closed,
                1e-6 + CASE
                    WHEN p.motion = 'great_circle' THEN
                        0.505 * p.wanted_m
@@ -215,14 +218,15 @@ BEGIN ATOMIC
     ), boxed AS MATERIALIZED (
         SELECT g.*, ST_Expand(g.shape, g.pad_m) AS box FROM probed g
     )
-    SELECT o.object_kind, o.object_id, o.version, _shared_span(p.span, p_span, g.within_s),
+    SELECT o.object_kind, o.object_id, o.version, _shared_span(p.span, g.span, g.within_s),
            ST_Intersection(p.hull, ST_Buffer(g.shape, 1.01 * g.pad_m))
     FROM boxed g JOIN piece o ON o.scene_id = p_scene_id AND o.hull && g.box
-                                 AND o.span && _widened(p_span, g.within_s)
+                                 AND o.span && _widened(g.span, g.within_s)
     CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) p
-    WHERE o.floor_m < coalesce(p_ceiling_m, 'infinity') + g.half_m
+    WHERE (o.floor_m < coalesce(p_ceiling_m, 'infinity') + g.half_m
+           OR g.is_closed AND o.floor_m = p_ceiling_m + g.half_m)
       AND coalesce(p_floor_m, '-infinity') - g.half_m < o.ceiling_m
-      AND p.hull && g.box AND p.span && _widened(p_span, g.within_s) AND ST_Distance(p.hull, g.shape) <= g.pad_m;
+      AND p.hull && g.box AND p.span && _widened(g.span, g.within_s) AND ST_Distance(p.hull, g.shape) <= g.pad_m;
 END;
 COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, double precision) IS
 'Stages 1 and 2: pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between '

@@ -67,6 +67,7 @@ class Scene(Base):
     vertical_separation_m: Mapped[float] = mapped_column(server_default=FetchedValue())
     time_separation_s: Mapped[float] = mapped_column(server_default=FetchedValue())
     delays_within_s: Mapped[float] = mapped_column(server_default=FetchedValue())
+    intervals: Mapped[str] = mapped_column(server_default=FetchedValue())
     horizon_days: Mapped[float] = mapped_column(server_default=FetchedValue())
     expanded: Mapped[Range[datetime] | None]
 
@@ -210,6 +211,7 @@ class SceneState(Base):
     vertical_separation_m: Mapped[float]
     time_separation_s: Mapped[float]
     delays_within_s: Mapped[float]
+    intervals: Mapped[str]
     horizon_days: Mapped[float]
     expanded_from: Mapped[datetime | None]
     expanded_until: Mapped[datetime | None]

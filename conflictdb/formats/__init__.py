@@ -4,6 +4,7 @@
 """
 
 from conflictdb.formats.contents import Contents, Remark, Skipped
+from conflictdb.formats.discs import circle
 from conflictdb.formats.hints import FileHints
 from conflictdb.formats.objects_writing import object_lines
 from conflictdb.formats.reading import read
@@ -16,6 +17,7 @@ __all__ = [
     "FileHints",
     "Remark",
     "Skipped",
+    "circle",
     "object_lines",
     "read",
     "scene_text",

@@ -13,6 +13,7 @@ reduced length, and curves by the geodesic curvature m' / m of the circle and by
 1. Points deeper inside the curve than that deviation are inside the polygon.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -22,7 +23,14 @@ from numpy.typing import NDArray
 
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, WGS84_FLATTENING, WGS84_RADIUS_M
 from conflictdb.errors import InvalidInput
-from conflictdb.model.plans import MAX_RHUMB_LATITUDE_DEG, EarthModel, Motion, Scene
+from conflictdb.model.plans import (
+    MAX_LATITUDE_DEG,
+    MAX_LONGITUDE_DEG,
+    MAX_RHUMB_LATITUDE_DEG,
+    EarthModel,
+    Motion,
+    Scene,
+)
 
 Floats = NDArray[np.float64]
 
@@ -80,6 +88,32 @@ def disc(
             return _ring(lon, lat, lat_deg, 0.0)
         corners *= 2
     raise InvalidInput(who, "radius_m", "is too large a circle so near the limit of the scene's plane; give a polygon")
+
+
+def circle(centre: Sequence[float], radius_m: float, scene: Scene) -> shapely.MultiPolygon:
+    """Return a footprint that contains a circle on the earth, and exceeds its radius by at most a thousandth.
+
+    The circle is all places within the radius of its centre along the shortest way. The footprint is for areas of a
+    scene of the same motion and earth, in whose plane its sides are straight.
+
+    Parameters
+    ----------
+    centre : longitude and latitude, degrees
+    radius_m : float
+        More than 0, at most 5,000 km.
+    scene : Scene
+
+    Raises InvalidInput for other numbers, and for circles that the scene's plane cannot contain.
+    """
+    try:
+        lon_deg, lat_deg = map(float, centre)
+        radius_m = float(radius_m)
+    except (TypeError, ValueError):
+        lon_deg = lat_deg = np.nan
+    if not (abs(lon_deg) <= MAX_LONGITUDE_DEG and abs(lat_deg) <= MAX_LATITUDE_DEG):
+        rule = "must be longitude and latitude in degrees, within +-360 and +-90, of a radius in metres"
+        raise InvalidInput("circle", "centre", f"{rule}; got {centre!r:.60}, {radius_m!r:.20}")
+    return disc("circle", lon_deg, lat_deg, radius_m, scene)
 
 
 def _margin_m(who: str, lon_deg: float, lat_deg: float, radius_m: float, corners: int, earth: EarthModel) -> float:

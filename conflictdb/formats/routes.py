@@ -15,9 +15,18 @@ from numpy.typing import NDArray
 from conflictdb.earth import geodesy
 from conflictdb.earth.shortest_lines import DEVIATION_M, NoShortestLineError, followed
 from conflictdb.errors import InvalidInput
+from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.hints import departure, haven
 from conflictdb.formats.track_times import MAX_DURATION_S
-from conflictdb.model.plans import MAX_RHUMB_LATITUDE_DEG, METRES_PER_NMI, EarthModel, Track, rectangle_outline_m
+from conflictdb.model.plans import (
+    MAX_INSTANT_US,
+    MAX_RHUMB_LATITUDE_DEG,
+    METRES_PER_NMI,
+    MIN_INSTANT_US,
+    EarthModel,
+    Track,
+    rectangle_outline_m,
+)
 from conflictdb.model.speed_limits import MPS_PER_KNOT
 
 # Beyond this a limit in nautical miles is probably one in metres.
@@ -112,12 +121,16 @@ def track_of(who: str, route: Route, max_speed_kn: float) -> Track:
     if departures[-1] > arrivals[-1]:
         positions.append(positions[-1])
         times.append(departures[-1])
+    if not MIN_INSTANT_US <= min(times) <= max(times) <= MAX_INSTANT_US:
+        raise InvalidInput(who, "times", "must lie in the years 1 to 9999")
     lonlat = np.array(positions, np.float64)
     # Whole turns, so that a route over the antimeridian is continuous and keeps its digits.
     lonlat[1:, 0] -= 360.0 * np.cumsum(np.round(np.diff(lonlat[:, 0]) / 360.0))
     members: dict[str, Any] = {"outline_m": _haven(points, deviation_m), "name": route.name}
     members |= {"properties": route.properties, **route.members}
-    return Track(route.name, lonlat, np.array(times, np.int64), **members, max_speed_kn=max_speed_kn)
+    return Track(
+        checked_key(who, "id", route.name), lonlat, np.array(times, np.int64), **members, max_speed_kn=max_speed_kn
+    )
 
 
 def _haven(points: Sequence[Waypoint], deviation_m: float) -> NDArray[np.float64]:

@@ -6,6 +6,7 @@ so short that shortest lines deviate from them by at most half a metre.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -13,13 +14,13 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays.objects import TrackBatch
-from conflictdb.earth.geodesy import WGS84_RADIUS_M
+from conflictdb.earth.geodesy import WGS84_RADIUS_M, earth_of, rhumb_distance, shorter_way_deg
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, Motion, Scene, Track
 from conflictdb.stages.pieces.cutting import planar, track_pieces
 
 Floats = NDArray[np.float64]
@@ -33,6 +34,11 @@ _DEVIATION_M: Final = 0.5
 _WIDER_M: Final = 2.0
 # Nearer to a pole the plane of rhumb lines stretches too much.
 _HIGHEST_DEG: Final = 85.0
+# Length of the way in a volume: so many havens, and not less; and volumes of a track, about.
+_HAVENS: Final = 4.0
+_LEAST_STEP_M: Final = 500.0
+_MOST_STEPS: Final = 200
+_LEVEL: Final = 1e-9  # change of the isometric latitude of a parallel
 
 
 def f3548_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
@@ -67,7 +73,7 @@ def _of_tracks(
 
 def _of_track(scene: Scene, plane: Plane, track: Track) -> Iterator[Mapping[str, Any]]:
     who = f"track {track.key!r}"
-    pieces = track_pieces(scene, plane, TrackBatch.of([track]))
+    pieces = track_pieces(scene, plane, TrackBatch.of([_in_steps(scene, track)]))
     for i in np.flatnonzero(pieces.turn == 0).tolist():
         hull = pieces.hull_xy[pieces.hull_offset[i] : pieces.hull_offset[i + 1]]
         if not len(hull) or not np.isfinite(hull).all():
@@ -76,6 +82,40 @@ def _of_track(scene: Scene, plane: Plane, track: Track) -> Iterator[Mapping[str,
         bounded = tuple(one if np.isfinite(one) else None for one in heights)
         shape = shapely.MultiPoint(hull).convex_hull
         yield _volume(who, plane, shape, (int(pieces.start_us[i]), int(pieces.end_us[i])), (bounded[0], bounded[1]))
+
+
+def _in_steps(scene: Scene, track: Track) -> Track:
+    """Return the same movement with more waypoints, so that each volume is a few havens long; some 200 in all.
+
+    Tracks whose haven or heights change from leg to leg, and great circles, stay as they are: their volumes are longer.
+    """
+    per_leg = (track.outlines_m, track.floors_m, track.ceilings_m)
+    if scene.motion == Motion.GREAT_CIRCLE or any(one is not None for one in per_leg):
+        return track
+    earth = earth_of(scene.earth)
+    lon, lat = track.positions_deg.T
+    lon = lon[0] + np.concatenate([[0.0], np.cumsum(shorter_way_deg(np.diff(lon)))])
+    lengths_m = rhumb_distance(earth, lon[:-1], lat[:-1], lon[1:], lat[1:])
+    haven_m = 2.0 * float(np.hypot(*track.outline_m.T).max())
+    step_m = max(_HAVENS * haven_m, _LEAST_STEP_M, float(lengths_m.sum()) / _MOST_STEPS)
+    counts = np.minimum(np.maximum(np.ceil(lengths_m / step_m), 1.0).astype(np.int64), np.diff(track.times_us))
+    leg = np.repeat(np.arange(len(counts)), counts)
+    share = (np.arange(len(leg)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[leg]
+    mu = earth.rectifying(np.radians(lat))
+    between = mu[leg] + share * np.diff(mu)[leg]
+    psi, ends = earth.isometric(between), earth.isometric(mu)
+    rise = np.diff(ends)[leg]
+    # Along a parallel the longitude changes evenly.
+    east = np.where(np.abs(rise) > _LEVEL, (psi - ends[leg]) / np.where(rise == 0.0, 1.0, rise), share)
+    places = np.stack([lon[leg] + east * np.diff(lon)[leg], np.degrees(earth.latitude(psi))], axis=1)
+    places[share == 0.0] = np.stack([lon, lat], axis=1)[:-1]
+    times_us = track.times_us[leg] + np.rint(share * np.diff(track.times_us)[leg]).astype(np.int64)
+    return replace(
+        track,
+        positions_deg=np.concatenate([places, [[lon[-1], lat[-1]]]]),
+        times_us=np.append(times_us, track.times_us[-1]),
+        max_speed_kn=np.inf,
+    )
 
 
 def _volume(

@@ -24,6 +24,7 @@ from conflictdb.model.methods import METHODS, REMOVED, Method
 from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
 from conflictdb.model.settings import MOST_DAYS, MOST_M, MOST_S, NAMES, SETTINGS, Setting, SettingType
 from conflictdb.model.settings import EarthModel as EarthModel
+from conflictdb.model.settings import Intervals as Intervals
 from conflictdb.model.settings import Motion as Motion
 from conflictdb.model.speed_limits import MAX_SPEED_KN, check_speed
 
@@ -82,6 +83,7 @@ class Scene:
     delays_within_s : detections store the delays of each track that are in conflict, up to so many seconds, whole
         microseconds, 0 (none) to 30 days. `delays` within these is computed with this horizon, so that the answer is
         the stored one
+    intervals : closed: the last instant of a span and the ceiling of a height band belong to an object
     horizon_days : schedules are expanded from today to so many days ahead, 0 to 36,525, and over all voyages
     """
 
@@ -96,6 +98,7 @@ class Scene:
     vertical_separation_m: float = 0.0
     time_separation_s: float = 0.0
     delays_within_s: float = 0.0
+    intervals: Intervals = Intervals.HALF_OPEN
     horizon_days: float = 366.0
 
     def __post_init__(self) -> None:

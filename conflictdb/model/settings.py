@@ -27,6 +27,13 @@ class EarthModel(StrEnum):
     SPHERE = "sphere"
 
 
+class Intervals(StrEnum):
+    """Whether the last instant of a span and the ceiling of a height band belong to an object."""
+
+    HALF_OPEN = "half_open"  # they do not: objects that only touch in time or height are apart
+    CLOSED = "closed"  # they do
+
+
 class SettingType(Enum):
     """Type of a setting; its rules, its option and its column follow from it."""
 
@@ -106,7 +113,7 @@ SETTINGS: Final = (
         "Where a detection stops: screen (who might meet), exact (certified times), "
         "nlp (certified times, found by the published program).",
         Method.EXACT,
-        "where to stop",
+        "last stage",
         choices=Method,
         is_stored_by_detect=True,
     ),
@@ -136,7 +143,7 @@ SETTINGS: Final = (
         "Pairs without conflict that come within this distance (metres) are stored with their closest approach; "
         "0: none.",
         0.0,
-        "report near pairs",
+        "near pairs",
         label="Near is",
         says="within {:g} m",
         says_zero="not reported",
@@ -181,11 +188,21 @@ SETTINGS: Final = (
         is_stored_by_detect=True,
     ),
     Setting(
+        "intervals",
+        SettingType.CHOICE,
+        "Whether spans and height bands contain their upper ends: half_open (they do not) or closed (they do, as "
+        "volumes of ASTM F3548).",
+        Intervals.HALF_OPEN,
+        "closed ends",
+        choices=Intervals,
+    ),
+    Setting(
         "horizon_days",
         SettingType.DAYS,
         "How many days ahead of today schedules are expanded; they are over all voyages, too.",
         366.0,
         "expand schedules",
+        is_stored_by_detect=True,
     ),
 )
 NAMES: Final = tuple(setting.name for setting in SETTINGS)
@@ -206,6 +223,7 @@ class Changes(TypedDict, total=False):
     vertical_separation_m: float | None
     time_separation_s: float | None
     delays_within_s: float | None
+    horizon_days: float | None
 
 
 def given(values: Any, settings: tuple[Setting, ...] = SETTINGS) -> dict[str, Any]:

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "be9094e7dde88b46315afa9db348015ee6b4e7280ca8147e7c69d597244129e4"
+routines_sha256 = "0bc87693b39887e2c9565b1c3305beee2c7ef03309ee7db0fa7424adbc449a24"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -42,6 +42,14 @@ CREATE INDEX IF NOT EXISTS area_scene_id_owner_btree ON conflictdb.area (scene_i
 CREATE INDEX IF NOT EXISTS track_scene_id_owner_btree ON conflictdb.track (scene_id, owner) WHERE owner IS NOT NULL;
 """
 
+# Whether spans and height bands contain their upper ends.
+INTERVALS = """
+ALTER TABLE conflictdb.scene
+    ADD COLUMN IF NOT EXISTS intervals text NOT NULL DEFAULT 'half_open',
+    DROP CONSTRAINT IF EXISTS scene_intervals_known,
+    ADD CONSTRAINT scene_intervals_known CHECK (intervals IN ('half_open', 'closed'));
+"""
+
 
 # When an area is active, and a track departs, several times; the schedule that says so, and how far it is expanded.
 ACTIVATIONS = """
@@ -60,7 +68,7 @@ ALTER TABLE conflictdb.scene
 
 
 def upgrade() -> None:
-    for statement in (CLIMB, CLASSES, ADMISSIONS, ACTIVATIONS):
+    for statement in (CLIMB, CLASSES, ADMISSIONS, INTERVALS, ACTIVATIONS):
         op.execute(statement)
 
 

@@ -249,7 +249,9 @@ def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000
     The least separation is resolved where it is below `care_m`: metres in the plane (up to 57 times as large at 89
     degrees) if no separation is wanted, else metres more than that on the earth.
     """
-    settings = scene.motion, scene.earth, scene.separation_m, scene.vertical_separation_m
+    settings: tuple[object, ...] = scene.motion, scene.earth, scene.separation_m, scene.vertical_separation_m
+    if is_closed(scene):
+        settings = (*settings, scene.intervals)
     epoch_us, intervals, least_m, at_s = recorded(
         (*settings, a, b, care_m), lambda: astuple(_meeting(scene, a, b, care_m))
     )
@@ -269,7 +271,7 @@ def _meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float) -> M
     mine, theirs = phases(globe, a, origin), phases(globe, b, origin)
     start_us = max(mine[0].start_us, theirs[0].start_us)
     end_us = min(mine[-1].end_us, theirs[-1].end_us)
-    if start_us >= end_us:
+    if start_us > end_us or (start_us == end_us and not is_closed(scene)):
         return NEVER
     epoch_us = int(start_us) if start_us > -infinite else 0
 
@@ -277,7 +279,7 @@ def _meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float) -> M
     least = (infinite, np.nan)
     for p, q in ((p, q) for p in mine for q in theirs):
         low, high = max(p.start_us, q.start_us), min(p.end_us, q.end_us)
-        if low > high or low >= end_us:
+        if low > high or (low >= end_us and not is_closed(scene)):
             continue
         still = not p.moves and not q.moves
         zero_us = epoch_us if p.leg is None and q.leg is None else int(low)
@@ -296,8 +298,9 @@ def _meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float) -> M
             if value < care_m:
                 least = min(least, (max(value + scene.separation_m, 0.0), at + offset_s))
     last_s = (end_us - epoch_us) / 1e6
-    # The last instant of a span does not belong to it.
-    merged = [(s, e) for s, e in _merged(found) if s < last_s - SAME_INSTANT_S or s == -infinite]
+    # The last instant of a half-open span does not belong to it.
+    ends_s = last_s + 1.0 if is_closed(scene) else last_s - SAME_INSTANT_S
+    merged = [(s, e) for s, e in _merged(found) if s < ends_s or s == -infinite]
     return Meeting(epoch_us, tuple(merged), *least)
 
 
@@ -375,10 +378,16 @@ def _merged(intervals: list[tuple[float, float]]) -> list[tuple[float, float]]:
     return merged
 
 
+def is_closed(scene: Scene) -> bool:
+    """Whether the last instant of a span and the ceiling of a band belong to an object."""
+    return scene.intervals == "closed"
+
+
 def apart_in_height(scene: Scene, a: Area | Track, b: Area | Track) -> bool:
     """Whether the height bands of two objects are as far apart as the scene wants, to the micrometre."""
     gap_m = max(_low(a), _low(b)) - min(_high(a), _high(b))
-    return gap_m >= 0.0 and round(gap_m - scene.vertical_separation_m, 6) >= 0.0
+    more_m = round(gap_m - scene.vertical_separation_m, 6)
+    return gap_m >= 0.0 and (more_m > 0.0 or (more_m == 0.0 and not is_closed(scene)))
 
 
 def _low(thing: Area | Track) -> float:

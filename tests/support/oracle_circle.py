@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from oracle import SAME_INSTANT_S, Floats, Meeting, _merged, apart_in_height, contacts
+from oracle import SAME_INSTANT_S, Floats, Meeting, _merged, apart_in_height, contacts, is_closed
 from oracle_motion import outlines
 
 from conflictdb.model.plans import Area, Scene, Track
@@ -209,14 +209,14 @@ def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000
     chart = Chart.about(np.stack(middles))
     mine, theirs = phases(chart, a), phases(chart, b)
     start_us, end_us = max(mine[0].start_us, theirs[0].start_us), min(mine[-1].end_us, theirs[-1].end_us)
-    if start_us >= end_us:
+    if start_us > end_us or (start_us == end_us and not is_closed(scene)):
         return NEVER
     epoch_us = int(start_us) if start_us > -np.inf else 0
     found: list[tuple[float, float]] = []
     least = (np.inf, np.nan)
     for p, q in ((p, q) for p in mine for q in theirs):
         low, high = max(p.start_us, q.start_us), min(p.end_us, q.end_us)
-        if low > high or low >= end_us:
+        if low > high or (low >= end_us and not is_closed(scene)):
             continue
         still = p.leg is None and q.leg is None
         zero_us = epoch_us if still else int(low)
@@ -228,7 +228,8 @@ def meeting(scene: Scene, a: Area | Track, b: Area | Track, care_m: float = 1000
         found += [(s + offset_s, e + offset_s) for s, e in intervals]
         least = min(least, (max(value + scene.separation_m, 0.0), at + offset_s))
     last_s = (end_us - epoch_us) / 1e6
-    merged = tuple((s, e) for s, e in _merged(found) if s < last_s - SAME_INSTANT_S or s == -np.inf)
+    ends_s = last_s + 1.0 if is_closed(scene) else last_s - SAME_INSTANT_S
+    merged = tuple((s, e) for s, e in _merged(found) if s < ends_s or s == -np.inf)
     return Meeting(epoch_us=epoch_us, intervals=merged, least_m=least[0], at_s=least[1])
 
 

@@ -179,9 +179,9 @@ def _main() -> None:
 def _begin() -> str | None:
     """Start Java with all jars, also the driver of databases; return missing ones."""
     try:
-        with engine.session(_MASTER, _cache(), os.environ, is_quiet=False, reads_database=True):
+        with _kept(), engine.session(_MASTER, _cache(), os.environ, is_quiet=False, reads_database=True):
             return None
-    except EngineMissing as error:
+    except (EngineMissing, ImportError) as error:
         return str(error)
 
 

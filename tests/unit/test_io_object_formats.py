@@ -161,7 +161,7 @@ def test_volumes_contain_an_area(tmp_path: Path) -> None:
         written(tmp_path / "open.f3548.json", [Area("A1", SQUARE, None, BEGIN)], [])
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_volumes_contain_a_moving_haven(seed: int, tmp_path: Path) -> None:
     """At random times every corner of the haven is in a volume of that time; together they cover all of the time."""
     rng = np.random.default_rng(seed)
@@ -175,9 +175,10 @@ def test_volumes_contain_a_moving_haven(seed: int, tmp_path: Path) -> None:
     track = Track("T", positions, times, outline, **grown, max_speed_kn=np.inf)  # type: ignore[arg-type]
     path = written(tmp_path / "out.f3548.json", [], [track], scene)
     found = volumes(path)
+    assert len(found) <= 250
     assert min(start for start, _, _ in found) == times[0]
     assert max(end for _, end, _ in found) == times[-1]
-    for at in rng.integers(times[0], times[-1], 60):
+    for at in rng.integers(times[0], times[-1], 25):
         now = [shape for start, end, shape in found if start <= at <= end]
         assert now, "a gap in time"
         corners = haven_at(scene, track, int(at), int(np.searchsorted(times, at, side="right")) - 1)

@@ -140,6 +140,10 @@ MISTAKES = {
     "no speed": (calls("2", 'speed="0"'), "waypoint 2: has a speed of 0 knots"),
     "slow": (calls("2", 'speed="1e-9"'), "waypoint 2: has so low a speed"),
     "no offset": (calls("2", 'eta="2026-03-01T09:00:00"'), "waypoint 2, eta: needs an offset from UTC"),
+    "a stay of ages": (
+        calls("3", 'eta="2026-03-02T05:00:00Z" stay="P99999999999999D"'),
+        "'R': times: must lie in the years 1 to 9999",
+    ),
     "months": (calls("2", 'speed="5" stay="P1M"'), "waypoint 2, stay: must be a duration such as PT2H30M"),
     "a stay at no time": (
         rtz(schedules=manual('"1" etd="2026-03-01T06:00:00Z"', '"2" stay="PT1H"', '"3" eta="2026-03-01T14:00:00Z"')),

@@ -19,7 +19,9 @@ def test_the_page_about_files_has_each_setting(setting: object) -> None:
 
 
 def test_files_keep_every_setting() -> None:
-    scene = Scene("s", "great_circle", "sphere", "screen", centre=(3.0, 4.0), **dict.fromkeys(NUMBERS, 12.5))  # type: ignore[arg-type]
+    scene = Scene(
+        "s", "great_circle", "sphere", "screen", centre=(3.0, 4.0), intervals="closed", **dict.fromkeys(NUMBERS, 12.5)
+    )  # type: ignore[arg-type]
     assert set(settings_of(scene)) == {"name", *NAMES}
     assert scene_of(settings_of(scene), "") == scene
     assert sorted(scene.differing(Scene("s"))) == sorted(NAMES)

@@ -84,13 +84,6 @@ from conflictdb.db.store.scenes import (
     rename_object,
     rename_scene,
 )
-from conflictdb.db.store.stored_schedules import (
-    Scheduled,
-    horizon,
-    scheduled,
-    store_activations,
-    store_window,
-)
 from conflictdb.db.store.service import (
     HEARD_WITHIN_S,
     WORKER_NAME,
@@ -142,6 +135,13 @@ from conflictdb.db.store.stored_probes import (
     refuse_probe,
     request_probe,
     wait_for_probe,
+)
+from conflictdb.db.store.stored_schedules import (
+    Scheduled,
+    horizon,
+    scheduled,
+    store_activations,
+    store_window,
 )
 from conflictdb.db.store.write_rows import (
     RunOutcome,

@@ -19,7 +19,7 @@ from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces, level_m
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.plane import Plane
-from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, Scene
+from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, Intervals, Scene
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.cutting import area_pieces, track_pieces
 
@@ -37,22 +37,29 @@ def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) 
     """Return the pieces of objects; an object that cannot be cut is covered.
 
     Each end of their heights is half of the scene's vertical separation further out, rounded to the micrometre, so that
-    two of them overlap where the objects' heights are closer than that.
+    two of them overlap where the objects' heights are closer than that. In a scene with closed intervals, their ends
+    belong to them.
     """
     made = [
         *_pieces(scene, plane, areas, areas.area_id, area_pieces, _area_covers),
         *_pieces(scene, plane, tracks, tracks.track_id, track_pieces, _track_covers),
     ]
     pieces = Pieces.concatenate(made or [area_pieces(scene, plane, areas)])
-    if scene.vertical_separation_m == 0.0:
+    if scene.vertical_separation_m > 0.0:
+        half_m = 0.5 * scene.vertical_separation_m
+        pieces = replace(
+            pieces,
+            floor_m=_to_micrometres(pieces.floor_m - half_m),
+            ceiling_m=_to_micrometres(pieces.ceiling_m + half_m),
+            climb_m=_to_micrometres(pieces.climb_m + half_m * np.array([-1.0, -1.0, 1.0, 1.0])),
+        )
+    if scene.intervals == Intervals.HALF_OPEN:
         return pieces
-    half_m = 0.5 * scene.vertical_separation_m
-    return replace(
-        pieces,
-        floor_m=_to_micrometres(pieces.floor_m - half_m),
-        ceiling_m=_to_micrometres(pieces.ceiling_m + half_m),
-        climb_m=_to_micrometres(pieces.climb_m + half_m * np.array([-1.0, -1.0, 1.0, 1.0])),
-    )
+    # Up to the next number, so that half-open bands that share the closed end overlap.
+    climb_m = pieces.climb_m.copy()
+    climb_m[:, 2:] = np.nextafter(climb_m[:, 2:], np.inf)
+    ceiling_m = np.nextafter(pieces.ceiling_m, np.inf)
+    return replace(pieces, ceiling_m=ceiling_m, climb_m=climb_m, end_inclusive=np.ones(len(pieces), np.bool_))
 
 
 def _to_micrometres(height_m: Floats) -> Floats:

@@ -1,0 +1,217 @@
+"""Admit city flights one by one: how many, how fast, and whether any is refused without need.
+
+    ./run python benchmarks/admit.py [FLIGHTS ...] [--stored]
+
+Flights of 2 to 8 km with one bend, in 20 km by 20 km within 4 hours, at 15 m/s. A flight is some six volumes (legs of a
+kilometre at most, 50 m to every side, 20 m high, 10 s before and after), or a track whose haven is as uncertain. They
+are asked for until so many are accepted, then 40 more.
+
+- box: the flight's bounding box in space and time, the algorithm of a UTM server's own engine (openutm/flight-blender)
+- index: `Index.probe` and `put`
+- solve: `solve` of all accepted volumes and the new ones
+- stored: `scene.admit`, in the embedded database, of 40 flights among the accepted ones, which a detection has seen
+
+Brute force compares every pair of a flight with all accepted ones by separating axes on a plane of the same scale, true
+to a millimetre here. Times are processor milliseconds of this process, of `stored` elapsed ones, median and 95 %.
+"""
+
+import argparse
+import math
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+import conflictdb
+from conflictdb import Area, Index, Scene, Track, rectangle_outline_m, solve
+
+T0_US = 1_906_520_400_000_000
+LAT, LON, M_LAT = 47.0, 8.0, 111_195.0
+M_LON = M_LAT * math.cos(math.radians(LAT))
+CITY_M, HOURS, SPEED_MPS = 20_000.0, 4.0, 15.0
+HALF_WIDTH_M, LATE_S, BAND_M, LEG_M = 50.0, 10.0, 10.0, 1000.0
+ASKED_MORE = 40
+
+
+class Box(NamedTuple):
+    """A volume in metres and seconds, for brute force."""
+
+    shape: shapely.Polygon
+    start_s: float
+    end_s: float
+    floor_m: float
+    ceiling_m: float
+
+    def meets(self, other: "Box") -> bool:
+        """Return whether two volumes share a place, an instant and a height."""
+        return (
+            self.start_s < other.end_s
+            and other.start_s < self.end_s
+            and self.floor_m < other.ceiling_m
+            and other.floor_m < self.ceiling_m
+            and bool(self.shape.intersects(other.shape))
+        )
+
+
+class Flight(NamedTuple):
+    """A flight as volumes or as a track, and its volumes for brute force."""
+
+    plans: list[Area] | list[Track]
+    boxes: list[Box]
+
+
+def degrees(x: float, y: float) -> tuple[float, float]:
+    """Return longitude and latitude of metres east and north of the city's corner."""
+    return LON + x / M_LON, LAT + y / M_LAT
+
+
+def instant(seconds: float) -> np.datetime64:
+    """Return the instant so many seconds after the beginning."""
+    return np.datetime64(T0_US + round(seconds * 1e6), "us")
+
+
+def course(rng: np.random.Generator) -> tuple[list[tuple[float, float, float]], float]:
+    """Return waypoints (x, y, seconds) of a flight with one bend, and its height."""
+    while True:
+        length, bearing = rng.uniform(2000, 8000), rng.uniform(0, 2 * math.pi)
+        x, y, s = *rng.uniform(0, CITY_M, 2).tolist(), 0.0
+        points = [(x, y, s)]
+        for turn in (0.0, rng.uniform(-0.8, 0.8)):
+            x += 0.5 * length * math.sin(bearing + turn)
+            y += 0.5 * length * math.cos(bearing + turn)
+            s += 0.5 * length / SPEED_MPS
+            points.append((x, y, s))
+        if all(0 <= p[0] <= CITY_M and 0 <= p[1] <= CITY_M for p in points):
+            begin = rng.uniform(0, HOURS * 3600 - s)
+            return [(x, y, begin + t) for x, y, t in points], float(rng.uniform(50, 110))
+
+
+def flight(rng: np.random.Generator, key: str, form: str) -> Flight:
+    """Return a random flight."""
+    points, height_m = course(rng)
+    boxes, areas = [], []
+    for (x0, y0, t0), (x1, y1, t1) in pairwise(points):
+        n = math.ceil(math.hypot(x1 - x0, y1 - y0) / LEG_M)
+        for i in range(n):
+            ax, ay, bx, by = (a + (b - a) * f / n for f in (i, i + 1) for a, b in ((x0, x1), (y0, y1)))
+            length = math.hypot(bx - ax, by - ay)
+            ux, uy = HALF_WIDTH_M * (bx - ax) / length, HALF_WIDTH_M * (by - ay) / length
+            ring = [(ax - ux - uy, ay - uy + ux), (ax - ux + uy, ay - uy - ux)]
+            ring += [(bx + ux + uy, by + uy - ux), (bx + ux - uy, by + uy + ux)]
+            start, end = t0 + (t1 - t0) * i / n - LATE_S, t0 + (t1 - t0) * (i + 1) / n + LATE_S
+            band = height_m - BAND_M, height_m + BAND_M
+            boxes.append(Box(shapely.Polygon(ring), start, end, *band))
+            span = instant(start), instant(end)
+            areas.append(Area(f"{key}#{len(areas)}", [degrees(*p) for p in ring], None, *span, *band))  # type: ignore[arg-type]
+    if form == "volumes":
+        return Flight(areas, boxes)
+    outline = rectangle_outline_m(200.0, 200.0, 50.0, 50.0)
+    times = np.array([instant(t) for *_, t in points])
+    place = [degrees(x, y) for x, y, _ in points]
+    track = Track(key, place, times, outline, None, height_m - BAND_M, height_m + BAND_M)
+    return Flight([track], boxes)
+
+
+def box_of(boxes: Sequence[Box]) -> tuple[float, ...]:
+    """Return west, south, east, north, start and end of a flight."""
+    west, south, east, north = shapely.total_bounds([one.shape for one in boxes]).tolist()
+    return west, south, east, north, min(one.start_s for one in boxes), max(one.end_s for one in boxes)
+
+
+def boxes_meet(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+    """Return whether two flights' boxes meet in space and time."""
+    return a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3] and a[4] <= b[5] and b[4] <= a[5]
+
+
+def timed(do: Callable[[], object], into: list[float], clock: Callable[[], float] = time.process_time) -> object:
+    """Return the result of a call; add its milliseconds."""
+    began = clock()
+    found = do()
+    into.append(1e3 * (clock() - began))
+    return found
+
+
+def spread(times: list[float]) -> str:
+    """Return median and 95 % of milliseconds."""
+    times = sorted(times)
+    return f"{statistics.median(times):6.2f} {times[int(0.95 * len(times))]:6.2f} ms"
+
+
+def run(accepted: int, form: str, motion: str, stored: bool) -> None:
+    """Admit flights until so many are accepted, and print what it took."""
+    scene = Scene("admit", motion=motion, tolerance_m=0.005)  # type: ignore[arg-type]
+    rng, index = np.random.default_rng(accepted), Index(scene)
+    there: list[Flight] = []
+    asked = wrongly = met = of_server = 0
+    puts: list[float] = []
+    server: list[tuple[float, ...]] = []
+    asks: list[float] = []
+    extra = 0
+    while extra < ASKED_MORE:
+        one = flight(rng, f"f{asked}", form)
+        asked += 1
+        if len(there) == accepted:
+            extra, asks = extra + 1, asks if extra else []
+        conflicts = timed(lambda one=one: index.probe(one.plans, owner="asked"), asks)
+        if form == "volumes":  # brute force knows volumes
+            near = [other for other in there if boxes_meet(box_of(one.boxes), box_of(other.boxes))]
+            meets = any(a.meets(b) for other in near for a in one.boxes for b in other.boxes)
+            wrongly += bool(conflicts) and not meets
+            met += not conflicts and meets
+        if not any(boxes_meet(box_of(one.boxes), other) for other in server):
+            server.append(box_of(one.boxes))
+            of_server += 1
+        if not conflicts and len(there) < accepted:
+            timed(lambda one=one: index.put(one.plans, owner=one.plans[0].key), puts)
+            there.append(one)
+    plans = [plan for one in there for plan in one.plans]
+    whole: list[float] = []
+    for k in range(3):
+        more = [*plans, *flight(rng, f"s{k}", form).plans]
+        both = [p for p in more if isinstance(p, Track)], [p for p in more if isinstance(p, Area)]
+        timed(lambda both=both: solve(*both, scene), whole)
+    print(
+        f"{motion} {form}: {len(there)} accepted of {asked} asked ({len(plans)} objects), box {of_server}; refused "
+        f"without need {wrongly}, accepted that meet {met}; index probe {spread(asks)}, put {spread(puts)}; "
+        f"solve {spread(whole)}",
+        flush=True,
+    )
+    if stored:
+        in_database(scene, there, rng, form)
+
+
+def in_database(scene: Scene, there: list[Flight], rng: np.random.Generator, form: str) -> None:
+    """Admit flights to a stored scene of the accepted ones."""
+    with conflictdb.connect() as db:
+        city = db.scene("benchmark of admissions")
+        city.put([plan for one in there for plan in one.plans], scene)
+        city.detect()
+        for name in ("detected", "with undetected"):
+            took: list[float] = []
+            for k in range(ASKED_MORE):
+                plans = flight(rng, f"{name} {k}", form).plans
+                timed(
+                    lambda plans=plans, k=k, name=name: city.admit(plans, owner=f"{name} {k}"), took, time.perf_counter
+                )
+            print(f"    stored, {name}: admit {spread(took)}", flush=True)
+        city.delete()
+
+
+def main() -> None:
+    """Run the workload at all sizes."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("flights", nargs="*", type=int, default=[100, 1000, 5000])
+    parser.add_argument("--stored", action="store_true")
+    given = parser.parse_args()
+    for accepted in given.flights:
+        for form in ("volumes", "tracks"):
+            for motion in ("rhumb", "great_circle"):
+                run(accepted, form, motion, given.stored)
+
+
+if __name__ == "__main__":
+    main()
