@@ -132,7 +132,7 @@ SETTINGS: Final = (
         SettingType.METRES,
         "Required separation between polygons, metres; 0: they conflict if they touch.",
         0.0,
-        "required separation",
+        "separation",
         label="Separation wanted",
         says_zero="none: they must touch",
         is_stored_by_detect=True,
@@ -162,7 +162,7 @@ SETTINGS: Final = (
         "Required vertical separation, metres to the micrometre: objects whose heights are that far apart do not "
         "conflict; 0: height bands that touch are apart.",
         0.0,
-        "vertical separation",
+        "vertical",
         label="Vertical separation wanted",
         says_zero="none: heights must overlap",
         is_stored_by_detect=True,
@@ -201,7 +201,7 @@ SETTINGS: Final = (
         SettingType.DAYS,
         "How many days ahead of today schedules are expanded; they are over all voyages, too.",
         366.0,
-        "expand schedules",
+        "horizon",
         is_stored_by_detect=True,
     ),
 )

@@ -11,7 +11,7 @@ from typing import Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model.schedules.days import DAYS, MONTHS
-from conflictdb.model.schedules.schedule import WHOLE_DAY, Daily, Moment, Part, Period, Schedule
+from conflictdb.model.schedules.schedule import WHOLE_DAY, Daily, Moment, TimedRule, Period, Schedule
 
 Valid = tuple[int | None, int | None]
 
@@ -60,7 +60,7 @@ class _ItemD:
         rules = []
         while self.at < len(self.words):
             rules.append(self._group())
-        return Schedule(self.who, tuple(Part(rule, *self.valid_us) for rule in rules))
+        return Schedule(self.who, tuple(TimedRule(rule, *self.valid_us) for rule in rules))
 
     # --- groups
 

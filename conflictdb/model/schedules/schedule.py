@@ -178,7 +178,7 @@ def _ends_before(period: Period) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class TimedRule:
     """A rule during [start, end) only; None: unbounded.
 
     place_deg : longitude and latitude for times of the sun, in place of those of the object
@@ -198,7 +198,7 @@ class Schedule:
     """
 
     who: str
-    parts: tuple[Part, ...]
+    parts: tuple[TimedRule, ...]
 
     @property
     def uses_sun(self) -> bool:
