@@ -212,6 +212,8 @@ def speeds(
     else:
         known = numbers if key is None else _known(scene, keys, numbers, [key])
         row = {number: n for n, number in enumerate(numbers.tolist())}
+        for number in known.tolist():
+            _require_exact("speeds", tracks[row[number]])
         ends = ((number, tracks[row[number]].times_us) for number in known.tolist())
         asked = [(number, times_us[0], times_us[-1]) for number, times_us in ends]
     rows, placed = [], AnyTime.of(pieces)
@@ -255,7 +257,16 @@ def _one_track(
     if not isinstance(key, str):
         raise InvalidInput(what, name, "needs the key of a track")
     [number] = _known(scene, keys, numbers, [key]).tolist()
-    return number, next(track.times_us for track in tracks if track.key == key)
+    one = next(track for track in tracks if track.key == key)
+    _require_exact(name, one)
+    return number, one.times_us
+
+
+def _require_exact(name: str, track: Track) -> None:
+    """Raise InvalidInput for a track with tolerances, whose haven contains other speeds and times already."""
+    if track.tolerances is not None:
+        rule = "has a meaning without tolerances only: give other windows or speeds, and detect"
+        raise InvalidInput(f"track {track.key!r}", name, rule)
 
 
 def _place(what: str, name: str, given: Any, count: int) -> int:

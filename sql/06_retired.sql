@@ -19,6 +19,9 @@ DECLARE
         '_changed_tracks(p_scene_id, p_after, p_most, track_id, version, floor_m, ceiling_m, grow_mps, path, outline, '
         'outlines, floors, ceilings)',
         '_check_common(p_who, p_key, p_floor_m, p_ceiling_m, p_properties)',
+        '_conflict_events(p_scene, p_key, p_other_key, p_after, p_most, event, kind, at, run_id, conflict_id, a_key, '
+        'a_kind, b_key, b_kind, periods, verdict, time_error_s, closest_at, closest_m, closest_error_m, opened_at, '
+        'closed_at)',
         '_conflicts(p_scene, p_at, p_with_region, p_keys, a_key, a_kind, b_key, b_kind, periods, verdict, '
         'region, first_contact_lon_deg, first_contact_lat_deg, method, time_error_s, is_current, run_id, '
         'found_at, closest_at, closest_m, closest_error_m, closest_a_lon_deg, closest_a_lat_deg, '

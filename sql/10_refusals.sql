@@ -7,6 +7,7 @@
 -- ZC013 wrong_sequence (called out of order, or in an unsuitable transaction)
 -- ZC014 not_current (within the time limit)   ZC015 not_answered (within the time limit)
 -- ZC016 invalid_plan             ZC017 too_large
+-- ZC018 out_of_date (a proposal, since its scene changed)
 --
 -- Functions called by SECURITY DEFINER routines set search_path to the schemas of conflictdb: in another schema a user
 -- could define a better-matching function or operator.

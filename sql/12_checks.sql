@@ -179,6 +179,73 @@ COMMENT ON FUNCTION _check_leg_heights(text, geometry, double precision, double 
 'Raises ZC004 unless there is one height (metres) per leg or per waypoint, heights are finite or null, and ceilings '
 'are above floors. Legs count from 1. A null array means that the height of the whole track applies.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_tolerances(
+    p_who text, p_tolerances jsonb, p_path geometry
+) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_legs integer := ST_NPoints(p_path) - 1;
+    v_one record;
+    v_count integer;
+    v_most double precision;
+    v_number jsonb;
+    v_window timestamptz[];
+    v_planned timestamptz;
+BEGIN
+    IF jsonb_typeof(p_tolerances) <> 'object' THEN
+        FOUND := _raise('ZC007', p_who, 'tolerances', 'must be a JSON object', 'tolerances_object');
+    END IF;
+    FOR v_one IN SELECT t.key, t.value FROM jsonb_each(p_tolerances) t WHERE t.value <> 'null' LOOP
+        v_most := CASE WHEN v_one.key IN ('xtd_port_m', 'xtd_starboard_m', 'turn_radius_m') THEN 18520
+                       WHEN v_one.key IN ('min_speed_kn', 'max_speed_kn') THEN 100000
+                       WHEN v_one.key NOT IN ('departure_window', 'arrival_window') THEN -1 END;
+        IF v_most = -1 THEN
+            FOUND := _raise('ZC007', p_who, 'tolerances', format('%L is not known', v_one.key), 'tolerances_known',
+                            'Known: xtd_port_m, xtd_starboard_m, min_speed_kn, max_speed_kn, turn_radius_m, '
+                            'departure_window, arrival_window.');
+        END IF;
+        v_count := v_legs - (v_one.key = 'turn_radius_m')::integer;
+        IF v_most IS NULL THEN
+            v_planned := to_timestamp(ST_M(CASE v_one.key WHEN 'departure_window' THEN ST_StartPoint(p_path)
+                                                          ELSE ST_EndPoint(p_path) END));
+            v_count := 2;
+        END IF;
+        IF jsonb_typeof(v_one.value) = 'array' AND jsonb_array_length(v_one.value) <> v_count
+           OR v_most IS NULL AND jsonb_typeof(v_one.value) <> 'array' THEN
+            FOUND := _raise('ZC007', p_who, v_one.key, CASE WHEN v_most IS NULL THEN 'must be [earliest, latest]'
+                            ELSE format('must be one number, or %s', v_count) END, 'tolerances_count');
+        END IF;
+        IF v_most IS NULL THEN
+            BEGIN
+                v_window := ARRAY[(v_one.value ->> 0)::timestamptz, (v_one.value ->> 1)::timestamptz];
+            EXCEPTION WHEN data_exception THEN
+                v_window := NULL;
+            END;
+            IF (v_window[1] <= v_planned AND v_planned <= v_window[2]
+                AND v_window[2] - v_window[1] <= interval '366 days') IS NOT TRUE THEN
+                FOUND := _raise('ZC007', p_who, v_one.key,
+                                'must be two instants, at most a year apart, with the planned time of its waypoint '
+                                'between them', 'tolerances_window');
+            END IF;
+        ELSE
+            FOR v_number IN SELECT n FROM jsonb_array_elements(
+                CASE jsonb_typeof(v_one.value) WHEN 'array' THEN v_one.value ELSE jsonb_build_array(v_one.value) END
+            ) n LOOP
+                IF (jsonb_typeof(v_number) = 'number' AND v_number::numeric BETWEEN 0 AND v_most
+                    AND NOT (v_one.key = 'max_speed_kn' AND v_number::numeric = 0)) IS NOT TRUE THEN
+                    FOUND := _raise('ZC007', p_who, v_one.key,
+                                    format('must be a number from 0 to %s; got %s', v_most, left(v_number::text, 60)),
+                                    'tolerances_number',
+                                    CASE WHEN v_one.key LIKE 'xtd%' THEN 'In metres.' ELSE 'See put_track.' END);
+                END IF;
+            END LOOP;
+        END IF;
+    END LOOP;
+END
+$$;
+COMMENT ON FUNCTION _check_tolerances(text, jsonb, geometry) IS
+'Raises ZC007 unless the tolerances of a track are known members with valid values, one or one per leg.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._whole_height(
     p_who text, p_field text, p_given_m double precision, p_whole_m double precision, p_known_m double precision,
     p_is_changed boolean

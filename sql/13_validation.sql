@@ -199,9 +199,11 @@ BEGIN
             WHEN (NEW.schedule, NEW.path) IS NOT DISTINCT FROM (OLD.schedule, OLD.path)
                 THEN coalesce(NEW.departures, OLD.departures) END;
         IF (NEW.key, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m, NEW.grow_mps, NEW.outlines, NEW.floors_m,
-            NEW.ceilings_m, NEW.class, NEW.owner, NEW.departures, NEW.schedule)
+            NEW.ceilings_m, NEW.class, NEW.owner, NEW.tolerances,
+            NEW.departures, NEW.schedule)
            IS NOT DISTINCT FROM (OLD.key, OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m, OLD.grow_mps, OLD.outlines,
-                                 OLD.floors_m, OLD.ceilings_m, OLD.class, OLD.owner, OLD.departures, OLD.schedule)
+                                 OLD.floors_m, OLD.ceilings_m, OLD.class, OLD.owner, OLD.tolerances,
+                                 OLD.departures, OLD.schedule)
            AND _is_plain(NEW.properties) THEN
             RETURN NEW;
         END IF;
@@ -216,7 +218,8 @@ BEGIN
         AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE
-        AND num_nonnulls(NEW.outlines, NEW.floors_m, NEW.ceilings_m, NEW.departures) = 0 AND NEW.grow_mps = 0
+        AND num_nonnulls(NEW.outlines, NEW.floors_m, NEW.ceilings_m, NEW.tolerances, NEW.departures) = 0
+        AND NEW.grow_mps = 0
         AND v_scene.motion = 'rhumb' AND coalesce(current_setting('conflictdb.max_waypoints', true), '') = ''
         AND current_setting('conflictdb.max_speed_kn', true) = 'infinity'
         AND ST_NPoints(NEW.path) BETWEEN 2 AND 1000000
@@ -235,11 +238,22 @@ BEGIN
             FOUND := _raise('ZC001', v_who, 'path', 'needs at least two waypoints', 'path_of_two');
         END IF;
         PERFORM _check_size(v_who, 'path', ST_NPoints(NEW.path), 'max_waypoints');
+        IF NEW.tolerances IS NOT NULL AND num_nonnulls(NEW.departures, NEW.schedule) > 0 THEN
+            FOUND := _raise('ZC003', v_who, 'tolerances', 'must not be given for a voyage that is repeated',
+                            'tolerances_of_one_voyage', 'Give each voyage as a track.');
+        END IF;
         IF NEW.departures IS NOT NULL THEN
             PERFORM _check_departures(v_who, NEW.path, NEW.departures);
         END IF;
         IF NEW.outlines IS NOT NULL THEN
             PERFORM _check_size(v_who, 'outlines', ST_NPoints(NEW.outlines), 'max_vertices');
+        END IF;
+        IF NEW.tolerances IS NOT NULL THEN
+            PERFORM _check_tolerances(v_who, NEW.tolerances, NEW.path);
+            IF NEW.outlines IS NOT NULL OR NEW.grow_mps > 0 THEN
+                FOUND := _raise('ZC007', v_who, 'tolerances', 'must not be given for a haven that changes',
+                                'tolerances_of_ships', 'Give the outline of the ship.');
+            END IF;
         END IF;
         IF num_nonnulls(NEW.floors_m, NEW.ceilings_m) > 0 THEN
             PERFORM _check_leg_heights(v_who, NEW.path, NEW.floor_m, NEW.ceiling_m, NEW.floors_m, NEW.ceilings_m);

@@ -161,6 +161,9 @@ BEGIN
     DELETE FROM difference d WHERE d.scene_id = OLD.scene_id;
     DELETE FROM conflict_event e WHERE e.scene_id = OLD.scene_id;
     DELETE FROM acknowledgement k WHERE k.scene_id = OLD.scene_id;
+    DELETE FROM proposal_move m WHERE m.scene_id = OLD.scene_id;
+    DELETE FROM proposal_left l WHERE l.scene_id = OLD.scene_id;
+    DELETE FROM proposal p WHERE p.scene_id = OLD.scene_id;
     DELETE FROM history h WHERE h.scene_id = OLD.scene_id;
     DELETE FROM run r WHERE r.scene_id = OLD.scene_id;
     DELETE FROM piece p WHERE p.scene_id = OLD.scene_id;

@@ -147,7 +147,7 @@ CREATE OR REPLACE FUNCTION put_track(
     p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}',
     p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL,
     p_floors_m double precision[] DEFAULT NULL, p_ceilings_m double precision[] DEFAULT NULL,
-    p_class text DEFAULT NULL, p_owner text DEFAULT NULL,
+    p_class text DEFAULT NULL, p_owner text DEFAULT NULL, p_tolerances jsonb DEFAULT NULL,
     p_departures timestamptz[] DEFAULT NULL, p_schedule jsonb DEFAULT NULL
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -176,30 +176,30 @@ BEGIN
         FOUND := _raise('ZC003', v_who, 'departures', 'must not be given together with schedule', 'departures_once');
     END IF;
     INSERT INTO track AS t (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines,
-                            floors_m, ceilings_m, class, owner, departures, schedule)
+                            floors_m, ceilings_m, class, owner, tolerances, departures, schedule)
         VALUES (v_scene_id, p_key, p_name, p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, p_properties,
-                p_grow_mps, ST_Force2D(p_outlines), p_floors_m, p_ceilings_m, p_class, p_owner, p_departures,
-                p_schedule)
+                p_grow_mps, ST_Force2D(p_outlines), p_floors_m, p_ceilings_m, p_class, p_owner, p_tolerances,
+                p_departures, p_schedule)
         ON CONFLICT (scene_id, key) DO UPDATE
             SET name = excluded.name, path = excluded.path, outline = excluded.outline,
                 floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties,
                 grow_mps = excluded.grow_mps, outlines = excluded.outlines, floors_m = excluded.floors_m,
                 ceilings_m = excluded.ceilings_m, class = excluded.class, owner = excluded.owner,
-                departures = excluded.departures, schedule = excluded.schedule
+                tolerances = excluded.tolerances, departures = excluded.departures, schedule = excluded.schedule
             WHERE (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps, t.outlines,
-                   t.floors_m, t.ceilings_m, t.class, t.owner, CASE WHEN t.schedule IS NULL THEN t.departures END,
-                   t.schedule)
+                   t.floors_m, t.ceilings_m, t.class, t.owner, t.tolerances,
+                   CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule)
                   IS DISTINCT FROM
                   (excluded.name, excluded.path, excluded.outline, excluded.floor_m, excluded.ceiling_m,
                    excluded.properties, excluded.grow_mps, excluded.outlines, excluded.floors_m, excluded.ceilings_m,
-                   excluded.class, excluded.owner, excluded.departures, excluded.schedule)
+                   excluded.class, excluded.owner, excluded.tolerances, excluded.departures, excluded.schedule)
         RETURNING t.track_id INTO v_track_id;
     RETURN coalesce(v_track_id, (SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = p_key));
 END
 $$;
 COMMENT ON FUNCTION put_track(
     text, text, geometry, geometry, double precision, double precision, text, jsonb, double precision, geometry,
-    double precision[], double precision[], text, text, timestamptz[], jsonb) IS
+    double precision[], double precision[], text, text, jsonb, timestamptz[], jsonb) IS
 'Adds a track to a scene, or replaces the one with that key; returns its id. '
 'p_path: LineStringM, longitude and latitude in degrees (SRID 4326), M in Unix seconds. '
 'p_outline: the haven, a convex ring of (starboard, ahead) metres about the reference point. '
@@ -208,7 +208,10 @@ COMMENT ON FUNCTION put_track(
 'Heights (metres above mean sea level, null: no limit) apply to the whole track; p_floors_m and p_ceilings_m instead '
 'give one per leg, or one per waypoint, between which it changes linearly (p_floor_m and p_ceiling_m must then be null '
 'or agree). '
-'Objects of one owner are not compared with each other. The voyage departs at p_departures instead of at its first '
+'Objects of one owner are not compared with each other. '
+'p_tolerances: how far voyages may differ from the plan, e.g. {"xtd_port_m": 500, "max_speed_kn": 12}; members as in '
+'scene files. Detections then protect a haven that contains every such voyage. '
+'The voyage departs at p_departures instead of at its first '
 'time, or at each start of p_schedule (JSON as in scene files), which the next detection expands and checks.';
 
 CREATE OR REPLACE FUNCTION remove_object(p_scene text, p_key text) RETURNS boolean

@@ -12,7 +12,8 @@ BEGIN
     CREATE TEMPORARY TABLE IF NOT EXISTS staged_track (
         key text COLLATE "C", name text, path geometry, outline geometry,
         floor_m double precision, ceiling_m double precision, floors text, ceilings text, properties jsonb,
-        grow_mps double precision, outlines geometry, class text, owner text, departures timestamptz[], schedule jsonb
+        grow_mps double precision, outlines geometry, class text, owner text, tolerances jsonb,
+        departures timestamptz[], schedule jsonb
     ) ON COMMIT DROP;
     TRUNCATE pg_temp.staged_area, pg_temp.staged_track;
 END
@@ -46,11 +47,11 @@ BEGIN
         ORDER BY s.ctid;
     GET DIAGNOSTICS added = ROW_COUNT;
     INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, floors_m, ceilings_m, properties,
-                       grow_mps, outlines, class, owner, departures, schedule)
+                       grow_mps, outlines, class, owner, tolerances, departures, schedule)
         SELECT p_scene_id, s.key, s.name, ST_SetSRID(s.path, 4326), s.outline,
                nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.floors::double precision[],
                s.ceilings::double precision[], s.properties, s.grow_mps, s.outlines, s.class, s.owner,
-               s.departures, s.schedule
+               s.tolerances, s.departures, s.schedule
         FROM pg_temp.staged_track s WHERE s.ctid >= v_first AND s.ctid < v_end
         ORDER BY s.ctid;
     GET DIAGNOSTICS v_rows = ROW_COUNT;
@@ -122,18 +123,19 @@ BEGIN
     UPDATE track t SET name = n.name, path = n.path, outline = n.outline, floor_m = n.floor_m,
                        ceiling_m = n.ceiling_m, floors_m = n.floors_m, ceilings_m = n.ceilings_m,
                        properties = n.properties, grow_mps = n.grow_mps, outlines = n.outlines, class = n.class,
-                       owner = n.owner, departures = n.departures, schedule = n.schedule
+                       owner = n.owner, tolerances = n.tolerances, departures = n.departures, schedule = n.schedule
         FROM (SELECT s.key, s.name, ST_SetSRID(s.path, 4326) AS path, s.outline,
                      nullif(s.floor_m, '-infinity') AS floor_m, nullif(s.ceiling_m, 'infinity') AS ceiling_m,
                      s.floors::double precision[] AS floors_m, s.ceilings::double precision[] AS ceilings_m,
-                     s.properties, s.grow_mps, s.outlines, s.class, s.owner, s.departures, s.schedule
+                     s.properties, s.grow_mps, s.outlines, s.class, s.owner, s.tolerances, s.departures, s.schedule
               FROM pg_temp.staged_track s) n
         WHERE t.scene_id = v_scene_id AND t.key = n.key
           AND (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m, t.properties, t.grow_mps,
-               t.outlines, t.class, t.owner, CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule)
+               t.outlines, t.class, t.owner, t.tolerances,
+               CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule)
               IS DISTINCT FROM
               (n.name, n.path, n.outline, n.floor_m, n.ceiling_m, n.floors_m, n.ceilings_m, n.properties, n.grow_mps,
-               n.outlines, n.class, n.owner, n.departures, n.schedule);
+               n.outlines, n.class, n.owner, n.tolerances, n.departures, n.schedule);
     GET DIAGNOSTICS v_rows = ROW_COUNT;
     updated := updated + v_rows;
 
@@ -182,7 +184,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._read_tracks(
     p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea,
     OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea, OUT key text,
-    OUT name text, OUT properties text, OUT class text, OUT owner text, OUT schedule text
+    OUT name text, OUT properties text, OUT class text, OUT owner text, OUT schedule text,
+    OUT tolerances text
 ) RETURNS SETOF record
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
@@ -191,10 +194,11 @@ BEGIN ATOMIC
            coalesce(ST_AsBinary(t.outlines, 'NDR'), ''), coalesce(array_send(t.floors_m), ''),
            coalesce(array_send(t.ceilings_m), ''), coalesce(array_send(t.departures), ''), t.key,
            coalesce(t.name, ''), t.properties::text, coalesce(t.class, ''), coalesce(t.owner, ''),
-           coalesce(t.schedule::text, '')
+           coalesce(t.schedule::text, ''), coalesce(t.tolerances::text, '')
     FROM track t WHERE t.scene_id = p_scene_id AND (p_keys IS NULL OR t.key = ANY (p_keys))
     ORDER BY t.track_id;
 END;
 COMMENT ON FUNCTION _read_tracks(bigint, text[]) IS
 'Tracks of a scene, all or those with the given keys; without nulls, for COPY. Empty: outlines if not per waypoint; '
-'floors and ceilings (array_send, metres) if not per leg; class, owner, departures and schedule if there is none.';
+'floors and ceilings (array_send, metres) if not per leg; class, owner, departures, schedule and '
+'tolerances if there is none.';

@@ -62,7 +62,8 @@ COMMENT ON FUNCTION _footprints(bigint[]) IS 'Footprints of areas as WKB, longit
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._track_row(p_scene_id bigint, p_track_id bigint) RETURNS TABLE (
     track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision,
-    path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea, departures bytea
+    path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea, departures bytea,
+    tolerances text
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
@@ -70,19 +71,21 @@ BEGIN ATOMIC
            t.grow_mps, ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
            coalesce(ST_AsBinary(t.outlines, 'NDR'), ''), coalesce(array_send(t.floors_m), ''),
            coalesce(array_send(t.ceilings_m), ''), CASE WHEN t.departures IS NOT NULL THEN array_send(t.departures)
-                                                      WHEN t.schedule IS NULL THEN '' ELSE '\x00' END
+                                                      WHEN t.schedule IS NULL THEN '' ELSE '\x00' END,
+           coalesce(t.tolerances::text, '')
     FROM track t WHERE t.track_id = p_track_id AND t.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _track_row(bigint, bigint) IS
 'One track of a scene without nulls: infinite heights (metres) mean unbounded. Empty: outlines if not per waypoint; '
 'floors and ceilings (array_send, metres) if not per leg; departures (array_send) if it is one voyage. '
-'departures are a zero byte if the schedule is not expanded. Inlined into queries.';
+'departures are a zero byte if the schedule is not expanded; tolerances. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_tracks(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea,
-    OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea
+    OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea,
+    OUT tolerances text
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC

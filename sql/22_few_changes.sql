@@ -84,7 +84,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._some_tracks(
     p_scene_id bigint, p_track_ids bigint[],
     OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea,
-    OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea
+    OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea,
+    OUT tolerances text
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_seqscan = off SET jit = off AS $$

@@ -52,6 +52,26 @@ COMMENT ON FUNCTION _has_grown(
 'conflict), or closer by more than the tolerance. '
 'Differences count only beyond both error bounds (seconds, metres).';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._proposal_of_pair(
+    p_scene_id bigint, p_a_kind smallint, p_a_key text, p_b_kind smallint, p_b_key text
+) RETURNS bigint
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF NOT EXISTS (SELECT FROM proposal_move m WHERE m.scene_id = p_scene_id AND m.version_after IS NOT NULL) THEN
+        RETURN NULL;
+    END IF;
+    RETURN (SELECT max(m.proposal_id)
+            FROM track t
+            JOIN proposal_move m ON m.scene_id = t.scene_id AND m.track_id = t.track_id AND m.version_after = t.version
+            JOIN change c ON c.scene_id = t.scene_id AND c.object_kind = 1 AND c.object_id = t.track_id
+                             AND c.version = t.version
+            WHERE t.scene_id = p_scene_id
+              AND (p_a_kind = 1 AND t.key = p_a_key OR p_b_kind = 1 AND t.key = p_b_key));
+END
+$$;
+COMMENT ON FUNCTION _proposal_of_pair(bigint, smallint, text, smallint, text) IS
+'The proposal that moved one of two objects, if that change waits for this detection; else null.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._notify_events(
     p_scene_id bigint, p_scene text, p_run_id bigint, p_first bigint
 ) RETURNS void
@@ -139,6 +159,7 @@ BEGIN
               AND (k.ended_at <= now() - p_kept
                    OR NOT EXISTS (SELECT FROM conflict_event e
                                   WHERE e.scene_id = p_scene_id AND e.conflict_id = k.conflict_id));
+        DELETE FROM proposal p WHERE p.scene_id = p_scene_id AND p.made_at <= now() - p_kept;
         DELETE FROM run r
             WHERE r.scene_id = p_scene_id AND r.run_id < v_run_id
               AND r.run_id NOT IN (SELECT c.run_id FROM conflict c WHERE c.scene_id = p_scene_id)
@@ -151,8 +172,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _prune(bigint, interval) IS
-'Deletes events, ended acknowledgements and runs of a scene older than p_kept, but the last event of each conflict '
-'that was open then; returns the number of deleted events. The caller holds the lock of the scene.';
+'Deletes events, ended acknowledgements, proposals and runs of a scene older than p_kept, but the last event of each '
+'conflict that was open then; returns the number of deleted events. The caller holds the lock of the scene.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._prune_sometimes(p_scene_id bigint) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$

@@ -341,10 +341,11 @@ WITH member AS MATERIALIZED (
     ), ended AS (
         -- With the last known values.
         INSERT INTO conflict_event (scene_id, run_id, conflict_id, kind, at, opened_at, a_kind, a_key, b_kind, b_key,
-                                    periods, verdict, time_error_s, closest_at, closest_m, closest_error_m)
+                                    periods, verdict, time_error_s, closest_at, closest_m, closest_error_m,
+                                    proposal_id)
             SELECT p_scene_id, _write_run.run_id, o.conflict_id, 'closed', v_at, o.found_at, o.a_kind, o.a_key,
                    o.b_kind, o.b_key, o.periods, o.verdict, o.time_error_s, o.closest_at, o.closest_m,
-                   o.closest_error_m
+                   o.closest_error_m, _proposal_of_pair(p_scene_id, o.a_kind, o.a_key, o.b_kind, o.b_key)
             FROM (SELECT p.place FROM placed p WHERE p.closes OFFSET 0) p
             CROSS JOIN LATERAL (SELECT c.* FROM conflict c WHERE c.ctid = p.place OFFSET 0) o
             RETURNING conflict_event_id
@@ -353,10 +354,12 @@ WITH member AS MATERIALIZED (
             WHERE c.ctid = ANY (ARRAY(SELECT p.place FROM placed p WHERE NOT p.is_found AND p.place IS NOT NULL))
     ), begun AS (
         INSERT INTO conflict_event (scene_id, run_id, conflict_id, kind, at, opened_at, a_kind, a_key, b_kind, b_key,
-                                    periods, verdict, time_error_s, closest_at, closest_m, closest_error_m)
+                                    periods, verdict, time_error_s, closest_at, closest_m, closest_error_m,
+                                    proposal_id)
             SELECT p_scene_id, _write_run.run_id, o.conflict_id, CASE WHEN o.opens THEN 'opened' ELSE 'changed' END,
                    v_at, o.found_at, o.a_kind, o.a_key, o.b_kind, o.b_key, o.periods, o.verdict, o.time_error_s,
-                   o.closest_at, o.closest_m, o.closest_error_m
+                   o.closest_at, o.closest_m, o.closest_error_m,
+                   _proposal_of_pair(p_scene_id, o.a_kind, o.a_key, o.b_kind, o.b_key)
             FROM placed o WHERE o.opens OR o.changes
             RETURNING conflict_event_id
     ), located AS NOT MATERIALIZED (

@@ -62,9 +62,9 @@ BEGIN
                a.owner, CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule
         FROM area a WHERE a.scene_id = v_scene_id;
     INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines, floors_m,
-                       ceilings_m, class, owner, departures, schedule)
+                       ceilings_m, class, owner, tolerances, departures, schedule)
         SELECT v_copy_id, t.key, t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps,
-               t.outlines, t.floors_m, t.ceilings_m, t.class, t.owner,
+               t.outlines, t.floors_m, t.ceilings_m, t.class, t.owner, t.tolerances,
                CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule
         FROM track t WHERE t.scene_id = v_scene_id;
     RETURN v_copy_id;

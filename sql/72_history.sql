@@ -5,7 +5,7 @@ SELECT s.name AS scene, e.conflict_event_id AS event, e.kind, e.at, e.run_id, e.
        e.a_key, CASE e.a_kind WHEN 0 THEN 'area' ELSE 'track' END AS a_kind,
        e.b_key, CASE e.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind,
        e.periods, e.verdict, e.time_error_s, e.closest_at, e.closest_m, e.closest_error_m, e.opened_at,
-       CASE e.kind WHEN 'closed' THEN e.at END AS closed_at
+       CASE e.kind WHEN 'closed' THEN e.at END AS closed_at, e.proposal_id
 FROM scene s JOIN conflict_event e USING (scene_id);
 
 COMMENT ON VIEW conflict_events IS
@@ -34,6 +34,8 @@ COMMENT ON COLUMN conflict_events.closest_error_m IS
 'Closest approach: error bound of closest_m, metres; null if not computed.';
 COMMENT ON COLUMN conflict_events.opened_at IS 'When the conflict opened.';
 COMMENT ON COLUMN conflict_events.closed_at IS 'When it closed; null for other events.';
+COMMENT ON COLUMN conflict_events.proposal_id IS
+'The proposal whose application, or its undoing, caused the event (see proposals); else null.';
 
 CREATE OR REPLACE FUNCTION conflict_history(p_scene text, p_key text, p_other_key text DEFAULT NULL)
 RETURNS SETOF conflict_events

@@ -87,7 +87,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._conflict_events(
 ) RETURNS TABLE (
     event bigint, kind text, at timestamptz, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text,
     b_kind text, periods bytea, verdict text, time_error_s double precision, closest_at timestamptz,
-    closest_m double precision, closest_error_m double precision, opened_at timestamptz, closed_at timestamptz
+    closest_m double precision, closest_error_m double precision, opened_at timestamptz, closed_at timestamptz,
+    proposal_id bigint
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -95,7 +96,7 @@ BEGIN
     RETURN QUERY
         SELECT e.event, e.kind, e.at, e.run_id, e.conflict_id, e.a_key, e.a_kind, e.b_key, e.b_kind,
                multirange_send(e.periods), e.verdict, e.time_error_s, e.closest_at, e.closest_m, e.closest_error_m,
-               e.opened_at, e.closed_at
+               e.opened_at, e.closed_at, e.proposal_id
         FROM conflict_events e
         WHERE e.scene = p_scene AND e.event > p_after
           AND (p_key IS NULL OR p_key IN (e.a_key, e.b_key))

@@ -55,6 +55,9 @@ COMMENT ON COLUMN track.ceiling_m IS
 COMMENT ON COLUMN track.floors_m IS
 'Lowest heights, metres, inclusive: one per leg, or one per waypoint, linear in between; a null element: no limit. '
 'Null: floor_m applies to all legs.';
+COMMENT ON COLUMN track.tolerances IS
+'How far voyages may differ from the plan, members as in scene files; null: not at all. Detections protect a haven '
+'that contains every such voyage; haven_at, tiles and the map show the plan and the ship.';
 COMMENT ON COLUMN track.ceilings_m IS
 'Highest heights, metres, exclusive: one per leg, or one per waypoint, linear in between; a null element: no limit. '
 'Null: ceiling_m applies to all legs.';
@@ -233,6 +236,8 @@ COMMENT ON COLUMN conflict_event.closest_at IS
 COMMENT ON COLUMN conflict_event.closest_m IS 'Closest approach: least distance, metres; null if not computed.';
 COMMENT ON COLUMN conflict_event.closest_error_m IS
 'Closest approach: error bound of closest_m, metres; null if not computed.';
+COMMENT ON COLUMN conflict_event.proposal_id IS
+'The proposal whose application, or its undoing, caused the event; else null.';
 
 COMMENT ON TABLE history IS 'Start of the stored history of each scene.';
 COMMENT ON COLUMN history.scene_id IS 'Scene.';

@@ -132,7 +132,7 @@ BEGIN
         UNION
         SELECT 0::smallint, a.area_id, a.key, a.name, a.owner
         FROM pending n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
-        WHERE n.object_kind = 0 AND coalesce(a.active_span, tstzrange(NULL, NULL)) && v_span
+        WHERE n.object_kind = 0 AND tstzrange(lower(a.active_span), upper(a.active_span), '[]') && v_span
           AND _lies_near(a.footprint, 0, p_low_lon, p_low_lat, p_high_lon, p_high_lat)
         UNION
         SELECT 1::smallint, t.track_id, t.key, t.name, t.owner
@@ -168,7 +168,7 @@ BEGIN
             key text, name text, footprint text, active_span tstzrange, path text, outline text, outlines text,
             floor_m double precision, ceiling_m double precision, floors_m double precision[],
             ceilings_m double precision[], grow_mps double precision, properties jsonb, class text, owner text,
-            activations tstzmultirange, departures timestamptz[], schedule jsonb) LOOP
+            activations tstzmultirange, departures timestamptz[], schedule jsonb, tolerances jsonb) LOOP
         IF v_plan.footprint IS NOT NULL THEN
             PERFORM put_area(
                 p_scene, v_plan.key, ST_GeomFromWKB(decode(v_plan.footprint, 'hex'), 4326), v_plan.active_span,
@@ -180,7 +180,8 @@ BEGIN
                 ST_GeomFromWKB(decode(v_plan.outline, 'hex')), v_plan.floor_m, v_plan.ceiling_m, v_plan.name,
                 v_plan.properties, v_plan.grow_mps, ST_GeomFromWKB(decode(v_plan.outlines, 'hex')), v_plan.floors_m,
                 v_plan.ceilings_m, p_class => v_plan.class, p_owner => v_plan.owner,
-                p_departures => v_plan.departures, p_schedule => v_plan.schedule);
+                p_departures => v_plan.departures, p_schedule => v_plan.schedule,
+                p_tolerances => v_plan.tolerances);
         END IF;
     END LOOP;
     PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);

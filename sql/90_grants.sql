@@ -118,11 +118,19 @@ GRANT INSERT (scene_id, conflict_id, reason, until, a_key, b_key, periods, verdi
 GRANT EXECUTE ON FUNCTION acknowledge, unacknowledge, _end_acknowledgement, _notify_acknowledgement
     TO conflictdb_editor;
 
+-- Proposals, in their own name.
+GRANT INSERT (scene_id, goal, objective_s, bound_s, is_least, settings, last_version, objects_hash),
+      UPDATE (applied_at, applied_by, undone_at, undone_by) ON proposal TO conflictdb_editor;
+GRANT INSERT, UPDATE (version_after) ON proposal_move TO conflictdb_editor;
+GRANT INSERT ON proposal_left TO conflictdb_editor;
+GRANT EXECUTE ON FUNCTION apply_proposal, undo_proposal, _put_proposal, _hold_proposal, _move_attached
+    TO conflictdb_editor;
+
 -- Workers write the derived tables.
 GRANT INSERT, UPDATE, DELETE ON piece, conflict, difference, change, run, history, probe_request, probe_reply
     TO conflictdb_worker;
 GRANT INSERT, DELETE ON conflict_event TO conflictdb_worker;
-GRANT DELETE ON acknowledgement TO conflictdb_worker;
+GRANT DELETE ON acknowledgement, proposal TO conflictdb_worker;
 GRANT USAGE ON SEQUENCE conflict_seq, conflict_event_conflict_event_id_seq TO conflictdb_worker;
 -- Updating a row includes locking it: only workers can block the detection of a scene.
 GRANT INSERT, UPDATE ON scene_lock TO conflictdb_worker;

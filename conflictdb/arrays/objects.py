@@ -33,6 +33,11 @@ class Activations:
         offset, index = ragged_rows(self.offset, rows)
         return Activations(offset, self.at_us[index])
 
+    def followed_by(self, other: "Activations") -> "Activations":
+        """Return the activations of these objects, then of others."""
+        offset = np.concatenate([self.offset, other.offset[1:] + self.offset[-1]])
+        return Activations(offset, np.concatenate([self.at_us, other.at_us]))
+
     @classmethod
     def once(cls, at_us: NDArray[np.int64]) -> "Activations":
         """Return one activation for each object: spans (n, 2) or departures (n,)."""
@@ -133,6 +138,7 @@ class TrackBatch:
     grow_mps : (n,) float64, outward speed of every side; 0 for a haven that does not grow
     outlines_offset : (n + 1,) int64
     outlines_m : (u, 2) float64, concatenated outlines of tracks that have one per waypoint; no rows for other tracks
+    tolerances : (n,) object, members of tolerances (`model.tolerances`), or None
     departs : departures, at which each voyage begins instead of at its first waypoint's time; none: there is no voyage
     """
 
@@ -148,6 +154,7 @@ class TrackBatch:
     grow_mps: NDArray[np.float64]
     outlines_offset: NDArray[np.int64]
     outlines_m: NDArray[np.float64]
+    tolerances: NDArray[np.object_]
     departs: Activations
 
     def __len__(self) -> int:
@@ -172,6 +179,7 @@ class TrackBatch:
             self.grow_mps[rows],
             outlines_offset,
             outlines_m,
+            self.tolerances[rows],
             self.departs.take(rows),
         )
 
@@ -190,6 +198,8 @@ class TrackBatch:
             if track.floors_m is not None or track.ceilings_m is not None:
                 of_legs = slice(waypoint_offset[i] - i, waypoint_offset[i + 1] - i - 1)
                 floor_m[of_legs], ceiling_m[of_legs] = track.heights_m()
+        tolerances = np.empty(len(tracks), dtype=object)
+        tolerances[:] = [track.tolerances for track in tracks]
         return cls(
             np.arange(len(tracks), dtype=np.int64),
             np.ones(len(tracks), dtype=np.int64),
@@ -203,6 +213,7 @@ class TrackBatch:
             np.array([t.grow_mps for t in tracks], dtype=np.float64),
             offsets([0 if t.outlines_m is None else t.outlines_m[..., 0].size for t in tracks]),
             stacked([t.outlines_m.reshape(-1, 2) for t in tracks if t.outlines_m is not None]),
+            tolerances,
             Activations.of(
                 [None if once else _unless_scheduled(t, t.departures_us) for t in tracks],
                 np.array([t.times_us[0] for t in tracks], np.int64),

@@ -17,7 +17,7 @@ from conflictdb.model import inputs
 from conflictdb.model.horizon import require_one_voyage
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.proposals import Goal, Left, Proposal
+from conflictdb.model.proposals import Goal, Left, Move, Proposal
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import differences_of
 
@@ -160,6 +160,11 @@ def at_speed(track: Track, factor: float) -> Track:
     since_us = track.times_us - track.times_us[0]
     times: Any = inputs.all_certain(track.times_us[0] + np.rint(since_us / factor).astype(np.int64))
     return replace(track, times_us=times, max_speed_kn=np.inf)
+
+
+def moved(track: Track, move: Move) -> Track:
+    """Return a track as a move changes it."""
+    return at_speed(track, move.speed) if move.speed != 1.0 else later(track, round(1e6 * move.delay_s))
 
 
 def place(program: Program, order: Sequence[int], level: _Ints, goal: str, limit_s: float) -> Solution:

@@ -39,6 +39,7 @@ class Base(DeclarativeBase):
         datetime: DateTime(timezone=True),
         timedelta: INTERVAL,
         dict[str, Any]: JSONB,
+        list[dict[str, Any]]: JSONB,
         list[str]: ARRAY(Text),
         list[float | None]: ARRAY(Double),
         list[datetime]: ARRAY(DateTime(timezone=True)),
@@ -113,6 +114,7 @@ class Track(Base):
     outlines: Mapped[WKBElement | None] = mapped_column(_geometry("MULTIPOLYGON", srid=_METRES))
     floors_m: Mapped[list[float | None] | None]
     ceilings_m: Mapped[list[float | None] | None]
+    tolerances: Mapped[dict[str, Any] | None] = mapped_column(JSONB)
     first_version: Mapped[int] = mapped_column(server_default=FetchedValue())
     object_class: Mapped[str | None] = mapped_column("class")
     owner: Mapped[str | None]
@@ -240,6 +242,29 @@ class ConflictEvent(Base):
     closest_error_m: Mapped[float | None]
     opened_at: Mapped[datetime]
     closed_at: Mapped[datetime | None]
+    proposal_id: Mapped[int | None]
+
+
+class Proposal(Base):
+    """Changes of tracks that clear a scene: a row of the view `proposals`."""
+
+    __tablename__ = "proposals"
+
+    scene: Mapped[str]
+    proposal_id: Mapped[int] = mapped_column(primary_key=True)
+    made_at: Mapped[datetime]
+    made_by: Mapped[str]
+    state: Mapped[str]
+    goal: Mapped[str]
+    objective_s: Mapped[float]
+    bound_s: Mapped[float]
+    is_least: Mapped[bool]
+    moves: Mapped[list[dict[str, Any]]]
+    left_as_planned: Mapped[list[dict[str, Any]]]
+    applied_at: Mapped[datetime | None]
+    applied_by: Mapped[str | None]
+    undone_at: Mapped[datetime | None]
+    undone_by: Mapped[str | None]
 
 
 class Acknowledgement(Base):

@@ -20,6 +20,7 @@ from conflictdb.formats.json_text import check_storable
 from conflictdb.formats.names import RENAME_MEMBER, SETTING_RULE, SETTINGS, misnamed
 from conflictdb.formats.reference import Systems, ToDegrees
 from conflictdb.formats.track_times import TrackAtSpeed
+from conflictdb.model import tolerances
 from conflictdb.model.activations import check_schedule
 from conflictdb.model.inputs import all_certain, certain
 from conflictdb.model.plans import METRES_PER_NMI, Area, Scene, Track, rectangle_outline_m
@@ -30,6 +31,7 @@ TIMES: Final = ("times", "datetimes")
 SPEED: Final = ("start", "speed_kn", "speed_mps")
 # Members that decide how far apart objects must be.
 RULED: Final = ("class", "owner")
+TOLERANCES: Final = tolerances.MEMBERS
 # Names that the reader uses; a property with such a name, set by SQL, would not be read back as a property.
 AREA_MEMBERS: Final = frozenset({"kind", "name", "start", "end", "spans", "schedule", "floor_m", "ceiling_m", *RULED})
 TRACK_MEMBERS: Final = frozenset(
@@ -46,6 +48,7 @@ TRACK_MEMBERS: Final = frozenset(
         *TIMES,
         *SPEED,
         *RULED,
+        *TOLERANCES,
     }
     | {f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi")}
 )
@@ -178,6 +181,7 @@ def track_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
     members |= {
         "name": fields.text("name"),
         "grow_mps": fields.number("grow_mps") or 0.0,
+        "tolerances": {name: fields.get(name) for name in TOLERANCES if fields.has(name)} or None,
         **_recurring(fields, "departures", lambda who, value: all_certain(instants(who, "departures", value))),
         **_ruled(fields),
         "properties": fields.rest(),
@@ -344,6 +348,7 @@ def track_properties(item: Track) -> dict[str, Any]:
         "times": [format_instant(int(t)) for t in item.times_us],
         **_departing(item),
         **_haven_properties(item),
+        **(item.tolerances or {}),
         **_present(
             floor_m=item.floor_m if item.floors_m is None else _listed(item.floors_m),
             ceiling_m=item.ceiling_m if item.ceilings_m is None else _listed(item.ceilings_m),

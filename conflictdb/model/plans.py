@@ -27,6 +27,7 @@ from conflictdb.model.settings import EarthModel as EarthModel
 from conflictdb.model.settings import Intervals as Intervals
 from conflictdb.model.settings import Motion as Motion
 from conflictdb.model.speed_limits import MAX_SPEED_KN, check_speed
+from conflictdb.model.tolerances import as_members, tolerances_of
 
 METRES_PER_NMI: Final = 1852.0  # exact, by definition
 
@@ -289,6 +290,8 @@ class Track:
         ceiling_m are then the lowest and the highest of them. At a waypoint the bands of both legs count
     object_class : the class that separation rules name; None: no class
     owner : objects of one owner are not compared with each other; None: no owner
+    tolerances : members of `conflictdb.model.tolerances`, such as {"xtd_port_m": 500}: how far voyages may differ from
+        the plan; the haven of a detection contains all of them. None: not at all
     departures_us : the voyage is repeated: it departs at each of these instants, increasing, instead of at the first of
         `times_us`, and all its times are moved with it. A voyage ends before the next departs. With a schedule: its
         expansion
@@ -312,6 +315,7 @@ class Track:
     ceilings_m: NDArray[np.float64] | None = None
     object_class: str | None = None
     owner: str | None = None
+    tolerances: Mapping[str, Any] | None = None
     departures_us: tuple[int, ...] | None = None
     schedule: Any = None
     max_speed_kn: InitVar[float] = MAX_SPEED_KN
@@ -334,6 +338,7 @@ class Track:
             ceilings_m: inputs.Heights | None = None,
             object_class: str | None = None,
             owner: str | None = None,
+            tolerances: Mapping[str, Any] | None = None,
             departures_us: inputs.Instants | None = None,
             schedule: Any = None,
             max_speed_kn: float = MAX_SPEED_KN,
@@ -378,6 +383,16 @@ class Track:
                 _check_heights(who, self.floor_m, self.ceiling_m)
             else:
                 self._check_leg_heights(who)
+        if self.tolerances is not None:
+            with refusals:
+                tolerances_of(who, self.tolerances, self.times_us)
+                _keep(self, tolerances=as_members(self.tolerances))
+                if self.departures_us is not None or self.schedule is not None:
+                    rule = "must not be given for a voyage that is repeated: give each voyage as a track"
+                    raise InvalidInput(who, "tolerances", rule)
+                if self.outlines_m is not None or self.grow_mps != 0.0:
+                    rule = "must not be given for a haven that changes: give the outline of the ship"
+                    raise InvalidInput(who, "tolerances", rule)
         refusals.raise_found()
 
     def _keep_departures(self, who: str) -> None:

@@ -100,6 +100,7 @@ class Proposal:
     objective_s : the sum of all delays, each times its weight, or the largest; seconds
     bound_s : no choice of delays that leaves so few tracks has a lower objective
     is_least : whether that is proven, to a millisecond: no other choice leaves fewer tracks, or as many for less
+    proposal_id : its id in the database; None in memory
     """
 
     moves: tuple[Move, ...]
@@ -108,6 +109,7 @@ class Proposal:
     objective_s: float
     bound_s: float
     is_least: bool
+    proposal_id: int | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return this as an object of JSON."""

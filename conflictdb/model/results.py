@@ -297,6 +297,7 @@ class ConflictEvent:
     verdict, periods, time_error_s, closest_at, closest_m, closest_error_m : as of a `Conflict`, from then on;
         before the event if the conflict closed
     opened_at, closed_at : when the conflict opened, and closed; None unless it did
+    proposal_id : the proposal whose application, or its undoing, caused the event; else None
     """
 
     scene: str
@@ -317,6 +318,7 @@ class ConflictEvent:
     closest_error_m: float | None
     opened_at: datetime
     closed_at: datetime | None
+    proposal_id: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -255,6 +255,23 @@ class Database:
         """Return the tables attached to any scene, and their state."""
         return store.attachments(self.connection, None)
 
+    def apply_proposal(self, proposal_id: int, *, attached: bool = False) -> int:
+        """Move the tracks of a proposal, all or none, and return their number; the scene then waits for detection.
+
+        attached : also change the rows of attached tables, if the connection's role attached them
+
+        Raises InvalidInput, naming what changed, if anything in its scene changed since it was computed, and if it
+        moves tracks of attached tables without `attached`; StoreError if it was applied before.
+        """
+        return store.apply_proposal(self.connection, proposal_id, attached=attached)
+
+    def undo_proposal(self, proposal_id: int, *, attached: bool = False) -> int:
+        """Give the tracks of an applied proposal their exact former times, all or none, and return their number.
+
+        Raises InvalidInput, naming them, if any of these tracks changed since; StoreError if it is not applied.
+        """
+        return store.undo_proposal(self.connection, proposal_id, attached=attached)
+
     def protect_scenes(self, *, on: bool = True) -> None:
         """Show each scene only to its owner, the roles it is shared with and workers, or show all scenes to all again.
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import timedelta
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, Unpack
 
@@ -19,6 +20,7 @@ from conflictdb.formats.writing import whole_file
 from conflictdb.model import inputs
 from conflictdb.model.horizon import later
 from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.proposals import Goal, Proposal
 from conflictdb.model.results import (
     Admission,
     Approach,
@@ -495,6 +497,47 @@ class StoredScene:
         from conflictdb.db import free_departures
 
         return free_departures.speeds(self.connection, self.name, key, slowest, fastest, leg)
+
+    def resolve(
+        self,
+        *,
+        keys: Sequence[str] | None = None,
+        keep: Sequence[str] = (),
+        weights: Mapping[str, float] | None = None,
+        levels: Mapping[str, int] | None = None,
+        within_s: float = 7200.0,
+        now: inputs.Instant | None = None,
+        slowest: float = 1.0,
+        fastest: float = 1.0,
+        goal: Goal | str = Goal.TOTAL,
+        limit_s: float = 30.0,
+    ) -> Proposal:
+        """Return the least changes of departures that clear the scene, and store them as a proposal.
+
+        Computed from the objects as they are stored, whether they were detected or not; verified by a detection of the
+        whole changed scene. Nothing moves until `Database.apply_proposal` is called with its `proposal_id`. The
+        parameters are those of `conflictdb.resolve`.
+
+        Raises InvalidInput for unknown keys, for limits that are none, and if the scene changes meanwhile.
+        """
+        # Imported here: the stages are slow to import.
+        from conflictdb.clearing.resolve import resolve
+        from conflictdb.db import clearing
+
+        compute = partial(
+            resolve,
+            keys=keys,
+            keep=keep,
+            weights=weights,
+            levels=levels,
+            within_s=within_s,
+            now=now,
+            slowest=slowest,
+            fastest=fastest,
+            goal=goal,
+            limit_s=limit_s,
+        )
+        return clearing.resolve(self.connection, self.name, compute)
 
     def wait_until_current(self, timeout_s: float = 60.0) -> None:
         """Wait until no change waits for detection; a worker or another program has to detect.

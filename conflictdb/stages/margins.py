@@ -14,6 +14,7 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import MAX_DISTANCE_M, Scene
+from conflictdb.stages.heights import overlap_at_one_time
 from conflictdb.stages.object_pairs import object_numbers
 from conflictdb.stages.pieces.covers import is_covered, pieces_of
 from conflictdb.stages.stage1_broad_phase import hulls_of, pairs_together
@@ -83,7 +84,10 @@ def _of_some(
 def _closest(
     plane: Plane, pieces: Pieces, a: PieceRows, b: PieceRows, track: NDArray[np.int64], within_m: float
 ) -> Approaches:
+    first, last, _ = overlap_at_one_time(pieces, a, b)
+    meet = np.flatnonzero(first <= last)
+    a, b, track = PieceRows(a[meet]), PieceRows(b[meet]), track[meet]
     prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
-    at_all_times = np.zeros(len(a)), np.full(len(a), np.inf)
+    at_all_times = np.maximum(first[meet], 0.0), last[meet]
     limits = np.full(_AT_ONCE, within_m), np.full(_AT_ONCE, _AIM_M)
     return approaches(prepared, a, b, *at_all_times, track, *limits, kernel.Work())

@@ -19,6 +19,8 @@ SEQUENCE piece_piece_id_seq;
 
 SEQUENCE probe_request_probe_id_seq;
 
+SEQUENCE proposal_proposal_id_seq;
+
 SEQUENCE run_run_id_seq;
 
 SEQUENCE scene_scene_id_seq;
@@ -164,7 +166,8 @@ TABLE conflict_event (
     time_error_s double precision NOT NULL,
     closest_at timestamp with time zone,
     closest_m double precision,
-    closest_error_m double precision
+    closest_error_m double precision,
+    proposal_id bigint
 );
 
 TABLE difference (
@@ -255,6 +258,47 @@ TABLE probe_request (
     delays jsonb
 );
 
+TABLE proposal (
+    proposal_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
+    scene_id bigint NOT NULL,
+    made_at timestamp with time zone NOT NULL DEFAULT now(),
+    made_by text NOT NULL DEFAULT CURRENT_USER,
+    goal text NOT NULL,
+    objective_s double precision NOT NULL,
+    bound_s double precision NOT NULL,
+    is_least boolean NOT NULL,
+    settings jsonb NOT NULL,
+    last_version bigint NOT NULL,
+    objects_hash bigint NOT NULL,
+    applied_at timestamp with time zone,
+    applied_by text,
+    undone_at timestamp with time zone,
+    undone_by text
+);
+
+TABLE proposal_left (
+    proposal_id bigint NOT NULL,
+    scene_id bigint NOT NULL,
+    key text COLLATE C NOT NULL,
+    blocked_by text[] NOT NULL
+);
+
+TABLE proposal_move (
+    proposal_id bigint NOT NULL,
+    scene_id bigint NOT NULL,
+    track_id bigint NOT NULL,
+    key text COLLATE C NOT NULL,
+    version bigint NOT NULL,
+    planned geometry(LineStringM,4326) NOT NULL,
+    path geometry(LineStringM,4326) NOT NULL,
+    delay_s double precision NOT NULL,
+    speed double precision NOT NULL,
+    clears text[] NOT NULL,
+    passes jsonb NOT NULL,
+    explanation text NOT NULL,
+    version_after bigint
+);
+
 TABLE run (
     run_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
     scene_id bigint NOT NULL,
@@ -329,6 +373,7 @@ TABLE track (
     floors_m double precision[],
     ceilings_m double precision[],
     first_version bigint NOT NULL DEFAULT 0,
+    tolerances jsonb,
     class text,
     owner text
 );
@@ -417,7 +462,8 @@ VIEW conflict_events (
     closest_m double precision,
     closest_error_m double precision,
     opened_at timestamp with time zone,
-    closed_at timestamp with time zone
+    closed_at timestamp with time zone,
+    proposal_id bigint
 );
 
 VIEW conflicts (
@@ -495,6 +541,24 @@ VIEW map_tracks (
     starts_at timestamp with time zone,
     ends_at timestamp with time zone,
     path geometry(MultiLineString,4326)
+);
+
+VIEW proposals (
+    scene text COLLATE C,
+    proposal_id bigint,
+    made_at timestamp with time zone,
+    made_by text,
+    state text,
+    goal text,
+    objective_s double precision,
+    bound_s double precision,
+    is_least boolean,
+    moves jsonb,
+    left_as_planned jsonb,
+    applied_at timestamp with time zone,
+    applied_by text,
+    undone_at timestamp with time zone,
+    undone_by text
 );
 
 VIEW queue (
@@ -623,6 +687,14 @@ CASE
     ELSE (num_nonnulls(path, outline) = 2)
 END);
 CONSTRAINT probe_request_scene_fkey ON probe_request: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT proposal_goal_known ON proposal: CHECK ((goal = ANY (ARRAY['total'::text, 'largest'::text])));
+CONSTRAINT proposal_of_scene ON proposal: UNIQUE (proposal_id, scene_id);
+CONSTRAINT proposal_pkey ON proposal: PRIMARY KEY (proposal_id);
+CONSTRAINT proposal_scene_fkey ON proposal: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT proposal_left_pkey ON proposal_left: PRIMARY KEY (proposal_id, key);
+CONSTRAINT proposal_left_proposal_fkey ON proposal_left: FOREIGN KEY (proposal_id, scene_id) REFERENCES proposal(proposal_id, scene_id) ON DELETE CASCADE;
+CONSTRAINT proposal_move_pkey ON proposal_move: PRIMARY KEY (proposal_id, track_id);
+CONSTRAINT proposal_move_proposal_fkey ON proposal_move: FOREIGN KEY (proposal_id, scene_id) REFERENCES proposal(proposal_id, scene_id) ON DELETE CASCADE;
 CONSTRAINT run_failed_or_counted ON run: CHECK (((error IS NULL) = (conflicts IS NOT NULL)));
 CONSTRAINT run_pkey ON run: PRIMARY KEY (run_id);
 CONSTRAINT run_scene_fkey ON run: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -678,6 +750,8 @@ CREATE INDEX difference_scene_id_track_btree ON conflictdb.difference USING btre
 CREATE INDEX piece_object_btree ON conflictdb.piece USING btree (object_kind, object_id);
 CREATE INDEX piece_scene_id_hull_span_gist ON conflictdb.piece USING gist (scene_id, hull, span);
 CREATE INDEX probe_request_scene_btree ON conflictdb.probe_request USING btree (scene_id, answered_at);
+CREATE INDEX proposal_move_scene_id_btree ON conflictdb.proposal_move USING btree (scene_id);
+CREATE INDEX proposal_scene_id_btree ON conflictdb.proposal USING btree (scene_id);
 CREATE INDEX track_scene_id_owner_btree ON conflictdb.track USING btree (scene_id, owner) WHERE (owner IS NOT NULL);
 
 CREATE TRIGGER area_before BEFORE INSERT OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _area_before() -- always;
@@ -836,7 +910,7 @@ FUNCTION _cast_to(p_type oid, p_wanted oid)
 FUNCTION _changed_areas(p_scene_id bigint, p_after bigint, p_most bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _changed_tracks(p_scene_id bigint, p_after bigint, p_most bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea)
+FUNCTION _changed_tracks(p_scene_id bigint, p_after bigint, p_most bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT tolerances text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _check_area_probe(p_footprint geometry, p_active_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
@@ -917,10 +991,16 @@ FUNCTION _check_speed(p_who text, p_path geometry)
 FUNCTION _check_times(p_who text, p_path geometry)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _check_tolerances(p_who text, p_tolerances jsonb, p_path geometry)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _check_track(p_scene_id bigint, p_key text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_track_probe(p_scene_id bigint, p_path geometry, p_outline geometry, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _check_unchanged(p_proposal_id bigint)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_word(p_who text, p_field text, p_word text)
@@ -942,7 +1022,7 @@ FUNCTION _compare_pieces(p_scene_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _conflict_events(p_scene text, p_key text, p_other_key text, p_after bigint, p_most bigint)
-    RETURNS TABLE(event bigint, kind text, at timestamp with time zone, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, closed_at timestamp with time zone) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS TABLE(event bigint, kind text, at timestamp with time zone, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, closed_at timestamp with time zone, proposal_id bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_a_version bigint, p_b_kind smallint, p_b_id bigint, p_b_version bigint, p_periods tstzmultirange, p_plane text)
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan;
@@ -1069,6 +1149,9 @@ FUNCTION _history_kept(p_scene_id bigint)
 
 FUNCTION _hold_attached(p_who text, p_table text, p_has_triggers boolean)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _hold_proposal(p_proposal_id bigint)
+    RETURNS proposal LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _hulls_meet(p_a geometry, p_b geometry)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1208,6 +1291,9 @@ FUNCTION _mixed(p_one double precision[], p_share double precision, p_other doub
 FUNCTION _most_havens()
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _move_attached(p_proposal_id bigint, p_undo boolean, p_may boolean)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _my_roles()
     RETURNS SETOF name LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -1237,6 +1323,9 @@ FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_firs
 
 FUNCTION _object_number(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _objects_hash(p_scene_id bigint, OUT last_version bigint, OUT objects_hash bigint)
+    RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _objects_near(p_scene_id bigint, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[], p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[])
     RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
@@ -1298,6 +1387,15 @@ FUNCTION _probe_failed(p_probe_id bigint, p_error text)
 FUNCTION _probe_request(p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea, OUT start_us bigint, OUT end_us bigint, OUT path bytea, OUT outline bytea, OUT grow_mps double precision, OUT floor_m double precision, OUT ceiling_m double precision, OUT horizon_s double precision, OUT scene text)
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
+FUNCTION _proposal(p_proposal_id bigint)
+    RETURNS proposal LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _proposal_basis(p_scene_id bigint, OUT settings jsonb, OUT last_version bigint, OUT objects_hash bigint)
+    RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _proposal_of_pair(p_scene_id bigint, p_a_kind smallint, p_a_key text, p_b_kind smallint, p_b_key text)
+    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _protected_tables()
     RETURNS SETOF regclass LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1322,6 +1420,9 @@ FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p
 FUNCTION _put_plans(p_scene text, p_removed text[], p_plans jsonb)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _put_proposal(p_scene_id bigint, p_basis jsonb, p_goal text, p_objective_s double precision, p_bound_s double precision, p_is_least boolean, p_moves jsonb, p_left jsonb)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _put_scene(p_name text, p_settings jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1334,7 +1435,7 @@ FUNCTION _raise(p_state text, p_who text, p_field text, p_rule text, p_constrain
 FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text)
+FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text, OUT tolerances text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _readable_scenes()
@@ -1366,6 +1467,9 @@ FUNCTION _request_probe(p_scene text, p_key text, p_kind integer, p_footprint by
 
 FUNCTION _require_snapshot()
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _retimed(p_path geometry, p_times_us bigint[])
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _rhumb_vertices(p_lon_deg double precision, p_mu double precision, p_bearing_deg double precision, p_outline geometry, p_earth text)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1451,7 +1555,7 @@ FUNCTION _shown_seconds(p_s double precision)
 FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT footprint bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
-FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea)
+FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT tolerances text)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
 FUNCTION _sphere_m()
@@ -1512,7 +1616,7 @@ FUNCTION _track_feature(p_track track)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
 FUNCTION _track_row(p_scene_id bigint, p_track_id bigint)
-    RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea, tolerances text) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _unmapped(p_scene text)
     RETURNS SETOF unmapped LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1561,6 +1665,9 @@ FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last b
 
 FUNCTION acknowledge(p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamp with time zone DEFAULT NULL::timestamp with time zone, p_by text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION apply_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION approaches_of(p_scene text, p_key text)
     RETURNS SETOF approaches LANGUAGE sql STABLE PARALLEL RESTRICTED;
@@ -1634,6 +1741,12 @@ FUNCTION preview_attachment(p_scene text, p_kind text, p_table regclass, p_map j
 FUNCTION probe(p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL::timestamp with time zone, NULL::timestamp with time zone), p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision)
     RETURNS TABLE(key text, kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
+FUNCTION proposal_changes(p_proposal_id bigint)
+    RETURNS text[] LANGUAGE plpgsql STABLE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION proposal_statements(p_proposal_id bigint, p_undo boolean DEFAULT false)
+    RETURNS TABLE(key text, attachment_id bigint, statement text) LANGUAGE plpgsql STABLE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION protect_scenes(p_on boolean DEFAULT true)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET lock_timeout=10s;
 
@@ -1643,7 +1756,7 @@ FUNCTION prune_history(p_scene text, p_kept interval DEFAULT NULL::interval)
 FUNCTION put_area(p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL::geometry, p_floors_m double precision[] DEFAULT NULL::double precision[], p_ceilings_m double precision[] DEFAULT NULL::double precision[], p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text)
+FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL::geometry, p_floors_m double precision[] DEFAULT NULL::double precision[], p_ceilings_m double precision[] DEFAULT NULL::double precision[], p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text, p_tolerances jsonb DEFAULT NULL::jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION rectangle_outline(p_fore_m double precision, p_aft_m double precision, p_port_m double precision, p_starboard_m double precision)
@@ -1693,6 +1806,9 @@ FUNCTION track_path(p_waypoints geometry, p_times timestamp with time zone[])
 
 FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION undo_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION unshare_scene(p_scene text, p_role text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0bc87693b39887e2c9565b1c3305beee2c7ef03309ee7db0fa7424adbc449a24"
+routines_sha256 = "ddd23b41c12672c4d80ff21bca8108f77ca15abd53fad82c1cb5f00af6aab237"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -16,6 +16,11 @@ changes_answers = False
 # Floor at the start and the end of the leg, then the ceilings; null where they do not change.
 CLIMB = """
 ALTER TABLE conflictdb.piece ADD COLUMN IF NOT EXISTS climb double precision[];
+"""
+
+# How far voyages may differ from a plan.
+TOLERANCES = """
+ALTER TABLE conflictdb.track ADD COLUMN IF NOT EXISTS tolerances jsonb;
 """
 
 # Whose separation rules apply to an object, and whose objects are not compared with each other.
@@ -51,6 +56,58 @@ ALTER TABLE conflictdb.scene
 """
 
 
+# Changes of plans that clear a scene. Moves keep both paths, so that applying and undoing are exact.
+PROPOSALS = """
+CREATE TABLE IF NOT EXISTS conflictdb.proposal (
+    proposal_id bigint GENERATED ALWAYS AS IDENTITY PRIMARY KEY,
+    scene_id bigint NOT NULL CONSTRAINT proposal_scene_fkey REFERENCES conflictdb.scene (scene_id) ON DELETE CASCADE,
+    made_at timestamptz NOT NULL DEFAULT now(),
+    made_by text NOT NULL DEFAULT current_user,
+    goal text NOT NULL CONSTRAINT proposal_goal_known CHECK (goal IN ('total', 'largest')),
+    objective_s double precision NOT NULL,
+    bound_s double precision NOT NULL,
+    is_least boolean NOT NULL,
+    settings jsonb NOT NULL,
+    last_version bigint NOT NULL,
+    objects_hash bigint NOT NULL,
+    applied_at timestamptz,
+    applied_by text,
+    undone_at timestamptz,
+    undone_by text,
+    CONSTRAINT proposal_of_scene UNIQUE (proposal_id, scene_id)
+);
+CREATE INDEX IF NOT EXISTS proposal_scene_id_btree ON conflictdb.proposal (scene_id);
+CREATE TABLE IF NOT EXISTS conflictdb.proposal_move (
+    proposal_id bigint NOT NULL,
+    scene_id bigint NOT NULL,
+    track_id bigint NOT NULL,
+    key text COLLATE "C" NOT NULL,
+    version bigint NOT NULL,
+    planned geometry(LineStringM, 4326) NOT NULL,
+    path geometry(LineStringM, 4326) NOT NULL,
+    delay_s double precision NOT NULL,
+    speed double precision NOT NULL,
+    clears text[] NOT NULL,
+    passes jsonb NOT NULL,
+    explanation text NOT NULL,
+    version_after bigint,
+    CONSTRAINT proposal_move_pkey PRIMARY KEY (proposal_id, track_id),
+    CONSTRAINT proposal_move_proposal_fkey
+        FOREIGN KEY (proposal_id, scene_id) REFERENCES conflictdb.proposal (proposal_id, scene_id) ON DELETE CASCADE
+);
+CREATE INDEX IF NOT EXISTS proposal_move_scene_id_btree ON conflictdb.proposal_move (scene_id);
+CREATE TABLE IF NOT EXISTS conflictdb.proposal_left (
+    proposal_id bigint NOT NULL,
+    scene_id bigint NOT NULL,
+    key text COLLATE "C" NOT NULL,
+    blocked_by text[] NOT NULL,
+    CONSTRAINT proposal_left_pkey PRIMARY KEY (proposal_id, key),
+    CONSTRAINT proposal_left_proposal_fkey
+        FOREIGN KEY (proposal_id, scene_id) REFERENCES conflictdb.proposal (proposal_id, scene_id) ON DELETE CASCADE
+);
+ALTER TABLE conflictdb.conflict_event ADD COLUMN IF NOT EXISTS proposal_id bigint;
+"""
+
 # When an area is active, and a track departs, several times; the schedule that says so, and how far it is expanded.
 ACTIVATIONS = """
 ALTER TABLE conflictdb.area ADD COLUMN IF NOT EXISTS activations tstzmultirange,
@@ -68,7 +125,7 @@ ALTER TABLE conflictdb.scene
 
 
 def upgrade() -> None:
-    for statement in (CLIMB, CLASSES, ADMISSIONS, INTERVALS, ACTIVATIONS):
+    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, ACTIVATIONS):
         op.execute(statement)
 
 

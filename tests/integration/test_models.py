@@ -74,6 +74,7 @@ def test_no_view_has_a_null_that_its_model_has_not(engine: sqlalchemy.Engine) ->
     with conflictdb.connect(engine) as db:
         db.load(STRAIT)
         db.scene("strait").detect(nearest_m=20_000)
+        db.scene("strait").resolve(limit_s=5.0)
     with Session(engine) as session:
         found = session.scalars(select(models.Conflict)).first()
         assert found is not None

@@ -35,6 +35,11 @@ SELECT conflictdb.attach('hers', 'area', 'alices.ops', '{"key": "id", "footprint
 LATER = """
 SELECT conflictdb.acknowledge('hers', 'A', 'B', 'seen');
 SELECT conflictdb.request_probe('hers', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 1, 0 0))', p_key => 'A');
+SELECT conflictdb_internal._begin_admission('hers', 1);
+SELECT conflictdb_internal._put_proposal(s.scene_id, to_jsonb(b), 'total', 60, 60, true,
+    '[{"key": "T", "times_us": [1772323260000000, 1772409660000000], "delay_s": 60, "speed": 1, "clears": ["A"],
+       "passes": [], "text": "T 1 min later"}]', '[{"key": "U", "blocked_by": ["A"]}]')
+FROM conflictdb.scene s, conflictdb_internal._proposal_basis(s.scene_id) b WHERE s.name = 'hers';
 SELECT conflictdb.remove_object('hers', 'N');
 UPDATE alices.ops SET id = 3 WHERE id = 1;
 """

@@ -182,3 +182,11 @@ def test_wrong_heights_of_waypoints_are_refused(heights: dict[str, Any], field: 
         climbing(**heights)
     assert caught.value.field == field
     assert rule in caught.value.rule
+
+
+def test_closed_bands_that_touch_on_the_way_overlap() -> None:
+    below = climbing("below", ceilings_m=[50.0, 1050.0, 450.0])
+    above = climbing("above", floors_m=[50.0, 1050.0, 450.0], ceilings_m=[60.0, 1060.0, 460.0])
+    top = Area("top", WHOLE, floor_m=1100.0)
+    assert len(solve([below, above], [], Scene("s", intervals="closed"))) == 1
+    assert len(solve([climbing()], [top], Scene("s", intervals="closed"))) == 1

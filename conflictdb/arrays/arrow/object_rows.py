@@ -3,6 +3,7 @@
 id, kind                text; `area` or `track`
 object_id, version      numbers of the object and of its state in the stages; may be missing in files
 name                    text, or null
+tolerances              tracks: JSON, members as in scene files; or null
 class, owner            text, or null: whose separation rules apply, and whose objects are not compared
 geometry                WKB in longitude and latitude: a MultiPolygon or Polygon, or the LineString of the waypoints
 start, end              areas: active during [start, end), null where unbounded
@@ -63,6 +64,7 @@ OBJECTS: Final = Form.of(
         pa.field("properties", pa.string()),
         pa.field("class", pa.string()),
         pa.field("owner", pa.string()),
+        pa.field("tolerances", pa.string()),
         pa.field("spans", _INSTANTS),
         pa.field("departures", _INSTANTS),
         pa.field("schedule", pa.string()),
@@ -106,6 +108,7 @@ def of_objects(
             "properties": pa.array([_document(item.properties) for item in items], pa.string()),
             "class": pa.array([item.object_class for item in items], pa.string()),
             "owner": pa.array([item.owner for item in items], pa.string()),
+            "tolerances": pa.array([*none, *map(_tolerances, tracks)], pa.string()),
             "spans": _of_instants([*(_ends(area) for area in areas), *(None for _ in tracks)]),
             "departures": _of_instants([*none, *(track.departures_us for track in tracks)]),
             "schedule": pa.array(
@@ -156,6 +159,7 @@ def _tracks(columns: Mapping[str, Array]) -> list[Track]:
     keys, names, documents = columns["id"].to_pylist(), columns["name"].to_pylist(), _documents(columns)
     floor_m, ceiling_m = columns["floor_m"].to_pylist(), columns["ceiling_m"].to_pylist()
     growth = measures(columns["grow_mps"], 0.0).tolist()
+    tolerances = columns["tolerances"].to_pylist()
     classes, owners = columns["class"].to_pylist(), columns["owner"].to_pylist()
     departures, schedules = _in_lists(columns, "departures"), _schedules(columns)
     tracks = []
@@ -177,6 +181,7 @@ def _tracks(columns: Mapping[str, Array]) -> list[Track]:
                 ceilings_m=ceilings_m(i, np.inf),
                 object_class=classes[i],
                 owner=owners[i],
+                tolerances=None if tolerances[i] is None else json.loads(tolerances[i]),
                 departures_us=None if departures[i] is None else all_certain(np.array(departures[i], np.int64)),
                 schedule=schedules[i],
                 max_speed_kn=np.inf,
@@ -273,6 +278,10 @@ def _documents(columns: Mapping[str, Array]) -> list[dict[str, Any]]:
             raise InvalidInput(f"object {key!r}", "properties", f"must be a JSON object; got {text!r:.60}")
         documents.append(document)
     return documents
+
+
+def _tolerances(track: Track) -> str | None:
+    return None if track.tolerances is None else json.dumps(track.tolerances)
 
 
 def _in_lists(columns: Mapping[str, Array], name: str) -> list[list[int | None] | None]:

@@ -21,7 +21,19 @@ GROUPS: Final = (
     (
         "ask",
         (
-            *("detect", "conflicts", "approaches", "probe", "delays", "speeds", "explain", "history", "acknowledge"),
+            *(
+                "detect",
+                "conflicts",
+                "approaches",
+                "probe",
+                "delays",
+                "speeds",
+                "resolve",
+                "apply",
+                "explain",
+                "history",
+                "acknowledge",
+            ),
             *("map", "plot", "report", "advise"),
         ),
     ),

@@ -153,6 +153,23 @@ def _add_questions(commands: Any) -> None:
     parser.add_argument("--leg", type=count, metavar="N", help="on this leg only")
     add_format(parser, "table", "json")
 
+    parser = command(commands, "resolve", "clearing:resolve", "propose delays that clear a scene")
+    parser.add_argument("keys", nargs="*", metavar="KEY", help="may move (default: tracks in conflict)")
+    add_scene(parser)
+    parser.add_argument("--keep", action="append", default=[], metavar="KEY", help="stays; repeatable")
+    parser.add_argument("--within", type=duration_s, default=7200.0, metavar="DURATION", help="default: 2h")
+    parser.add_argument("--now", type=instant, metavar="TIME", help="later plans may be earlier")
+    parser.add_argument("--slowest", type=float, default=1.0, metavar="FACTOR", help="of speed, where no delay clears")
+    parser.add_argument("--fastest", type=float, default=1.0, metavar="FACTOR", help="default: 1")
+    parser.add_argument("--goal", choices=("total", "largest"), default="total", help="default: total")
+    parser.add_argument("--limit", type=duration_s, default=30.0, metavar="DURATION", help="default: 30s")
+    add_format(parser, "table", "json")
+
+    parser = command(commands, "apply", "clearing:apply", "apply a proposal, or undo it")
+    parser.add_argument("proposal", type=count, metavar="N", help="its number")
+    parser.add_argument("--undo", action="store_true", help="restore the former times")
+    parser.add_argument("--attached", action="store_true", help="also change rows of attached tables")
+
     parser = command(commands, "explain", "detecting:explain", "say why two objects are in conflict, or not")
     parser.add_argument("keys", nargs=2, metavar="KEY", help="keys of both objects")
     add_scene(parser)

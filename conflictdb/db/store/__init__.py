@@ -74,6 +74,13 @@ from conflictdb.db.store.map_rows import (
     tile,
 )
 from conflictdb.db.store.object_states import ObjectStates, cover, object_states
+from conflictdb.db.store.proposals import (
+    apply_proposal,
+    proposal_basis,
+    proposal_statements,
+    put_proposal,
+    undo_proposal,
+)
 from conflictdb.db.store.remedies import with_remedy
 from conflictdb.db.store.scenes import (
     ObjectSummary,

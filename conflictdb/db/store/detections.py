@@ -24,6 +24,7 @@ from conflictdb.db.store.stored_bundles import by_place, columns
 from conflictdb.db.store.stored_objects import (
     AREA_COLUMNS,
     AREA_STRINGS,
+    TOLERANCES,
     TRACK_COLUMNS,
     TRACK_STRINGS,
     decode_activations,
@@ -31,6 +32,7 @@ from conflictdb.db.store.stored_objects import (
     decode_outlines,
     decode_paths,
     decode_rings,
+    decode_tolerances,
 )
 from conflictdb.model.plans import heights_of_legs
 from conflictdb.stages.pieces.bundling import bundles_of
@@ -101,7 +103,9 @@ def changed_tracks(
     conn: psycopg.Connection[Any], scene_id: int, after: int = _FIRST, most: int | None = None
 ) -> TrackBatch:
     """Return the tracks of a scene that changed since the last detection: at most `most`, with ids above `after`."""
-    sent = copy_binary.receive(conn, "_changed_tracks", [scene_id, after, most], TRACK_COLUMNS, TRACK_STRINGS)
+    sent = copy_binary.receive(
+        conn, "_changed_tracks", [scene_id, after, most], TRACK_COLUMNS, [*TRACK_STRINGS, *TOLERANCES]
+    )
     return track_batch(*sent)
 
 
@@ -110,6 +114,8 @@ def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]
     positions_deg, times_us, waypoint_offset = decode_paths(strings["path"])
     outline_m, outline_offset = decode_rings(strings["outline"])
     outlines_m, outlines_offset = decode_outlines(strings["outlines"], waypoint_offset)
+    tolerances = np.empty(len(columns["track_id"]), dtype=object)
+    tolerances[:] = [decode_tolerances(one) for one in strings["tolerances"]]
     return TrackBatch(
         columns["track_id"],
         columns["version"],
@@ -123,6 +129,7 @@ def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]
         columns["grow_mps"],
         outlines_offset,
         outlines_m,
+        tolerances,
         decode_activations(strings["departures"], times_us[waypoint_offset[:-1]]),
     )
 

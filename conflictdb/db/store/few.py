@@ -29,7 +29,14 @@ from conflictdb.db.store.stored_bundles import (
     scalars,
     shapes,
 )
-from conflictdb.db.store.stored_objects import AREA_COLUMNS, AREA_STRINGS, TRACK_COLUMNS, TRACK_STRINGS, scene_of
+from conflictdb.db.store.stored_objects import (
+    AREA_COLUMNS,
+    AREA_STRINGS,
+    TOLERANCES,
+    TRACK_COLUMNS,
+    TRACK_STRINGS,
+    scene_of,
+)
 from conflictdb.db.store.stored_pairs import Parts
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
@@ -140,7 +147,9 @@ def some_areas(conn: psycopg.Connection[Any], scene_id: int, area_ids: list[int]
 
 def some_tracks(conn: psycopg.Connection[Any], scene_id: int, track_ids: list[int]) -> TrackBatch:
     """Return the tracks of a scene with the given ids; missing ones are left out."""
-    return track_batch(*copy_binary.few(conn, "_some_tracks", [scene_id, track_ids], TRACK_COLUMNS, TRACK_STRINGS))
+    return track_batch(
+        *copy_binary.few(conn, "_some_tracks", [scene_id, track_ids], TRACK_COLUMNS, [*TRACK_STRINGS, *TOLERANCES])
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,7 @@ _ROWS: Final = {
     Kind.TRACK: (
         "SELECT track_id AS object_id, version, floor_m, ceiling_m, grow_mps, path, outline, outlines, floors,"
         " ceilings, departures, convert_to(key, 'UTF8') AS key, convert_to(class, 'UTF8') AS class,"
-        " convert_to(owner, 'UTF8') AS owner,"
+        " convert_to(owner, 'UTF8') AS owner, convert_to(tolerances, 'UTF8') AS tolerances,"
         " convert_to(schedule, 'UTF8') AS schedule, pg_current_snapshot()::text AS state"
         " FROM conflictdb_internal._read_tracks({scene_id}, NULL)"
     ),

@@ -35,10 +35,12 @@ TRACK_COLUMNS = [
     ("track_id", "i8"), ("version", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("grow_mps", "f8"),
 ]  # fmt: skip
 TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings", "departures"]
+# Of rows of tracks, after all others.
+TOLERANCES = ["tolerances"]
 # Those of _read_areas and _read_tracks.
 _TEXTS = ["key", "name", "properties", "class", "owner", "schedule"]
 _READ_AREAS = [*AREA_COLUMNS, ("has_name", "b1")], AREA_STRINGS + _TEXTS
-_READ_TRACKS = [*TRACK_COLUMNS[:-1], ("has_name", "b1"), *TRACK_COLUMNS[-1:]], TRACK_STRINGS + _TEXTS
+_READ_TRACKS = [*TRACK_COLUMNS[:-1], ("has_name", "b1"), *TRACK_COLUMNS[-1:]], TRACK_STRINGS + _TEXTS + TOLERANCES
 _Rows = tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]
 
 
@@ -136,7 +138,9 @@ def put_plans(
     for plans, columns in plans_of:
         shapes = [name for name in ("footprint", "path", "outline", "outlines") if name in columns]
         for k, one in enumerate(plans):
-            row = {"key": one.key, "name": one.name, "class": one.object_class, "owner": one.owner}
+            row: dict[str, Any] = {"key": one.key, "name": one.name, "class": one.object_class, "owner": one.owner}
+            if isinstance(one, Track):
+                row["tolerances"] = one.tolerances
             row |= {name: getattr(one, name) for name in ("floor_m", "ceiling_m")} | {
                 "properties": dict(one.properties)
             }
@@ -305,6 +309,7 @@ def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequenc
             ceilings_m=decode_heights(strings["ceilings"][i], np.inf),
             object_class=strings["class"][i].decode() or None,
             owner=strings["owner"][i].decode() or None,
+            tolerances=decode_tolerances(strings["tolerances"][i]),
             **_activations("departures_us", strings["departures"][i], strings["schedule"][i]),
             max_speed_kn=math.inf,
         )
@@ -390,6 +395,11 @@ def decode_heights(sent: bytes, unbounded: float) -> NDArray[np.float64] | None:
     return np.where(np.isnan(heights), unbounded, heights)
 
 
+def decode_tolerances(sent: bytes) -> dict[str, Any] | None:
+    """Return tolerances from JSON; None for no bytes."""
+    return json.loads(sent) if sent else None
+
+
 def _encoded_heights(heights: NDArray[np.float64] | None) -> bytes | None:
     """Encode the heights of legs as the text of an array, with all digits."""
     if heights is None:
@@ -456,6 +466,9 @@ def _staged_tracks(tracks: Sequence[Track]) -> dict[str, copy_binary.Column]:
         "outlines": copy_binary.Ragged.of([_encoded_outlines(t.outlines_m) for t in tracks]),
         "class": _texts("track", keys, [t.object_class for t in tracks], "class"),
         "owner": _texts("track", keys, [t.owner for t in tracks], "owner"),
+        "tolerances": copy_binary.Ragged.of(
+            [None if t.tolerances is None else b"\x01" + json.dumps(t.tolerances).encode() for t in tracks]
+        ),
         "departures": _instants([None if t.schedule is not None else t.departures_us for t in tracks]),
         "schedule": _schedules("track", tracks),
     }

@@ -141,11 +141,11 @@ def request_probe(conn: psycopg.Connection[Any], scene: str, plan: Area | Track)
     if track is not None:
         seconds = track.times_us / 1e6
         fits = np.rint(seconds * 1e6) == track.times_us
-        own = (track.outlines_m, track.floors_m, track.ceilings_m)
+        own = (track.outlines_m, track.floors_m, track.ceilings_m, track.tolerances)
         if any(one is not None for one in own) or not fits.all():
             rule = (
-                "has a haven that changes its shape, heights of its legs or times beyond the year 2242, which a worker "
-                "cannot be asked about: probe without one"
+                "has a haven that changes its shape, heights of its legs, tolerances or times beyond the year 2242, "
+                "which a worker cannot be asked about: probe without one"
             )
             raise InvalidInput(f"track {track.key!r}", "plan", rule)
         waypoints = np.column_stack([track.positions_deg, seconds])

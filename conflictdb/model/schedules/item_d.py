@@ -11,7 +11,7 @@ from typing import Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model.schedules.days import DAYS, MONTHS
-from conflictdb.model.schedules.schedule import WHOLE_DAY, Daily, Moment, TimedRule, Period, Schedule
+from conflictdb.model.schedules.schedule import WHOLE_DAY, Daily, Moment, Period, Schedule, TimedRule
 
 Valid = tuple[int | None, int | None]
 

@@ -26,7 +26,7 @@ from conflictdb.model.schedules.days import DAYS
 from conflictdb.model.schedules.ed318_schedule import ed318_schedule
 from conflictdb.model.schedules.item_d import item_d_schedule
 from conflictdb.model.schedules.recurrences import rrule_schedule
-from conflictdb.model.schedules.schedule import WHOLE_DAY, Daily, Moment, TimedRule, Period, Schedule
+from conflictdb.model.schedules.schedule import WHOLE_DAY, Daily, Moment, Period, Schedule, TimedRule
 from conflictdb.model.schedules.sun import EVENTS
 
 _SUN: Final = re.compile(rf"({'|'.join(EVENTS)})(?:([+-])(\d{{1,3}})min)?")

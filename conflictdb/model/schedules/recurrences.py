@@ -11,7 +11,7 @@ from dateutil import rrule
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model.schedules.clock import zone_of
-from conflictdb.model.schedules.schedule import Floats, Occurrence, TimedRule, Schedule
+from conflictdb.model.schedules.schedule import Floats, Occurrence, Schedule, TimedRule
 
 _FIELD: Final = "schedule.rrule"
 _NAMES: Final = ("DTSTART", "DTEND", "DURATION", "RRULE", "RDATE", "EXDATE")

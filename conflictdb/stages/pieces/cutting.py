@@ -22,9 +22,10 @@ from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import shorter_way_deg
 from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M, Plane
 from conflictdb.errors import InvalidInput
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.convex_parts import convex_parts, is_thread
+from conflictdb.stages.pieces.ribbons import with_ribbons
 
 # A leg up to this many times as long as its haven (with the scene's reach around it) is one slice; one n times longer
 # has about sqrt(n) slices. With n slices the boxes of a leg cover an area proportional to 1 / n, so that pieces and
@@ -131,6 +132,7 @@ def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
 
 def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
     """Return the pieces of some tracks: time slices of their legs, and seam copies."""
+    tracks = with_ribbons(plane, tracks)
     legs = _legs(plane, tracks)
     count = _slice_counts(legs, scene.reach_m)
     straight = np.bincount(legs.track, count)
@@ -221,11 +223,11 @@ def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tupl
         kind=np.full(n, Kind.TRACK.code, np.int8),
         object_id=tracks.track_id[track],
         version=tracks.version[track],
-        part=_numbered(track),
+        part=_numbered(tracks.track_id[track]),
         turn=np.zeros(n, np.int16),
         start_us=_cut(legs, count, leg, nth),
         end_us=_cut(legs, count, leg, nth + 1),
-        end_inclusive=np.append(track[1:] == track[:-1], False)[:n],
+        end_inclusive=_ends_inside(tracks)[track] | np.append(track[1:] == track[:-1], False)[:n],
         floor_m=tracks.floor_m[leg].min(axis=1),
         ceiling_m=tracks.ceiling_m[leg].max(axis=1),
         climb_m=np.concatenate([tracks.floor_m[leg], tracks.ceiling_m[leg]], axis=1),
@@ -241,6 +243,15 @@ def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tupl
         bearing_deg=legs.bearing_deg[leg],
     )
     return pieces, leg
+
+
+def _ends_inside(tracks: TrackBatch) -> NDArray[np.bool_]:
+    """Return (n,) whether a row ends before the last row of the same track does."""
+    end_us = tracks.times_us[tracks.waypoint_offset[1:] - 1]
+    _, one = np.unique(tracks.track_id, return_inverse=True)
+    last_us = np.full(len(tracks), MINUS_INFINITY_US)
+    np.maximum.at(last_us, one, end_us)
+    return np.asarray(end_us < last_us[one])
 
 
 @dataclass(frozen=True, slots=True)

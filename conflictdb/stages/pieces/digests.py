@@ -3,6 +3,7 @@
 Keys, numbers, versions, names and properties are left out. 64 bits; collision probability 2^-64 per pair.
 """
 
+import json
 from typing import Any, Final
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.kernel.rows import Bytes, Part, digests
+from conflictdb.model.tolerances import as_members
 
 # Digests are stored with computed conflicts: another key would match no object.
 _KEY: Final = b"what objects are"
@@ -31,6 +33,10 @@ def track_digests(tracks: TrackBatch) -> NDArray[np.int64]:
     """Return a digest (n,) of each track."""
     way, outline, outlines = tracks.waypoint_offset, tracks.outline_offset, tracks.outlines_offset
     legs = way - np.arange(len(way))
+    # Sorted, as the database gives them in an order of its own.
+    tolerances = [
+        b"" if one is None else json.dumps(as_members(one), sort_keys=True).encode() for one in tracks.tolerances
+    ]
     # The counts make the concatenation unambiguous.
     counts = np.column_stack([np.diff(offset) for offset in (way, outline, outlines, tracks.departs.offset)])
     return _digests(
@@ -44,6 +50,7 @@ def track_digests(tracks: TrackBatch) -> NDArray[np.int64]:
             _ragged(tracks.outlines_m, outlines),
             _ragged(tracks.floor_m, legs),
             _ragged(tracks.ceiling_m, legs),
+            (np.frombuffer(b"".join(tolerances), np.uint8), np.cumsum([0, *map(len, tolerances)])),
         ]
     )
 

@@ -1,0 +1,68 @@
+"""`resolve` and `apply`: propose delays that clear a scene, apply and undo them."""
+
+import argparse
+from collections.abc import Iterator, Mapping
+
+from conflictdb.cli.codes import DONE
+from conflictdb.cli.load_report import labels
+from conflictdb.cli.output import out, print_json
+from conflictdb.cli.session import database
+from conflictdb.cli.tables import wrapped
+from conflictdb.model.proposals import Goal, Proposal, duration_text
+
+
+def resolve(args: argparse.Namespace) -> int:
+    """Print and store a proposal."""
+    with database(args) as db:
+        stored = db.scene(args.scene)
+        found = stored.resolve(
+            keys=args.keys or None,
+            keep=args.keep,
+            within_s=args.within,
+            now=args.now,
+            slowest=args.slowest,
+            fastest=args.fastest,
+            goal=args.goal,
+            limit_s=args.limit,
+        )
+        names = {} if args.format == "json" else stored.names(*_keys(found))
+    if args.format == "json":
+        print_json(found.as_json())
+    else:
+        out(proposal_text(found, names))
+    return DONE
+
+
+def apply(args: argparse.Namespace) -> int:
+    """Apply or undo a proposal."""
+    with database(args) as db:
+        change = db.undo_proposal if args.undo else db.apply_proposal
+        count = change(args.proposal, attached=args.attached)
+    done = "restored" if args.undo else "moved"
+    out(f"{done} {count} track{'' if count == 1 else 's'}; the scene waits for detection")
+    return DONE
+
+
+def proposal_text(found: Proposal, names: Mapping[str, str]) -> str:
+    """Return a sentence for each move and for each track that is left, and how good the proposal is."""
+    lines = [wrapped(move.text(names)) for move in found.moves]
+    lines += [
+        wrapped(f"{labels(names, [one.key])} stays in conflict: blocked by {labels(names, one.blocked_by)}")
+        for one in found.left
+    ]
+    if not found.moves:
+        return "\n".join([*lines, "nothing to move"])
+    what = "delay in all" if found.goal is Goal.TOTAL else "largest delay"
+    proof = "the least" if found.is_least else f"at best {duration_text(found.bound_s)}"
+    summary = f"proposal {found.proposal_id}: {len(found.moves)} moved, {len(found.left)} left; {what} "
+    summary += f"{duration_text(found.objective_s)}, {proof}"
+    return "\n".join([*lines, "", summary, f"apply it: conflictdb apply {found.proposal_id}"])
+
+
+def _keys(found: Proposal) -> Iterator[str]:
+    for move in found.moves:
+        yield move.key
+        yield from (one.key for one in move.passes)
+    for left in found.left:
+        yield left.key
+        yield from left.blocked_by

@@ -1,0 +1,143 @@
+"""Tolerances of a track: how far a voyage may differ from its plan, and still be covered by the track's haven.
+
+A voyage follows the legs in order. On a leg it stays within the cross-track limits, and its progress along the leg has
+a speed within the leg's bounds; its ship heads along the leg. It departs and arrives within the windows. At a waypoint
+it turns from one heading to the next, on an arc if there is a turn radius.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conflictdb.errors import InvalidInput
+from conflictdb.model import inputs
+
+# Members of the tolerances of a track, in files, SQL and Python: numbers, or lists of one number per leg; windows are
+# [earliest, latest], ISO 8601 with an offset; turn radii are one number, or one per waypoint between two legs.
+PER_LEG: Final = ("xtd_port_m", "xtd_starboard_m", "min_speed_kn", "max_speed_kn")
+WINDOWS: Final = ("departure_window", "arrival_window")
+MEMBERS: Final = (*PER_LEG, "turn_radius_m", *WINDOWS)
+
+# 10 nautical miles. Routes of ECDIS give cross-track limits in nautical miles: a larger number is probably metres.
+MOST_XTD_M: Final = 18_520.0
+MOST_RADIUS_M: Final = 18_520.0
+MOST_SPEED_KN: Final = 100_000.0
+_MPS_PER_KNOT: Final = 1852.0 / 3600.0
+_DAY_US: Final = 86_400_000_000
+_LONGEST_WINDOW_US: Final = 366 * _DAY_US
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerances:
+    """Tolerances of a track with n waypoints.
+
+    port_m, starboard_m : (n - 1,) cross-track limits of each leg
+    min_speed_mps, max_speed_mps : (n - 1,) bounds of the speed along each leg; NaN: the planned speed
+    turn_radius_m : (n - 2,) of the arc at each waypoint between two legs; 0: the heading jumps
+    departure_us : (2,) earliest and latest departure
+    arrival_us : (2,) earliest and latest arrival; None: as follows from departure and speeds
+    """
+
+    port_m: NDArray[np.float64]
+    starboard_m: NDArray[np.float64]
+    min_speed_mps: NDArray[np.float64]
+    max_speed_mps: NDArray[np.float64]
+    turn_radius_m: NDArray[np.float64]
+    departure_us: NDArray[np.int64]
+    arrival_us: NDArray[np.int64] | None
+
+
+def tolerances_of(who: str, given: Mapping[str, Any], times_us: NDArray[np.int64]) -> Tolerances:
+    """Return the tolerances that members give for a track with such waypoints; raises InvalidInput."""
+    if not isinstance(given, Mapping):
+        raise InvalidInput(who, "tolerances", f"must be an object with members {', '.join(MEMBERS)}; got {given!r:.60}")
+    unknown = [name for name in given if name not in MEMBERS]
+    if unknown:
+        raise InvalidInput(who, f"tolerances.{unknown[0]}", f"is not known; known: {', '.join(MEMBERS)}")
+    legs = len(times_us) - 1
+    port, starboard = (
+        _numbers(who, name, given.get(name, 0.0), legs, "leg", MOST_XTD_M) for name in ("xtd_port_m", "xtd_starboard_m")
+    )
+    slowest, fastest = (
+        _numbers(who, name, given[name], legs, "leg", MOST_SPEED_KN) if given.get(name) is not None
+        else np.full(legs, np.nan)
+        for name in ("min_speed_kn", "max_speed_kn")
+    )  # fmt: skip
+    if (fastest <= 0.0).any():
+        raise InvalidInput(who, "max_speed_kn", "must be greater than 0")
+    crossed = np.flatnonzero(slowest > fastest)
+    if crossed.size:
+        k = int(crossed[0])
+        rule = f"must not be greater than max_speed_kn on leg {k} ({fastest[k]:g}); got {slowest[k]:g}"
+        raise InvalidInput(who, "min_speed_kn", rule)
+    radius = _numbers(who, "turn_radius_m", given.get("turn_radius_m", 0.0), max(legs - 1, 0), "turn", MOST_RADIUS_M)
+    departure, arrival = (
+        _window(who, name, given.get(name), int(times_us[at])) for name, at in zip(WINDOWS, (0, -1), strict=True)
+    )
+    return Tolerances(
+        port,
+        starboard,
+        slowest * _MPS_PER_KNOT,
+        fastest * _MPS_PER_KNOT,
+        radius,
+        np.array([times_us[0]] * 2, np.int64) if departure is None else departure,
+        arrival,
+    )
+
+
+def as_members(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return valid tolerances as JSON has them: lists of numbers, and windows in ISO 8601."""
+    found: dict[str, Any] = {}
+    for name, value in given.items():
+        if value is None:
+            continue
+        if name in WINDOWS:
+            found[name] = [one if isinstance(one, str) else _written(name, one) for one in value]
+        else:
+            found[name] = [float(one) for one in value] if isinstance(value, Sequence | np.ndarray) else float(value)
+    return found
+
+
+def _written(name: str, instant: inputs.Instant) -> str:
+    moment = inputs.EPOCH + int(inputs.instants_us("", name, [instant])[0]) * inputs.MICROSECOND
+    return moment.isoformat().replace("+00:00", "Z")
+
+
+def _numbers(who: str, name: str, value: Any, count: int, each: str, most: float) -> NDArray[np.float64]:
+    many = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+    values = list(value) if many else [value] * count
+    if len(values) != count:
+        raise InvalidInput(who, name, f"must be one number, or one per {each}: {count}; got {len(values)}")
+    for i, one in enumerate(values):
+        where = f"{name}[{i}]" if many else name
+        if isinstance(one, bool) or not isinstance(one, int | float | np.number) or not 0.0 <= one < np.inf:
+            raise InvalidInput(who, where, f"must be a finite number, 0 or more; got {one!r:.60}")
+        if one > most:
+            hint = " (a limit in metres read as nautical miles?)" if name.startswith("xtd") else ""
+            raise InvalidInput(who, where, f"must be at most {most:g}; got {one:g}{hint}")
+    return np.array(values, dtype=np.float64).reshape(count)
+
+
+def _window(who: str, name: str, value: Any, planned_us: int) -> NDArray[np.int64] | None:
+    if value is None:
+        return None
+    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray) or len(value) != 2:
+        raise InvalidInput(who, name, f"must be [earliest, latest]; got {value!r:.60}")
+    instants = []
+    for i, one in enumerate(value):
+        if isinstance(one, str):
+            try:
+                one = datetime.fromisoformat(one)
+            except ValueError:
+                raise InvalidInput(who, f"{name}[{i}]", f"must be ISO 8601 with an offset; got {one!r:.60}") from None
+        instants.append(one)
+    window = inputs.instants_us(who, name, instants)
+    if not window[0] <= planned_us <= window[1]:
+        raise InvalidInput(who, name, "must contain the planned time of its waypoint")
+    if window[1] - window[0] > _LONGEST_WINDOW_US:
+        raise InvalidInput(who, name, "must not be longer than a year")
+    return window

@@ -1,0 +1,397 @@
+-- Proposals: changes of tracks that clear a scene, computed and verified by a client. Applying one is a single
+-- transaction. It refuses if anything in the scene changed since, because the proof is of the scene as it was.
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._objects_hash(
+    p_scene_id bigint, OUT last_version bigint, OUT objects_hash bigint
+)
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(max(o.version), 0),
+           mod(coalesce(sum(hashtextextended(o.kind || ':' || o.id || ':' || o.version, 0)), 0), 9223372036854775807)
+               ::bigint
+    FROM (SELECT 0 AS kind, a.area_id AS id, a.version FROM area a WHERE a.scene_id = p_scene_id
+          UNION ALL
+          SELECT 1, t.track_id, t.version FROM track t WHERE t.scene_id = p_scene_id) o;
+END;
+COMMENT ON FUNCTION _objects_hash(bigint) IS
+'The greatest version of the objects of a scene, and a hash of all their ids and versions.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._proposal_basis(
+    p_scene_id bigint, OUT settings jsonb, OUT last_version bigint, OUT objects_hash bigint
+)
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT _settings_of(s) - 'name', h.last_version, h.objects_hash
+    FROM scene s CROSS JOIN LATERAL _objects_hash(s.scene_id) h WHERE s.scene_id = p_scene_id;
+END;
+COMMENT ON FUNCTION _proposal_basis(bigint) IS
+'What a proposal depends on: the settings of a scene, and the versions of its objects.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._put_proposal(
+    p_scene_id bigint, p_basis jsonb, p_goal text, p_objective_s double precision, p_bound_s double precision,
+    p_is_least boolean, p_moves jsonb, p_left jsonb
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_proposal_id bigint;
+    v_basis record;
+BEGIN
+    PERFORM _check_may_change(p_scene_id, (SELECT s.name FROM scene s WHERE s.scene_id = p_scene_id));
+    SELECT * INTO v_basis FROM jsonb_to_record(p_basis) b (settings jsonb, last_version bigint, objects_hash bigint);
+    INSERT INTO proposal (scene_id, goal, objective_s, bound_s, is_least, settings, last_version, objects_hash)
+        VALUES (p_scene_id, p_goal, p_objective_s, p_bound_s, p_is_least, v_basis.settings, v_basis.last_version,
+                v_basis.objects_hash)
+        RETURNING proposal_id INTO v_proposal_id;
+    INSERT INTO proposal_move (proposal_id, scene_id, track_id, key, version, planned, path, delay_s, speed, clears,
+                               passes, explanation)
+        SELECT v_proposal_id, p_scene_id, t.track_id, t.key, t.version, t.path, _retimed(t.path, m.times_us),
+               m.delay_s, m.speed, m.clears, m.passes, m.text
+        FROM jsonb_to_recordset(p_moves) m (key text, times_us bigint[], delay_s double precision,
+                                            speed double precision, clears text[], passes jsonb, text text)
+        JOIN track t ON t.scene_id = p_scene_id AND t.key = m.key;
+    INSERT INTO proposal_left (proposal_id, scene_id, key, blocked_by)
+        SELECT v_proposal_id, p_scene_id, l.key, l.blocked_by
+        FROM jsonb_to_recordset(p_left) l (key text, blocked_by text[]);
+    -- A track that is gone or has other waypoints has no move.
+    PERFORM _check_unchanged(v_proposal_id);
+    RETURN v_proposal_id;
+END
+$$;
+COMMENT ON FUNCTION _put_proposal(
+    bigint, jsonb, text, double precision, double precision, boolean, jsonb, jsonb) IS
+'Stores a proposal and returns its id; raises ZC018 if the scene has changed since p_basis (_proposal_basis) was read.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._retimed(p_path geometry, p_times_us bigint[]) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- M is Unix seconds, as loading divides them.
+    SELECT ST_SetSRID(ST_MakeLine(ST_MakePointM(ST_X(d.geom), ST_Y(d.geom),
+                                                p_times_us[d.path[1]]::double precision / 1e6::double precision)
+                                  ORDER BY d.path[1]), ST_SRID(p_path))
+    FROM ST_DumpPoints(p_path) d;
+END;
+COMMENT ON FUNCTION _retimed(geometry, bigint[]) IS
+'A path with other times at its waypoints, microseconds since 1970; equal to the one that a load stores.';
+
+CREATE OR REPLACE FUNCTION proposal_changes(p_proposal_id bigint) RETURNS text[]
+LANGUAGE plpgsql STABLE STRICT SET search_path FROM CURRENT AS $$
+DECLARE
+    v_proposal proposal := _proposal(p_proposal_id);
+    v_found text[] := '{}';
+BEGIN
+    IF v_proposal.settings IS DISTINCT FROM
+       (SELECT _settings_of(s) - 'name' FROM scene s WHERE s.scene_id = v_proposal.scene_id) THEN
+        v_found := ARRAY['settings of the scene'];
+    END IF;
+    IF (SELECT (h.last_version, h.objects_hash) IS DISTINCT FROM (v_proposal.last_version, v_proposal.objects_hash)
+        FROM _objects_hash(v_proposal.scene_id) h) THEN
+        v_found := v_found || ARRAY(
+            SELECT o.what FROM (
+                SELECT format('area %L', a.key) AS what FROM area a
+                WHERE a.scene_id = v_proposal.scene_id AND a.version > v_proposal.last_version
+                UNION ALL
+                SELECT format('track %L', t.key) FROM track t
+                WHERE t.scene_id = v_proposal.scene_id AND t.version > v_proposal.last_version) o ORDER BY o.what);
+        IF cardinality(v_found) = 0 THEN
+            v_found := ARRAY['objects that were removed'];
+        END IF;
+    END IF;
+    RETURN v_found;
+END
+$$;
+COMMENT ON FUNCTION proposal_changes(bigint) IS
+'What changed in the scene since a proposal was computed, which prevents applying it; also after it was applied. '
+'Empty: nothing.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._proposal(p_proposal_id bigint) RETURNS proposal
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_proposal proposal;
+BEGIN
+    SELECT p.* INTO v_proposal FROM proposal p WHERE p.proposal_id = p_proposal_id;
+    IF NOT FOUND THEN
+        FOUND := _raise('ZC011', format('proposal %s', coalesce(p_proposal_id::text, 'null')), 'id', 'is not known',
+                        'proposal_known', 'The view proposals has those that are.');
+    END IF;
+    RETURN v_proposal;
+END
+$$;
+COMMENT ON FUNCTION _proposal(bigint) IS 'Returns a proposal; raises ZC011 if there is none.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_unchanged(p_proposal_id bigint) RETURNS void
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_most CONSTANT integer := 20;
+    v_changes text[] := proposal_changes(p_proposal_id);
+    v_count integer := cardinality(v_changes);
+BEGIN
+    IF v_count > 0 THEN
+        FOUND := _raise('ZC018', format('proposal %s', p_proposal_id), 'scene',
+                        format('has changed since it was computed: %s%s', array_to_string(v_changes[:c_most], ', '),
+                               CASE WHEN v_count > c_most THEN format(', and %s more', v_count - c_most) ELSE '' END),
+                        'proposal_current', 'Compute another one: conflictdb resolve.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_unchanged(bigint) IS
+'Raises ZC018, naming what changed, if a proposal is out of date.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._hold_proposal(p_proposal_id bigint) RETURNS proposal
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_proposal proposal := _proposal(p_proposal_id);
+BEGIN
+    PERFORM _check_may_change(v_proposal.scene_id,
+                              (SELECT s.name FROM scene s WHERE s.scene_id = v_proposal.scene_id));
+    IF current_setting('transaction_isolation') <> 'read committed' THEN
+        FOUND := _raise('ZC013', format('proposal %s', p_proposal_id), 'transaction',
+                        'must see what others change meanwhile: READ COMMITTED', 'proposal_in_read_committed');
+    END IF;
+    -- Proposals of a scene are applied one after the other; new objects of it need not wait.
+    PERFORM FROM scene s WHERE s.scene_id = v_proposal.scene_id FOR NO KEY UPDATE;
+    SELECT p.* INTO v_proposal FROM proposal p WHERE p.proposal_id = p_proposal_id FOR UPDATE;
+    RETURN v_proposal;
+END
+$$;
+COMMENT ON FUNCTION _hold_proposal(bigint) IS
+'Locks a proposal and its scene until the transaction ends, and returns it. Raises insufficient_privilege for a scene '
+'that the current role may not change.';
+
+CREATE OR REPLACE FUNCTION proposal_statements(
+    p_proposal_id bigint, p_undo boolean DEFAULT false
+) RETURNS TABLE (key text, attachment_id bigint, statement text)
+LANGUAGE plpgsql STABLE STRICT SET search_path FROM CURRENT AS $$
+#variable_conflict use_column
+BEGIN
+    PERFORM _proposal(p_proposal_id);
+    RETURN QUERY
+    SELECT m.key::text, a.attachment_id,
+           -- Names and literals only: expressions of a map may run code of the role that attached the table.
+           CASE WHEN m.speed = 1 AND c.attname IS NOT NULL AND NOT a.map ? 'where'
+                     AND octet_length(o.identity) < 1000 THEN
+                    format('UPDATE %I.%I AS t SET %I = %s WHERE %s', a.table_schema, a.table_name, c.attname,
+                           CASE WHEN c.attndims > 0 THEN
+                                    format('(SELECT array_agg(u.at %s ORDER BY u.n) '
+                                           'FROM unnest(t.%I) WITH ORDINALITY AS u (at, n))', x.later, c.attname)
+                                ELSE format('t.%I %s', c.attname, x.later) END,
+                           (SELECT string_agg(CASE WHEN v.value IS NULL THEN format('t.%I IS NULL', v.name)
+                                                   ELSE format('t.%I = %L', v.name, v.value) END, ' AND ' ORDER BY v.n)
+                            FROM unnest(a.identity_columns, o.identity::text[]) WITH ORDINALITY v (name, value, n)))
+                END
+    FROM proposal_move m
+    JOIN attached_object o ON o.object_id = m.track_id
+    JOIN attachment a ON a.attachment_id = o.attachment_id AND a.scene_id = m.scene_id AND a.object_kind = 1
+    CROSS JOIN LATERAL (SELECT format('+ interval %L', round((m.delay_s * 1e6)::numeric)::bigint
+                                      * CASE WHEN p_undo THEN -1 ELSE 1 END || ' microseconds') AS later) x
+    LEFT JOIN pg_catalog.pg_attribute c
+        ON c.attrelid = to_regclass(format('%I.%I', a.table_schema, a.table_name)) AND c.attnum > 0
+           AND NOT c.attisdropped
+           AND a.map ->> CASE WHEN a.map ? 'times' THEN 'times' ELSE 'time' END IN (c.attname, quote_ident(c.attname))
+    WHERE m.proposal_id = p_proposal_id
+    ORDER BY m.key;
+END
+$$;
+COMMENT ON FUNCTION proposal_statements(bigint, boolean) IS
+'For each move of a proposal whose track comes from an attached table: the statement that shifts its rows by the '
+'delay, or undoes that. Null if the map computes the times or selects rows, or the speed changes.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._move_attached(
+    p_proposal_id bigint, p_undo boolean, p_may boolean
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_who text := format('proposal %s', p_proposal_id);
+    v_path text := current_setting('search_path');
+    v_moved bigint := 0;
+    v_one record;
+BEGIN
+    FOR v_one IN SELECT s.* FROM proposal_statements(p_proposal_id, p_undo) s LOOP
+        IF v_one.statement IS NULL THEN
+            FOUND := _raise('ZC009', v_who, 'attached',
+                            format('moves track %L of an attached table, whose times no statement shifts', v_one.key),
+                            'proposal_attached', 'Change its rows yourself; the scene follows.');
+        END IF;
+        IF NOT (p_may AND _is_mine(v_one.attachment_id)) THEN
+            FOUND := _raise('ZC009', v_who, 'attached',
+                            format('moves track %L of an attached table, whose rows belong to role %I', v_one.key,
+                                   _attaching_role(v_one.attachment_id)),
+                            'proposal_attached',
+                            format('As that role, give --attached (p_attached => true), or run: %s', v_one.statement));
+        END IF;
+        PERFORM set_config('search_path', 'pg_catalog, pg_temp', true);
+        EXECUTE v_one.statement;
+        GET DIAGNOSTICS v_moved = ROW_COUNT;
+        PERFORM set_config('search_path', v_path, true);
+        IF v_moved = 0 THEN
+            FOUND := _raise('ZC009', v_who, 'attached', format('found no row of track %L', v_one.key),
+                            'proposal_attached', v_one.statement);
+        END IF;
+    END LOOP;
+    RETURN v_moved;
+END
+$$;
+COMMENT ON FUNCTION _move_attached(bigint, boolean, boolean) IS
+'Shifts the rows of attached tables that a proposal moves; raises ZC009 unless p_may, and the current role attached '
+'the table.';
+
+CREATE OR REPLACE FUNCTION apply_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false) RETURNS bigint
+LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
+DECLARE
+    v_proposal proposal := _hold_proposal(p_proposal_id);
+    v_moves bigint := (SELECT count(*) FROM proposal_move m WHERE m.proposal_id = p_proposal_id);
+    v_moved bigint;
+    v_attached bigint;
+BEGIN
+    IF v_proposal.applied_at IS NOT NULL AND v_proposal.undone_at IS NULL THEN
+        FOUND := _raise('ZC013', format('proposal %s', p_proposal_id), 'applied_at',
+                        format('was applied at %s by %I', v_proposal.applied_at, v_proposal.applied_by),
+                        'proposal_applied_once',
+                        format('SELECT conflictdb.undo_proposal(%s) undoes it.', p_proposal_id));
+    END IF;
+    IF v_proposal.undone_at IS NOT NULL THEN
+        FOUND := _raise('ZC013', format('proposal %s', p_proposal_id), 'undone_at',
+                        format('was undone at %s by %I', v_proposal.undone_at, v_proposal.undone_by),
+                        'proposal_applied_once', 'Compute another one: conflictdb resolve.');
+    END IF;
+    PERFORM _check_unchanged(p_proposal_id);
+    PERFORM _move_attached(p_proposal_id, false, p_attached);
+    SELECT count(*) INTO v_attached FROM proposal_statements(p_proposal_id, false);
+    WITH moved AS (
+        UPDATE track t SET path = m.path FROM proposal_move m
+            WHERE m.proposal_id = p_proposal_id AND t.track_id = m.track_id AND t.version = m.version
+              AND t.scene_id = m.scene_id
+              AND NOT EXISTS (SELECT FROM attached_object o JOIN attachment a USING (attachment_id)
+                              WHERE o.object_id = t.track_id AND a.object_kind = 1)
+            RETURNING t.track_id, t.version
+    ), kept AS (
+        UPDATE proposal_move m SET version_after = d.version
+            FROM moved d WHERE m.proposal_id = p_proposal_id AND m.track_id = d.track_id
+    )
+    SELECT count(*) INTO v_moved FROM moved;
+    IF v_moved + v_attached < v_moves THEN
+        -- A track was changed between the check and the update, by a transaction that has just committed.
+        PERFORM _check_unchanged(p_proposal_id);
+        RAISE EXCEPTION 'proposal %: a track changed while it was applied', p_proposal_id
+            USING ERRCODE = 'serialization_failure', HINT = 'Try again.';
+    END IF;
+    UPDATE proposal p SET applied_at = now(), applied_by = current_user WHERE p.proposal_id = p_proposal_id;
+    RETURN v_moves;
+END
+$$;
+COMMENT ON FUNCTION apply_proposal(bigint, boolean) IS
+'Moves the tracks of a proposal, all or none, and returns their number. Raises ZC018, naming what changed, if anything '
+'in the scene changed since it was computed; ZC013 if it was applied before. Tracks of attached tables: ZC009 with the '
+'statement to run, or with p_attached runs it with the rights of the current role.';
+
+CREATE OR REPLACE FUNCTION undo_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false) RETURNS bigint
+LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
+DECLARE
+    v_proposal proposal := _hold_proposal(p_proposal_id);
+    v_changed text;
+    v_moves bigint := (SELECT count(*) FROM proposal_move m WHERE m.proposal_id = p_proposal_id);
+    v_moved bigint;
+BEGIN
+    IF v_proposal.applied_at IS NULL OR v_proposal.undone_at IS NOT NULL THEN
+        FOUND := _raise('ZC013', format('proposal %s', p_proposal_id), 'applied_at',
+                        CASE WHEN v_proposal.applied_at IS NULL THEN 'was not applied' ELSE 'was undone before' END,
+                        'proposal_undone_once');
+    END IF;
+    PERFORM FROM track t JOIN proposal_move m USING (track_id) WHERE m.proposal_id = p_proposal_id
+        ORDER BY t.track_id FOR UPDATE OF t;
+    SELECT string_agg(format('track %L', m.key), ', ' ORDER BY m.key) INTO v_changed
+        FROM proposal_move m LEFT JOIN track t USING (track_id)
+        WHERE m.proposal_id = p_proposal_id AND m.version_after IS NOT NULL
+          AND t.version IS DISTINCT FROM m.version_after;
+    IF v_changed IS NOT NULL THEN
+        FOUND := _raise('ZC018', format('proposal %s', p_proposal_id), 'scene',
+                        format('has changed since it was applied: %s', v_changed), 'proposal_current');
+    END IF;
+    PERFORM _move_attached(p_proposal_id, true, p_attached);
+    WITH moved AS (
+        UPDATE track t SET path = m.planned FROM proposal_move m
+            WHERE m.proposal_id = p_proposal_id AND t.track_id = m.track_id AND t.scene_id = m.scene_id
+                  AND m.version_after IS NOT NULL
+            RETURNING t.track_id, t.version
+    )
+    UPDATE proposal_move m SET version_after = d.version
+        FROM moved d WHERE m.proposal_id = p_proposal_id AND m.track_id = d.track_id;
+    UPDATE proposal p SET undone_at = now(), undone_by = current_user WHERE p.proposal_id = p_proposal_id;
+    RETURN v_moves;
+END
+$$;
+COMMENT ON FUNCTION undo_proposal(bigint, boolean) IS
+'Gives the tracks of an applied proposal their exact former times, all or none, and returns their number. Raises '
+'ZC018, naming them, if any of them changed since; other objects may have. p_attached: as for apply_proposal.';
+
+CREATE OR REPLACE VIEW proposals WITH (security_invoker = true) AS
+SELECT s.name AS scene, p.proposal_id, p.made_at, p.made_by,
+       CASE WHEN p.undone_at IS NOT NULL THEN 'undone' WHEN p.applied_at IS NOT NULL THEN 'applied'
+            ELSE 'open' END AS state,
+       p.goal, p.objective_s, p.bound_s, p.is_least,
+       (SELECT coalesce(jsonb_agg(jsonb_build_object('key', m.key, 'delay_s', m.delay_s, 'speed', m.speed, 'clears',
+                                                     m.clears, 'passes', m.passes, 'text', m.explanation)
+                                  ORDER BY m.key), '[]')
+        FROM proposal_move m WHERE m.proposal_id = p.proposal_id) AS moves,
+       (SELECT coalesce(jsonb_agg(jsonb_build_object('key', l.key, 'blocked_by', l.blocked_by) ORDER BY l.key), '[]')
+        FROM proposal_left l WHERE l.proposal_id = p.proposal_id) AS left_as_planned,
+       p.applied_at, p.applied_by, p.undone_at, p.undone_by
+FROM scene s JOIN proposal p USING (scene_id);
+
+COMMENT ON VIEW proposals IS
+'Changes of tracks that clear a scene. apply_proposal applies one, undo_proposal undoes it, proposal_changes says '
+'whether it is out of date.';
+COMMENT ON COLUMN proposals.scene IS 'Name of the scene.';
+COMMENT ON COLUMN proposals.proposal_id IS 'Id.';
+COMMENT ON COLUMN proposals.made_at IS 'When it was computed.';
+COMMENT ON COLUMN proposals.made_by IS 'User who had it computed.';
+COMMENT ON COLUMN proposals.state IS 'open, applied or undone.';
+COMMENT ON COLUMN proposals.goal IS 'total: the sum of all delays was made least; largest: the largest of them.';
+COMMENT ON COLUMN proposals.objective_s IS 'That sum or largest delay, each times its weight, seconds.';
+COMMENT ON COLUMN proposals.bound_s IS 'No other choice that leaves so few tracks has a lower one.';
+COMMENT ON COLUMN proposals.is_least IS
+'Whether it is proven that no other choice leaves fewer tracks, or as many for less, to a millisecond.';
+COMMENT ON COLUMN proposals.moves IS
+'Tracks that move: {"key", "delay_s", "speed", "clears", "passes", "text"}; negative delays: earlier.';
+COMMENT ON COLUMN proposals.left_as_planned IS
+'Tracks that stay in conflict: {"key", "blocked_by"}, the keys of objects that forbid every change.';
+COMMENT ON COLUMN proposals.applied_at IS 'When it was applied; null: never.';
+COMMENT ON COLUMN proposals.applied_by IS 'User who applied it, or null.';
+COMMENT ON COLUMN proposals.undone_at IS 'When it was undone; null: never.';
+COMMENT ON COLUMN proposals.undone_by IS 'User who undid it, or null.';
+
+COMMENT ON TABLE proposal IS 'Proposals; see the view proposals.';
+COMMENT ON COLUMN proposal.proposal_id IS 'Id.';
+COMMENT ON COLUMN proposal.scene_id IS 'Scene.';
+COMMENT ON COLUMN proposal.made_at IS 'When it was computed.';
+COMMENT ON COLUMN proposal.made_by IS 'User who had it computed.';
+COMMENT ON COLUMN proposal.goal IS 'total or largest.';
+COMMENT ON COLUMN proposal.objective_s IS 'As in the view.';
+COMMENT ON COLUMN proposal.bound_s IS 'As in the view.';
+COMMENT ON COLUMN proposal.is_least IS 'As in the view.';
+COMMENT ON COLUMN proposal.settings IS 'Settings of the scene that it was computed with.';
+COMMENT ON COLUMN proposal.last_version IS 'The greatest version of the objects that it was computed from.';
+COMMENT ON COLUMN proposal.objects_hash IS 'A hash of the ids and versions of all these objects.';
+COMMENT ON COLUMN proposal.applied_at IS 'When it was applied.';
+COMMENT ON COLUMN proposal.applied_by IS 'User who applied it.';
+COMMENT ON COLUMN proposal.undone_at IS 'When it was undone.';
+COMMENT ON COLUMN proposal.undone_by IS 'User who undid it.';
+COMMENT ON TABLE proposal_move IS 'Moves of proposals.';
+COMMENT ON COLUMN proposal_move.proposal_id IS 'Proposal.';
+COMMENT ON COLUMN proposal_move.scene_id IS 'Scene of the proposal.';
+COMMENT ON COLUMN proposal_move.track_id IS 'Track that moves.';
+COMMENT ON COLUMN proposal_move.key IS 'Its key.';
+COMMENT ON COLUMN proposal_move.version IS 'Its version that the move was computed from.';
+COMMENT ON COLUMN proposal_move.planned IS 'Its path as planned.';
+COMMENT ON COLUMN proposal_move.path IS 'Its path if the proposal is applied.';
+COMMENT ON COLUMN proposal_move.delay_s IS 'How much later all of its times are, seconds; negative: earlier.';
+COMMENT ON COLUMN proposal_move.speed IS 'Factor of its planned speed.';
+COMMENT ON COLUMN proposal_move.clears IS 'Keys of the objects with which it is no longer in conflict.';
+COMMENT ON COLUMN proposal_move.passes IS 'How it passes others: {"key", "side", "closest_m", "closest_at"}.';
+COMMENT ON COLUMN proposal_move.explanation IS 'The move in one sentence.';
+COMMENT ON COLUMN proposal_move.version_after IS
+'Its version since the proposal was applied, or undone; null before, and for tracks of attached tables.';
+COMMENT ON TABLE proposal_left IS 'Tracks that proposals leave in conflict.';
+COMMENT ON COLUMN proposal_left.proposal_id IS 'Proposal.';
+COMMENT ON COLUMN proposal_left.scene_id IS 'Scene of the proposal.';
+COMMENT ON COLUMN proposal_left.key IS 'Key of the track.';
+COMMENT ON COLUMN proposal_left.blocked_by IS 'Keys of the objects that forbid every change.';

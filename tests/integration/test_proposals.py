@@ -1,0 +1,345 @@
+"""Proposals of a stored scene: all or nothing, undone exactly, and refused in one sentence if out of date."""
+
+import json
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import psycopg
+import pytest
+from commands import STRAIT, runner
+from psycopg import conninfo, sql
+from workloads import LOW_LATITUDE, throw
+
+from conflictdb import InvalidInput, NotPermitted, StoreError, connect, resolve
+from conflictdb.cli.codes import DONE, FAILED, INPUT_REFUSED
+from conflictdb.db import store
+from conflictdb.session.database import Database
+from conflictdb.session.stored_scene import StoredScene
+
+PATHS = "SELECT key, ST_AsEWKB(path) FROM conflictdb.track ORDER BY key"
+
+
+@pytest.fixture
+def db(dsn: str) -> Iterator[Database]:
+    with connect(dsn) as database:
+        yield database
+
+
+@pytest.fixture
+def scene(db: Database) -> StoredScene:
+    """A detected scene with conflicts between tracks."""
+    workload = replace(LOW_LATITUDE, window=1.5, around_haven=(8.0, 20.0), around_area=(5.0, 15.0))
+    settings, areas, tracks = throw(workload, 3, 4, 14)
+    store.replace_scene(db.connection, settings, areas, tracks, merge=False)
+    stored = db.scene(settings.name)
+    stored.detect()
+    return stored
+
+
+def ask(db: Database, query: str, *values: object) -> list[Any]:
+    with db.connection.transaction():
+        return db.connection.execute(query.encode(), values).fetchall()
+
+
+def pairs(scene: StoredScene) -> set[tuple[str, str]]:
+    return {(one.a_key, one.b_key) for one in scene.conflicts()}
+
+
+def proposed(scene: StoredScene) -> int:
+    found = scene.resolve(within_s=6 * 3600.0)
+    assert found.moves
+    assert found.proposal_id is not None
+    return found.proposal_id
+
+
+def test_proposal_is_that_of_memory(db: Database, scene: StoredScene) -> None:
+    """A stored scene has the proposal of its objects; the view shows it."""
+    found = scene.resolve(within_s=6 * 3600.0)
+    settings, areas, tracks = store.read_scene(db.connection, scene.name)
+    assert replace(found, proposal_id=None) == resolve(tracks, areas, settings, within_s=6 * 3600.0)
+    [(state, moves, left, objective_s)] = ask(
+        db, "SELECT state, moves, left_as_planned, objective_s FROM conflictdb.proposals"
+    )
+    expected = found.as_json()
+    assert state == "open"
+    assert moves == json.loads(json.dumps(expected["moves"]))
+    assert left == json.loads(json.dumps(expected["left"]))
+    assert objective_s == found.objective_s
+
+
+def test_applying_clears_and_undoing_restores(db: Database, scene: StoredScene) -> None:
+    """A detection of everything finds what the proposal says; undoing gives each path its exact former bytes."""
+    before, paths = pairs(scene), ask(db, PATHS)
+    found = scene.resolve(within_s=6 * 3600.0)
+    assert db.apply_proposal(found.proposal_id or 0) == len(found.moves)
+    scene.detect()
+    after = pairs(scene)
+    scene.detect(full=True)
+    assert pairs(scene) == after
+    assert after < before
+    gone = before - after
+    for move in found.moves:
+        assert set(move.clears) == {key for pair in gone if move.key in pair for key in pair} - {move.key}
+    assert {one.key for one in found.left} == {key for pair in after for key in pair if key.startswith("T")}
+    closed = [one for one in scene.conflict_events() if one.kind == "closed"]
+    assert {(one.a_key, one.b_key) for one in closed} == gone
+    assert {one.proposal_id for one in closed} == {found.proposal_id}
+    assert db.undo_proposal(found.proposal_id or 0) == len(found.moves)
+    assert ask(db, PATHS) == paths
+    scene.detect()
+    assert pairs(scene) == before
+    again = [one for one in scene.conflict_events() if one.kind == "opened" and one.proposal_id is not None]
+    assert {(one.a_key, one.b_key) for one in again} == gone
+    # An event of another change is not of the proposal.
+    key = next(iter(gone))[0]
+    scene.delete_objects(key)
+    scene.detect()
+    assert scene.conflict_events()[-1].proposal_id is None
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ("SELECT conflictdb.put_area({scene}, 'NEW', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')", "area 'NEW'"),
+        ("UPDATE conflictdb.track SET path = ST_Reverse(path) WHERE false", None),
+        ("UPDATE conflictdb.track SET floor_m = 7 WHERE key = 'T3'", "track 'T3'"),
+        ("SELECT conflictdb.remove_object({scene}, 'A0')", "objects that were removed"),
+        ("SELECT conflictdb.create_scene({scene}, p_tolerance_m => 3)", "settings of the scene"),
+        ("SELECT conflictdb.rename_object({scene}, 'T3', 'T99')", "track 'T99'"),
+        ("UPDATE conflictdb.scene SET name = 'renamed'", None),
+    ],
+)
+def test_changed_scene_is_refused_by_name(db: Database, scene: StoredScene, change: str, named: str | None) -> None:
+    """Whatever changed since the proposal was computed is named, and nothing moves."""
+    number = proposed(scene)
+    ask(db, change.format(scene=f"'{scene.name}'") + (" RETURNING 1" if change.startswith("UPDATE") else ""))
+    paths = ask(db, PATHS)
+    if named is None:
+        assert db.apply_proposal(number) > 0
+        return
+    with pytest.raises(InvalidInput, match="has changed since it was computed") as refused:
+        db.apply_proposal(number)
+    assert named in str(refused.value)
+    assert ask(db, PATHS) == paths
+    assert named in ask(db, "SELECT conflictdb.proposal_changes(%s)", number)[0][0]
+
+
+def test_change_while_computing_is_refused(db: Database, scene: StoredScene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A scene that changes between reading and storing gets no proposal."""
+    put = store.put_proposal
+
+    def late(*values: Any) -> int:
+        ask(db, "UPDATE conflictdb.track SET floor_m = 7 WHERE key = 'T3' RETURNING 1")
+        return put(*values)
+
+    monkeypatch.setattr(store, "put_proposal", late)
+    with pytest.raises(InvalidInput, match="track 'T3'"):
+        scene.resolve()
+    assert ask(db, "SELECT FROM conflictdb.proposals") == []
+
+
+def test_applied_once_undone_once(db: Database, scene: StoredScene) -> None:
+    number = proposed(scene)
+    with pytest.raises(StoreError, match="was not applied"):
+        db.undo_proposal(number)
+    db.apply_proposal(number)
+    with pytest.raises(StoreError, match="was applied at"):
+        db.apply_proposal(number)
+    db.undo_proposal(number)
+    with pytest.raises(StoreError, match="was undone before"):
+        db.undo_proposal(number)
+    with pytest.raises(StoreError, match="was undone at"):
+        db.apply_proposal(number)
+    with pytest.raises(InvalidInput, match="proposal 999: id: is not known"):
+        db.apply_proposal(999)
+
+
+def test_undoing_refuses_tracks_that_changed(db: Database, scene: StoredScene) -> None:
+    """Other objects may have changed, but not the tracks that it moved."""
+    found = scene.resolve(within_s=6 * 3600.0)
+    number, key = found.proposal_id or 0, found.moves[0].key
+    db.apply_proposal(number)
+    ask(db, "SELECT conflictdb.put_area(%s, 'NEW', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')", scene.name)
+    ask(db, "UPDATE conflictdb.track SET ceiling_m = 9000 WHERE key = %s RETURNING 1", key)
+    paths = ask(db, PATHS)
+    with pytest.raises(InvalidInput, match=f"has changed since it was applied: track '{key}'"):
+        db.undo_proposal(number)
+    assert ask(db, PATHS) == paths
+
+
+def test_two_sessions_apply_one_after_the_other(db: Database, scene: StoredScene, dsn: str) -> None:
+    """A session waits for the other and is then refused: by the same proposal, and by another one of the scene."""
+    number, other = proposed(scene), proposed(scene)
+    for second, message in ((number, "was applied at"), (other, "has changed since it was computed")):
+        outcome: list[str] = []
+
+        def apply(proposal: int = second, outcome: list[str] = outcome) -> None:
+            with connect(dsn) as session:
+                try:
+                    outcome.append(str(session.apply_proposal(proposal)))
+                except (StoreError, InvalidInput) as error:
+                    outcome.append(str(error))
+
+        with psycopg.connect(dsn) as first:
+            if message == "was applied at":
+                first.execute("SELECT conflictdb.apply_proposal(%s)", [number])
+            else:
+                ask(db, "SELECT conflictdb.undo_proposal(%s)", number)
+                number = proposed(scene)
+                other = proposed(scene)
+                first.execute("SELECT conflictdb.apply_proposal(%s)", [number])
+                apply.__defaults__ = (other, outcome)
+            waiting = threading.Thread(target=apply)
+            waiting.start()
+            waiting.join(0.3)
+            assert waiting.is_alive()
+            first.commit()
+            waiting.join()
+        assert message in outcome[0]
+
+
+def test_killed_session_moves_nothing(db: Database, scene: StoredScene, dsn: str) -> None:
+    """A session that is killed before it commits leaves no track moved, and the proposal open."""
+    number, paths = proposed(scene), ask(db, PATHS)
+    for end in ("kill", "roll back"):
+        first = psycopg.connect(dsn)
+        first.execute("SELECT conflictdb.apply_proposal(%s)", [number])
+        if end == "kill":
+            ask(db, "SELECT pg_terminate_backend(%s)", first.info.backend_pid)
+        first.close()
+        assert ask(db, PATHS) == paths
+        assert ask(db, "SELECT state FROM conflictdb.proposals") == [("open",)]
+    assert db.apply_proposal(number) > 0
+
+
+def test_failing_track_moves_none(db: Database, scene: StoredScene) -> None:
+    """An error in the middle, of a trigger of a user, undoes all of it."""
+    found = scene.resolve(within_s=6 * 3600.0)
+    last = found.moves[-1].key
+    with db.connection.transaction():
+        db.connection.execute(
+            f"""CREATE FUNCTION public.no() RETURNS trigger LANGUAGE plpgsql AS
+                $$ BEGIN RAISE EXCEPTION 'not {last}'; END $$;
+                CREATE TRIGGER no BEFORE UPDATE ON conflictdb.track FOR EACH ROW WHEN (OLD.key = '{last}')
+                EXECUTE FUNCTION public.no()""".encode()
+        )
+    paths = ask(db, PATHS)
+    with pytest.raises(StoreError, match=f"not {last}"):
+        db.apply_proposal(found.proposal_id or 0)
+    assert ask(db, PATHS) == paths
+    assert ask(db, "SELECT state FROM conflictdb.proposals") == [("open",)]
+    with db.connection.transaction():
+        db.connection.execute("DROP FUNCTION public.no CASCADE")
+
+
+def test_only_read_committed(db: Database, scene: StoredScene, dsn: str) -> None:
+    """A transaction that sees an old state cannot know that nothing changed."""
+    number = proposed(scene)
+    with psycopg.connect(dsn) as conn:
+        conn.isolation_level = psycopg.IsolationLevel.REPEATABLE_READ
+        with pytest.raises(psycopg.Error, match="must see what others change meanwhile: READ COMMITTED"):
+            conn.execute("SELECT conflictdb.apply_proposal(%s)", [number])
+
+
+def test_rights(db: Database, scene: StoredScene, dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Readers may not apply; other editors not in a protected scene; workers need not own it."""
+    number, paths = proposed(scene), ask(db, PATHS)
+    suffix = conninfo.conninfo_to_dict(dsn)["dbname"]
+    with psycopg.connect(dsn, autocommit=True) as conn:
+        for group in ("reader", "editor"):
+            user, role = sql.Identifier(f"{group}_of_{suffix}"), sql.Identifier(f"conflictdb_{group}")
+            conn.execute(sql.SQL("CREATE ROLE {} IN ROLE {}").format(user, role))
+        try:
+            run = runner(conninfo.make_conninfo(dsn, options=f"-c role=reader_of_{suffix}"), capsys)
+            for words in (["apply", number], ["resolve", "--scene", scene.name]):
+                done = run(*words)
+                assert done.code == FAILED
+                assert "GRANT conflictdb_editor" in done.err
+            conn.execute("SELECT conflictdb.protect_scenes()")
+            conn.execute("SELECT conflictdb.share_scene(%s, %s)", [scene.name, f"editor_of_{suffix}"])
+            with connect(conninfo.make_conninfo(dsn, options=f"-c role=editor_of_{suffix}")) as other:
+                with pytest.raises(NotPermitted, match="but not change it"):
+                    other.apply_proposal(number)
+                with pytest.raises(NotPermitted, match="but not change it"):
+                    other.scene(scene.name).resolve()
+            assert ask(db, PATHS) == paths
+            conn.execute("SELECT conflictdb.share_scene(%s, %s, 'write')", [scene.name, f"editor_of_{suffix}"])
+            with connect(conninfo.make_conninfo(dsn, options=f"-c role=editor_of_{suffix}")) as other:
+                assert other.apply_proposal(number) > 0
+                assert other.undo_proposal(number) > 0
+            assert ask(db, PATHS) == paths
+            conn.execute("SELECT conflictdb.unshare_scene(%s, %s)", [scene.name, f"editor_of_{suffix}"])
+            with (
+                connect(conninfo.make_conninfo(dsn, options=f"-c role=editor_of_{suffix}")) as other,
+                pytest.raises(InvalidInput, match="is not known"),
+            ):
+                other.apply_proposal(number)
+        finally:
+            conn.execute("SELECT conflictdb.protect_scenes(false)")
+            for group in ("reader", "editor"):
+                conn.execute(sql.SQL("DROP OWNED BY {0}; DROP ROLE {0}").format(sql.Identifier(f"{group}_of_{suffix}")))
+
+
+VOYAGES = """
+CREATE SCHEMA mission;
+CREATE TABLE mission.fix (voyage text, n integer, at timestamptz, lon float, lat float);
+INSERT INTO mission.fix VALUES
+    ('E', 1, '2026-03-01 05:00Z', 0, 0), ('E', 2, '2026-03-01 06:00Z', 0.2, 0),
+    ('N', 1, '2026-03-01 05:00Z', 0.1, -0.1), ('N', 2, '2026-03-01 06:00Z', 0.1, 0.1);
+SELECT conflictdb.create_scene('s');
+"""
+VOYAGE_MAP = {
+    "key": "voyage",
+    "position": "ST_SetSRID(ST_MakePoint(lon, lat), 4326)",
+    "time": "at",
+    "order": "n",
+    **dict.fromkeys(("fore_m", "aft_m", "port_m", "starboard_m"), "100"),
+}
+
+
+def test_attached_rows_belong_to_their_table(db: Database, dsn: str) -> None:
+    """Unasked the answer is the statement to run; with `attached`, the role that attached the table runs it."""
+    with psycopg.connect(dsn, autocommit=True) as conn:
+        conn.execute(VOYAGES.encode())
+    scene = db.scene("s")
+    scene.attach("track", "mission.fix", VOYAGE_MAP)
+    scene.detect()
+    assert pairs(scene) == {("E", "N")}
+    times = ask(db, "SELECT at FROM mission.fix ORDER BY voyage, n")
+    found = scene.resolve(keep=["N"])
+    number = found.proposal_id or 0
+    with pytest.raises(InvalidInput, match="moves track 'E' of an attached table") as refused:
+        db.apply_proposal(number)
+    [(key, statement)] = store.proposal_statements(db.connection, number)
+    assert key == "E"
+    assert statement in str(refused.value)
+    assert statement.startswith("UPDATE mission.fix AS t SET at = t.at + interval '")
+    assert db.apply_proposal(number, attached=True) == 1
+    scene.detect()
+    assert pairs(scene) == set()
+    assert db.undo_proposal(number, attached=True) == 1
+    scene.detect()
+    assert pairs(scene) == {("E", "N")}
+    assert ask(db, "SELECT at FROM mission.fix ORDER BY voyage, n") == times
+
+
+def test_command_line(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """`resolve` explains each move, `apply` and `apply --undo` change the scene; JSON has the same."""
+    with connect(dsn) as database:
+        database.load(STRAIT)
+        database.scene("strait").detect()
+    run = runner(dsn, capsys)
+    done = run("resolve", "--scene", "strait", "--within", "8h")
+    assert done.code == DONE
+    assert "apply it: conflictdb apply 1" in done.out
+    assert "clears" in done.out
+    answer = json.loads(run("resolve", "--scene", "strait", "--within", "8h", "--format", "json").out)
+    assert answer["proposal_id"] == 2
+    assert {"key", "delay_s", "clears", "passes", "text"} <= answer["moves"][0].keys()
+    assert {"moves", "left", "objective_s", "bound_s"} <= answer.keys()
+    assert run("apply", 2).out.startswith(f"moved {len(answer['moves'])} track")
+    assert run("apply", 1).code == INPUT_REFUSED
+    assert run("apply", 2, "--undo").out.startswith(f"restored {len(answer['moves'])} track")
+    assert run("resolve", "--scene", "strait", "--keep", "nobody").code == INPUT_REFUSED
