@@ -31,6 +31,8 @@ TIMES: Final = ("times", "datetimes")
 SPEED: Final = ("start", "speed_kn", "speed_mps")
 # Members that decide how far apart objects must be.
 RULED: Final = ("class", "owner")
+# What heights are above; read to refuse others than mean sea level.
+DATUM: Final = "vertical_datum"
 TOLERANCES: Final = tolerances.MEMBERS
 # Names that the reader uses; a property with such a name, set by SQL, would not be read back as a property.
 AREA_MEMBERS: Final = frozenset({"kind", "name", "start", "end", "spans", "schedule", "floor_m", "ceiling_m", *RULED})
@@ -191,8 +193,22 @@ def track_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
     return members
 
 
+def _check_datum(fields: Fields) -> None:
+    """Refuse heights that are said to be of another vertical datum than mean sea level; the member stays a property."""
+    datum = fields.values.get(DATUM)
+    if datum is None or (isinstance(datum, str) and datum.upper() == "MSL"):
+        return
+    if fields.has("floor_m") or fields.has("ceiling_m"):
+        rule = (
+            f"must be 'MSL' for an object with heights, which are above mean sea level: convert them; got {datum!r:.60}"
+        )
+        with fields.refusals:
+            raise fields.refusal(DATUM, rule)
+
+
 def _ruled(fields: Fields) -> dict[str, Any]:
-    """Return the class and the owner of an object."""
+    """Return the class and the owner of an object; checks its vertical datum."""
+    _check_datum(fields)
     return {"object_class": fields.word("class"), "owner": fields.word("owner")}
 
 

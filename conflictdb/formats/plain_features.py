@@ -21,6 +21,7 @@ from conflictdb.formats.file_objects import (
     AREA_ELSEWHERE,
     AREA_GUARDED,
     AREA_MEMBERS,
+    DATUM,
     RULED,
     SIDES,
     TRACK_ELSEWHERE,
@@ -122,6 +123,7 @@ def _plain(row: int, feature: Any, setting: FileContext) -> _PlainArea | _PlainT
         _require(type(name) is str)
         check_text("", "name", name)
     heights_m = _number(properties.get("floor_m")), _number(properties.get("ceiling_m"))
+    _require(properties.get(DATUM) is None)
     ruled = _word("class", properties.get("class")), _word("owner", properties.get("owner"))
     members = TRACK_MEMBERS if is_track else AREA_MEMBERS
     rest: dict[str, Any] = {}

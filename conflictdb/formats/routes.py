@@ -17,6 +17,7 @@ from conflictdb.earth.shortest_lines import DEVIATION_M, NoShortestLineError, fo
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.hints import departure, haven
+from conflictdb.formats.instants import format_instant
 from conflictdb.formats.track_times import MAX_DURATION_S
 from conflictdb.model.plans import (
     MAX_INSTANT_US,
@@ -33,6 +34,7 @@ from conflictdb.model.speed_limits import MPS_PER_KNOT
 MOST_XTD_NMI: Final = 10.0
 # Two times of one event that differ by less are the same, rounded to seconds.
 _SAME_US: Final = 1_000_000
+_LEAST_SPEED_KN: Final = 1e-6  # of a stay
 
 
 @dataclass(slots=True)
@@ -44,6 +46,9 @@ class Waypoint:
     speed_kn : planned on the leg
     arrival_us, departure_us : planned
     stay_us : between arrival and departure
+    radius_m : of the turn at the waypoint
+    early_us, late_us : how much earlier and later the ship may be here
+    speed_window_kn : how far the speed on the leg may differ from the planned one
     """
 
     name: str
@@ -56,6 +61,10 @@ class Waypoint:
     arrival_us: int | None = None
     departure_us: int | None = None
     stay_us: int | None = None
+    radius_m: float = 0.0
+    early_us: int = 0
+    late_us: int = 0
+    speed_window_kn: float = 0.0
 
 
 @dataclass(slots=True)
@@ -110,35 +119,76 @@ def track_of(who: str, route: Route, max_speed_kn: float) -> Track:
     arrivals, departures = _times(who, points, lines)
     positions: list[tuple[float, float]] = [(points[0].lon_deg, points[0].lat_deg)]
     times = [arrivals[0]]
+    # The waypoint to which each leg of the track leads.
+    owner: list[int] = []
     for i, line in enumerate(lines, 1):
         if departures[i - 1] > arrivals[i - 1]:
             positions.append(positions[-1])
             times.append(departures[i - 1])
+            owner.append(i - 1)
         shares = np.cumsum(line.lengths_m) / (line.length_m or 1.0)
         begin, end = departures[i - 1], arrivals[i]
         times += [begin + round((end - begin) * float(share)) for share in shares[:-1]] + [end]
         positions += [(float(lon), float(lat)) for lon, lat in line.positions_deg]
+        owner += [i] * len(line.lengths_m)
     if departures[-1] > arrivals[-1]:
         positions.append(positions[-1])
         times.append(departures[-1])
+        owner.append(len(points) - 1)
     if not MIN_INSTANT_US <= min(times) <= max(times) <= MAX_INSTANT_US:
         raise InvalidInput(who, "times", "must lie in the years 1 to 9999")
     lonlat = np.array(positions, np.float64)
     # Whole turns, so that a route over the antimeridian is continuous and keeps its digits.
     lonlat[1:, 0] -= 360.0 * np.cumsum(np.round(np.diff(lonlat[:, 0]) / 360.0))
-    members: dict[str, Any] = {"outline_m": _haven(points, deviation_m), "name": route.name}
+    members: dict[str, Any] = {"outline_m": _haven(deviation_m), "name": route.name}
+    members["tolerances"] = _tolerances(points, lonlat, times, owner) or None
     members |= {"properties": route.properties, **route.members}
     return Track(
         checked_key(who, "id", route.name), lonlat, np.array(times, np.int64), **members, max_speed_kn=max_speed_kn
     )
 
 
-def _haven(points: Sequence[Waypoint], deviation_m: float) -> NDArray[np.float64]:
-    """Return the outline of the vessel, grown by the limits of all legs and by what their lines deviate."""
-    fore, aft, port, starboard = (float(side) + deviation_m for side in haven())
-    port += max(point.port_m or 0.0 for point in points[1:])
-    starboard += max(point.starboard_m or 0.0 for point in points[1:])
-    return rectangle_outline_m(fore, aft, port, starboard)
+def _haven(deviation_m: float) -> NDArray[np.float64]:
+    """Return the outline of the vessel, grown by what the lines of legs deviate."""
+    return rectangle_outline_m(*(float(side) + deviation_m for side in haven()))
+
+
+def _tolerances(
+    points: Sequence[Waypoint], lonlat: NDArray[np.float64], times_us: Sequence[int], owner: Sequence[int]
+) -> dict[str, Any]:
+    """Return how far voyages may differ from the plan, as members of a track; empty if nothing is said.
+
+    A ship that may be early or late at waypoints is within the plan moved by the largest of these.
+
+    owner : the waypoint to which each leg leads; a stay's is its own, with the wider limits of the legs around it
+    """
+    found: dict[str, Any] = {}
+    is_stay = (lonlat[1:] == lonlat[:-1]).all(axis=1).tolist()
+    for side in ("port_m", "starboard_m"):
+        limits = [getattr(point, side) or 0.0 for point in points]
+        wider = [max(one, after) for one, after in zip(limits, [*limits[1:], 0.0], strict=True)]
+        if any(limits[1:]):
+            found[f"xtd_{side}"] = [
+                wider[of] if stays else limits[of] for of, stays in zip(owner, is_stay, strict=True)
+            ]
+    turns = [
+        points[of].radius_m if of != after and not stays else 0.0
+        for (of, after), stays in zip(pairwise(owner), map(any, pairwise(is_stay)), strict=True)
+    ]
+    if any(turns):
+        found["turn_radius_m"] = turns
+    early_us, late_us = max(point.early_us for point in points), max(point.late_us for point in points)
+    if early_us or late_us:
+        for name, at_us in (("departure_window", times_us[0]), ("arrival_window", times_us[-1])):
+            found[name] = [format_instant(at_us - early_us), format_instant(at_us + late_us)]
+    if any(point.speed_window_kn for point in points[1:]):
+        earth = geodesy.earth_of(EarthModel.WGS84)
+        length_m = geodesy.rhumb_distance(earth, *lonlat[:-1].T, *lonlat[1:].T)
+        speed_kn = length_m / (np.diff(times_us) * 1e-6) / MPS_PER_KNOT
+        window = np.array([points[of].speed_window_kn for of in owner])
+        found["min_speed_kn"] = np.maximum(speed_kn - window, 0.0).tolist()
+        found["max_speed_kn"] = np.maximum(speed_kn + window, _LEAST_SPEED_KN).tolist()
+    return found
 
 
 def _deviation_m(points: Sequence[Waypoint]) -> float:

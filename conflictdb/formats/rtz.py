@@ -76,6 +76,8 @@ def _waypoints(who: str, root: Element) -> Iterator[tuple[str, Waypoint]]:
     if every is None:
         raise InvalidInput(who, "waypoints", "are missing")
     default = every.child("defaultWaypoint", "leg")
+    usual = every.child("defaultWaypoint")
+    radius = None if usual is None else usual.get("radius")
     ids: set[str] = set()
     for element in every.each("waypoint"):
         number = element.get("id")
@@ -89,6 +91,9 @@ def _waypoints(who: str, root: Element) -> Iterator[tuple[str, Waypoint]]:
             raise InvalidInput(who, where, "has no position")
         lon, lat = (number_of(who, f"{where}, {one}", position.get(one)) for one in ("lon", "lat"))
         point = Waypoint(where, lon, lat)
+        turn = element.get("radius") or radius
+        if turn is not None:
+            point.radius_m = limit_m(who, f"{where}, radius", number_of(who, f"{where}, radius", turn))
         if len(ids) > 1:
             _leg(who, point, element.child("leg"), default)
         yield number, point
@@ -149,3 +154,12 @@ def _call(who: str, point: Waypoint, elements: Sequence[Element]) -> None:
             point.stay_us = duration_us(who, f"{where}, stay", stay)
         if speed is not None and point.speed_kn is None:
             point.speed_kn = number_of(who, f"{where}, speed", speed)
+        for name in ("etdWindow", "etaWindow"):
+            early, late = (element.get(f"{name}{side}") for side in ("Before", "After"))
+            if early is not None:
+                point.early_us = max(point.early_us, duration_us(who, f"{where}, {name}Before", early))
+            if late is not None:
+                point.late_us = max(point.late_us, duration_us(who, f"{where}, {name}After", late))
+        window = element.get("speedWindow")
+        if window is not None:
+            point.speed_window_kn = abs(number_of(who, f"{where}, speedWindow", window))

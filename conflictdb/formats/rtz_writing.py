@@ -29,7 +29,9 @@ def rtz_lines(_: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Itera
         rule = f"holds one track; here are {len(tracks)} tracks and {len(areas)} areas: name the key of one"
         raise InvalidInput("RTZ", "", rule)
     (track,) = tracks
-    is_steady = track.outlines_m is None and track.floors_m is None and track.ceilings_m is None
+    is_steady = (
+        track.tolerances is None and track.outlines_m is None and track.floors_m is None and track.ceilings_m is None
+    )
     yield '<?xml version="1.0" encoding="UTF-8"?>\n'
     yield '<route xmlns="http://www.cirm.org/RTZ/1/2" version="1.2">\n'
     yield written("routeInfo", {"routeName": track.key}) + "\n<waypoints>\n"
@@ -60,7 +62,12 @@ def _limits(track: Track) -> dict[str, str]:
     """Return the cross-track limits of a track: how far its haven reaches to port and starboard, nautical miles."""
     outlines = track.outline_m if track.outlines_m is None else track.outlines_m.reshape(-1, 2)
     grown_m = track.grow_mps * float(track.times_us[-1] - track.times_us[0]) / 1e6
+    limits = {side: np.max((track.tolerances or {}).get(f"xtd_{side}_m", 0.0)) for side in ("port", "starboard")}
+    sides = {
+        "portside": (-outlines[:, 0].min(), limits["port"]),
+        "starboard": (outlines[:, 0].max(), limits["starboard"]),
+    }
+    reach = {name: max(0.0, float(side)) + float(limit) + grown_m for name, (side, limit) in sides.items()}
     return {
-        name: f"{math.ceil((max(0.0, float(side)) + grown_m) / METRES_PER_NMI / _STEP_NMI) * _STEP_NMI:.4f}"
-        for name, side in (("portsideXTD", -outlines[:, 0].min()), ("starboardXTD", outlines[:, 0].max()))
+        f"{name}XTD": f"{math.ceil(one / METRES_PER_NMI / _STEP_NMI) * _STEP_NMI:.4f}" for name, one in reach.items()
     }

@@ -11,7 +11,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Gathered
 from conflictdb.formats.contents import Contents
 from conflictdb.formats.gml import Geometries
-from conflictdb.formats.routes import Route, Waypoint, agreed, track_of
+from conflictdb.formats.routes import Route, Waypoint, agreed, limit_m, track_of
 from conflictdb.formats.values_of_xml import number_of, time_of
 from conflictdb.formats.xml_text import Element
 
@@ -19,6 +19,7 @@ _NAMESPACE: Final = "http://www.iho.int/S421/"
 _GEOMETRY: Final = {"1": False, "loxodrome": False, "2": True, "orthodrome": True}
 # The standard allows up to 10 km.
 _MOST_XTD_M: Final = 10_000.0
+_MOST_MINUTES: Final = 366.0 * 1440.0
 _INFO: Final = "routeInfo"
 
 
@@ -99,6 +100,10 @@ def _waypoints(who: str, features: Mapping[str, Element], found: Gathered) -> di
         # Latitude comes first in all of S-100.
         lon, lat = Geometries(who, found, {}, latitude_first=True).point(place)
         points[number] = Waypoint(f"waypoint {number}", lon, lat)
+        radius = element.value("routeWaypointTurnRadius")
+        if radius is not None:
+            where = f"waypoint {number}, routeWaypointTurnRadius"
+            points[number].radius_m = limit_m(who, where, number_of(who, where, radius))
         leg = next(_referred(who, features, element, "routeWaypointLeg"), None)
         if leg is not None:
             _leg(who, points[number], leg)
@@ -158,3 +163,12 @@ def _call(who: str, point: Waypoint, elements: Sequence[Element]) -> None:
         speed = element.value("routeScheduleElementPlanSOG")
         if speed is not None and point.speed_kn is None:
             point.speed_kn = number_of(who, f"{point.name}, PlanSOG", speed)
+        for name in ("ETDWindow", "ETAWindow"):
+            for side, member in (("Before", "early_us"), ("After", "late_us")):
+                text = element.value(f"routeScheduleElement{name}{side}")
+                if text is not None:
+                    minutes = number_of(who, f"{point.name}, {name}{side}", text)
+                    if not 0.0 <= minutes <= _MOST_MINUTES:
+                        rule = f"must be 0 to {_MOST_MINUTES:,.0f} minutes; got {minutes:g}"
+                        raise InvalidInput(who, f"{point.name}, {name}{side}", rule)
+                    setattr(point, member, max(getattr(point, member), round(60e6 * minutes)))

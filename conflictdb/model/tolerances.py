@@ -78,6 +78,8 @@ def tolerances_of(who: str, given: Mapping[str, Any], times_us: NDArray[np.int64
     departure, arrival = (
         _window(who, name, given.get(name), int(times_us[at])) for name, at in zip(WINDOWS, (0, -1), strict=True)
     )
+    if arrival is None and (slowest == 0.0).any():
+        raise InvalidInput(who, "min_speed_kn", "must be greater than 0 without an arrival_window")
     return Tolerances(
         port,
         starboard,

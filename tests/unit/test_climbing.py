@@ -1,5 +1,6 @@
 """Heights that change along legs: conflicts last while both the places and the heights of two objects overlap."""
 
+import json
 from dataclasses import replace
 from typing import Any
 
@@ -190,3 +191,17 @@ def test_closed_bands_that_touch_on_the_way_overlap() -> None:
     top = Area("top", WHOLE, floor_m=1100.0)
     assert len(solve([below, above], [], Scene("s", intervals="closed"))) == 1
     assert len(solve([climbing()], [top], Scene("s", intervals="closed"))) == 1
+
+
+def test_heights_of_another_datum_are_refused() -> None:
+    text = "".join(scene_text(Scene("s"), [Area("A", WHOLE, floor_m=0.0)], [climbing()]))
+    for datum in ("WGS84", "flight level", 5):
+        for place in (text.index('"kind": "area"'), text.index('"kind": "track"')):
+            other = text[:place] + f'"vertical_datum":{json.dumps(datum)},' + text[place:]
+            with pytest.raises(InvalidInput, match="vertical_datum: must be 'MSL'"):
+                read_scene(other, "s")
+    same = text.replace('"kind":', '"vertical_datum": "MSL", "kind":')
+    (area,) = read_scene(same, "s").areas
+    assert area.properties == {"vertical_datum": "MSL"}
+    unbounded = "".join(scene_text(Scene("s"), [Area("A", WHOLE, properties={"vertical_datum": "WGS84"})], []))
+    assert len(read_scene(unbounded, "s").areas) == 1

@@ -55,6 +55,7 @@ def assert_same(one: Track, other: Track) -> None:
     )
     assert one.times_us.tolist() == other.times_us.tolist()
     assert np.array_equal(one.outline_m, other.outline_m)
+    assert one.tolerances == other.tolerances
     for name in ("floor_m", "ceiling_m", "grow_mps"):
         assert getattr(one, name) == getattr(other, name)
     for name in ("outlines_m", "floors_m", "ceilings_m"):

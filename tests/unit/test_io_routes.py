@@ -13,7 +13,7 @@ import pyproj
 import pytest
 from route_files import THREE, rtz, s421, waypoint
 
-from conflictdb import InvalidInput, Track, read
+from conflictdb import Area, InvalidInput, Track, read, solve
 from conflictdb.formats import FileHints
 
 GEOD = pyproj.Geod(ellps="WGS84")
@@ -71,14 +71,45 @@ def test_the_manual_and_the_calculated_schedule_are_joined(tmp_path: Path) -> No
     assert at(found, 1) == np.datetime64("2026-03-01T09:00:00")
 
 
-def test_limits_and_the_vessel_make_the_haven(tmp_path: Path) -> None:
-    """Limits of the default waypoint hold for legs that give none."""
+def test_limits_and_turns_are_tolerances_of_the_track(tmp_path: Path) -> None:
+    """Limits of the default waypoint hold for legs that give none; the haven is the vessel's."""
     default = '<defaultWaypoint radius="0.5"><leg portsideXTD="0.1" starboardXTD="0.2"/></defaultWaypoint>'
     points = default + waypoint(1, 4, 57) + waypoint(2, 5, 57, 'portsideXTD="0.5"') + waypoint(3, 5, 58)
     hints = FileHints(departure=STARTED.departure, speed_kn=12.0, haven_m=(100, 50, 10, 20))
     found = track(tmp_path, rtz(points), hints)
-    assert found.outline_m.max(axis=0).tolist() == pytest.approx([0.2 * NMI + 20, 100])
-    assert found.outline_m.min(axis=0).tolist() == pytest.approx([-0.5 * NMI - 10, -50])
+    assert found.outline_m.max(axis=0).tolist() == [20, 100]
+    assert found.outline_m.min(axis=0).tolist() == [-10, -50]
+    assert found.tolerances is not None
+    assert found.tolerances["xtd_port_m"] == pytest.approx([0.5 * NMI, 0.1 * NMI])
+    assert found.tolerances["xtd_starboard_m"] == pytest.approx([0.2 * NMI, 0.2 * NMI])
+    assert found.tolerances["turn_radius_m"] == [0.5 * NMI]
+
+
+def test_windows_and_stays_are_tolerances_of_the_track(tmp_path: Path) -> None:
+    """The largest windows count for the whole plan; a stay has the limits of the wider leg around it, and no turn."""
+    points = waypoint(1, 4, 57) + waypoint(2, 5, 57, 'portsideXTD="0.5"', radius=1) + waypoint(3, 5, 58)
+    schedule = manual(
+        '"1" etd="2026-03-01T06:00:00Z" etdWindowBefore="PT5M"',
+        '"2" eta="2026-03-01T09:00:00Z" stay="PT1H" etaWindowAfter="PT20M"',
+        '"3" eta="2026-03-01T15:00:00Z" speedWindow="1"',
+    )
+    found = track(tmp_path, rtz(points, schedule))
+    assert found.tolerances is not None
+    assert found.tolerances["xtd_port_m"] == pytest.approx([0.5 * NMI, 0.5 * NMI, 0.0])
+    assert found.tolerances["departure_window"] == ["2026-03-01T05:55:00Z", "2026-03-01T06:20:00Z"]
+    assert found.tolerances["arrival_window"] == ["2026-03-01T14:55:00Z", "2026-03-01T15:20:00Z"]
+    assert "turn_radius_m" not in found.tolerances
+    speeds = np.array([found.tolerances["min_speed_kn"], found.tolerances["max_speed_kn"]])
+    assert speeds[1, 2] - speeds[0, 2] == pytest.approx(2.0)
+    assert speeds[0, 0] == pytest.approx(speeds[1, 0])
+
+
+def test_a_route_with_tolerances_meets_an_area_beside_it(tmp_path: Path) -> None:
+    points = waypoint(1, 4, 57) + waypoint(2, 5, 57, 'portsideXTD="1"')
+    found = track(tmp_path, rtz(points), STARTED)
+    beside = Area("A", [(4.4, 57.01), (4.6, 57.01), (4.6, 57.1), (4.4, 57.1)])
+    far = Area("B", [(4.4, 57.03), (4.6, 57.03), (4.6, 57.1), (4.4, 57.1)])
+    assert {(one.a_key, one.b_key) for one in solve([found], [beside, far]) if one.b_key == "R"} == {("A", "R")}
 
 
 def test_an_orthodrome_is_followed(tmp_path: Path) -> None:
@@ -184,9 +215,9 @@ def test_a_route_plan_of_s421_becomes_a_track(namespace: str, tmp_path: Path) ->
     for name in ("plan.s421", "upper.gml"):
         (found,) = read(tmp_path / name).tracks
         assert (found.key, found.positions_deg[0].tolist(), found.positions_deg[-1].tolist()) == ("R", [4, 57], [9, 57])
-        assert found.outline_m.tolist() == pytest.approx(
-            np.array([[0.5, 0.5], [0.5, -0.5], [-500.5, -0.5], [-500.5, 0.5]])
-        )
+        assert np.abs(found.outline_m).tolist() == [[0.5, 0.5]] * 4
+        assert found.tolerances is not None
+        assert set(found.tolerances["xtd_port_m"]) == {500.0}
         _, _, length_m = GEOD.inv(4, 57, 9, 57)
         assert (found.times_us[-1] - found.times_us[0]) / 3.6e9 == pytest.approx(length_m / (12 * NMI), rel=1e-5)
 

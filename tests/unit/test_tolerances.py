@@ -275,6 +275,7 @@ def test_a_window_finds_what_the_plan_misses() -> None:
         ({"xtd_port_m": [1, 2, 3]}, "xtd_port_m", "one per leg: 2; got 3"),
         ({"xtd_starboard_m": [1, float("nan")]}, "xtd_starboard_m[1]", "finite"),
         ({"min_speed_kn": 5, "max_speed_kn": 4}, "min_speed_kn", "must not be greater than max_speed_kn"),
+        ({"min_speed_kn": 0}, "min_speed_kn", "without an arrival_window"),
         ({"max_speed_kn": 0}, "max_speed_kn", "greater than 0"),
         ({"departure_window": ["2026-03-01T00:10Z", "2026-03-01T00:20Z"]}, "departure_window", "must contain"),
         ({"departure_window": ["2026-03-01T00:10Z"]}, "departure_window", "earliest, latest"),
