@@ -142,7 +142,7 @@ def _zone(
         if value is not None:
             properties[f"airspace_{name}"] = value
     named = slice_.value("name") or (baseline.value("name") if baseline is not None else None)
-    return Zone(key, volumes, named, active, {"interpretation": kind, **properties})
+    return Zone(key, volumes, named, active, {"interpretation": kind, **properties}, properties.get("airspace_type"))
 
 
 def _span(who: str, slice_: Element) -> tuple[int | None, int | None]:

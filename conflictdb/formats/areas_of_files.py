@@ -48,6 +48,8 @@ class Zone:
     """An object of a file that becomes one area for each of its volumes.
 
     active : spans; empty: at all times
+    object_class : that separation rules name
+    owner : volumes of one owner are not compared; None: those of this zone
     """
 
     key: str
@@ -55,6 +57,8 @@ class Zone:
     name: str | None = None
     active: Sequence[Active] = ()
     properties: Mapping[str, Any] = field(default_factory=dict)
+    object_class: str | None = None
+    owner: str | None = None
 
 
 def areas_of(who: str, zone: Zone) -> Iterator[Area]:
@@ -77,6 +81,8 @@ def areas_of(who: str, zone: Zone) -> Iterator[Area]:
             floor_m=volume.floor_m,
             ceiling_m=volume.ceiling_m,
             properties=zone.properties,
+            object_class=zone.object_class,
+            owner=zone.owner or (key if len(zone.volumes) > 1 else None),
             **active,
         )
 

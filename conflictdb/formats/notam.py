@@ -124,9 +124,8 @@ def _zone(who: str, key: str, items: Mapping[str, str], q: "re.Match[str]", foun
     named = " ".join(items["E"].split())
     name = named if len(named) <= _LONGEST_NAME else f"{named[: _LONGEST_NAME - 1]}…"
     properties = {"fir": q[1], "q_code": q[2], "text": named}
-    return Zone(
-        key, [Volume(shape, floor_m, ceiling_m)], name, [Active(start_us, end_us, schedule)], properties
-    ), is_rough
+    active = [Active(start_us, end_us, schedule)]
+    return Zone(key, [Volume(shape, floor_m, ceiling_m)], name, active, properties, q[2]), is_rough
 
 
 def _time(who: str, item: str, text: str) -> int | None:

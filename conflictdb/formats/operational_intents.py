@@ -4,6 +4,7 @@ Each volume becomes an area. Edges of polygons are shortest lines, which rhumb l
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -74,7 +75,8 @@ def read_intents(document: Any, source: str, *, stem: str, skip_invalid: bool) -
                 number += 1
                 where = f"{name}[{k}] of intent {key!r}"
                 with found.refusals:
-                    found.add_zone(where, _zone(where, f"{key}/{number}", volume, {**rest, "list": name}, found))
+                    zone = _zone(where, f"{key}/{number}", volume, {**rest, "list": name}, found)
+                    found.add_zone(where, replace(zone, owner=key))
     return found.contents(skip_invalid=skip_invalid)
 
 
