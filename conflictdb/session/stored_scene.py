@@ -337,7 +337,8 @@ class StoredScene:
 
         Runs the stages of a detection, with the scene's settings, on the objects that the last detection saw. If the
         scene has `nearest_m`, near pairs are returned too. An object with the key of the plan is left out, since the
-        plan would replace it. Several plans replace their namesakes together, and are checked against each other too.
+        plan would replace it. Several plans replace their namesakes together. They are checked against each other, and
+        against all objects as they are stored, detected or not.
 
         Parameters
         ----------
