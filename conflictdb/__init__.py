@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     __version__: str
 
     from conflictdb.advice.advise import Advice
+    from conflictdb.clearing.detours import detours
     from conflictdb.clearing.resolve import resolve
     from conflictdb.db import models as models
     from conflictdb.db.detect import Run
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from conflictdb.index import Index
     from conflictdb.model.methods import Method
     from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
-    from conflictdb.model.proposals import Goal, Left, Move, Passing, Proposal, Side
+    from conflictdb.model.proposals import Detour, Goal, Left, Move, Passing, Proposal, Side
     from conflictdb.model.results import (
         Admission,
         Approach,
@@ -79,6 +80,7 @@ __all__ = [
     "Contents",
     "Database",
     "Delays",
+    "Detour",
     "EarthModel",
     "Explanation",
     "FileHints",
@@ -124,6 +126,7 @@ __all__ = [
     "circle",
     "connect",
     "delays",
+    "detours",
     "plot_coordination",
     "plot_delays",
     "plot_pair",
@@ -148,8 +151,9 @@ _HOME: Final = {
     **dict.fromkeys(("plot_coordination", "plot_delays"), "conflictdb.drawing.departures"),
     **dict.fromkeys(("plot_pair", "plot_scene", "plot_timeline"), "conflictdb.drawing.figures"),
     **dict.fromkeys(("Method",), "conflictdb.model.methods"),
+    "detours": "conflictdb.clearing.detours",
     "resolve": "conflictdb.clearing.resolve",
-    **dict.fromkeys(("Goal", "Left", "Move", "Passing", "Proposal", "Side"), "conflictdb.model.proposals"),
+    **dict.fromkeys(("Detour", "Goal", "Left", "Move", "Passing", "Proposal", "Side"), "conflictdb.model.proposals"),
     "Index": "conflictdb.index",
     **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.in_memory"),
     **dict.fromkeys(

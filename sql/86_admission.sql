@@ -138,11 +138,14 @@ BEGIN
         SELECT 1::smallint, t.track_id, t.key, t.name, t.owner
         FROM pending n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id
         WHERE n.object_kind = 1
-          AND tstzrange(to_timestamp(ST_M(ST_StartPoint(t.path)) - 1), to_timestamp(ST_M(ST_EndPoint(t.path)) + 1))
-              && v_span
-          AND _lies_near(t.path, ST_MaxDistance(ST_MakePoint(0, 0), coalesce(t.outlines, t.outline))
-                                 + 115 * t.grow_mps * (ST_M(ST_EndPoint(t.path)) - ST_M(ST_StartPoint(t.path))),
-                         p_low_lon, p_low_lat, p_high_lon, p_high_lat);
+          -- Tolerances are reach in time and place that pieces alone know.
+          AND (t.tolerances IS NOT NULL
+               OR tstzrange(to_timestamp(ST_M(ST_StartPoint(t.path)) - 1), to_timestamp(ST_M(ST_EndPoint(t.path)) + 1))
+                  && v_span
+                  AND _lies_near(t.path, ST_MaxDistance(ST_MakePoint(0, 0), coalesce(t.outlines, t.outline))
+                                         + 115 * t.grow_mps
+                                           * (ST_M(ST_EndPoint(t.path)) - ST_M(ST_StartPoint(t.path))),
+                                 p_low_lon, p_low_lat, p_high_lon, p_high_lat));
 END
 $$;
 COMMENT ON FUNCTION _objects_near(

@@ -36,13 +36,11 @@ def admit(
         mine = Members.of_plans(settings, plane, given)
         replaced = store.replaced_objects(conn, number, [one.key for one in given], owner)
         _check_owners(given, replaced)
-        within_us = settings.time_separation_us
-        near = store.objects_near(conn, number, settings, mine.pieces.longer(within_us, within_us), given)
-        others = _members(conn, number, settings, plane, sorted(set(near) - set(replaced)))
+        others = members_near(conn, number, settings, mine, given, replaced)
         found = _conflicts(settings, plane, mine, others, among=owner is None)
         known: list[Conflict] = []
         if found and replaced:
-            former = _members(conn, number, settings, plane, replaced)
+            former = _members(conn, number, settings, replaced)
             known = _conflicts(settings, plane, former, others, among=owner is None)
         new = [one for one in found if not _was_there(one, known)]
         is_admitted = not (new if allow_known else found)
@@ -67,11 +65,29 @@ def _unlimited(plan: Area | Track) -> dict[str, Any]:
     return {} if isinstance(plan, Area) else {"max_speed_kn": float("inf")}
 
 
+def members_near(
+    conn: psycopg.Connection[Any],
+    number: int,
+    scene: Scene,
+    mine: Members,
+    plans: Sequence[Area | Track],
+    replaced: Sequence[store.StoredObject],
+) -> Members:
+    """Return the objects that plans might meet, as they are stored, detected or not, but for those they replace.
+
+    scene : with a centre, if it needs one
+    mine : the plans, cut
+    """
+    within_us = scene.time_separation_us
+    near = store.objects_near(conn, number, scene, mine.pieces.longer(within_us, within_us), plans)
+    return _members(conn, number, scene, sorted(set(near) - set(replaced)))
+
+
 def _members(
-    conn: psycopg.Connection[Any], number: int, scene: Scene, plane: Plane, objects: Sequence[store.StoredObject]
+    conn: psycopg.Connection[Any], number: int, scene: Scene, objects: Sequence[store.StoredObject]
 ) -> Members:
     known = {(one.kind, one.id): Member(Kind.of_code(one.kind), one.key, one.name, None, one.owner) for one in objects}
-    return Members.of_batches(scene, plane, *store.read_objects(conn, number, objects), known)
+    return Members.of_batches(scene, plane_of(scene), *store.read_objects(conn, number, objects), known)
 
 
 def _conflicts(scene: Scene, plane: Plane, mine: Members, others: Members, *, among: bool) -> list[Conflict]:

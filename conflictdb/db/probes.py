@@ -19,11 +19,13 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db import store
+from conflictdb.db.admission import members_near
 from conflictdb.db.free_departures import delays
 from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
 from conflictdb.in_memory import solve
+from conflictdb.index import Members, by_kind, conflicts_between
 from conflictdb.model.inputs import certain
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Conflict, Kind, Listing
@@ -52,7 +54,8 @@ def probe(
 ) -> Listing[Conflict]:
     """Return the conflicts of plans with the scene and with each other, on one state of the database.
 
-    Objects of the scene with the key of a plan are left out: the plans replace them together.
+    Objects of the scene with the key of a plan are left out: the plans replace them together. One plan is compared with
+    the pieces of the last detection; several, in a constant number of round trips, with all objects as they are stored.
 
     Raises InvalidInput if the scene does not exist or its plane cannot contain a plan, StoreError if a transaction is
     open.
@@ -62,11 +65,14 @@ def probe(
         state = store.scene_state(conn, scene)
         number, memory = store.scene_id(conn, scene), Memory.of(memory_mb)
         settings = store.read_settings(conn, number)
-        found = [_probed(conn, number, plan, plan.key, jobs, memory) for plan in plans]
+        if len(plans) == 1:
+            found = _probed(conn, number, plans[0], plans[0].key, jobs, memory)
+        else:
+            found = _probed_together(conn, number, centred(settings, *by_kind(plans)), plans)
     finally:
         with store.translated():
             conn.rollback()
-    return Listing(state, _together(settings, plans, found), Conflict)
+    return Listing(state, found, Conflict)
 
 
 def ask(
@@ -208,6 +214,17 @@ class _PlanSource:
         if isinstance(self._plan, Area):
             found[area_ids == _PLAN] = self._plan.footprint
         return found
+
+
+def _probed_together(
+    conn: psycopg.Connection[Any], scene_id: int, scene: Scene, plans: Sequence[Area | Track]
+) -> list[Conflict]:
+    """Return the conflicts of several plans, with each other too, on the snapshot of the open transaction."""
+    plane = plane_of(scene)
+    mine = Members.of_plans(scene, plane, plans)
+    replaced = store.replaced_objects(conn, scene_id, [plan.key for plan in plans], None)
+    others = members_near(conn, scene_id, scene, mine, plans, replaced)
+    return conflicts_between(scene, plane, mine, others, among=True)
 
 
 def _probed(

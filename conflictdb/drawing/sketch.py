@@ -97,12 +97,19 @@ class Sketch:
         if not self.is_track(number):
             return self.outline(number)
         rows = self.rows(number)
-        rows = PieceRows(rows[(self.pieces.start_us[rows] <= at_us) & (at_us <= self.pieces.end_us[rows])][:1])
+        rows = PieceRows(rows[(self.pieces.start_us[rows] <= at_us) & (at_us <= self.pieces.end_us[rows])])
         if not len(rows):
             return None
-        zero_us = self.pieces.start_us[rows]
-        corners = Movement.of(self._prepared, rows, zero_us).positions((at_us - zero_us) / 1e6)[:, :, 0]
-        return self._beside(shapely.MultiPoint(corners.T).convex_hull, number)
+        # With tolerances a track has several parts at one time.
+        parts = rows[:1] if self._tracks[number - len(self._areas)].tolerances is None else rows
+        shapes = [self._part_at(PieceRows(parts[[k]]), at_us) for k in range(len(parts))]
+        return self._beside(shapely.union_all(shapes), number)
+
+    def _part_at(self, row: PieceRows, at_us: int) -> shapely.Geometry:
+        """Return one piece of a track at an instant."""
+        zero_us = self.pieces.start_us[row]
+        corners = Movement.of(self._prepared, row, zero_us).positions((at_us - zero_us) / 1e6)[:, :, 0]
+        return shapely.MultiPoint(corners.T).convex_hull
 
     def hulls(self, number: int) -> NDArray[np.object_]:
         """Return the swept hulls of the pieces of an object (stages 1 and 2: padded, convex)."""

@@ -6,6 +6,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Any, Final
 
+from conflictdb.model.plans import Track
 from conflictdb.model.results import format_moment, labelled
 
 METRES_PER_NMI: Final = 1852.0
@@ -119,6 +120,25 @@ class Proposal:
                 passing["closest_at"] = format_moment(passing["closest_at"])
             row["text"] = move.text()
         return found
+
+
+@dataclass(frozen=True, slots=True)
+class Detour:
+    """Another way of a track, on which it meets nothing: what `detours` returns.
+
+    leg : of the planned track, 1 the first, that has more waypoints
+    waypoints_deg : these, longitude and latitude
+    longer_m : how much longer the way is, metres
+    later_s : how much later the track arrives, seconds
+    track : the track on this way
+    """
+
+    key: str
+    leg: int
+    waypoints_deg: tuple[tuple[float, float], ...]
+    longer_m: float
+    later_s: float
+    track: Track
 
 
 def duration_text(seconds: float) -> str:

@@ -20,7 +20,7 @@ from conflictdb.formats.writing import whole_file
 from conflictdb.model import inputs
 from conflictdb.model.horizon import later
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.proposals import Goal, Proposal
+from conflictdb.model.proposals import Detour, Goal, Proposal
 from conflictdb.model.results import (
     Admission,
     Approach,
@@ -337,7 +337,8 @@ class StoredScene:
 
         Runs the stages of a detection, with the scene's settings, on the objects that the last detection saw. If the
         scene has `nearest_m`, near pairs are returned too. An object with the key of the plan is left out, since the
-        plan would replace it. Several plans replace their namesakes together, and are checked against each other too.
+        plan would replace it. Several plans replace their namesakes together. They are checked against each other, and
+        against all objects as they are stored, detected or not.
 
         Parameters
         ----------
@@ -538,6 +539,18 @@ class StoredScene:
             limit_s=limit_s,
         )
         return clearing.resolve(self.connection, self.name, compute)
+
+    def detours(self, key: str, most_m: float = 20_000.0, later_s: float = 7200.0) -> list[Detour]:
+        """Return ways on which a track meets nothing, shortest first; nothing is stored.
+
+        Computed from the objects as they are stored, whether they were detected or not. The parameters are those of
+        `conflictdb.detours`. Raises InvalidInput for an unknown track, and for limits that are none.
+        """
+        # Imported here: the stages are slow to import.
+        from conflictdb.clearing.detours import detours
+
+        settings, areas, tracks = self._read()
+        return detours(tracks, areas, settings, key=key, most_m=most_m, later_s=later_s)
 
     def wait_until_current(self, timeout_s: float = 60.0) -> None:
         """Wait until no change waits for detection; a worker or another program has to detect.

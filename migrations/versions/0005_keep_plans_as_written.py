@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "ddd23b41c12672c4d80ff21bca8108f77ca15abd53fad82c1cb5f00af6aab237"
+routines_sha256 = "c16ba7aa4e23c99d44f19df48eebca67f1efb1d35e3bb540b1ab780c08b973b3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -18,6 +18,7 @@ from conflictdb import (
     Area,
     ConflictDBError,
     Database,
+    IncompleteWarning,
     InvalidInput,
     LockTimeout,
     Motion,
@@ -330,6 +331,32 @@ def test_admission_needs_the_right_to_change(dsn: str, db: Database, city: Store
         for role in ("admits", "reads"):
             db.connection.execute(f"REASSIGN OWNED BY {role} TO CURRENT_USER; DROP OWNED BY {role}; DROP ROLE {role}")
         db.connection.commit()
+
+
+def test_a_probe_of_many_plans_takes_as_many_round_trips_as_one_of_two(
+    city: StoredScene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It sees what no detection has seen, and conflicts of the plans with each other."""
+    city.put([square(f"{k}", 0.1 * k) for k in range(8)])
+    calls: list[str] = []
+    known = psycopg.Cursor.execute
+
+    def counted(self: Any, query: Any, *rest: Any, **options: Any) -> Any:
+        calls.append(str(query))
+        return known(self, query, *rest, **options)
+
+    monkeypatch.setattr(psycopg.Cursor, "execute", counted)
+    taken = []
+    for count in (2, 8):
+        calls.clear()
+        plans = [square(f"new {k}", 0.1 * k + 0.005) for k in range(count - 1)] + [square("more", 0.012)]
+        with pytest.warns(IncompleteWarning):
+            found = city.probe(plans)
+        assert [(one.a_key, one.b_key) for one in found] == sorted(
+            [("more", "new 0"), *((f"{k}", f"new {k}") for k in range(count - 1))]
+        )
+        taken.append(len(calls))
+    assert taken[0] == taken[1]
 
 
 def test_bad_plans_change_nothing(city: StoredScene, db: Database) -> None:

@@ -12,7 +12,7 @@ from commands import STRAIT, runner
 from psycopg import conninfo, sql
 from workloads import LOW_LATITUDE, throw
 
-from conflictdb import InvalidInput, NotPermitted, StoreError, connect, resolve
+from conflictdb import InvalidInput, NotPermitted, StoreError, connect, detours, resolve
 from conflictdb.cli.codes import DONE, FAILED, INPUT_REFUSED
 from conflictdb.db import store
 from conflictdb.session.database import Database
@@ -323,6 +323,15 @@ def test_attached_rows_belong_to_their_table(db: Database, dsn: str) -> None:
     scene.detect()
     assert pairs(scene) == {("E", "N")}
     assert ask(db, "SELECT at FROM mission.fix ORDER BY voyage, n") == times
+
+
+def test_stored_scene_has_the_detours_of_its_objects(db: Database, scene: StoredScene) -> None:
+    settings, areas, tracks = store.read_scene(db.connection, scene.name)
+    key = scene.resolve().left[0].key
+    found = scene.detours(key, 80_000.0)
+    assert [(one.leg, one.waypoints_deg) for one in found] == [
+        (one.leg, one.waypoints_deg) for one in detours(tracks, areas, settings, key=key, most_m=80_000.0)
+    ]
 
 
 def test_command_line(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ import pytest
 import shapely
 from workloads import LOW_LATITUDE, throw
 
-from conflictdb import Area, EarthModel, InvalidInput, Scene, Side, Track, rectangle_outline_m, resolve, solve
+from conflictdb import Area, EarthModel, InvalidInput, Scene, Side, Track, detours, rectangle_outline_m, resolve, solve
 from conflictdb.clearing.greedy import greedy, is_plan
 from conflictdb.clearing.least import least
 from conflictdb.clearing.program import NOTHING, Program, chain_of
@@ -355,3 +355,42 @@ def test_least_shares_its_time() -> None:
     found = least(program, range(40), "total", 20.0)
     assert found.is_least
     assert found.objective_s == pytest.approx(100.00002)
+
+
+def test_detours_meet_nothing() -> None:
+    """Each way around a permanent area, checked by a detection; the shortest is about as short as can be."""
+    area = Area("0", shapely.box(0.4, -0.02, 0.45, 0.02))
+    found = detours([FERRY], [area], SCENE, key="FERRY", most_m=8000.0)
+    assert found
+    assert [one.longer_m for one in found] == sorted(one.longer_m for one in found)
+    for one in found:
+        assert solve([one.track], [area], SCENE) == []
+        assert one.track.times_us[0] == FERRY.times_us[0]
+        assert one.later_s == pytest.approx(one.longer_m / 8.0, rel=0.01)
+    # Around the corner: at least the two sides of a triangle 2.2 km high.
+    assert 0.0 < found[0].longer_m < 300.0
+    with_tow = detours([FERRY, TOW], [area], SCENE, key="FERRY", most_m=8000.0)
+    for one in with_tow:
+        assert solve([one.track, TOW], [area], SCENE) == []
+
+
+def test_detours_keep_what_changes_on_the_way() -> None:
+    """Heights per leg and per waypoint, and outlines per waypoint, are those of the leg at the new waypoints."""
+    outlines = np.stack([FERRY.outline_m, 2.0 * FERRY.outline_m])
+    for heights in ([0.0], [0.0, 100.0]):
+        track = replace(FERRY, floors_m=heights, ceilings_m=[one + 50.0 for one in heights], outlines_m=outlines)
+        area = Area("A", shapely.box(0.4, -0.02, 0.45, 0.02), ceiling_m=1000.0)
+        found = detours([track], [area], SCENE, key="FERRY", most_m=10_000.0)
+        assert found
+        assert all(solve([one.track], [area], SCENE) == [] for one in found)
+    assert found[0].track.floors_m is not None
+    assert (np.diff(found[0].track.floors_m) > 0.0).all()
+
+
+def test_detours_refuse() -> None:
+    area = Area("A", shapely.box(0.4, -3.0, 0.45, 3.0))
+    assert detours([FERRY], [area], SCENE, key="FERRY") == []
+    assert detours([FERRY], [Area("A", shapely.box(0.4, -0.02, 0.45, 0.02))], SCENE, key="FERRY", later_s=0.0) == []
+    for key, part in (("A", "is an area"), ("X", "is not known")):
+        with pytest.raises(InvalidInput, match=part):
+            detours([FERRY], [area], SCENE, key=key)

@@ -14,6 +14,7 @@ from conflictdb import solve
 from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows
+from conflictdb.drawing.sketch import Sketch
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
@@ -302,3 +303,13 @@ def test_the_scene_of_the_page_has_the_conflict_that_it_names() -> None:
     assert solve(exact, found.areas, found.scene) == []
     again = read_scene("".join(scene_text(found.scene, found.areas, found.tracks)), "ferry")
     assert again.tracks[0].tolerances == found.tracks[0].tolerances
+
+
+def test_figures_show_all_parts_of_a_haven() -> None:
+    way, times = np.array([[4.0, 57.0], [4.5, 57.1], [4.6, 56.8]]), T0_US + np.array([0, 7_200_000_000, 14_400_000_000])
+    window = [np.datetime64(T0_US, "us"), np.datetime64(T0_US + 3_600_000_000, "us")]
+    sketch = Sketch(Scene("s"), [], [Track("T", way, times, SHIP, tolerances={"departure_window": window})])
+    shape = sketch.shape_at(0, T0_US + 9_000_000_000)
+    assert shape is not None
+    assert shape.geom_type == "Polygon"
+    assert shape.area < 0.5 * shape.convex_hull.area

@@ -110,7 +110,7 @@ def _box_deg(plan: Area | Track, reach_m: float) -> tuple[float, ...]:
         corners = shapely.get_coordinates(plan.footprint)
     else:
         corners = plan.positions_deg
-        if plan.grow_mps or plan.outlines_m is not None:
+        if plan.grow_mps or plan.outlines_m is not None or plan.tolerances is not None:
             return _EVERYWHERE
         reach_m += float(np.hypot(*plan.outline_m.T).max())
     (west, south), (east, north) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
