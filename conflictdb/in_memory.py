@@ -428,7 +428,7 @@ def _objects(
 ) -> tuple[list[Track], list[Area]]:
     """Return the objects, given directly or in frames; raises InvalidInput."""
     in_frames = from_frames.is_frame(tracks), from_frames.is_frame(areas)
-    sizes, zone = from_frames.checked_haven(haven), from_frames.Zone(time_zone)
+    sizes, zone = from_frames.checked_haven(haven), from_frames.TimeZone(time_zone)
     if haven is not None and not in_frames[0]:
         raise InvalidInput("solve", "haven", "is for tracks of frames: a Track has an outline_m of its own")
     if time_zone is not None and not any(in_frames):

@@ -16,7 +16,7 @@ import shapely
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone, along_shortest_lines
 from conflictdb.formats.contents import Contents, Remark, Skipped
-from conflictdb.formats.heights import height_m
+from conflictdb.formats.file_heights import height_m
 from conflictdb.formats.instants import format_instant
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import METRES_PER_NMI

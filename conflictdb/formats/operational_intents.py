@@ -14,7 +14,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone, along_shortest_lines
 from conflictdb.formats.contents import Contents
 from conflictdb.formats.fields import finite, instant
-from conflictdb.formats.heights import height_m
+from conflictdb.formats.file_heights import height_m
 
 # Lists of volumes in operational intents, in their details, and in requests for them and for constraints.
 _LISTS: Final = ("volumes", "off_nominal_volumes", "extents")

@@ -13,8 +13,8 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone
 from conflictdb.formats.contents import Contents
 from conflictdb.formats.fields import finite, instant
+from conflictdb.formats.file_heights import height_m
 from conflictdb.formats.geometry import AREA_TYPES, multipolygon, point
-from conflictdb.formats.heights import height_m
 
 _OF_ED318: Final = frozenset({"identifier", "country", "type", "variant"})
 _OF_ED269: Final = frozenset({"identifier", "country", "restriction", "geometry"})

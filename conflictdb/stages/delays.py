@@ -21,7 +21,7 @@ from conflictdb.kernel.differences import DifferenceState, Shifts, differences
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene, Track
 from conflictdb.model.results import Delays, Forbidden, Kind
 from conflictdb.stages.at_any_time import FOREVER_US, AnyTime
-from conflictdb.stages.heights import with_heights
+from conflictdb.stages.climbs import with_heights
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.pieces.covers import COVER, is_covered
 

@@ -74,7 +74,7 @@ from conflictdb.db.store.map_rows import (
     tile,
 )
 from conflictdb.db.store.object_states import ObjectStates, cover, object_states
-from conflictdb.db.store.proposals import (
+from conflictdb.db.store.proposal_rows import (
     apply_proposal,
     proposal_basis,
     proposal_statements,

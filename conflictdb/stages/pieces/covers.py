@@ -60,7 +60,7 @@ def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) 
     # Up to the next number, so that half-open bands that share the closed end overlap.
     climb_m = pieces.climb_m.copy()
     climb_m[:, 2:] = np.nextafter(climb_m[:, 2:], np.inf)
-    # Beyond the rounding of heights on the way (`stages.heights`).
+    # Beyond the rounding of heights on the way (`stages.climbs`).
     climb_m[pieces.climbs()] += _CLOSED_M * np.array([-1.0, -1.0, 1.0, 1.0])
     ceiling_m = np.nextafter(pieces.ceiling_m, np.inf)
     return replace(pieces, ceiling_m=ceiling_m, climb_m=climb_m, end_inclusive=np.ones(len(pieces), np.bool_))
