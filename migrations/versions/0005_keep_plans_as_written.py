@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "c16ba7aa4e23c99d44f19df48eebca67f1efb1d35e3bb540b1ab780c08b973b3"
+routines_sha256 = "b4802621126887710701c0b14a4fa26801c864caa4953575b65635d4849c52b3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
