@@ -17,6 +17,7 @@ from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import from_frames
 from conflictdb.model import inputs
+from conflictdb.model.horizon import expanded, require_one_voyage
 from conflictdb.model.plans import Area, Scene, Track, check_keys
 from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results, Speeds
 from conflictdb.stages import speeds as stage_of_speeds
@@ -126,6 +127,7 @@ def delays(
     scene, plane, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene)
     if waypoint is not None:
         number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
+        require_one_voyage("delays", "waypoint", [track for track in tracks if track.key == keys[number]])
         waits_us = int(times_us[_place("delays", "waypoint", waypoint, len(times_us) - 1) - 1])
         waits = waits_of(scene, plane, AnyTime.of(pieces), number, waits_us, horizon_us)
         asked = np.array([number], np.int64)
@@ -209,6 +211,7 @@ def speeds(
     slowest, fastest = limits(slowest, fastest)
     scene, plane, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene)
     _require_one_time("speeds", scene)
+    require_one_voyage("speeds", "key", tracks if key is None else [track for track in tracks if track.key == key])
     if leg is not None:
         number, times_us = _one_track("speeds", "leg", scene, keys, numbers, tracks, key)
         first = _place("speeds", "leg", leg, len(times_us) - 1) - 1
@@ -389,6 +392,7 @@ def _known(
 def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Scene, Plane, list[Track], list[Area]]:
     """Return the scene with a centre, its plane, and its objects in the order of their keys; raises InvalidInput."""
     check_keys([area.key for area in areas] + [track.key for track in tracks])
+    areas, tracks = expanded(areas, tracks, scene.horizon_days)
     scene = centred(scene, areas, tracks)
     plane = plane_of(scene)
     check_plane(plane, areas, tracks)
@@ -431,7 +435,7 @@ def _objects(
 ) -> tuple[list[Track], list[Area]]:
     """Return the objects, given directly or in frames; raises InvalidInput."""
     in_frames = from_frames.is_frame(tracks), from_frames.is_frame(areas)
-    sizes, zone = from_frames.checked_haven(haven), from_frames.Zone(time_zone)
+    sizes, zone = from_frames.checked_haven(haven), from_frames.TimeZone(time_zone)
     if haven is not None and not in_frames[0]:
         raise InvalidInput("solve", "haven", "is for tracks of frames: a Track has an outline_m of its own")
     if time_zone is not None and not any(in_frames):

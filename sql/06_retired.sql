@@ -10,10 +10,10 @@ DECLARE
         '_approaches(p_scene, p_only_near, p_keys, a_key, a_kind, b_key, b_kind, closest_at, closest_m, '
         'closest_error_m, a_lon_deg, a_lat_deg, b_lon_deg, b_lat_deg, verdict, is_current, run_id, '
         'found_at, scene_is_current, method, time_error_s, a_id, a_version, b_id, b_version)',
+        '_area_row(p_scene_id, p_area_id, area_id, version, span_start, span_end, floor_m, ceiling_m, footprint)',
         '_begin_detection(p_scene, p_wait_s, p_few, p_try_again, scene_id, taken, is_behind, motion, '
         'earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat, srid, area_ids, '
         'track_ids, known_objects)',
-        '_area_row(p_scene_id, p_area_id, area_id, version, span_start, span_end, floor_m, ceiling_m, footprint)',
         '_changed_areas(p_scene_id, p_after, p_most, area_id, version, span_start, span_end, floor_m, ceiling_m, '
         'footprint)',
         '_changed_tracks(p_scene_id, p_after, p_most, track_id, version, floor_m, ceiling_m, grow_mps, path, outline, '

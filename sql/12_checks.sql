@@ -6,11 +6,12 @@
 CREATE OR REPLACE FUNCTION conflictdb_internal._settings_of(p_scene anyelement) RETURNS jsonb
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
 BEGIN
-    RETURN to_jsonb(p_scene) - '{scene_id,history_kept,owner}'::text[];
+    RETURN to_jsonb(p_scene) - '{scene_id,history_kept,owner,expanded}'::text[];
 END
 $$;
 COMMENT ON FUNCTION _settings_of(anyelement) IS
-'Name and settings of a scene by the columns of its row: all but its id, the age of its history, and its owner.';
+'Name and settings of a scene by the columns of its row: all but its id, the age of its history, its '
+'owner, and how far schedules are expanded.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._half_open(p_span tstzrange) RETURNS tstzrange
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -598,3 +599,98 @@ $$;
 COMMENT ON FUNCTION _check_growth(text, geometry, geometry, double precision, geometry) IS
 'Raises ZC006 for an outward speed (m/s) that is out of range or makes spikes, and for outlines per waypoint that are '
 'not rings, differ in their number of vertices, or are not convex at all times. Outlines count from 1.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._spans_of(p_ends timestamptz[]) RETURNS tstzmultirange
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(range_agg(_half_open(tstzrange(p_ends[i], p_ends[i + 1]))), '{}')
+    FROM generate_series(1, cardinality(p_ends), 2) i;
+END;
+COMMENT ON FUNCTION _spans_of(timestamptz[]) IS
+'Spans from starts and ends in turn, joined where they touch; -infinity and infinity are unbounded.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._ends_of(p_spans tstzmultirange) RETURNS timestamptz[]
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(array_agg(e.at ORDER BY r.n, e.is_end), '{}')
+    FROM unnest(p_spans) WITH ORDINALITY r (span, n)
+    CROSS JOIN LATERAL (VALUES (0, coalesce(lower(r.span), '-infinity')),
+                               (1, coalesce(upper(r.span), 'infinity'))) e (is_end, at);
+END;
+COMMENT ON FUNCTION _ends_of(tstzmultirange) IS 'Starts and ends of spans in turn; -infinity and infinity: unbounded.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._voyages(p_path geometry, p_departures timestamptz[]) RETURNS TABLE (
+    later interval
+)
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT d.at - to_timestamp(ST_M(ST_StartPoint(p_path))) FROM unnest(p_departures) d (at)
+    UNION ALL
+    SELECT interval '0' WHERE p_departures IS NULL;
+END;
+COMMENT ON FUNCTION _voyages(geometry, timestamptz[]) IS
+'The voyages of a track: by how much each is later than the path says.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._shift(
+    p_path geometry, p_departures timestamptz[], p_at timestamptz
+) RETURNS interval
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce((SELECT d.at - to_timestamp(ST_M(ST_StartPoint(p_path))) FROM unnest(p_departures) d (at)
+                     WHERE d.at <= p_at ORDER BY d.at DESC LIMIT 1), '0');
+END;
+COMMENT ON FUNCTION _shift(geometry, timestamptz[], timestamptz) IS
+'By how much the last voyage that departs by an instant is later than the path says; 0 if none departs.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_departures(
+    p_who text, p_path geometry, p_departures timestamptz[]
+) RETURNS void
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_lasts interval := to_timestamp(ST_M(ST_EndPoint(p_path))) - to_timestamp(ST_M(ST_StartPoint(p_path)));
+    v_wrong integer;
+BEGIN
+    IF array_ndims(p_departures) > 1 OR cardinality(p_departures) > 105120 THEN
+        FOUND := _raise('ZC002', p_who, 'departures', 'must be one list of at most 105120 instants',
+                        'departures_listed');
+    END IF;
+    SELECT min(d.n) INTO v_wrong FROM unnest(p_departures) WITH ORDINALITY d (at, n)
+        WHERE (d.at >= '0001-01-01 00:00+00' AND d.at + v_lasts < '10000-01-01 00:00+00') IS NOT TRUE;
+    IF v_wrong IS NOT NULL THEN
+        FOUND := _raise('ZC003', p_who, format('departures[%s]', v_wrong), 'must have a voyage in the years 1 to 9999',
+                        'departures_in_calendar');
+    END IF;
+    SELECT min(d.n) INTO v_wrong
+        FROM (SELECT u.n, u.at, lag(u.at) OVER (ORDER BY u.n) AS before
+              FROM unnest(p_departures) WITH ORDINALITY u (at, n)) d
+        WHERE d.at <= d.before OR d.at < d.before + v_lasts;
+    IF v_wrong IS NOT NULL THEN
+        FOUND := _raise('ZC003', p_who, format('departures[%s]', v_wrong),
+                        format('is before the voyage before it has ended: a voyage takes %s', v_lasts),
+                        'departures_apart', 'One object is in one place: use two tracks.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_departures(text, geometry, timestamptz[]) IS
+'Raises SQLSTATE class ZC for departures that are not increasing, or before the voyage before them ended.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._active_within(p_span tstzrange, p_activations tstzmultirange)
+RETURNS tstzrange
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN p_activations IS NULL THEN p_span ELSE range_merge(p_activations) END;
+END;
+COMMENT ON FUNCTION _active_within(tstzrange, tstzmultirange) IS
+'From the first to the last activation of an area; empty if there is none. Inlined into queries.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._at_sea(p_path geometry, p_departures timestamptz[]) RETURNS tstzrange
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN p_departures IS NULL THEN tstzrange(p.first, p.last, '[]')
+                WHEN cardinality(p_departures) = 0 THEN 'empty'
+                ELSE tstzrange(p_departures[1], p_departures[cardinality(p_departures)] + (p.last - p.first), '[]') END
+    FROM (SELECT to_timestamp(ST_M(ST_StartPoint(p_path))) AS first,
+                 to_timestamp(ST_M(ST_EndPoint(p_path))) AS last) p;
+END;
+COMMENT ON FUNCTION _at_sea(geometry, timestamptz[]) IS
+'From the first departure of a track to the end of its last voyage; empty if there is none.';

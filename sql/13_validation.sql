@@ -51,15 +51,33 @@ BEGIN
     END IF;
     NEW.properties := coalesce(NEW.properties, '{}');
     IF TG_OP = 'UPDATE' THEN
+        IF NEW.schedule IS NOT NULL THEN
+            -- Its expansion stays until a detection replaces it, unless it depends on something else now.
+            NEW.activations := CASE WHEN (NEW.schedule, NEW.active_span, NEW.footprint)
+                                         IS NOT DISTINCT FROM (OLD.schedule, OLD.active_span, OLD.footprint)
+                                    THEN coalesce(NEW.activations, OLD.activations) END;
+        ELSIF OLD.schedule IS NOT NULL OR NEW.active_span IS DISTINCT FROM OLD.active_span THEN
+            -- Another span, or none of a schedule, unless there are other activations, too.
+            NEW.activations := nullif(NEW.activations, OLD.activations);
+        END IF;
+    END IF;
+    IF NEW.activations IS NOT NULL THEN
+        NEW.activations := _spans_of(_ends_of(NEW.activations));
+        IF NEW.schedule IS NULL AND NOT isempty(NEW.activations) THEN
+            NEW.active_span := range_merge(NEW.activations);
+        END IF;
+    END IF;
+    IF TG_OP = 'UPDATE' THEN
         IF NEW.scene_id <> OLD.scene_id OR NEW.area_id <> OLD.area_id THEN
             FOUND := _raise('ZC008', v_who, 'scene_id', 'cannot change: remove the object and add it again',
                             'object_stays');
         END IF;
         NEW.version := OLD.version;
         NEW.first_version := OLD.first_version;
-        IF (NEW.key, NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m, NEW.class, NEW.owner)
+        IF (NEW.key, NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m, NEW.class, NEW.owner,
+            NEW.activations, NEW.schedule)
            IS NOT DISTINCT FROM (OLD.key, OLD.footprint, OLD.active_span, OLD.floor_m, OLD.ceiling_m, OLD.class,
-                                 OLD.owner)
+                                 OLD.owner, OLD.activations, OLD.schedule)
            AND _is_plain(NEW.properties) THEN
             RETURN NEW;
         END IF;
@@ -174,10 +192,18 @@ BEGIN
         END IF;
         NEW.version := OLD.version;
         NEW.first_version := OLD.first_version;
+        NEW.departures := CASE
+            WHEN NEW.schedule IS NULL THEN CASE WHEN OLD.schedule IS NULL THEN NEW.departures
+                                                ELSE nullif(NEW.departures, OLD.departures) END
+            -- As the expansion of an area.
+            WHEN (NEW.schedule, NEW.path) IS NOT DISTINCT FROM (OLD.schedule, OLD.path)
+                THEN coalesce(NEW.departures, OLD.departures) END;
         IF (NEW.key, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m, NEW.grow_mps, NEW.outlines, NEW.floors_m,
-            NEW.ceilings_m, NEW.class, NEW.owner, NEW.tolerances)
+            NEW.ceilings_m, NEW.class, NEW.owner, NEW.tolerances,
+            NEW.departures, NEW.schedule)
            IS NOT DISTINCT FROM (OLD.key, OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m, OLD.grow_mps, OLD.outlines,
-                                 OLD.floors_m, OLD.ceilings_m, OLD.class, OLD.owner, OLD.tolerances)
+                                 OLD.floors_m, OLD.ceilings_m, OLD.class, OLD.owner, OLD.tolerances,
+                                 OLD.departures, OLD.schedule)
            AND _is_plain(NEW.properties) THEN
             RETURN NEW;
         END IF;
@@ -192,7 +218,8 @@ BEGIN
         AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE
-        AND num_nonnulls(NEW.outlines, NEW.floors_m, NEW.ceilings_m, NEW.tolerances) = 0 AND NEW.grow_mps = 0
+        AND num_nonnulls(NEW.outlines, NEW.floors_m, NEW.ceilings_m, NEW.tolerances, NEW.departures) = 0
+        AND NEW.grow_mps = 0
         AND v_scene.motion = 'rhumb' AND coalesce(current_setting('conflictdb.max_waypoints', true), '') = ''
         AND current_setting('conflictdb.max_speed_kn', true) = 'infinity'
         AND ST_NPoints(NEW.path) BETWEEN 2 AND 1000000
@@ -211,6 +238,13 @@ BEGIN
             FOUND := _raise('ZC001', v_who, 'path', 'needs at least two waypoints', 'path_of_two');
         END IF;
         PERFORM _check_size(v_who, 'path', ST_NPoints(NEW.path), 'max_waypoints');
+        IF NEW.tolerances IS NOT NULL AND num_nonnulls(NEW.departures, NEW.schedule) > 0 THEN
+            FOUND := _raise('ZC003', v_who, 'tolerances', 'must not be given for a voyage that is repeated',
+                            'tolerances_of_one_voyage', 'Give each voyage as a track.');
+        END IF;
+        IF NEW.departures IS NOT NULL THEN
+            PERFORM _check_departures(v_who, NEW.path, NEW.departures);
+        END IF;
         IF NEW.outlines IS NOT NULL THEN
             PERFORM _check_size(v_who, 'outlines', ST_NPoints(NEW.outlines), 'max_vertices');
         END IF;
@@ -378,7 +412,9 @@ BEGIN
                         'scene_method_known');
     END IF;
     -- Settings whose names end in _m are distances.
-    FOR v_name, v_metres IN SELECT j.key, j.value FROM jsonb_each_text(_settings_of(NEW)) j WHERE j.key LIKE '%\_m' LOOP
+    FOR v_name, v_metres IN
+        SELECT j.key, j.value FROM jsonb_each_text(_settings_of(NEW)) j WHERE right(j.key, 2) = '_m'
+    LOOP
         IF (v_metres >= 0 AND v_metres < 'infinity') IS NOT TRUE THEN
             FOUND := _raise('ZC009', v_who, v_name, 'must be a finite number of metres, 0 or more',
                             format('scene_%s_finite', left(v_name, -2)));
@@ -390,7 +426,9 @@ BEGIN
         END IF;
     END LOOP;
     -- Those in _s are times. Read by name: revisions add columns.
-    FOR v_name, v_s IN SELECT j.key, j.value FROM jsonb_each_text(_settings_of(NEW)) j WHERE j.key LIKE '%\_s' LOOP
+    FOR v_name, v_s IN
+        SELECT j.key, j.value FROM jsonb_each_text(_settings_of(NEW)) j WHERE right(j.key, 2) = '_s'
+    LOOP
         IF (v_s BETWEEN 0 AND 2592000) IS NOT TRUE OR abs(1e6 * v_s - round(1e6 * v_s)) > 1e-3 THEN
             FOUND := _raise('ZC009', v_who, v_name,
                             format('must be whole microseconds, 0 to 2592000 seconds (30 days); got %s', v_s),
@@ -403,6 +441,10 @@ BEGIN
                                    '0; got %s', v_s), format('scene_%s_solved', left(v_name, -2)));
         END IF;
     END LOOP;
+    IF (NEW.horizon_days BETWEEN 0 AND 36525) IS NOT TRUE THEN
+        FOUND := _raise('ZC009', v_who, 'horizon_days', format('must be 0 to 36525 days, a century; got %s',
+                        NEW.horizon_days), 'scene_horizon_days_known');
+    END IF;
     RETURN NEW;
 END
 $$;

@@ -204,7 +204,9 @@ ALTER TABLE object_key ENABLE ALWAYS TRIGGER object_key_restored;
 
 CREATE OR REPLACE TRIGGER scene_changed AFTER UPDATE ON scene
     FOR EACH ROW
-    WHEN (_settings_of(OLD) - 'name' IS DISTINCT FROM _settings_of(NEW) - 'name')
+    -- The horizon marks what its expansion changes.
+    WHEN (_settings_of(OLD) - '{name,horizon_days}'::text[] IS DISTINCT FROM
+          _settings_of(NEW) - '{name,horizon_days}'::text[])
     EXECUTE FUNCTION _after_scene_change();
 ALTER TABLE scene ENABLE ALWAYS TRIGGER scene_changed;
 

@@ -82,7 +82,7 @@ CREATE OR REPLACE FUNCTION create_scene(
     p_nearest_m double precision DEFAULT NULL, p_centre_lon double precision DEFAULT NULL,
     p_centre_lat double precision DEFAULT NULL, p_vertical_separation_m double precision DEFAULT NULL,
     p_time_separation_s double precision DEFAULT NULL, p_delays_within_s double precision DEFAULT NULL,
-    p_intervals text DEFAULT NULL
+    p_intervals text DEFAULT NULL, p_horizon_days double precision DEFAULT NULL
 ) RETURNS bigint
 -- With extra_float_digits, numbers keep all digits.
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
@@ -92,22 +92,23 @@ BEGIN
         'separation_m', p_separation_m, 'nearest_m', p_nearest_m, 'centre_lon', p_centre_lon,
         'centre_lat', p_centre_lat, 'vertical_separation_m', p_vertical_separation_m,
         'time_separation_s', p_time_separation_s, 'delays_within_s', p_delays_within_s,
-        'intervals', p_intervals));
+        'intervals', p_intervals, 'horizon_days', p_horizon_days));
 END
 $$;
 COMMENT ON FUNCTION create_scene(text, text, text, text, double precision, double precision, double precision,
                                  double precision, double precision, double precision, double precision,
-                                 double precision, text) IS
+                                 double precision, text, double precision) IS
 'Creates a scene, or changes the given settings of an existing one; returns its id. Defaults of a new scene: motion '
 'rhumb, earth wgs84 (great_circle: sphere), method exact, tolerance 1 m, separation 0 m, nearest 0 m (none), '
 'vertical separation 0 m, separation in time 0 s, delays within 0 s (none stored), intervals '
-'half_open. Default centre (degrees) of a '
+'half_open, schedules expanded 366 days ahead. Default centre (degrees) of a '
 'great_circle scene: the middle of its first object.';
 
 CREATE OR REPLACE FUNCTION put_area(
     p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL,
     p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL,
-    p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}', p_class text DEFAULT NULL, p_owner text DEFAULT NULL
+    p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}', p_class text DEFAULT NULL, p_owner text DEFAULT NULL,
+    p_activations tstzmultirange DEFAULT NULL, p_schedule jsonb DEFAULT NULL
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -123,26 +124,36 @@ BEGIN
         FOUND := _raise('ZC001', v_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
                         GeometryType(p_footprint)), 'footprint_polygon');
     END IF;
-    INSERT INTO area AS a (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner)
-        VALUES (v_scene_id, p_key, p_name, ST_Multi(ST_Force2D(p_footprint)), p_active_span, p_floor_m, p_ceiling_m,
-                p_properties, p_class, p_owner)
+    IF num_nonnulls(p_activations, p_schedule) = 2 OR num_nonnulls(p_activations, p_active_span) = 2 THEN
+        FOUND := _raise('ZC003', v_who, 'activations', 'must not be given together with active_span or schedule',
+                        'activations_once');
+    END IF;
+    INSERT INTO area AS a (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner,
+                           activations, schedule)
+        VALUES (v_scene_id, p_key, p_name, ST_Multi(ST_Force2D(p_footprint)),
+                coalesce(p_active_span, CASE WHEN NOT isempty(p_activations) THEN range_merge(p_activations) END),
+                p_floor_m, p_ceiling_m, p_properties, p_class, p_owner, p_activations, p_schedule)
         ON CONFLICT (scene_id, key) DO UPDATE
             SET name = excluded.name, footprint = excluded.footprint, active_span = excluded.active_span,
                 floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties,
-                class = excluded.class, owner = excluded.owner
-            WHERE (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class, a.owner)
+                class = excluded.class, owner = excluded.owner, activations = excluded.activations,
+                schedule = excluded.schedule
+            WHERE (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class, a.owner,
+                   CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule)
                   IS DISTINCT FROM
                   (excluded.name, excluded.footprint, excluded.active_span, excluded.floor_m, excluded.ceiling_m,
-                   excluded.properties, excluded.class, excluded.owner)
+                   excluded.properties, excluded.class, excluded.owner, excluded.activations, excluded.schedule)
         RETURNING a.area_id INTO v_area_id;
     RETURN coalesce(v_area_id, (SELECT a.area_id FROM area a WHERE a.scene_id = v_scene_id AND a.key = p_key));
 END
 $$;
 COMMENT ON FUNCTION put_area(
-    text, text, geometry, tstzrange, double precision, double precision, text, jsonb, text, text) IS
+    text, text, geometry, tstzrange, double precision, double precision, text, jsonb, text, text, tstzmultirange,
+    jsonb) IS
 'Adds an area to a scene, or replaces the one with that key; returns its id. '
 'Longitude and latitude in degrees (SRID 4326), heights in metres above mean sea level, active during [start, end); '
-'null is unbounded. Objects of one owner are not compared with each other.';
+'null is unbounded. Objects of one owner are not compared with each other. It is active during p_activations instead, '
+'or by p_schedule (JSON as in scene files), which the next detection expands and checks.';
 
 CREATE OR REPLACE FUNCTION put_track(
     p_scene text, p_key text, p_path geometry, p_outline geometry,
@@ -150,7 +161,8 @@ CREATE OR REPLACE FUNCTION put_track(
     p_name text DEFAULT NULL, p_properties jsonb DEFAULT '{}',
     p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL,
     p_floors_m double precision[] DEFAULT NULL, p_ceilings_m double precision[] DEFAULT NULL,
-    p_class text DEFAULT NULL, p_owner text DEFAULT NULL, p_tolerances jsonb DEFAULT NULL
+    p_class text DEFAULT NULL, p_owner text DEFAULT NULL, p_tolerances jsonb DEFAULT NULL,
+    p_departures timestamptz[] DEFAULT NULL, p_schedule jsonb DEFAULT NULL
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -174,30 +186,34 @@ BEGIN
         FOUND := _raise('ZC006', v_who, 'outlines', format('must be a MultiPolygon; got %s', GeometryType(p_outlines)),
                         'outlines_multipolygon', 'ST_Collect(ARRAY[...]) of outlines, one per waypoint, makes one.');
     END IF;
+    IF num_nonnulls(p_departures, p_schedule) = 2 THEN
+        FOUND := _raise('ZC003', v_who, 'departures', 'must not be given together with schedule', 'departures_once');
+    END IF;
     INSERT INTO track AS t (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines,
-                            floors_m, ceilings_m, class, owner, tolerances)
+                            floors_m, ceilings_m, class, owner, tolerances, departures, schedule)
         VALUES (v_scene_id, p_key, p_name, p_path, ST_Force2D(p_outline), p_floor_m, p_ceiling_m, p_properties,
-                p_grow_mps, ST_Force2D(p_outlines), p_floors_m, p_ceilings_m, p_class, p_owner,
-                p_tolerances)
+                p_grow_mps, ST_Force2D(p_outlines), p_floors_m, p_ceilings_m, p_class, p_owner, p_tolerances,
+                p_departures, p_schedule)
         ON CONFLICT (scene_id, key) DO UPDATE
             SET name = excluded.name, path = excluded.path, outline = excluded.outline,
                 floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties,
                 grow_mps = excluded.grow_mps, outlines = excluded.outlines, floors_m = excluded.floors_m,
                 ceilings_m = excluded.ceilings_m, class = excluded.class, owner = excluded.owner,
-                tolerances = excluded.tolerances
+                tolerances = excluded.tolerances, departures = excluded.departures, schedule = excluded.schedule
             WHERE (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps, t.outlines,
-                   t.floors_m, t.ceilings_m, t.class, t.owner, t.tolerances)
+                   t.floors_m, t.ceilings_m, t.class, t.owner, t.tolerances,
+                   CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule)
                   IS DISTINCT FROM
                   (excluded.name, excluded.path, excluded.outline, excluded.floor_m, excluded.ceiling_m,
                    excluded.properties, excluded.grow_mps, excluded.outlines, excluded.floors_m, excluded.ceilings_m,
-                   excluded.class, excluded.owner, excluded.tolerances)
+                   excluded.class, excluded.owner, excluded.tolerances, excluded.departures, excluded.schedule)
         RETURNING t.track_id INTO v_track_id;
     RETURN coalesce(v_track_id, (SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = p_key));
 END
 $$;
 COMMENT ON FUNCTION put_track(
     text, text, geometry, geometry, double precision, double precision, text, jsonb, double precision, geometry,
-    double precision[], double precision[], text, text, jsonb) IS
+    double precision[], double precision[], text, text, jsonb, timestamptz[], jsonb) IS
 'Adds a track to a scene, or replaces the one with that key; returns its id. '
 'p_path: LineStringM, longitude and latitude in degrees (SRID 4326), M in Unix seconds. '
 'p_outline: the haven, a convex ring of (starboard, ahead) metres about the reference point. '
@@ -208,7 +224,9 @@ COMMENT ON FUNCTION put_track(
 'or agree). '
 'Objects of one owner are not compared with each other. '
 'p_tolerances: how far voyages may differ from the plan, e.g. {"xtd_port_m": 500, "max_speed_kn": 12}; members as in '
-'scene files. Detections then protect a haven that contains every such voyage.';
+'scene files. Detections then protect a haven that contains every such voyage. '
+'The voyage departs at p_departures instead of at its first '
+'time, or at each start of p_schedule (JSON as in scene files), which the next detection expands and checks.';
 
 CREATE OR REPLACE FUNCTION remove_object(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$

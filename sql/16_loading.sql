@@ -6,12 +6,14 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages =
 BEGIN
     CREATE TEMPORARY TABLE IF NOT EXISTS staged_area (
         key text COLLATE "C", name text, footprint geometry, span_start timestamptz, span_end timestamptz,
-        floor_m double precision, ceiling_m double precision, properties jsonb, class text, owner text
+        floor_m double precision, ceiling_m double precision, properties jsonb, class text, owner text,
+        activations tstzmultirange, schedule jsonb
     ) ON COMMIT DROP;
     CREATE TEMPORARY TABLE IF NOT EXISTS staged_track (
         key text COLLATE "C", name text, path geometry, outline geometry,
         floor_m double precision, ceiling_m double precision, floors text, ceilings text, properties jsonb,
-        grow_mps double precision, outlines geometry, class text, owner text, tolerances jsonb
+        grow_mps double precision, outlines geometry, class text, owner text, tolerances jsonb,
+        departures timestamptz[], schedule jsonb
     ) ON COMMIT DROP;
     TRUNCATE pg_temp.staged_area, pg_temp.staged_track;
 END
@@ -34,19 +36,22 @@ DECLARE
 BEGIN
     -- conflictdb.model has already checked speeds, under the limit of this load.
     PERFORM set_config('conflictdb.max_speed_kn', 'infinity', true);
-    INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner)
+    INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner,
+                      activations, schedule)
         SELECT p_scene_id, s.key, s.name, ST_SetSRID(s.footprint, 4326),
                tstzrange(nullif(s.span_start, '-infinity'), nullif(s.span_end, 'infinity')),
-               nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.properties, s.class, s.owner
+               nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.properties, s.class, s.owner,
+               s.activations, s.schedule
         FROM pg_temp.staged_area s WHERE s.ctid >= v_first AND s.ctid < v_end
         -- In the order given: objects are listed by id.
         ORDER BY s.ctid;
     GET DIAGNOSTICS added = ROW_COUNT;
     INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, floors_m, ceilings_m, properties,
-                       grow_mps, outlines, class, owner, tolerances)
+                       grow_mps, outlines, class, owner, tolerances, departures, schedule)
         SELECT p_scene_id, s.key, s.name, ST_SetSRID(s.path, 4326), s.outline,
                nullif(s.floor_m, '-infinity'), nullif(s.ceiling_m, 'infinity'), s.floors::double precision[],
-               s.ceilings::double precision[], s.properties, s.grow_mps, s.outlines, s.class, s.owner, s.tolerances
+               s.ceilings::double precision[], s.properties, s.grow_mps, s.outlines, s.class, s.owner,
+               s.tolerances, s.departures, s.schedule
         FROM pg_temp.staged_track s WHERE s.ctid >= v_first AND s.ctid < v_end
         ORDER BY s.ctid;
     GET DIAGNOSTICS v_rows = ROW_COUNT;
@@ -102,31 +107,35 @@ BEGIN
     removed := removed + v_rows;
 
     UPDATE area a SET name = n.name, footprint = n.footprint, active_span = n.active_span, floor_m = n.floor_m,
-                      ceiling_m = n.ceiling_m, properties = n.properties, class = n.class, owner = n.owner
+                      ceiling_m = n.ceiling_m, properties = n.properties, class = n.class, owner = n.owner,
+                      activations = n.activations, schedule = n.schedule
         FROM (SELECT s.key, s.name, ST_SetSRID(s.footprint, 4326) AS footprint,
                      tstzrange(nullif(s.span_start, '-infinity'), nullif(s.span_end, 'infinity')) AS active_span,
                      nullif(s.floor_m, '-infinity') AS floor_m, nullif(s.ceiling_m, 'infinity') AS ceiling_m,
-                     s.properties, s.class, s.owner FROM pg_temp.staged_area s) n
+                     s.properties, s.class, s.owner, s.activations, s.schedule FROM pg_temp.staged_area s) n
         WHERE a.scene_id = v_scene_id AND a.key = n.key
-          AND (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class, a.owner)
+          AND (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class, a.owner,
+               CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule)
               IS DISTINCT FROM
-              (n.name, n.footprint, n.active_span, n.floor_m, n.ceiling_m, n.properties, n.class, n.owner);
+              (n.name, n.footprint, n.active_span, n.floor_m, n.ceiling_m, n.properties, n.class, n.owner,
+               n.activations, n.schedule);
     GET DIAGNOSTICS updated = ROW_COUNT;
     UPDATE track t SET name = n.name, path = n.path, outline = n.outline, floor_m = n.floor_m,
                        ceiling_m = n.ceiling_m, floors_m = n.floors_m, ceilings_m = n.ceilings_m,
                        properties = n.properties, grow_mps = n.grow_mps, outlines = n.outlines, class = n.class,
-                       owner = n.owner, tolerances = n.tolerances
+                       owner = n.owner, tolerances = n.tolerances, departures = n.departures, schedule = n.schedule
         FROM (SELECT s.key, s.name, ST_SetSRID(s.path, 4326) AS path, s.outline,
                      nullif(s.floor_m, '-infinity') AS floor_m, nullif(s.ceiling_m, 'infinity') AS ceiling_m,
                      s.floors::double precision[] AS floors_m, s.ceilings::double precision[] AS ceilings_m,
-                     s.properties, s.grow_mps, s.outlines, s.class, s.owner, s.tolerances
+                     s.properties, s.grow_mps, s.outlines, s.class, s.owner, s.tolerances, s.departures, s.schedule
               FROM pg_temp.staged_track s) n
         WHERE t.scene_id = v_scene_id AND t.key = n.key
           AND (t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m, t.properties, t.grow_mps,
-               t.outlines, t.class, t.owner, t.tolerances)
+               t.outlines, t.class, t.owner, t.tolerances,
+               CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule)
               IS DISTINCT FROM
               (n.name, n.path, n.outline, n.floor_m, n.ceiling_m, n.floors_m, n.ceilings_m, n.properties, n.grow_mps,
-               n.outlines, n.class, n.owner, n.tolerances);
+               n.outlines, n.class, n.owner, n.tolerances, n.departures, n.schedule);
     GET DIAGNOSTICS v_rows = ROW_COUNT;
     updated := updated + v_rows;
 
@@ -153,38 +162,43 @@ COMMENT ON FUNCTION _load(text, jsonb, boolean) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._read_areas(
     p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamptz,
     OUT span_end timestamptz, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean,
-    OUT footprint bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text
+    OUT footprint bytea, OUT spans bytea, OUT key text, OUT name text, OUT properties text, OUT class text,
+    OUT owner text, OUT schedule text
 ) RETURNS SETOF record
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
            coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
            coalesce(a.ceiling_m, 'infinity'), a.name IS NOT NULL,
-           ST_AsBinary(a.footprint, 'NDR'), a.key, coalesce(a.name, ''), a.properties::text, coalesce(a.class, ''),
-           coalesce(a.owner, '')
+           ST_AsBinary(a.footprint, 'NDR'), coalesce(array_send(_ends_of(a.activations)), ''), a.key,
+           coalesce(a.name, ''), a.properties::text, coalesce(a.class, ''), coalesce(a.owner, ''),
+           coalesce(a.schedule::text, '')
     FROM area a WHERE a.scene_id = p_scene_id AND (p_keys IS NULL OR a.key = ANY (p_keys))
     ORDER BY a.area_id;
 END;
 COMMENT ON FUNCTION _read_areas(bigint, text[]) IS
 'Areas of a scene, all or those with the given keys; without nulls, for COPY. Heights in metres; empty: no class, no '
-'owner.';
+'owner, no schedule, one span only.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._read_tracks(
     p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea,
-    OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text,
-    OUT properties text, OUT class text, OUT owner text, OUT tolerances text
+    OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea, OUT key text,
+    OUT name text, OUT properties text, OUT class text, OUT owner text, OUT schedule text,
+    OUT tolerances text
 ) RETURNS SETOF record
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
            t.name IS NOT NULL, t.grow_mps, ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
            coalesce(ST_AsBinary(t.outlines, 'NDR'), ''), coalesce(array_send(t.floors_m), ''),
-           coalesce(array_send(t.ceilings_m), ''), t.key, coalesce(t.name, ''), t.properties::text,
-           coalesce(t.class, ''), coalesce(t.owner, ''), coalesce(t.tolerances::text, '')
+           coalesce(array_send(t.ceilings_m), ''), coalesce(array_send(t.departures), ''), t.key,
+           coalesce(t.name, ''), t.properties::text, coalesce(t.class, ''), coalesce(t.owner, ''),
+           coalesce(t.schedule::text, ''), coalesce(t.tolerances::text, '')
     FROM track t WHERE t.scene_id = p_scene_id AND (p_keys IS NULL OR t.key = ANY (p_keys))
     ORDER BY t.track_id;
 END;
 COMMENT ON FUNCTION _read_tracks(bigint, text[]) IS
 'Tracks of a scene, all or those with the given keys; without nulls, for COPY. Empty: outlines if not per waypoint; '
-'floors and ceilings (array_send, metres) if not per leg; class, owner and tolerances if there is none.';
+'floors and ceilings (array_send, metres) if not per leg; class, owner, departures, schedule and '
+'tolerances if there is none.';

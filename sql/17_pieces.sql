@@ -17,7 +17,7 @@ COMMENT ON FUNCTION _pending(bigint) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._area_row(p_scene_id bigint, p_area_id bigint) RETURNS TABLE (
     area_id bigint, version bigint, span_start timestamptz, span_end timestamptz, floor_m double precision,
-    ceiling_m double precision, class_number bigint, owner_number bigint, footprint bytea
+    ceiling_m double precision, class_number bigint, owner_number bigint, footprint bytea, spans bytea
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
@@ -25,17 +25,20 @@ BEGIN ATOMIC
     SELECT a.area_id, a.version, coalesce(lower(a.active_span), '-infinity'),
            coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
            coalesce(a.ceiling_m, 'infinity'), _word_number(a.class), _word_number(a.owner),
-           ST_AsBinary(a.footprint, 'NDR')
+           ST_AsBinary(a.footprint, 'NDR'),
+           CASE WHEN a.activations IS NOT NULL THEN array_send(_ends_of(a.activations))
+                WHEN a.schedule IS NULL THEN '' ELSE '\x00' END
     FROM area a WHERE a.area_id = p_area_id AND a.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _area_row(bigint, bigint) IS
-'One area of a scene without nulls: infinite instants and heights (metres) mean unbounded. Inlined into queries.';
+'One area of a scene without nulls: infinite instants and heights (metres) mean unbounded, spans (array_send, starts '
+'and ends in turn) are empty for one span only, and a zero byte if the schedule is not expanded. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_areas(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
     OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint,
-    OUT footprint bytea
+    OUT footprint bytea, OUT spans bytea
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
@@ -62,27 +65,30 @@ COMMENT ON FUNCTION _footprints(bigint[]) IS 'Footprints of areas as WKB, longit
 CREATE OR REPLACE FUNCTION conflictdb_internal._track_row(p_scene_id bigint, p_track_id bigint) RETURNS TABLE (
     track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision,
     class_number bigint, owner_number bigint, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea,
-    tolerances text
+    departures bytea, tolerances text
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT t.track_id, t.version, coalesce(t.floor_m, '-infinity'), coalesce(t.ceiling_m, 'infinity'),
            t.grow_mps, _word_number(t.class), _word_number(t.owner), ST_AsBinary(t.path, 'NDR'),
            ST_AsBinary(t.outline, 'NDR'), coalesce(ST_AsBinary(t.outlines, 'NDR'), ''),
-           coalesce(array_send(t.floors_m), ''), coalesce(array_send(t.ceilings_m), ''),
+           coalesce(array_send(t.floors_m), ''),
+           coalesce(array_send(t.ceilings_m), ''), CASE WHEN t.departures IS NOT NULL THEN array_send(t.departures)
+                                                      WHEN t.schedule IS NULL THEN '' ELSE '\x00' END,
            coalesce(t.tolerances::text, '')
     FROM track t WHERE t.track_id = p_track_id AND t.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _track_row(bigint, bigint) IS
 'One track of a scene without nulls: infinite heights (metres) mean unbounded. Empty: outlines if not per waypoint; '
-'floors and ceilings (array_send, metres) if not per leg; tolerances. Inlined into queries.';
+'floors and ceilings (array_send, metres) if not per leg; departures (array_send) if it is one voyage. '
+'departures are a zero byte if the schedule is not expanded; tolerances. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_tracks(
     p_scene_id bigint, p_after bigint, p_most bigint,
     OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint,
     OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea,
-    OUT tolerances text
+    OUT departures bytea, OUT tolerances text
 ) RETURNS SETOF record
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC

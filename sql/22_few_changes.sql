@@ -21,7 +21,8 @@ BEGIN
     END IF;
     is_behind := p_try_again IS NOT NULL
                  AND EXISTS (SELECT FROM attachment a WHERE a.scene_id = _begin_detection.scene_id)
-                 AND EXISTS (SELECT FROM _attachments_to_follow(p_scene, p_try_again));
+                 AND EXISTS (SELECT FROM _attachments_to_follow(p_scene, p_try_again))
+                 OR _schedules_wait(scene_id);
     SELECT _scene_settings(s.scene_id), _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat))
         INTO settings, srid
         FROM scene s WHERE s.scene_id = _begin_detection.scene_id;
@@ -60,15 +61,15 @@ $$;
 COMMENT ON FUNCTION _begin_detection(text, double precision, integer, boolean) IS
 'Takes the lock of a scene as _take_scene does (taken is null if that fails) and returns its settings. Stops there, '
 'with null ids, if attached tables have pending changes (is_behind; p_try_again as in _attachments_to_follow, null: '
-'not checked), or if the scene has more than p_few marks (negative: always). Otherwise returns the ids of the changed '
-'objects, deletes their pieces and covers their marks; _put_pieces must follow in the same transaction. known_objects: '
-'how many of them the last detection included; null if unknown.';
+'not checked), if schedules wait to be expanded (is_behind), or if the scene has more than p_few marks (negative: '
+'always). Otherwise returns the ids of the changed objects, deletes their pieces and covers their marks; _put_pieces '
+'must follow in the same transaction. known_objects: how many of them the last detection included; null if unknown.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._some_areas(
     p_scene_id bigint, p_area_ids bigint[],
     OUT area_id bigint, OUT version bigint, OUT span_start timestamptz, OUT span_end timestamptz,
     OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint,
-    OUT footprint bytea
+    OUT footprint bytea, OUT spans bytea
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_seqscan = off SET jit = off AS $$
@@ -86,7 +87,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._some_tracks(
     OUT track_id bigint, OUT version bigint, OUT floor_m double precision,
     OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint,
     OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea,
-    OUT tolerances text
+    OUT departures bytea, OUT tolerances text
 ) RETURNS SETOF record
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_seqscan = off SET jit = off AS $$

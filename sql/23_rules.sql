@@ -120,7 +120,9 @@ BEGIN
     IF cardinality(v_rules) = 0 THEN
         RETURN NULL;
     END IF;
-    FOR v_scene_id IN SELECT DISTINCT r.scene_id FROM unnest(v_rules) r LOOP
+    FOR v_scene_id IN SELECT DISTINCT r.scene_id FROM unnest(v_rules) r ORDER BY 1 LOOP
+        -- The check sees rules of other sessions, and a proposal is applied under the rules that it was computed with.
+        PERFORM FROM scene s WHERE s.scene_id = v_scene_id FOR NO KEY UPDATE;
         PERFORM _check_rules(v_scene_id);
     END LOOP;
     PERFORM _mark_side(m.scene_id, m.side, m.other)

@@ -46,7 +46,8 @@ SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method,
        _is_current(s.scene_id) AS is_current,
        (SELECT count(*) FROM attachment a JOIN attached_object o USING (attachment_id)
         WHERE a.scene_id = s.scene_id AND o.reason IS NOT NULL) AS unmapped,
-       s.vertical_separation_m, s.time_separation_s, s.delays_within_s, s.intervals
+       s.vertical_separation_m, s.time_separation_s, s.delays_within_s, s.intervals, s.horizon_days,
+       lower(s.expanded) AS expanded_from, upper(s.expanded) AS expanded_until
 FROM scene s
 LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.scene_id = s.scene_id
                    ORDER BY x.run_id DESC LIMIT 1) r ON true;
@@ -94,6 +95,13 @@ COMMENT ON COLUMN scenes.delays_within_s IS
 COMMENT ON COLUMN scenes.intervals IS
 'Whether spans and height bands contain their upper ends: half_open (they do not) or closed (they do, as volumes of '
 'ASTM F3548).';
+
+COMMENT ON COLUMN scenes.horizon_days IS
+'How many days ahead of today schedules are expanded; they are over all voyages, too.';
+COMMENT ON COLUMN scenes.expanded_from IS
+'Schedules are expanded from here; null: none is. Before it, activations of schedules are not known.';
+COMMENT ON COLUMN scenes.expanded_until IS
+'Schedules are expanded up to here; null: none is. After it, activations of schedules are not known yet.';
 
 -- The settings in the table have the comments of the view.
 DO $$

@@ -6,11 +6,12 @@ CREATE OR REPLACE FUNCTION list_objects(p_scene text) RETURNS TABLE (
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT a.key, 'area', a.name, lower(a.active_span), upper(a.active_span), a.floor_m, a.ceiling_m,
+    SELECT a.key, 'area', a.name, lower(_active_within(a.active_span, a.activations)),
+           upper(_active_within(a.active_span, a.activations)), a.floor_m, a.ceiling_m,
            a.class, a.owner
     FROM area a WHERE a.scene_id = _scene_id(p_scene)
     UNION ALL
-    SELECT t.key, 'track', t.name, to_timestamp(ST_M(ST_StartPoint(t.path))), to_timestamp(ST_M(ST_EndPoint(t.path))),
+    SELECT t.key, 'track', t.name, lower(_at_sea(t.path, t.departures)), upper(_at_sea(t.path, t.departures)),
            t.floor_m, t.ceiling_m, t.class, t.owner
     FROM track t WHERE t.scene_id = _scene_id(p_scene)
     ORDER BY 1;
@@ -54,14 +55,17 @@ BEGIN
             PERFORM _refuse_taken(p_name);
     END;
     PERFORM _set_scene(p_name, _scene_settings(s.scene_id) - 'name') FROM scene s WHERE s.scene_id = v_scene_id;
-    INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner)
+    -- The first detection expands schedules.
+    INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner,
+                      activations, schedule)
         SELECT v_copy_id, a.key, a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class,
-               a.owner
+               a.owner, CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule
         FROM area a WHERE a.scene_id = v_scene_id;
     INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines, floors_m,
-                       ceilings_m, class, owner, tolerances)
+                       ceilings_m, class, owner, tolerances, departures, schedule)
         SELECT v_copy_id, t.key, t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps,
-               t.outlines, t.floors_m, t.ceilings_m, t.class, t.owner, t.tolerances
+               t.outlines, t.floors_m, t.ceilings_m, t.class, t.owner, t.tolerances,
+               CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule
         FROM track t WHERE t.scene_id = v_scene_id;
     RETURN v_copy_id;
 END

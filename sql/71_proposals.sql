@@ -21,11 +21,11 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._proposal_basis(
 )
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT _settings_of(s) - 'name', h.last_version, h.objects_hash
+    SELECT _scene_settings(s.scene_id) - 'name', h.last_version, h.objects_hash
     FROM scene s CROSS JOIN LATERAL _objects_hash(s.scene_id) h WHERE s.scene_id = p_scene_id;
 END;
 COMMENT ON FUNCTION _proposal_basis(bigint) IS
-'What a proposal depends on: the settings of a scene, and the versions of its objects.';
+'What a proposal depends on: the settings and rules of a scene, and the versions of its objects.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_proposal(
     p_scene_id bigint, p_basis jsonb, p_goal text, p_objective_s double precision, p_bound_s double precision,
@@ -79,8 +79,7 @@ DECLARE
     v_proposal proposal := _proposal(p_proposal_id);
     v_found text[] := '{}';
 BEGIN
-    IF v_proposal.settings IS DISTINCT FROM
-       (SELECT _settings_of(s) - 'name' FROM scene s WHERE s.scene_id = v_proposal.scene_id) THEN
+    IF v_proposal.settings IS DISTINCT FROM _scene_settings(v_proposal.scene_id) - 'name' THEN
         v_found := ARRAY['settings of the scene'];
     END IF;
     IF (SELECT (h.last_version, h.objects_hash) IS DISTINCT FROM (v_proposal.last_version, v_proposal.objects_hash)

@@ -287,12 +287,14 @@ LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT h.floor_m, h.ceiling_m
     FROM track t
+    -- As on the voyage that the path describes.
+    CROSS JOIN LATERAL (SELECT p_instant - _shift(t.path, t.departures, p_instant) AS at) v
     CROSS JOIN LATERAL (SELECT min(n.leg) AS first, max(n.leg) AS last
                         FROM generate_series(1, ST_NPoints(t.path) - 1) n (leg)
-                        WHERE p_instant BETWEEN to_timestamp(ST_M(ST_PointN(t.path, n.leg)))
-                                        AND to_timestamp(ST_M(ST_PointN(t.path, n.leg + 1)))) l
-    CROSS JOIN LATERAL _heights_on(t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m, t.path, l.first, l.last,
-                                   p_instant) h
+                        WHERE v.at BETWEEN to_timestamp(ST_M(ST_PointN(t.path, n.leg)))
+                                   AND to_timestamp(ST_M(ST_PointN(t.path, n.leg + 1)))
+                          AND (t.departures IS NULL OR p_instant >= t.departures[1])) l
+    CROSS JOIN LATERAL _heights_on(t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m, t.path, l.first, l.last, v.at) h
     WHERE t.scene_id = _scene_id(p_scene) AND t.key = p_key;
 END;
 COMMENT ON FUNCTION heights_at(text, text, timestamptz) IS

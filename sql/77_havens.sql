@@ -100,6 +100,13 @@ BEGIN
         FOUND := _raise('ZC011', format('track %L', p_key), 'key', format('is not a track of scene %L', p_scene),
                         'object_known');
     END IF;
+    IF v_track.departures IS NOT NULL THEN
+        -- As on the voyage that the path describes; before the first departure there is none.
+        IF cardinality(v_track.departures) = 0 OR p_instant < v_track.departures[1] THEN
+            RETURN NULL;
+        END IF;
+        p_instant := p_instant - _shift(v_track.path, v_track.departures, p_instant);
+    END IF;
     -- A waypoint belongs to the leg that starts there; the last waypoint to none.
     SELECT max(d.path[1]) INTO v_leg FROM ST_DumpPoints(v_track.path) d WHERE to_timestamp(ST_M(d.geom)) <= p_instant;
     IF v_leg IS NULL OR v_leg = ST_NPoints(v_track.path) THEN
@@ -173,9 +180,9 @@ BEGIN
     v_plane := _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat);
     v_instants := _check_instants(p_from, p_to, p_step);
     -- width_bucket counts the instants before a waypoint.
-    SELECT sum(width_bucket(to_timestamp(ST_M(ST_EndPoint(t.path))) - c_before, v_instants)
-               - width_bucket(to_timestamp(ST_M(ST_StartPoint(t.path))) - c_before, v_instants)) INTO v_rows
-        FROM track t WHERE t.scene_id = v_scene.scene_id;
+    SELECT sum(width_bucket(to_timestamp(ST_M(ST_EndPoint(t.path))) + v.later - c_before, v_instants)
+               - width_bucket(to_timestamp(ST_M(ST_StartPoint(t.path))) + v.later - c_before, v_instants)) INTO v_rows
+        FROM track t CROSS JOIN LATERAL _voyages(t.path, t.departures) v WHERE t.scene_id = v_scene.scene_id;
     IF v_rows > _most_havens() THEN
         FOUND := _raise('ZC003', 'havens', 'p_step',
                         format('%s gives %s havens from %s to %s: more than %s', p_step, v_rows, p_from, p_to,
@@ -183,26 +190,29 @@ BEGIN
     END IF;
     FOR v_track IN
         SELECT t.* FROM track t WHERE t.scene_id = v_scene.scene_id
-          AND to_timestamp(ST_M(ST_StartPoint(t.path))) <= p_to AND to_timestamp(ST_M(ST_EndPoint(t.path))) > p_from
+          AND _at_sea(t.path, t.departures) && tstzrange(p_from, p_to, '[]')
         ORDER BY t.key LOOP
         -- Copied into memory: otherwise every leg would read the stored path again.
         v_track.path := ST_SetSRID(v_track.path, 4326);
         FOR v_leg IN
-            SELECT d.n, v_instants[b.first + 1:b.last] AS instants, d.starts_at
-            FROM (SELECT p.path[1] AS n, to_timestamp(ST_M(p.geom)) AS starts_at,
-                         lead(to_timestamp(ST_M(p.geom))) OVER (ORDER BY p.path[1]) AS ends_at
-                  FROM ST_DumpPoints(v_track.path) p) d
+            SELECT d.n, v_instants[b.first + 1:b.last] AS instants, d.starts_at, d.later
+            FROM (SELECT p.path[1] AS n, to_timestamp(ST_M(p.geom)) + v.later AS starts_at,
+                         lead(to_timestamp(ST_M(p.geom)) + v.later) OVER (PARTITION BY v.later ORDER BY p.path[1])
+                             AS ends_at, v.later
+                  FROM _voyages(v_track.path, v_track.departures) v
+                  CROSS JOIN LATERAL ST_DumpPoints(v_track.path) p) d
             CROSS JOIN LATERAL (SELECT width_bucket(d.starts_at - c_before, v_instants) AS first,
                                        width_bucket(d.ends_at - c_before, v_instants) AS last) b
-            WHERE d.ends_at IS NOT NULL AND b.first < b.last ORDER BY d.n LOOP
+            WHERE d.ends_at IS NOT NULL AND b.first < b.last ORDER BY d.later, d.n LOOP
             RETURN QUERY
-                SELECT v_track.key, h.at, h.haven, b.floor_m, b.ceiling_m
+                SELECT v_track.key, h.at + v_leg.later, h.haven, b.floor_m, b.ceiling_m
                 FROM _leg_havens(v_scene.motion, v_scene.earth, v_plane, v_track.path, v_track.outline,
-                                 v_track.grow_mps, v_track.outlines, v_leg.n, v_leg.instants) h
+                                 v_track.grow_mps, v_track.outlines, v_leg.n,
+                                 ARRAY(SELECT u.at - v_leg.later FROM unnest(v_leg.instants) u (at))) h
                 -- At a waypoint, the heights of both legs.
                 CROSS JOIN LATERAL _heights_on(
                     v_track.floor_m, v_track.ceiling_m, v_track.floors_m, v_track.ceilings_m, v_track.path,
-                    v_leg.n - (v_leg.n > 1 AND h.at = v_leg.starts_at)::integer, v_leg.n, h.at) b;
+                    v_leg.n - (v_leg.n > 1 AND h.at + v_leg.later = v_leg.starts_at)::integer, v_leg.n, h.at) b;
         END LOOP;
     END LOOP;
 END

@@ -151,7 +151,7 @@ DECLARE
     v_settings jsonb;
 BEGIN
     SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
-    v_settings := _settings_of(v_scene) - '{name,centre_lon,centre_lat,delays_within_s}'::text[];
+    v_settings := _settings_of(v_scene) - '{name,centre_lon,centre_lat,delays_within_s,horizon_days}'::text[];
     SELECT * INTO a FROM _explained_object(v_scene.scene_id, p_a);
     SELECT * INTO b FROM _explained_object(v_scene.scene_id, p_b);
     IF p_a = p_b THEN

@@ -187,13 +187,19 @@ BEGIN ATOMIC
           SELECT a.scene_id, coalesce(q.changed_at, a.compared_at + a.every), 0
           FROM attachment a LEFT JOIN attached_change q USING (attachment_id)
           WHERE (q.attachment_id IS NOT NULL OR NOT _is_compared(a))
-                AND NOT _has_just_failed(a) AND _is_mine(a.attachment_id)) p
+                AND NOT _has_just_failed(a) AND _is_mine(a.attachment_id)
+          UNION ALL
+          SELECT h.scene_id, now(), 0 FROM scene h WHERE _is_behind_horizon(h.expanded, h.horizon_days)
+          UNION ALL
+          SELECT w.scene_id, now(), 0 FROM area w WHERE w.schedule IS NOT NULL AND w.activations IS NULL
+          UNION ALL
+          SELECT w.scene_id, now(), 0 FROM track w WHERE w.schedule IS NOT NULL AND w.departures IS NULL) p
     JOIN scene s USING (scene_id)
     GROUP BY s.name ORDER BY min(p.at), min(p.n);
 END;
 COMMENT ON FUNCTION _waiting_scenes() IS
-'Scenes that wait for detection, or for tables that the current role attached, with seconds of waiting; the longest '
-'waiting first.';
+'Scenes that wait for detection, for schedules to be expanded further, or for tables that the current role attached, '
+'with seconds of waiting; the longest waiting first.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._attachments(p_scene text) RETURNS SETOF attachments
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$

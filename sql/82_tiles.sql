@@ -371,8 +371,10 @@ BEGIN
     RETURN (
         SELECT ST_AsMVT(f, 'areas', 4096, 'shape', 'area_id')
         FROM (SELECT a.area_id, a.key, a.name, a.floor_m, a.ceiling_m,
-                     nullif(extract(epoch FROM lower(a.active_span)), '-infinity')::double precision AS start_s,
-                     nullif(extract(epoch FROM upper(a.active_span)), 'infinity')::double precision AS end_s,
+                     nullif(extract(epoch FROM lower(_active_within(a.active_span, a.activations))), '-infinity')
+                         ::double precision AS start_s,
+                     nullif(extract(epoch FROM upper(_active_within(a.active_span, a.activations))), 'infinity')
+                         ::double precision AS end_s,
                      CASE WHEN b.is_plain
                           THEN coalesce(_tile_plain(a.footprint, b.box, w.bounds, w.unit_m, w.unit_deg),
                                         _tile_shape(a.footprint, z, x, y))
@@ -383,7 +385,7 @@ BEGIN
               CROSS JOIN LATERAL (SELECT n.box, _is_plain(n.box, w.plain_deg, w.edge_deg) AS is_plain,
                                          _is_plain(n.box, w.large_deg, w.edge_deg) AS is_small
                                   FROM (SELECT Box2D(a.footprint)::box3d AS box OFFSET 0) n OFFSET 0) b
-              WHERE a.scene_id = v.scene_id AND a.active_span && v.span
+              WHERE a.scene_id = v.scene_id AND coalesce(a.activations, tstzmultirange(a.active_span)) && v.span
                 AND (a.footprint && w.shown OR NOT b.is_small)
                 AND coalesce(a.floor_m, '-infinity') < coalesce(v.ceiling_m, 'infinity')
                 AND coalesce(v.floor_m, '-infinity') < coalesce(a.ceiling_m, 'infinity')
@@ -404,8 +406,9 @@ DECLARE
 BEGIN
     RETURN (
         SELECT ST_AsMVT(f, 'tracks', 4096, 'shape', 'track_id')
-        FROM (SELECT t.track_id, t.key, t.name, t.floor_m, t.ceiling_m, ST_M(ST_StartPoint(t.path)) AS start_s,
-                     ST_M(ST_EndPoint(t.path)) AS end_s,
+        FROM (SELECT t.track_id, t.key, t.name, t.floor_m, t.ceiling_m, 
+                     extract(epoch FROM lower(_at_sea(t.path, t.departures)))::double precision AS start_s,
+                     extract(epoch FROM upper(_at_sea(t.path, t.departures)))::double precision AS end_s,
                      CASE WHEN b.is_plain
                           THEN _tile_plain(t.path, b.box, w.bounds, w.unit_m, w.unit_deg)
                           ELSE _tile_shape(_drawn_path(t.path, v.plane), z, x, y) END AS shape
@@ -415,7 +418,7 @@ BEGIN
                                          _is_plain(n.box, w.large_deg, w.edge_deg) AS is_small
                                   FROM (SELECT Box2D(t.path)::box3d AS box OFFSET 0) n OFFSET 0) b
               WHERE t.scene_id = v.scene_id AND (t.path && w.shown OR NOT b.is_small)
-                AND tstzrange(to_timestamp(ST_M(ST_StartPoint(t.path))), to_timestamp(ST_M(ST_EndPoint(t.path))))
+                AND _at_sea(t.path, t.departures)
                     && v.span
                 AND coalesce(t.floor_m, '-infinity') < coalesce(v.ceiling_m, 'infinity')
                 AND coalesce(v.floor_m, '-infinity') < coalesce(t.ceiling_m, 'infinity')
@@ -507,8 +510,10 @@ COMMENT ON FUNCTION tile_conflicts(integer, integer, integer, json) IS
 
 CREATE OR REPLACE VIEW map_areas WITH (security_invoker = true) AS
 SELECT a.area_id, s.name AS scene, a.key, a.name, a.floor_m, a.ceiling_m,
-       CASE WHEN isfinite(lower(a.active_span)) THEN lower(a.active_span) END AS starts_at,
-       CASE WHEN isfinite(upper(a.active_span)) THEN upper(a.active_span) END AS ends_at,
+       CASE WHEN isfinite(lower(_active_within(a.active_span, a.activations)))
+            THEN lower(_active_within(a.active_span, a.activations)) END AS starts_at,
+       CASE WHEN isfinite(upper(_active_within(a.active_span, a.activations)))
+            THEN upper(_active_within(a.active_span, a.activations)) END AS ends_at,
        ST_Multi(_shown(
            a.footprint, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))::geometry(MultiPolygon, 4326)
            AS footprint
@@ -528,7 +533,7 @@ COMMENT ON COLUMN map_areas.footprint IS
 
 CREATE OR REPLACE VIEW map_tracks WITH (security_invoker = true) AS
 SELECT t.track_id, s.name AS scene, t.key, t.name, t.floor_m, t.ceiling_m,
-       to_timestamp(ST_M(ST_StartPoint(t.path))) AS starts_at, to_timestamp(ST_M(ST_EndPoint(t.path))) AS ends_at,
+       lower(_at_sea(t.path, t.departures)) AS starts_at, upper(_at_sea(t.path, t.departures)) AS ends_at,
        ST_Multi(_shown(
            t.path, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))::geometry(MultiLineString, 4326) AS path
 FROM track t JOIN scene s USING (scene_id);

@@ -171,7 +171,11 @@ BEGIN
            coalesce(f.forbidden, '[]'), l.waits, l.has_departed, l.first_us / 1e6::float, l.last_us / 1e6::float
     FROM unnest(v_tracks) m
     JOIN track t ON t.track_id = m
-    CROSS JOIN LATERAL _leeway(t.path, p_horizon_us, p_now_us) l
+    -- All voyages are delayed together: by what the first one may be.
+    CROSS JOIN LATERAL _leeway(
+        t.path, p_horizon_us,
+        p_now_us - coalesce((extract(epoch FROM t.departures[1] - to_timestamp(ST_M(ST_StartPoint(t.path))))
+                             * 1000000)::bigint, 0)) l
     CROSS JOIN LATERAL (SELECT range_agg(r * v_within) AS forbidden
                         FROM difference d CROSS JOIN unnest(d.forbidden_us) r
                         WHERE d.scene_id = p_scene_id AND d.track_id = t.track_id OFFSET 0) u

@@ -49,8 +49,10 @@ BEGIN ATOMIC
         FROM scene s WHERE s.scene_id = _scene_id(p_scene)
     )
     SELECT a.area_id, a.key, a.name, a.floor_m, a.ceiling_m,
-           nullif(extract(epoch FROM lower(a.active_span)), '-infinity')::double precision,
-           nullif(extract(epoch FROM upper(a.active_span)), 'infinity')::double precision,
+           nullif(extract(epoch FROM lower(_active_within(a.active_span, a.activations))), '-infinity')
+               ::double precision,
+           nullif(extract(epoch FROM upper(_active_within(a.active_span, a.activations))), 'infinity')
+               ::double precision,
            ST_XMin(a.footprint), ST_YMin(a.footprint), ST_XMax(a.footprint), ST_YMax(a.footprint),
            ST_X(i.place), ST_Y(i.place)
     FROM place p JOIN area a USING (scene_id)

@@ -17,7 +17,18 @@ COMMENT ON COLUMN area.key IS 'Id, unique among the areas and tracks of the scen
 COMMENT ON COLUMN area.name IS 'Display name; null: none.';
 COMMENT ON COLUMN area.footprint IS
 'Longitude and latitude, degrees; longitudes may exceed 180. Edges are straight in the scene''s plane.';
-COMMENT ON COLUMN area.active_span IS 'When it is closed: [start, end); a missing bound is unbounded.';
+COMMENT ON COLUMN area.activations IS
+'When it is closed, if several times: spans [start, end) within active_span. With a schedule: its expansion, null '
+'until a detection makes it. Null without a schedule: active_span alone.';
+COMMENT ON COLUMN area.schedule IS
+'When it is closed within active_span, as written (JSON as in scene files); null: none.';
+COMMENT ON COLUMN track.departures IS
+'When its voyages depart, if several: the path, moved so that it begins then. With a schedule: its expansion, null '
+'until a detection makes it. Null without a schedule: one voyage, at the times of the path.';
+COMMENT ON COLUMN track.schedule IS 'When it departs: the starts of a schedule (JSON as in scene files); null: none.';
+COMMENT ON COLUMN scene.expanded IS 'The time for which schedules are expanded; null: none is.';
+COMMENT ON COLUMN area.active_span IS 
+'When it is closed: [start, end); a missing bound is unbounded. With activations it holds all of them.';
 COMMENT ON COLUMN area.floor_m IS 'Lowest height, metres above mean sea level, inclusive; null: no limit.';
 COMMENT ON COLUMN area.ceiling_m IS 'Highest height, metres above mean sea level, exclusive; null: no limit.';
 COMMENT ON COLUMN area.properties IS 'Additional data of its source, a JSON object.';

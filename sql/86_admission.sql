@@ -18,13 +18,14 @@ BEGIN
     INSERT INTO admission_lock AS l (scene_id, taken) VALUES (v_scene_id, 1)
         ON CONFLICT (scene_id) DO UPDATE SET taken = l.taken + 1;
     PERFORM set_config('lock_timeout', v_lock_timeout, true);
-    SELECT s.scene_id, _settings_of(s) INTO scene_id, settings FROM scene s WHERE s.scene_id = v_scene_id;
+    scene_id := v_scene_id;
+    settings := _scene_settings(v_scene_id);
 END
 $$;
 COMMENT ON FUNCTION _begin_admission(text, double precision) IS
-'Takes the lock of admissions of a scene until the transaction ends; returns the scene''s id and settings. Waits at '
-'most p_wait_s seconds (null: lock_timeout), then raises lock_not_available. A transaction with an older snapshot than '
-'the last admission gets serialization_failure.';
+'Takes the lock of admissions of a scene until the transaction ends; returns the scene''s id, settings and rules. '
+'Waits at most p_wait_s seconds (null: lock_timeout), then raises lock_not_available. A transaction with an older '
+'snapshot than the last admission gets serialization_failure.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._admission_holders(p_scene_id bigint)
 RETURNS TABLE (pid integer, application text, role text, since timestamptz)
@@ -171,18 +172,19 @@ BEGIN
             key text, name text, footprint text, active_span tstzrange, path text, outline text, outlines text,
             floor_m double precision, ceiling_m double precision, floors_m double precision[],
             ceilings_m double precision[], grow_mps double precision, properties jsonb, class text, owner text,
-            tolerances jsonb) LOOP
+            activations tstzmultirange, departures timestamptz[], schedule jsonb, tolerances jsonb) LOOP
         IF v_plan.footprint IS NOT NULL THEN
             PERFORM put_area(
                 p_scene, v_plan.key, ST_GeomFromWKB(decode(v_plan.footprint, 'hex'), 4326), v_plan.active_span,
                 v_plan.floor_m, v_plan.ceiling_m, v_plan.name, v_plan.properties, p_class => v_plan.class,
-                p_owner => v_plan.owner);
+                p_owner => v_plan.owner, p_activations => v_plan.activations, p_schedule => v_plan.schedule);
         ELSE
             PERFORM put_track(
                 p_scene, v_plan.key, ST_GeomFromWKB(decode(v_plan.path, 'hex'), 4326),
                 ST_GeomFromWKB(decode(v_plan.outline, 'hex')), v_plan.floor_m, v_plan.ceiling_m, v_plan.name,
                 v_plan.properties, v_plan.grow_mps, ST_GeomFromWKB(decode(v_plan.outlines, 'hex')), v_plan.floors_m,
                 v_plan.ceilings_m, p_class => v_plan.class, p_owner => v_plan.owner,
+                p_departures => v_plan.departures, p_schedule => v_plan.schedule,
                 p_tolerances => v_plan.tolerances);
         END IF;
     END LOOP;

@@ -5,15 +5,66 @@ Units: metres, degrees, microseconds since 1970. Waypoints and outlines are ragg
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.ragged import offsets, ragged_rows, ragged_take, stacked
 from conflictdb.arrays.words import numbers_of_words
+from conflictdb.errors import InvalidInput
 from conflictdb.model.outlines import mitred
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Track
+
+
+@dataclass(frozen=True, slots=True)
+class Activations:
+    """When n objects are active: object i has rows [offset[i], offset[i + 1]), perhaps none.
+
+    offset : (n + 1,) int64
+    at_us : (s, 2) int64, spans of areas, MINUS_INFINITY_US and INFINITY_US where unbounded; or (s,) int64, departures
+        of tracks
+    """
+
+    offset: NDArray[np.int64]
+    at_us: NDArray[np.int64]
+
+    def take(self, rows: NDArray[np.int64]) -> "Activations":
+        """Return the activations of some objects."""
+        offset, index = ragged_rows(self.offset, rows)
+        return Activations(offset, self.at_us[index])
+
+    def followed_by(self, other: "Activations") -> "Activations":
+        """Return the activations of these objects, then of others."""
+        offset = np.concatenate([self.offset, other.offset[1:] + self.offset[-1]])
+        return Activations(offset, np.concatenate([self.at_us, other.at_us]))
+
+    @classmethod
+    def once(cls, at_us: NDArray[np.int64]) -> "Activations":
+        """Return one activation for each object: spans (n, 2) or departures (n,)."""
+        return cls(np.arange(len(at_us) + 1), at_us)
+
+    @classmethod
+    def of(cls, each: Sequence[Sequence[Any] | None], once: NDArray[np.int64]) -> "Activations":
+        """Return given activations, in the form of `at_us`; None: that of `once`, one for each object."""
+        if not any(one is not None for one in each):
+            return cls.once(once)
+        found = [once[i : i + 1] if one is None else np.array(one, np.int64) for i, one in enumerate(each)]
+        shape = (-1, *once.shape[1:])
+        at_us = np.concatenate([np.empty((0, *once.shape[1:]), np.int64), *(one.reshape(shape) for one in found)])
+        return cls(offsets([len(one.reshape(shape)) for one in found]), at_us)
+
+
+def _unless_scheduled(item: Area | Track, given: Any) -> Any:
+    """Return activations that are given; raises InvalidInput for a schedule that is not expanded to some."""
+    if item.schedule is not None and given is None:
+        kind = "area" if isinstance(item, Area) else "track"
+        raise InvalidInput(
+            f"{kind} {item.key!r}",
+            "schedule",
+            "is not expanded: detect the scene that holds it, or give its activations",
+        )
+    return given
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +73,7 @@ class AreaBatch:
 
     area_id, version : (n,) int64
     footprint : (n,) object, shapely MultiPolygon in degrees
-    start_us, end_us : (n,) int64, MINUS_INFINITY_US and INFINITY_US where unbounded
+    active : spans; none: the area is never active
     floor_m, ceiling_m : (n,) float64, -inf and +inf where unbounded
     class_number, owner_number : (n,) int64, of class and owner (`words`), 0 without
     """
@@ -30,8 +81,7 @@ class AreaBatch:
     area_id: NDArray[np.int64]
     version: NDArray[np.int64]
     footprint: NDArray[np.object_]
-    start_us: NDArray[np.int64]
-    end_us: NDArray[np.int64]
+    active: Activations
     floor_m: NDArray[np.float64]
     ceiling_m: NDArray[np.float64]
     class_number: NDArray[np.int64]
@@ -42,7 +92,9 @@ class AreaBatch:
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the areas of some rows."""
-        return type(self)(*(getattr(self, column.name)[rows] for column in fields(self)))
+        columns = {column.name: getattr(self, column.name) for column in fields(self)}
+        taken = {name: of.take(rows) if name == "active" else of[rows] for name, of in columns.items()}
+        return type(self)(**taken)
 
     @classmethod
     def of(cls, areas: Sequence[Area]) -> "AreaBatch":
@@ -53,13 +105,29 @@ class AreaBatch:
             np.arange(len(areas), dtype=np.int64),
             np.ones(len(areas), dtype=np.int64),
             footprint,
-            np.array([MINUS_INFINITY_US if a.start_us is None else a.start_us for a in areas], dtype=np.int64),
-            np.array([INFINITY_US if a.end_us is None else a.end_us for a in areas], dtype=np.int64),
+            Activations.of(
+                [_unless_scheduled(a, None if a.spans_us is None else _spans(a)) for a in areas],
+                outer_spans(areas),
+            ),
             np.array([-np.inf if a.floor_m is None else a.floor_m for a in areas], dtype=np.float64),
             np.array([np.inf if a.ceiling_m is None else a.ceiling_m for a in areas], dtype=np.float64),
             numbers_of_words([a.object_class for a in areas]),
             numbers_of_words([a.owner for a in areas]),
         )
+
+
+def outer_spans(areas: Sequence[Area]) -> NDArray[np.int64]:
+    """Return (n, 2) start and end of areas, from the first to the last of several spans."""
+    start = [MINUS_INFINITY_US if a.start_us is None else a.start_us for a in areas]
+    end = [INFINITY_US if a.end_us is None else a.end_us for a in areas]
+    return np.array([start, end], np.int64).T.reshape(-1, 2)
+
+
+def _spans(area: Area) -> list[tuple[int, int]]:
+    return [
+        (MINUS_INFINITY_US if start is None else start, INFINITY_US if end is None else end)
+        for start, end in area.spans_us or ()
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +146,7 @@ class TrackBatch:
     outlines_m : (u, 2) float64, concatenated outlines of tracks that have one per waypoint; no rows for other tracks
     tolerances : (n,) object, members of tolerances (`model.tolerances`), or None
     class_number, owner_number : (n,) int64, of class and owner (`words`), 0 without
+    departs : departures, at which each voyage begins instead of at its first waypoint's time; none: there is no voyage
     """
 
     track_id: NDArray[np.int64]
@@ -95,6 +164,7 @@ class TrackBatch:
     tolerances: NDArray[np.object_]
     class_number: NDArray[np.int64]
     owner_number: NDArray[np.int64]
+    departs: Activations
 
     def __len__(self) -> int:
         return len(self.track_id)
@@ -121,11 +191,15 @@ class TrackBatch:
             self.tolerances[rows],
             self.class_number[rows],
             self.owner_number[rows],
+            self.departs.take(rows),
         )
 
     @classmethod
-    def of(cls, tracks: Sequence[Track]) -> "TrackBatch":
-        """Return the batch of some tracks, numbered from 0."""
+    def of(cls, tracks: Sequence[Track], *, once: bool = False) -> "TrackBatch":
+        """Return the batch of some tracks, numbered from 0.
+
+        once : each makes one voyage, at the times of its waypoints, whatever its departures are
+        """
         waypoint_offset = offsets([len(t.times_us) for t in tracks])
         legs = np.diff(waypoint_offset) - 1
         lowest = np.array([-np.inf if t.floor_m is None else t.floor_m for t in tracks], np.float64)
@@ -153,6 +227,10 @@ class TrackBatch:
             tolerances,
             numbers_of_words([t.object_class for t in tracks]),
             numbers_of_words([t.owner for t in tracks]),
+            Activations.of(
+                [None if once else _unless_scheduled(t, t.departures_us) for t in tracks],
+                np.array([t.times_us[0] for t in tracks], np.int64),
+            ),
         )
 
     def outlines_on(

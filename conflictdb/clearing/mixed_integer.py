@@ -42,7 +42,7 @@ class Relaxed:
     is_infeasible: bool
 
 
-class _Rows:
+class _Matrix:
     """Rows and columns of a linear program, one by one."""
 
     def __init__(self) -> None:
@@ -76,7 +76,7 @@ def solve(
     penalty : cost of a track that is left; None: none may be
     cuts : tracks, and the least sum of their weighted delays (goal ``total``) or largest of them, seconds
     """
-    rows = _Rows()
+    rows = _Matrix()
     low, high = program.low / 1e6, program.high / 1e6
     n = len(program)
     counts = program.weight if goal == "total" else _TRACE * program.weight

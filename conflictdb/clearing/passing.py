@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from conflictdb import in_memory
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import MAX_DISTANCE_M, Area, Scene, Track
 from conflictdb.model.proposals import METRES_PER_NMI, Move, Passing, Side
 from conflictdb.model.results import Conflict
 from conflictdb.stages.delays import Differences
@@ -104,7 +104,7 @@ def _near(
 ) -> dict[tuple[str, str], Conflict]:
     """Return the closest approaches of pairs of tracks that come near to each other."""
     tracks = {key for pair in pairs for key in pair if key in changed}
-    wide = replace(scene, nearest_m=scene.separation_m + _NEAR_M)
+    wide = replace(scene, nearest_m=min(scene.largest_separation_m + _NEAR_M, MAX_DISTANCE_M))
     found = {}
     for one in in_memory.solve([changed[key] for key in sorted(tracks)], [], wide):
         for pair in ((one.a_key, one.b_key), (one.b_key, one.a_key)):

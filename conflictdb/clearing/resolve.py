@@ -14,6 +14,7 @@ from conflictdb.clearing.passing import moves_of
 from conflictdb.clearing.program import Program, chain_of
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.model import inputs
+from conflictdb.model.horizon import require_one_voyage
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.proposals import Goal, Left, Move, Proposal
@@ -289,6 +290,7 @@ def _check(
     for name, given in (("keys", keys or ()), ("keep", keep)):
         if isinstance(given, str):
             raise InvalidInput("resolve", name, f"must be a list of keys; got the text {given!r:.60}")
+    require_one_voyage("resolve", "tracks", tracks.values())
     for key in [*(keys or ()), *weights, *levels]:
         if key not in tracks:
             problem = "is an area, which does not depart" if key in every else "is not known"

@@ -9,6 +9,7 @@ from typing import Any, Final, NoReturn
 from conflictdb.cli.values import (
     aware,
     count,
+    days,
     duration_s,
     haven,
     instant,
@@ -42,6 +43,7 @@ _OPTIONS: Final[Mapping[str, tuple[Callable[[str], Any], object, str, str]]] = {
 _VALUES: Final[Mapping[SettingType, tuple[Callable[[str], Any], str]]] = {
     SettingType.METRES: (metres, "M"),
     SettingType.SECONDS: (seconds, "DURATION"),
+    SettingType.DAYS: (days, "N"),
     SettingType.PLACE: (place, "LON,LAT"),
 }
 _FLAGS: Final = {

@@ -147,6 +147,11 @@ def seconds(text: str) -> float:
     return 0.0 if re.fullmatch(r"0(\.0+)?\s*s?", text.strip()) else duration_s(text)
 
 
+def days(text: str) -> float:
+    """Return a number of days."""
+    return float(text)
+
+
 def instant(text: str) -> datetime:
     """Return an ISO 8601 instant with offset."""
     from conflictdb.formats.instants import parse_instant

@@ -78,7 +78,7 @@ def members_near(
     scene : with a centre, if it needs one
     mine : the plans, cut
     """
-    within_us = scene.time_separation_us
+    within_us = scene.longest_time_us
     near = store.objects_near(conn, number, scene, mine.pieces.longer(within_us, within_us), plans)
     return _members(conn, number, scene, sorted(set(near) - set(replaced)))
 

@@ -26,7 +26,7 @@ import psycopg
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.db import follow_attached, store
+from conflictdb.db import expansion, follow_attached, store
 from conflictdb.db.difference_rows import refresh_differences
 from conflictdb.db.sources import FewSource, SceneSource
 from conflictdb.earth.registry import plane_of
@@ -231,7 +231,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
 
 
 def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Options) -> store.Begun:
-    """Follow attached tables, then begin the first transaction."""
+    """Follow attached tables and expand schedules, then begin the first transaction."""
     few = -1 if full else options.few_objects
     again: bool | None = not options.only_pending
     while True:
@@ -240,7 +240,9 @@ def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Opti
             return begun
         with store.translated():
             conn.rollback()
-        follow_attached.follow(conn, scene, again=again is True)
+        if again is not None:
+            follow_attached.follow(conn, scene, again=again)
+        expansion.expand(conn, scene)
         again = None
 
 

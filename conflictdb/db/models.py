@@ -42,6 +42,7 @@ class Base(DeclarativeBase):
         list[dict[str, Any]]: JSONB,
         list[str]: ARRAY(Text),
         list[float | None]: ARRAY(Double),
+        list[datetime]: ARRAY(DateTime(timezone=True)),
         Range[datetime]: TSTZRANGE,
         Sequence[Range[datetime]]: TSTZMULTIRANGE,
     }
@@ -68,6 +69,8 @@ class Scene(Base):
     time_separation_s: Mapped[float] = mapped_column(server_default=FetchedValue())
     delays_within_s: Mapped[float] = mapped_column(server_default=FetchedValue())
     intervals: Mapped[str] = mapped_column(server_default=FetchedValue())
+    horizon_days: Mapped[float] = mapped_column(server_default=FetchedValue())
+    expanded: Mapped[Range[datetime] | None]
 
 
 class Area(Base):
@@ -88,6 +91,8 @@ class Area(Base):
     first_version: Mapped[int] = mapped_column(server_default=FetchedValue())
     object_class: Mapped[str | None] = mapped_column("class")
     owner: Mapped[str | None]
+    activations: Mapped[Sequence[Range[datetime]] | None]
+    schedule: Mapped[dict[str, Any] | None]
 
 
 class Track(Base):
@@ -113,6 +118,8 @@ class Track(Base):
     first_version: Mapped[int] = mapped_column(server_default=FetchedValue())
     object_class: Mapped[str | None] = mapped_column("class")
     owner: Mapped[str | None]
+    departures: Mapped[list[datetime] | None]
+    schedule: Mapped[dict[str, Any] | None]
 
 
 class Conflict(Base):
@@ -207,6 +214,9 @@ class SceneState(Base):
     time_separation_s: Mapped[float]
     delays_within_s: Mapped[float]
     intervals: Mapped[str]
+    horizon_days: Mapped[float]
+    expanded_from: Mapped[datetime | None]
+    expanded_until: Mapped[datetime | None]
 
 
 class ConflictEvent(Base):

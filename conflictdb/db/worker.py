@@ -10,6 +10,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from random import SystemRandom
 from typing import Any, Final
@@ -301,10 +302,9 @@ def _check(connection: "psycopg.Connection[Any]") -> None:
 
 def _recover(connection: "psycopg.Connection[Any]", error: Exception) -> None:
     """Roll back after an error; raises StoreError if the connection is unusable."""
-    try:
+    # The first error says more than that of the rollback.
+    with suppress(psycopg.Error):
         connection.rollback()
-    except psycopg.Error as lost:
-        raise StoreError(_reason(lost)) from error
     if connection.closed:
         raise StoreError(_reason(error)) from error
 

@@ -16,7 +16,7 @@ from conflictdb.earth.registry import centred, plane_of
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind, distinct_labels
-from conflictdb.stages.heights import bands_at
+from conflictdb.stages.climbs import bands_at
 from conflictdb.stages.pieces.covers import COVER, pieces_of
 from conflictdb.stages.published.stage3_projection import windows
 from conflictdb.stages.stage1_broad_phase import candidates, hulls_of

@@ -13,8 +13,8 @@ from typing import Any, Final
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone
 from conflictdb.formats.contents import Contents, Skipped
+from conflictdb.formats.file_heights import height_m
 from conflictdb.formats.gml import Geometries
-from conflictdb.formats.heights import height_m
 from conflictdb.formats.timesheets import schedule_of_sheets
 from conflictdb.formats.values_of_xml import number_of, time_of
 from conflictdb.formats.xml_text import Element
@@ -142,7 +142,7 @@ def _zone(
         if value is not None:
             properties[f"airspace_{name}"] = value
     named = slice_.value("name") or (baseline.value("name") if baseline is not None else None)
-    return Zone(key, volumes, named, active, {"interpretation": kind, **properties})
+    return Zone(key, volumes, named, active, {"interpretation": kind, **properties}, properties.get("airspace_type"))
 
 
 def _span(who: str, slice_: Element) -> tuple[int | None, int | None]:

@@ -13,7 +13,9 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import Contents, FileRefusals, given_twice, left_out, name_of
 from conflictdb.formats.discs import Corners, disc
 from conflictdb.formats.fields import key as checked_key
+from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import check_storable, check_text
+from conflictdb.model.inputs import certain
 from conflictdb.model.plans import MAX_POINTS, Area, Scene, Track
 
 # Circles of files without settings, as in the default scene.
@@ -46,6 +48,8 @@ class Zone:
     """An object of a file that becomes one area for each of its volumes.
 
     active : spans; empty: at all times
+    object_class : that separation rules name
+    owner : volumes of one owner are not compared; None: those of this zone
     """
 
     key: str
@@ -53,6 +57,8 @@ class Zone:
     name: str | None = None
     active: Sequence[Active] = ()
     properties: Mapping[str, Any] = field(default_factory=dict)
+    object_class: str | None = None
+    owner: str | None = None
 
 
 def areas_of(who: str, zone: Zone) -> Iterator[Area]:
@@ -66,20 +72,44 @@ def areas_of(who: str, zone: Zone) -> Iterator[Area]:
     check_storable(who, "", dict(zone.properties))
     if not zone.volumes:
         raise InvalidInput(who, "geometry", "is missing: an area needs a volume")
-    if len(zone.active) > 1 or any(one.schedule is not None for one in zone.active):
-        raise InvalidInput(who, "schedule", "is not read yet")
-    active = zone.active[0] if zone.active else Active()
+    active = _active(zone.active)
     for number, volume in enumerate(zone.volumes, 1):
         yield Area(
             key if len(zone.volumes) == 1 else f"{key}/{number}",
             volume.footprint,
             zone.name,
-            active.start_us,
-            active.end_us,
-            volume.floor_m,
-            volume.ceiling_m,
-            zone.properties,
+            floor_m=volume.floor_m,
+            ceiling_m=volume.ceiling_m,
+            properties=zone.properties,
+            object_class=zone.object_class,
+            owner=zone.owner or (key if len(zone.volumes) > 1 else None),
+            **active,
         )
+
+
+def _active(active: Sequence[Active]) -> dict[str, Any]:
+    """Return when an area is active, as its members: one span with its schedule, several spans, or several of both."""
+    if len(active) <= 1:
+        only = active[0] if active else Active()
+        return {"start_us": certain(only.start_us), "end_us": certain(only.end_us), "schedule": only.schedule}
+    if all(one.schedule is None for one in active):
+        return {"spans_us": [[certain(one.start_us), certain(one.end_us)] for one in active]}
+    # Each rule keeps to its own span; a span without one is active all of it.
+    return {
+        "schedule": [
+            {**rule, **_within(rule, one)}
+            for one in active
+            for rule in (one.schedule if isinstance(one.schedule, list) else [one.schedule or {}])
+        ]
+    }
+
+
+def _within(rule: Mapping[str, Any], active: Active) -> dict[str, str]:
+    """Return the ends of a span as `from` and `until` of a rule, which has none of its own."""
+    ends = {"from": active.start_us, "until": active.end_us}
+    if wrong := [name for name, at in ends.items() if at is not None and name in rule]:
+        raise InvalidInput("schedule", wrong[0], "is given twice: by the rule and by the span that it belongs to")
+    return {name: format_instant(at) for name, at in ends.items() if at is not None}
 
 
 class Gathered:

@@ -25,7 +25,7 @@ _SETTINGS: Final = {"LC_ALL": "C.UTF-8", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_T
 
 
 @dataclass(frozen=True, slots=True)
-class Program:
+class ConfinedProgram:
     """A reader of untrusted files, and its limits.
 
     file : its name, beside this module (`confined_child` describes its contents)
@@ -73,7 +73,7 @@ class Running:
     longest_s : time limit
     """
 
-    program: Program
+    program: ConfinedProgram
     child: "subprocess.Popen[bytes]"
     max_file_mb: float
     longest_s: float

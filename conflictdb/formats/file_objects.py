@@ -3,7 +3,7 @@
 Includes the reading of havens and speeds that other formats share.
 """
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -11,14 +11,17 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from conflictdb.errors import InvalidInput
 from conflictdb.formats.discs import Corners, disc
-from conflictdb.formats.fields import Fields, finite, instants
+from conflictdb.formats.fields import Fields, finite, instant, instants
 from conflictdb.formats.geometry import AREA_TYPES, CIRCLE_TYPE, line, multipolygon, pairs, point
 from conflictdb.formats.instants import format_instant
+from conflictdb.formats.json_text import check_storable
 from conflictdb.formats.names import RENAME_MEMBER, SETTING_RULE, SETTINGS, misnamed
 from conflictdb.formats.reference import Systems, ToDegrees
 from conflictdb.formats.track_times import TrackAtSpeed
 from conflictdb.model import tolerances
+from conflictdb.model.activations import check_schedule
 from conflictdb.model.inputs import all_certain, certain
 from conflictdb.model.plans import METRES_PER_NMI, Area, Scene, Track, rectangle_outline_m
 from conflictdb.model.speed_limits import MPS_PER_KNOT
@@ -32,9 +35,23 @@ RULED: Final = ("class", "owner")
 DATUM: Final = "vertical_datum"
 TOLERANCES: Final = tolerances.MEMBERS
 # Names that the reader uses; a property with such a name, set by SQL, would not be read back as a property.
-AREA_MEMBERS: Final = frozenset({"kind", "name", "start", "end", "floor_m", "ceiling_m", *RULED})
+AREA_MEMBERS: Final = frozenset({"kind", "name", "start", "end", "spans", "schedule", "floor_m", "ceiling_m", *RULED})
 TRACK_MEMBERS: Final = frozenset(
-    {"kind", "name", "floor_m", "ceiling_m", "outline_m", "grow_mps", "outlines_m", *TIMES, *SPEED, *RULED, *TOLERANCES}
+    {
+        "kind",
+        "name",
+        "floor_m",
+        "ceiling_m",
+        "outline_m",
+        "grow_mps",
+        "outlines_m",
+        "departures",
+        "schedule",
+        *TIMES,
+        *SPEED,
+        *RULED,
+        *TOLERANCES,
+    }
     | {f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi")}
 )
 # Members whose loss would change conflicts, and where else they belong.
@@ -47,6 +64,7 @@ AREA_ELSEWHERE: Final = _SETTINGS | dict.fromkeys(
 AREA_ELSEWHERE["radius_m"] = "has a meaning for a Point only, which it makes a circle"
 TRACK_ELSEWHERE: Final = _SETTINGS | {
     "radius_m": "has a meaning for areas only: the haven of a track has four sides, or an outline",
+    "spans": "has a meaning for areas only: a track that sails several times has departures",
     "end": "has a meaning for areas only: a track ends with its last waypoint; to stay, give that twice, with times",
 }
 
@@ -106,6 +124,7 @@ def area_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
         "floor_m": fields.number("floor_m"),
         "ceiling_m": fields.number("ceiling_m"),
         **_ruled(fields),
+        **_recurring(fields, "spans", _spans),
         "properties": fields.rest(),
     }
     known = (*AREA_GUARDED, *(fields.known & {"radius_m"}))  # only for circles
@@ -165,6 +184,7 @@ def track_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
         "name": fields.text("name"),
         "grow_mps": fields.number("grow_mps") or 0.0,
         "tolerances": {name: fields.get(name) for name in TOLERANCES if fields.has(name)} or None,
+        **_recurring(fields, "departures", lambda who, value: all_certain(instants(who, "departures", value))),
         **_ruled(fields),
         "properties": fields.rest(),
     }
@@ -190,6 +210,31 @@ def _ruled(fields: Fields) -> dict[str, Any]:
     """Return the class and the owner of an object; checks its vertical datum."""
     _check_datum(fields)
     return {"object_class": fields.word("class"), "owner": fields.word("owner")}
+
+
+def _recurring(fields: Fields, name: str, read: Callable[[str, Any], Any]) -> dict[str, Any]:
+    """Return several activations, or a schedule, without absent ones."""
+    members: dict[str, Any] = {}
+    with fields.refusals:
+        if fields.has(name):
+            if fields.has("schedule"):
+                raise fields.refusal(name, "must not be given together with schedule")
+            members[f"{name}_us"] = read(fields.who, fields.get(name))
+    with fields.refusals:
+        if fields.has("schedule"):
+            members["schedule"] = fields.get("schedule")
+            check_schedule(fields.who, members["schedule"])
+            check_storable(fields.who, "", {"schedule": members["schedule"]})
+    return members
+
+
+def _spans(who: str, value: Any) -> list[list[Any]]:
+    if not isinstance(value, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in value):
+        raise InvalidInput(who, "spans", f"must be a list of pairs [start, end]; got {value!r:.60}")
+    return [
+        [None if at is None else certain(instant(who, f"spans[{i}][{side}]", at)) for side, at in enumerate(pair)]
+        for i, pair in enumerate(value)
+    ]
 
 
 def _heights(fields: Fields, name: str, unbounded: float) -> dict[str, Any]:
@@ -304,7 +349,8 @@ def area_properties(item: Area) -> dict[str, Any]:
     """Return the properties from which `area` reads the same area."""
     return {
         **{name: value for name, value in item.properties.items() if name not in AREA_MEMBERS},
-        **_present(kind="area", name=item.name, start=_instant(item.start_us), end=_instant(item.end_us)),
+        **_present(kind="area", name=item.name),
+        **_active(item),
         **_present(floor_m=item.floor_m, ceiling_m=item.ceiling_m),
         **ruled_properties(item),
     }
@@ -316,6 +362,7 @@ def track_properties(item: Track) -> dict[str, Any]:
         **{name: value for name, value in item.properties.items() if name not in TRACK_MEMBERS},
         **_present(kind="track", name=item.name),
         "times": [format_instant(int(t)) for t in item.times_us],
+        **_departing(item),
         **_haven_properties(item),
         **(item.tolerances or {}),
         **_present(
@@ -324,6 +371,21 @@ def track_properties(item: Track) -> dict[str, Any]:
         ),
         **ruled_properties(item),
     }
+
+
+def _departing(item: Track) -> dict[str, Any]:
+    """Return the departures of a track, or its schedule, without absent ones."""
+    if item.schedule is not None:
+        return {"schedule": item.schedule}
+    departures = item.departures_us
+    return {} if departures is None else {"departures": [format_instant(at) for at in departures]}
+
+
+def _active(item: Area) -> dict[str, Any]:
+    """Return the spans of an area, or its only one, and its schedule, whose expansion is left out."""
+    if item.spans_us is not None and item.schedule is None:
+        return {"spans": [[_instant(at) for at in span] for span in item.spans_us]}
+    return _present(start=_instant(item.start_us), end=_instant(item.end_us), schedule=item.schedule)
 
 
 def ruled_properties(item: Area | Track) -> dict[str, Any]:

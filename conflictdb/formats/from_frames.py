@@ -41,7 +41,7 @@ _OF_FIXES: Final = frozenset({"id", "time", "end", *file_objects.TIMES, *file_ob
 NO_HAVEN: Final[Mapping[str, Any]] = MappingProxyType({})
 
 
-class Zone:
+class TimeZone:
     """The zone for instants without one; if it is None they are refused."""
 
     def __init__(self, given: str | tzinfo | None) -> None:
@@ -88,7 +88,7 @@ def _is(given: object, library: str, *names: str) -> bool:
     return any(one.__name__ in names and one.__module__.split(".")[0] == library for one in type(given).__mro__)
 
 
-def areas_of(frame: "geopandas.GeoDataFrame", scene: Scene, zone: Zone) -> list[Area]:
+def areas_of(frame: "geopandas.GeoDataFrame", scene: Scene, zone: TimeZone) -> list[Area]:
     """Return the areas of a frame with a Polygon or MultiPolygon in each row; raises InvalidInput with all errors."""
     setting = _setting("areas", frame, scene)
     refusals = Refusals()
@@ -101,7 +101,7 @@ def areas_of(frame: "geopandas.GeoDataFrame", scene: Scene, zone: Zone) -> list[
 
 
 def tracks_of(
-    given: "geopandas.GeoDataFrame | TrajectoryCollection", scene: Scene, haven: Mapping[str, Any], zone: Zone
+    given: "geopandas.GeoDataFrame | TrajectoryCollection", scene: Scene, haven: Mapping[str, Any], zone: TimeZone
 ) -> list[Track]:
     """Return the tracks of a frame with a LineString in each row, or of trajectories; raises InvalidInput.
 
@@ -111,7 +111,7 @@ def tracks_of(
     return read(given, scene, haven, zone)
 
 
-def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], zone: Zone) -> list[Track]:
+def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], zone: TimeZone) -> list[Track]:
     """Return the tracks of trajectories, each a frame of fixes; sizes and heights are those of the first fix.
 
     MovingPandas removes the zone from the instants and stores it in an attribute.
@@ -147,7 +147,7 @@ def _instants_of_fixes(who: str, trajectory: Any, frame: Any) -> Any:
     return when
 
 
-def _tracks_of_lines(frame: Any, scene: Scene, haven: Mapping[str, Any], zone: Zone) -> list[Track]:
+def _tracks_of_lines(frame: Any, scene: Scene, haven: Mapping[str, Any], zone: TimeZone) -> list[Track]:
     setting = _setting("tracks", frame, scene)
     refusals = Refusals()
     found: list[Track | TrackAtSpeed] = []
@@ -210,7 +210,7 @@ def _as_key(label: Any) -> str:
     return str(number_as_key(label.item() if isinstance(label, np.generic) else label))
 
 
-def _plain(where: str, values: Mapping[Hashable, Any], zone: Zone) -> dict[str, Any]:
+def _plain(where: str, values: Mapping[Hashable, Any], zone: TimeZone) -> dict[str, Any]:
     """Return the values of a row as JSON values, without absent ones."""
     plain: dict[str, Any] = {}
     for name, value in values.items():
@@ -222,7 +222,7 @@ def _plain(where: str, values: Mapping[Hashable, Any], zone: Zone) -> dict[str, 
     return {name: value for name, value in plain.items() if value is not None}
 
 
-def _instants(where: str, field: str, value: Any, zone: Zone) -> Any:
+def _instants(where: str, field: str, value: Any, zone: TimeZone) -> Any:
     """Return an instant, or a list of them, as ISO 8601; other values unchanged, to be refused later."""
     if isinstance(value, np.datetime64):
         value = None if np.isnat(value) else value.astype("datetime64[us]").item()

@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 from conflictdb.formats.file_objects import area_properties, track_properties
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
+from conflictdb.formats.single_activations import spans_of, voyages_of
 from conflictdb.formats.xml_text import written
 from conflictdb.model.plans import Area, Scene, Track
 
 # Members with a type: other ExtendedData are texts to other programs.
 _NUMBERS: Final = ("floor_m", "ceiling_m")
+# What the placemarks say.
+_TIMES: Final = frozenset({"kind", "start", "end", "times", "spans", "schedule", "departures"})
 
 
 def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
@@ -28,17 +31,23 @@ def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
     fields = (written("SimpleField", {"type": "double", "name": name}) for name in _NUMBERS)
     yield written("Schema", {"name": "heights", "id": "heights"}, *fields) + "\n"
     for area in areas:
-        yield _placemark(area.key, area_properties(area), _span(area), _polygons(area.footprint)) + "\n"
+        spans = spans_of(area)
+        for number, span in enumerate(spans, 1):
+            key = area.key if len(spans) == 1 else f"{area.key}/{number}"
+            yield _placemark(key, area_properties(area), _span(span), _polygons(area.footprint)) + "\n"
     for track in tracks:
-        whens = (written("when", text=format_instant(int(time))) for time in track.times_us)
-        coords = (written("gx:coord", text=f"{lon!r} {lat!r} 0") for lon, lat in track.positions_deg.tolist())
-        shape = written("gx:Track", None, *whens, *coords)
-        yield _placemark(track.key, track_properties(track), "", shape) + "\n"
+        voyages = list(voyages_of(track))
+        for number, voyage in enumerate(voyages, 1):
+            key = track.key if len(voyages) == 1 else f"{track.key}/{number}"
+            whens = (written("when", text=format_instant(int(time))) for time in voyage.times_us)
+            coords = (written("gx:coord", text=f"{lon!r} {lat!r} 0") for lon, lat in voyage.positions_deg.tolist())
+            shape = written("gx:Track", None, *whens, *coords)
+            yield _placemark(key, track_properties(voyage), "", shape) + "\n"
     yield "</Document></kml>\n"
 
 
 def _placemark(key: str, members: dict[str, Any], span: str, shape: str) -> str:
-    data = {"id": key} | {name: one for name, one in members.items() if name not in ("kind", "start", "end", "times")}
+    data = {"id": key} | {name: one for name, one in members.items() if name not in _TIMES}
     numbers = {name: data.pop(name) for name in _NUMBERS if isinstance(data.get(name), int | float)}
     typed = (written("SimpleData", {"name": name}, text=repr(one)) for name, one in numbers.items())
     values = [
@@ -51,8 +60,8 @@ def _placemark(key: str, members: dict[str, Any], span: str, shape: str) -> str:
     return written("Placemark", None, written("name", text=key), span, written("ExtendedData", None, *values), shape)
 
 
-def _span(area: Area) -> str:
-    ends = (("begin", area.start_us), ("end", area.end_us))
+def _span(span_us: tuple[int | None, int | None]) -> str:
+    ends = zip(("begin", "end"), span_us, strict=True)
     inside = [written(name, text=format_instant(one)) for name, one in ends if one is not None]
     return written("TimeSpan", None, *inside) if inside else ""
 

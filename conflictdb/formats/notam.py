@@ -16,7 +16,7 @@ import shapely
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone, along_shortest_lines
 from conflictdb.formats.contents import Contents, Remark, Skipped
-from conflictdb.formats.heights import height_m
+from conflictdb.formats.file_heights import height_m
 from conflictdb.formats.instants import format_instant
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import METRES_PER_NMI
@@ -124,9 +124,8 @@ def _zone(who: str, key: str, items: Mapping[str, str], q: "re.Match[str]", foun
     named = " ".join(items["E"].split())
     name = named if len(named) <= _LONGEST_NAME else f"{named[: _LONGEST_NAME - 1]}…"
     properties = {"fir": q[1], "q_code": q[2], "text": named}
-    return Zone(
-        key, [Volume(shape, floor_m, ceiling_m)], name, [Active(start_us, end_us, schedule)], properties
-    ), is_rough
+    active = [Active(start_us, end_us, schedule)]
+    return Zone(key, [Volume(shape, floor_m, ceiling_m)], name, active, properties, q[2]), is_rough
 
 
 def _time(who: str, item: str, text: str) -> int | None:

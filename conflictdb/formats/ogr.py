@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats import file_objects, wkb
-from conflictdb.formats.confined import Program
+from conflictdb.formats.confined import ConfinedProgram
 from conflictdb.formats.contents import (
     Contents,
     FileRefusals,
@@ -57,7 +57,7 @@ _KML_LINE: Final = (
 )
 # No service listens here, so addresses in a file lead nowhere.
 _NOWHERE: Final = "http://127.0.0.1:9"
-PROGRAM: Final = Program(
+PROGRAM: Final = ConfinedProgram(
     "ogr_child.py",
     "cannot be read by OGR",
     # Sixty times the needs of a large honest file; by default a minute and 4 GB.
@@ -142,7 +142,7 @@ def read_objects(
     return contents
 
 
-def read_layers(path: Path, max_file_mb: float, program: Program = PROGRAM) -> list[Layer]:
+def read_layers(path: Path, max_file_mb: float, program: ConfinedProgram = PROGRAM) -> list[Layer]:
     """Return the layers of a file that have geometries.
 
     Raises

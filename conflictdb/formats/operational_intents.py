@@ -4,6 +4,7 @@ Each volume becomes an area. Edges of polygons are shortest lines, which rhumb l
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +14,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone, along_shortest_lines
 from conflictdb.formats.contents import Contents
 from conflictdb.formats.fields import finite, instant
-from conflictdb.formats.heights import height_m
+from conflictdb.formats.file_heights import height_m
 
 # Lists of volumes in operational intents, in their details, and in requests for them and for constraints.
 _LISTS: Final = ("volumes", "off_nominal_volumes", "extents")
@@ -74,7 +75,8 @@ def read_intents(document: Any, source: str, *, stem: str, skip_invalid: bool) -
                 number += 1
                 where = f"{name}[{k}] of intent {key!r}"
                 with found.refusals:
-                    found.add_zone(where, _zone(where, f"{key}/{number}", volume, {**rest, "list": name}, found))
+                    zone = _zone(where, f"{key}/{number}", volume, {**rest, "list": name}, found)
+                    found.add_zone(where, replace(zone, owner=key))
     return found.contents(skip_invalid=skip_invalid)
 
 

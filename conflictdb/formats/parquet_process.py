@@ -9,10 +9,10 @@ from typing import Final
 import pyarrow as pa
 
 from conflictdb.errors import InvalidInput
-from conflictdb.formats.confined import Program, Running
+from conflictdb.formats.confined import ConfinedProgram, Running
 from conflictdb.formats.contents import PARQUET
 
-_PARQUET: Final = Program(
+_PARQUET: Final = ConfinedProgram(
     "parquet_child.py",
     "cannot be read as Parquet",
     # Many times the needs of an honest file.

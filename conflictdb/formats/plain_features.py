@@ -133,6 +133,7 @@ def _plain(row: int, feature: Any, setting: FileContext) -> _PlainArea | _PlainT
         rest = {member: value for member, value in properties.items() if member not in members}
         check_storable("", "", rest)
     if not is_track:
+        _require(properties.get("spans") is None and properties.get("schedule") is None)
         span_us = _instant(properties.get("start")), _instant(properties.get("end"))
         return _PlainArea(row, key, shape, name, heights_m, rest, ruled, span_us)
     _require(all(properties[member] is None for member in _RARE & properties.keys()))

@@ -13,8 +13,8 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone
 from conflictdb.formats.contents import Contents
 from conflictdb.formats.fields import finite, instant
+from conflictdb.formats.file_heights import height_m
 from conflictdb.formats.geometry import AREA_TYPES, multipolygon, point
-from conflictdb.formats.heights import height_m
 
 _OF_ED318: Final = frozenset({"identifier", "country", "type", "variant"})
 _OF_ED269: Final = frozenset({"identifier", "country", "restriction", "geometry"})
@@ -55,7 +55,8 @@ def read_ed318(document: Any, source: str, *, stem: str, skip_invalid: bool) -> 
             active = _actives(who, "limitedApplicability", properties.get("limitedApplicability"))
             rest = {name: one for name, one in properties.items() if name not in ("identifier", "name")}
             rest.pop("limitedApplicability", None)
-            found.add_zone(where, Zone(key, volumes, _text(properties.get("name")), active, rest))
+            kind = _class(rest.get("type"))
+            found.add_zone(where, Zone(key, volumes, _text(properties.get("name")), active, rest, kind))
     return found.contents(skip_invalid=skip_invalid)
 
 
@@ -74,7 +75,8 @@ def read_ed269(document: Any, source: str, *, stem: str, skip_invalid: bool) -> 
             ]
             active = _actives(who, "applicability", zone.get("applicability"))
             rest = {one: zone[one] for one in zone if one not in ("identifier", "name", "geometry", "applicability")}
-            found.add_zone(where, Zone(key, volumes, _text(zone.get("name")), active, rest))
+            kind = _class(rest.get("restriction"))
+            found.add_zone(where, Zone(key, volumes, _text(zone.get("name")), active, rest, kind))
     return found.contents(skip_invalid=skip_invalid)
 
 
@@ -92,6 +94,11 @@ def _text(name: Any) -> str | None:
         english = [one for one in texts if str(one.get("lang", "")).startswith("en")]
         name = next((one["text"] for one in [*english, *texts]), None)
     return name if isinstance(name, str) and name else None
+
+
+def _class(value: Any) -> str | None:
+    """Return the class of a zone that separation rules may name."""
+    return value if isinstance(value, str) and value else None
 
 
 def _layers(who: str, field: str, geometry: Any, found: Gathered) -> Iterator[Volume]:

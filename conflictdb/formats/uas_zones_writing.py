@@ -8,6 +8,7 @@ import shapely
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
+from conflictdb.formats.single_activations import spans_of
 from conflictdb.model.plans import Area, Scene, Track
 
 _LONGEST_KEY: Final = 7
@@ -55,8 +56,27 @@ def _feature(area: Area) -> dict[str, Any]:
     properties = {"identifier": area.key, **_DEFAULTS, **own}
     if area.name is not None:
         properties["name"] = [{"text": area.name[:200], "lang": "en-GB"}]
-    ends = {"startDateTime": area.start_us, "endDateTime": area.end_us}
-    period = {name: format_instant(one) for name, one in ends.items() if one is not None}
-    if period:
-        properties["limitedApplicability"] = [period]
+    periods = _periods(area)
+    if periods != [{}]:
+        properties["limitedApplicability"] = periods
     return {"type": "Feature", "geometry": geometry, "properties": properties}
+
+
+def _periods(area: Area) -> list[dict[str, Any]]:
+    """Return when a zone is active: with schedules of ED-318 as they were read, else its spans."""
+    rules = area.schedule if isinstance(area.schedule, list) else [area.schedule]
+    if area.schedule is not None and all(rule.keys() <= {"ed318", "from", "until"} for rule in rules):
+        return [
+            _period(rule.get("from", _text(area.start_us)), rule.get("until", _text(area.end_us)))
+            | ({"schedule": rule["ed318"]} if "ed318" in rule else {})
+            for rule in rules
+        ]
+    return [_period(*map(_text, span)) for span in spans_of(area)]
+
+
+def _period(start: str | None, end: str | None) -> dict[str, Any]:
+    return {name: one for name, one in (("startDateTime", start), ("endDateTime", end)) if one is not None}
+
+
+def _text(instant_us: int | None) -> str | None:
+    return None if instant_us is None else format_instant(instant_us)

@@ -7,6 +7,7 @@ so short that shortest lines deviate from them by at most half a metre.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any, Final
 
 import numpy as np
@@ -20,6 +21,7 @@ from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
+from conflictdb.formats.single_activations import spans_of, voyages_of
 from conflictdb.model.plans import Area, Motion, Scene, Track
 from conflictdb.stages.pieces.cutting import planar, track_pieces
 
@@ -56,19 +58,21 @@ def f3548_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) ->
 
 def _of_area(plane: Plane, area: Area) -> Iterator[Mapping[str, Any]]:
     who = f"area {area.key!r}"
-    if area.start_us is None or area.end_us is None:
+    spans = [(start, end) for start, end in spans_of(area) if start is not None and end is not None]
+    if len(spans) < len(spans_of(area)):
         raise InvalidInput(who, "start", "and end must be given: an operational intent has both")
     flat = planar(plane, np.array([area.footprint], dtype=object))[0]
     for part in shapely.get_parts(flat):
         ring = shapely.Polygon(part.exterior)  # a volume has no holes
-        yield _volume(who, plane, ring, (area.start_us, area.end_us), (area.floor_m, area.ceiling_m))
+        for span in spans:
+            yield _volume(who, plane, ring, span, (area.floor_m, area.ceiling_m))
 
 
 def _of_tracks(
     scene: Scene, plane: Plane, tracks: Sequence[Track]
 ) -> Iterator[tuple[str, Iterator[Mapping[str, Any]]]]:
     for track in tracks:
-        yield track.key, _of_track(scene, plane, track)
+        yield track.key, chain.from_iterable(_of_track(scene, plane, one) for one in voyages_of(track))
 
 
 def _of_track(scene: Scene, plane: Plane, track: Track) -> Iterator[Mapping[str, Any]]:

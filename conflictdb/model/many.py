@@ -31,6 +31,8 @@ _One = TypeVar("_One", Area, Track)
 
 _AREA: Final = tuple(field.name for field in fields(Area))
 _STEADY: Final = (0.0, None, None, None)  # a haven that neither grows nor changes, heights of no leg
+_ONCE: Final = (None, None)  # neither several activations nor a schedule
+_AS_PLANNED: Final = (None, *_ONCE)  # no tolerances either
 _TRACK: Final = tuple(field.name for field in fields(Track))
 
 
@@ -54,7 +56,7 @@ def areas(
         is_fit &= bounds[:, 2] - bounds[:, 0] <= 360.0
     is_fit[is_fit] = shapely.is_valid(footprints[is_fit])
     return [
-        _made(Area, _AREA, (key, footprint, name, *span, *heights, rest, *of))
+        _made(Area, _AREA, (key, footprint, name, *span, *heights, rest, *of, *_ONCE))
         if fits and _is_span(*span) and _are_heights(*heights)
         else None
         for key, footprint, name, span, heights, rest, of, fits in zip(
@@ -93,7 +95,19 @@ def tracks(
         _made(
             Track,
             _TRACK,
-            (key, positions_deg[i:j], times_us[i:j], outline_m[start:end], name, *heights, rest, *_STEADY, *of, None),
+            (
+                key,
+                positions_deg[i:j],
+                times_us[i:j],
+                outline_m[start:end],
+                name,
+                *heights,
+                rest,
+                *_STEADY,
+                *of,
+                None,
+                *_ONCE,
+            ),
         )
         if fits and _are_heights(*heights)
         else None

@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.model import inputs
+from conflictdb.model.activations import INFINITY_US as INFINITY_US
+from conflictdb.model.activations import MINUS_INFINITY_US as MINUS_INFINITY_US
+from conflictdb.model.activations import check_schedule, departures_of, spans_of
 from conflictdb.model.methods import METHODS, Method
 from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
 from conflictdb.model.rules import Rule, RuleTable, check_class, check_word
@@ -50,9 +53,6 @@ MAX_GROWTH_MPS: Final = 1e6
 # Range of instants (years 0001 to 9999): timestamps, ISO 8601 and Python can all express it.
 MIN_INSTANT_US: Final = -62_135_596_800_000_000
 MAX_INSTANT_US: Final = 253_402_300_799_999_999
-# Ends of an unbounded span, in arrays of microseconds.
-MINUS_INFINITY_US: Final = -(2**63)
-INFINITY_US: Final = 2**63 - 1
 
 
 # A scene that does not say gets the earth of its motion.
@@ -78,6 +78,7 @@ class Scene:
         microseconds, 0 (none) to 30 days. `delays` within these is computed with this horizon, so that the answer is
         the stored one
     intervals : closed: the last instant of a span and the ceiling of a height band belong to an object
+    horizon_days : schedules are expanded from today to so many days ahead, 0 to 36,525, and over all voyages
     rules : separation rules by class, in place of `separation_m`, `vertical_separation_m` and `time_separation_s`
     """
 
@@ -93,6 +94,7 @@ class Scene:
     time_separation_s: float = 0.0
     delays_within_s: float = 0.0
     intervals: Intervals = Intervals.HALF_OPEN
+    horizon_days: float = 366.0
     rules: Sequence[Rule] = ()
 
     def __post_init__(self) -> None:
@@ -139,6 +141,11 @@ class Scene:
         return conflict_m if METHODS[self.method].solver is None else max(conflict_m, self.nearest_m)
 
     @property
+    def largest_separation_m(self) -> float:
+        """The largest separation of any pair, by its rules too, metres."""
+        return max([self.separation_m, *(rule.separation_m or 0.0 for rule in self.rules)])
+
+    @property
     def longest_time_us(self) -> int:
         """The largest separation in time of any pair, by its rules too, microseconds."""
         return max([self.time_separation_us, *(round(1e6 * (rule.time_s or 0.0)) for rule in self.rules)])
@@ -161,6 +168,9 @@ class Area:
     properties : other members of the file, exported again
     object_class : the class that separation rules name; None: no class
     owner : objects of one owner are not compared with each other; None: no owner
+    spans_us : several spans instead of start and end, sorted and joined where they touch: pairs of start and end. With
+        a schedule: its expansion
+    schedule : JSON of `model.schedules`: active at those times of [start, end), expanded for the scene's horizon
     """
 
     key: str
@@ -173,6 +183,8 @@ class Area:
     properties: Mapping[str, Any] = field(default_factory=dict)
     object_class: str | None = None
     owner: str | None = None
+    spans_us: tuple[tuple[int | None, int | None], ...] | None = None
+    schedule: Any = None
 
     if TYPE_CHECKING:  # accepted types; __post_init__ converts them to the stored ones
 
@@ -188,6 +200,8 @@ class Area:
             properties: Mapping[str, Any] = ...,
             object_class: str | None = None,
             owner: str | None = None,
+            spans_us: Sequence[Sequence[inputs.Instant | None]] | None = None,
+            schedule: Any = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -200,6 +214,12 @@ class Area:
             start_us, end_us = inputs.span_us(who, self.start_us, self.end_us)
             _keep(self, start_us=start_us, end_us=end_us)
             _check_span(who, start_us, end_us)
+        if self.spans_us is not None:
+            with refusals:
+                self._keep_spans(who)
+        if self.schedule is not None:
+            with refusals:
+                check_schedule(who, self.schedule)
         _keep_heights(who, self, refusals)
         with refusals:
             check_ruled(who, self.object_class, self.owner)
@@ -207,6 +227,21 @@ class Area:
         with refusals:
             _check_heights(who, self.floor_m, self.ceiling_m)
         refusals.raise_found()
+
+    def _keep_spans(self, who: str) -> None:
+        """Keep spans, and take start and end of the area from them."""
+        spans = spans_of(who, self.spans_us)
+        start_us, end_us = (spans[0][0], spans[-1][1]) if spans else (None, None)
+        for name, own, of_all in (("start", self.start_us, start_us), ("end", self.end_us, end_us)):
+            if own not in (None, of_all) and spans and self.schedule is None:
+                raise InvalidInput(who, name, "must not be given together with spans")
+        for i, span in enumerate(spans):
+            for at in span:
+                if at is not None and not MIN_INSTANT_US <= at <= MAX_INSTANT_US:
+                    raise InvalidInput(who, f"spans[{i}]", "must lie in the years 1 to 9999")
+        _keep(self, spans_us=spans)
+        if spans and self.schedule is None:
+            _keep(self, start_us=start_us, end_us=end_us)
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,6 +267,11 @@ class Track:
     owner : objects of one owner are not compared with each other; None: no owner
     tolerances : members of `conflictdb.model.tolerances`, such as {"xtd_port_m": 500}: how far voyages may differ from
         the plan; the haven of a detection contains all of them. None: not at all
+    departures_us : the voyage is repeated: it departs at each of these instants, increasing, instead of at the first of
+        `times_us`, and all its times are moved with it. A voyage ends before the next departs. With a schedule: its
+        expansion
+    schedule : JSON of `model.schedules`, instead: the voyage departs at each start of an activation, whose end has no
+        meaning; expanded for the scene's horizon
     max_speed_kn : a track that is faster on a leg, over the shortest way, is refused: 2,000 knots unless given here.
         math.inf takes every speed. It is not kept
     """
@@ -251,6 +291,8 @@ class Track:
     object_class: str | None = None
     owner: str | None = None
     tolerances: Mapping[str, Any] | None = None
+    departures_us: tuple[int, ...] | None = None
+    schedule: Any = None
     max_speed_kn: InitVar[float] = MAX_SPEED_KN
 
     if TYPE_CHECKING:  # accepted types; __post_init__ converts them to the stored ones
@@ -272,6 +314,8 @@ class Track:
             object_class: str | None = None,
             owner: str | None = None,
             tolerances: Mapping[str, Any] | None = None,
+            departures_us: inputs.Instants | None = None,
+            schedule: Any = None,
             max_speed_kn: float = MAX_SPEED_KN,
         ) -> None: ...
 
@@ -298,6 +342,11 @@ class Track:
         with refusals:
             _check_course(who, self.positions_deg, self.times_us)
             check_speed(who, self.positions_deg, self.times_us, max_speed_kn)
+            if self.departures_us is not None:
+                self._keep_departures(who)
+        if self.schedule is not None:
+            with refusals:
+                check_schedule(who, self.schedule)
         with refusals:
             _check_outline(who, "outline_m", self.outline_m)
             if self.grow_mps != 0.0:
@@ -313,10 +362,20 @@ class Track:
             with refusals:
                 tolerances_of(who, self.tolerances, self.times_us)
                 _keep(self, tolerances=as_members(self.tolerances))
+                if self.departures_us is not None or self.schedule is not None:
+                    rule = "must not be given for a voyage that is repeated: give each voyage as a track"
+                    raise InvalidInput(who, "tolerances", rule)
                 if self.outlines_m is not None or self.grow_mps != 0.0:
                     rule = "must not be given for a haven that changes: give the outline of the ship"
                     raise InvalidInput(who, "tolerances", rule)
         refusals.raise_found()
+
+    def _keep_departures(self, who: str) -> None:
+        lasts_us = int(self.times_us[-1] - self.times_us[0])
+        departures = departures_of(who, self.departures_us, lasts_us)
+        if departures and not MIN_INSTANT_US <= departures[0] <= departures[-1] + lasts_us <= MAX_INSTANT_US:
+            raise InvalidInput(who, "departures", "must have voyages in the years 1 to 9999")
+        _keep(self, departures_us=departures)
 
     def _check_leg_heights(self, who: str) -> None:
         """Check the heights of legs, and take the band of the whole track from them."""

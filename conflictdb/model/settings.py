@@ -43,6 +43,7 @@ class SettingType(Enum):
     CHOICE = auto()  # one of some names
     METRES = auto()  # a distance, 0 to MOST_M
     SECONDS = auto()  # whole microseconds, 0 to MOST_S
+    DAYS = auto()  # 0 to MOST_DAYS
     PLACE = auto()  # longitude and latitude in degrees; in the database two columns, `_lon` and `_lat`
 
 
@@ -53,6 +54,10 @@ MOST_S: Final = 2_592_000.0
 
 # Decimal seconds of thirty days are doubles within this of whole microseconds.
 _ROUNDING_US: Final = 1e-3
+# A century.
+MOST_DAYS: Final = 36_525.0
+
+_UNITS: Final = {SettingType.METRES: "metres", SettingType.SECONDS: "seconds", SettingType.DAYS: "days"}
 
 Choices: TypeAlias = type[StrEnum]
 
@@ -134,7 +139,7 @@ SETTINGS: Final = (
         SettingType.METRES,
         "Required separation between polygons, metres; 0: they conflict if they touch.",
         0.0,
-        "required separation",
+        "separation",
         label="Separation wanted",
         says_zero="none: they must touch",
         is_stored_by_detect=True,
@@ -164,7 +169,7 @@ SETTINGS: Final = (
         "Required vertical separation, metres to the micrometre: objects whose heights are that far apart do not "
         "conflict; 0: height bands that touch are apart.",
         0.0,
-        "vertical separation",
+        "vertical",
         label="Vertical separation wanted",
         says_zero="none: heights must overlap",
         is_stored_by_detect=True,
@@ -198,11 +203,19 @@ SETTINGS: Final = (
         "closed ends",
         choices=Intervals,
     ),
+    Setting(
+        "horizon_days",
+        SettingType.DAYS,
+        "How many days ahead of today schedules are expanded; they are over all voyages, too.",
+        366.0,
+        "horizon",
+        is_stored_by_detect=True,
+    ),
 )
 NAMES: Final = tuple(setting.name for setting in SETTINGS)
 METRES: Final = tuple(setting.name for setting in SETTINGS if setting.type is SettingType.METRES)
 NUMBERS: Final = tuple(
-    setting.name for setting in SETTINGS if setting.type in (SettingType.METRES, SettingType.SECONDS)
+    setting.name for setting in SETTINGS if setting.type in (SettingType.METRES, SettingType.SECONDS, SettingType.DAYS)
 )
 STORED_BY_DETECT: Final = tuple(setting for setting in SETTINGS if setting.is_stored_by_detect)
 
@@ -217,6 +230,7 @@ class Changes(TypedDict, total=False):
     vertical_separation_m: float | None
     time_separation_s: float | None
     delays_within_s: float | None
+    horizon_days: float | None
 
 
 def given(values: Any, settings: tuple[Setting, ...] = SETTINGS) -> dict[str, Any]:
@@ -235,7 +249,7 @@ def checked(who: str, setting: Setting, value: Any, name: str = "") -> StrEnum |
             removed = REMOVED.get(value) if setting.choices is Method and isinstance(value, str) else None
             rule = f"must be one of {', '.join(setting.choices)}; got {value!r}"
             raise InvalidInput(who, name, f"{rule}, which {removed}" if removed else rule) from None
-    unit = "seconds" if setting.type is SettingType.SECONDS else "metres"
+    unit = _UNITS[setting.type]
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < float("inf"):
         raise InvalidInput(who, name, f"must be a finite number of {unit}, 0 or more; got {value!r}")
     if setting.type is SettingType.SECONDS:
@@ -244,6 +258,10 @@ def checked(who: str, setting: Setting, value: Any, name: str = "") -> StrEnum |
         if abs(1e6 * value - round(1e6 * value)) > _ROUNDING_US:
             raise InvalidInput(who, name, f"must be whole microseconds; got {value!r}")
         return round(1e6 * value) / 1e6
+    if setting.type is SettingType.DAYS:
+        if value > MOST_DAYS:
+            raise InvalidInput(who, name, f"must be at most {MOST_DAYS:.0f} days, a century; got {value!r}")
+        return float(value)
     if value > MOST_M:
         rule = f"must be at most {MOST_M:.0f} metres, half the way around the earth"
         raise InvalidInput(who, name, f"{rule}; got {value!r} (is it in metres?)")

@@ -1,7 +1,6 @@
 """One scene of a database: detect, read, ask, draw, attach, share."""
 
 import logging
-import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,6 +18,7 @@ from conflictdb.formats import object_lines, scene_text, write_lines
 from conflictdb.formats.reading import is_parquet
 from conflictdb.formats.writing import whole_file
 from conflictdb.model import inputs
+from conflictdb.model.horizon import later
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.proposals import Detour, Goal, Proposal
 from conflictdb.model.results import (
@@ -674,13 +674,9 @@ class StoredScene:
         _, areas, tracks = self._read([key])
         delay_us = round(delay / inputs.MICROSECOND)
         for track in tracks:
-            times: Any = inputs.all_certain(track.times_us + delay_us)
-            return replace(track, times_us=times, max_speed_kn=math.inf)
+            return later(track, delay_us)
         for area in areas:
-            ends = (area.start_us, area.end_us)
-            start, end = (None if one is None else inputs.certain(one + delay_us) for one in ends)
-            span: dict[str, Any] = {"start_us": start, "end_us": end}
-            return replace(area, **span)
+            return later(area, delay_us)
         raise InvalidInput(f"object {key!r}", "key", f"is no object of scene {self.name!r}")
 
     def rename(self, name: str) -> None:

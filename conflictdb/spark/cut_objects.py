@@ -127,7 +127,7 @@ def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterato
     carried = pa.concat_arrays([pc.if_else(is_carried, outline, None), pa.nulls(len(tracks), pa.binary())])
     key, of = pa.array([*keys[Kind.AREA], *keys[Kind.TRACK]], pa.string()), pa.array(row[bundles.offset[:-1]])
     bundles = replace(bundles, pieces=replace(pieces, object_id=number[row]))
-    yield rows_of(bundles, key.take(of), carried.take(of), scene.time_separation_us)
+    yield rows_of(bundles, key.take(of), carried.take(of), scene.longest_time_us)
     large = pc.if_else(is_carried, None, outline)
     yield _rows_with(
         kind=pa.array(

@@ -131,7 +131,7 @@ def _check_columns(schema: pa.Schema, of_directories: Sequence[str]) -> None:
             raise InvalidInput("file", f"column {name}", rule)
     if not _is_own(schema):
         values = {field.name: _sample(field.type) for field in schema} | dict.fromkeys(of_directories, "1")
-        for refused in misnamed("file", values, _GUARDED, remedy=RENAME_COLUMN):
+        for refused in misnamed("file", values, _GUARDED, foreign=OBJECTS.schema.names, remedy=RENAME_COLUMN):
             raise refused
 
 

@@ -113,7 +113,7 @@ def detected(
     in_units = joining.placed(spark, cut, cells).repartition(count, "unit").sortWithinPartitions("unit")
     blocks = blocks_for(max(_GROUPS * count, math.ceil(cells.pairs / _MOST_PAIRS)))
     met = mapped(
-        in_units, partial(solving.meeting, cells=cells, blocks=blocks, within_us=scene.time_separation_us), solving.MET
+        in_units, partial(solving.meeting, cells=cells, blocks=blocks, within_us=scene.longest_time_us), solving.MET
     )
     together = met.repartition(count, "group").sortWithinPartitions("group")
     outlines = _outlines(spark, cut if large else None)

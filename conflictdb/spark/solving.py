@@ -75,7 +75,7 @@ def meeting(
     batches : of the form PLACED, sorted by unit
     cells : by which the pieces were placed
     blocks : number of blocks of all objects; each two, and each one, are a group
-    within_us : the scene's separation in time, microseconds
+    within_us : the largest separation in time of the scene's pairs, microseconds
     """
     for table in _runs(batches, "unit"):
         unit = _Unit(table, blocks, within_us)

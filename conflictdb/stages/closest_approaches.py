@@ -14,8 +14,8 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Verdict
+from conflictdb.stages.climbs import overlap_at_one_time
 from conflictdb.stages.conflict_regions import Meetings
-from conflictdb.stages.heights import overlap_at_one_time
 from conflictdb.stages.object_pairs import members, numbered, object_keys, ordered_members
 from conflictdb.stages.pieces.covers import is_covered
 from conflictdb.stages.stage4.closest_approach import approaches

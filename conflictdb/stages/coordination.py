@@ -14,8 +14,8 @@ from conflictdb.kernel.differences import DifferenceState, differences
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
 from conflictdb.stages.at_any_time import AnyTime
+from conflictdb.stages.climbs import with_heights
 from conflictdb.stages.delays import shifts_of
-from conflictdb.stages.heights import with_heights
 from conflictdb.stages.pieces.covers import is_covered
 
 # Contact at a single instant stays a single slice, however often its time is halved.

@@ -21,7 +21,7 @@ from conflictdb.kernel.differences import DifferenceState, Shifts, differences
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene, Track
 from conflictdb.model.results import Delays, Forbidden, Kind
 from conflictdb.stages.at_any_time import FOREVER_US, AnyTime
-from conflictdb.stages.heights import with_heights
+from conflictdb.stages.climbs import with_heights
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.pieces.covers import COVER, is_covered
 
@@ -150,7 +150,9 @@ class Leeway:
         """
         moves = (track.positions_deg[1:] != track.positions_deg[:1]).any(axis=1)
         stands = int(np.argmax(moves)) if moves.any() else len(moves)
-        starts_us, leaves_us = int(track.times_us[0]), int(track.times_us[stands])
+        # The first voyage; all are delayed together.
+        first_us = track.departures_us[0] if track.departures_us else int(track.times_us[0])
+        starts_us, leaves_us = first_us, first_us + int(track.times_us[stands] - track.times_us[0])
         if now_us is None:
             return cls(stands > 0, False, -horizon_us, horizon_us)
         if leaves_us < now_us:

@@ -14,7 +14,7 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import MAX_DISTANCE_M, Scene
-from conflictdb.stages.heights import overlap_at_one_time
+from conflictdb.stages.climbs import overlap_at_one_time
 from conflictdb.stages.object_pairs import object_numbers
 from conflictdb.stages.pieces.covers import is_covered, pieces_of
 from conflictdb.stages.stage1_broad_phase import hulls_of, pairs_together

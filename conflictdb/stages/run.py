@@ -19,10 +19,10 @@ from conflictdb.earth.plane import Plane
 from conflictdb.model.methods import METHODS
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.results import Kind, Verdict
+from conflictdb.stages.climbs import overlap_at_one_time, sharing_heights
 from conflictdb.stages.closest_approaches import with_closest_approaches
 from conflictdb.stages.conflict_regions import Meetings
 from conflictdb.stages.funnel import Funnel, Progress
-from conflictdb.stages.heights import overlap_at_one_time, sharing_heights
 from conflictdb.stages.merge import merged_by_object
 from conflictdb.stages.object_pairs import company_of
 from conflictdb.stages.pieces.covers import is_covered

@@ -149,6 +149,6 @@ def with_closed_heights(pieces: Pieces) -> Pieces:
     """Return pieces with ceilings up to the next number, so that half-open bands that share a closed end overlap."""
     climb_m = pieces.climb_m.copy()
     climb_m[:, 2:] = np.nextafter(climb_m[:, 2:], np.inf)
-    # Beyond the rounding of heights on the way (`stages.heights`).
+    # Beyond the rounding of heights on the way (`stages.climbs`).
     climb_m[pieces.climbs()] += _CLOSED_M * np.array([-1.0, -1.0, 1.0, 1.0])
     return replace(pieces, ceiling_m=np.nextafter(pieces.ceiling_m, np.inf), climb_m=climb_m)

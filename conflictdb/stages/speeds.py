@@ -20,8 +20,8 @@ from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.results import ForbiddenSpeeds, Kind, Speeds
 from conflictdb.stages import delays
 from conflictdb.stages.at_any_time import AnyTime
+from conflictdb.stages.climbs import with_heights
 from conflictdb.stages.delays import Differences, Spans
-from conflictdb.stages.heights import with_heights
 from conflictdb.stages.pieces.covers import COVER, is_covered
 
 _Ints = NDArray[np.int64]

@@ -21,9 +21,9 @@ from conflictdb.kernel.differences import DifferenceState, Shifts, differences
 from conflictdb.kernel.meeting import meetings
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Verdict
+from conflictdb.stages.climbs import surely_overlap, with_heights
 from conflictdb.stages.delays import solved_shifts
 from conflictdb.stages.ends_of_uses import ROUNDING_US, ends_of, guessed_ends, shifted
-from conflictdb.stages.heights import surely_overlap, with_heights
 from conflictdb.stages.uses import Uses
 
 _Ints = NDArray[np.int64]

@@ -73,7 +73,9 @@ TABLE area (
     version bigint NOT NULL,
     first_version bigint NOT NULL DEFAULT 0,
     class text,
-    owner text
+    owner text,
+    activations tstzmultirange,
+    schedule jsonb
 );
 
 TABLE attached_change (
@@ -358,7 +360,9 @@ TABLE scene (
     vertical_separation_m double precision NOT NULL DEFAULT 0.0,
     time_separation_s double precision NOT NULL DEFAULT 0.0,
     delays_within_s double precision NOT NULL DEFAULT 0.0,
-    intervals text NOT NULL DEFAULT 'half_open'::text
+    intervals text NOT NULL DEFAULT 'half_open'::text,
+    horizon_days double precision NOT NULL DEFAULT 366.0,
+    expanded tstzrange
 );
 
 TABLE scene_lock (
@@ -392,7 +396,9 @@ TABLE track (
     first_version bigint NOT NULL DEFAULT 0,
     tolerances jsonb,
     class text,
-    owner text
+    owner text,
+    departures timestamp with time zone[],
+    schedule jsonb
 );
 
 VIEW _accessible (
@@ -621,7 +627,10 @@ VIEW scenes (
     vertical_separation_m double precision,
     time_separation_s double precision,
     delays_within_s double precision,
-    intervals text
+    intervals text,
+    horizon_days double precision,
+    expanded_from timestamp with time zone,
+    expanded_until timestamp with time zone
 );
 
 VIEW shares (
@@ -741,6 +750,7 @@ CONSTRAINT scene_delays_within_known ON scene: CHECK (((delays_within_s >= (0)::
 CONSTRAINT scene_earth_known ON scene: CHECK ((earth = ANY (ARRAY['wgs84'::text, 'sphere'::text])));
 CONSTRAINT scene_history_kept_positive ON scene: CHECK ((history_kept >= '00:00:00'::interval));
 CONSTRAINT scene_holds_objects ON scene: TRIGGER DEFERRABLE INITIALLY DEFERRED;
+CONSTRAINT scene_horizon_days_known ON scene: CHECK (((horizon_days >= (0)::double precision) AND (horizon_days <= (36525)::double precision)));
 CONSTRAINT scene_intervals_known ON scene: CHECK ((intervals = ANY (ARRAY['half_open'::text, 'closed'::text])));
 CONSTRAINT scene_method_known ON scene: CHECK ((method = ANY (ARRAY['screen'::text, 'exact'::text, 'nlp'::text])));
 CONSTRAINT scene_motion_known ON scene: CHECK ((motion = ANY (ARRAY['rhumb'::text, 'great_circle'::text])));
@@ -772,6 +782,7 @@ CONSTRAINT track_track_id_in_range ON track: CHECK (((track_id >= 1) AND (track_
 CREATE UNIQUE INDEX acknowledgement_conflict_id_btree ON conflictdb.acknowledgement USING btree (conflict_id) WHERE (ended_at IS NULL);
 CREATE INDEX acknowledgement_scene_id_btree ON conflictdb.acknowledgement USING btree (scene_id);
 CREATE INDEX area_scene_id_owner_btree ON conflictdb.area USING btree (scene_id, owner) WHERE (owner IS NOT NULL);
+CREATE INDEX area_scene_id_scheduled_btree ON conflictdb.area USING btree (scene_id) WHERE (schedule IS NOT NULL);
 CREATE INDEX attached_object_object_btree ON conflictdb.attached_object USING btree (attachment_id, object_id);
 CREATE INDEX attached_object_reason_btree ON conflictdb.attached_object USING btree (attachment_id) WHERE (reason IS NOT NULL);
 CREATE INDEX attachment_scene_id_btree ON conflictdb.attachment USING btree (scene_id);
@@ -789,6 +800,7 @@ CREATE INDEX proposal_move_scene_id_btree ON conflictdb.proposal_move USING btre
 CREATE INDEX proposal_scene_id_btree ON conflictdb.proposal USING btree (scene_id);
 CREATE UNIQUE INDEX rule_sides_unique ON conflictdb.rule USING btree (scene_id, LEAST(COALESCE(a_class, ''::text), COALESCE(b_class, ''::text)), GREATEST(COALESCE(a_class, ''::text), COALESCE(b_class, ''::text)));
 CREATE INDEX track_scene_id_owner_btree ON conflictdb.track USING btree (scene_id, owner) WHERE (owner IS NOT NULL);
+CREATE INDEX track_scene_id_scheduled_btree ON conflictdb.track USING btree (scene_id) WHERE (schedule IS NOT NULL);
 
 CREATE TRIGGER area_before BEFORE INSERT OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _area_before() -- always;
 CREATE TRIGGER area_deleted AFTER DELETE ON conflictdb.area REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
@@ -807,7 +819,7 @@ CREATE TRIGGER rule_not_truncated BEFORE TRUNCATE ON conflictdb.rule FOR EACH ST
 CREATE TRIGGER rule_replicated AFTER INSERT OR DELETE OR UPDATE ON conflictdb.rule FOR EACH ROW EXECUTE FUNCTION _after_replicated_rule() -- replicas;
 CREATE TRIGGER rule_updated AFTER UPDATE ON conflictdb.rule REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
 CREATE TRIGGER scene_before BEFORE INSERT OR UPDATE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _scene_before() -- always;
-CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN (((_settings_of(old.*) - 'name'::text) IS DISTINCT FROM (_settings_of(new.*) - 'name'::text))) EXECUTE FUNCTION _after_scene_change() -- always;
+CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN (((_settings_of(old.*) - '{name,horizon_days}'::text[]) IS DISTINCT FROM (_settings_of(new.*) - '{name,horizon_days}'::text[]))) EXECUTE FUNCTION _after_scene_change() -- always;
 CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON conflictdb.scene DEFERRABLE INITIALLY DEFERRED FOR EACH ROW WHEN ((((old.motion IS DISTINCT FROM new.motion) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _scene_holds_objects();
 CREATE TRIGGER scene_may_be_removed BEFORE DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _before_scene_removal();
 CREATE TRIGGER scene_removed AFTER DELETE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _after_scene_removal();
@@ -822,6 +834,9 @@ CREATE TRIGGER track_updated AFTER UPDATE ON conflictdb.track REFERENCING OLD TA
 
 FUNCTION _acknowledger(p_user text, p_given_name text)
     RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _active_within(p_span tstzrange, p_activations tstzmultirange)
+    RETURNS tstzrange LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _add_scene_lock(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
@@ -878,7 +893,10 @@ FUNCTION _area_feature(p_area area)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
 FUNCTION _area_row(p_scene_id bigint, p_area_id bigint)
-    RETURNS TABLE(area_id bigint, version bigint, span_start timestamp with time zone, span_end timestamp with time zone, floor_m double precision, ceiling_m double precision, class_number bigint, owner_number bigint, footprint bytea) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(area_id bigint, version bigint, span_start timestamp with time zone, span_end timestamp with time zone, floor_m double precision, ceiling_m double precision, class_number bigint, owner_number bigint, footprint bytea, spans bytea) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _at_sea(p_path geometry, p_departures timestamp with time zone[])
+    RETURNS tstzrange LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _attached_footprint(p_who text, p_shape geometry)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -961,10 +979,10 @@ FUNCTION _candidates_of_dirty(p_scene_id bigint, OUT a_piece_id bigint, OUT b_pi
 FUNCTION _cast_to(p_type oid, p_wanted oid)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
-FUNCTION _changed_areas(p_scene_id bigint, p_after bigint, p_most bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea)
+FUNCTION _changed_areas(p_scene_id bigint, p_after bigint, p_most bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea, OUT spans bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _changed_tracks(p_scene_id bigint, p_after bigint, p_most bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT tolerances text)
+FUNCTION _changed_tracks(p_scene_id bigint, p_after bigint, p_most bigint, OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea, OUT tolerances text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _check_area_probe(p_footprint geometry, p_active_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
@@ -984,6 +1002,9 @@ FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_sce
 
 FUNCTION _check_delays_request(p_scene_id bigint, p_key text, p_horizon interval, p_now timestamp with time zone)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _check_departures(p_who text, p_path geometry, p_departures timestamp with time zone[])
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_growth(p_who text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1144,6 +1165,9 @@ FUNCTION _end_new_rows(p_run_id bigint, p_opened bigint, p_unresolved bigint, p_
 FUNCTION _end_pieces(p_scene_id bigint, p_changed bigint)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
+FUNCTION _ends_of(p_spans tstzmultirange)
+    RETURNS timestamp with time zone[] LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
 FUNCTION _ensure_centre(p_scene_id bigint, p_first geometry, OUT centre_lon double precision, OUT centre_lat double precision)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1213,6 +1237,9 @@ FUNCTION _hold_attached(p_who text, p_table text, p_has_triggers boolean)
 FUNCTION _hold_proposal(p_proposal_id bigint)
     RETURNS proposal LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _horizon(p_scene_id bigint, OUT horizon_days double precision, OUT expanded_from timestamp with time zone, OUT expanded_until timestamp with time zone, OUT is_waiting boolean, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _hulls_meet(p_a geometry, p_b geometry)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1227,6 +1254,9 @@ FUNCTION _is_alike(p_some tstzmultirange, p_others tstzmultirange, p_within_s do
 
 FUNCTION _is_all_dirty(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _is_behind_horizon(p_expanded tstzrange, p_horizon_days double precision)
+    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _is_compared(p_attachment attachment)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1510,10 +1540,10 @@ FUNCTION _radius_m(p_plane text)
 FUNCTION _raise(p_state text, p_who text, p_field text, p_rule text, p_constraint text, p_hint text DEFAULT ''::text)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text)
+FUNCTION _read_areas(p_scene_id bigint, p_keys text[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT footprint bytea, OUT spans bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text, OUT schedule text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text, OUT tolerances text)
+FUNCTION _read_tracks(p_scene_id bigint, p_keys text[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT has_name boolean, OUT grow_mps double precision, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea, OUT key text, OUT name text, OUT properties text, OUT class text, OUT owner text, OUT schedule text, OUT tolerances text)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _readable_scenes()
@@ -1600,6 +1630,12 @@ FUNCTION _scene_to_change(p_scene text)
 FUNCTION _scenes()
     RETURNS TABLE(scene_id bigint, settings jsonb, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text, is_current boolean) LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _scheduled(p_scene_id bigint, p_only_waiting boolean)
+    RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, key text, schedule jsonb, starts_at timestamp with time zone, ends_at timestamp with time zone, box bytea) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _schedules_wait(p_scene_id bigint)
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
+
 FUNCTION _seconds_to_comparison()
     RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1609,8 +1645,14 @@ FUNCTION _series(p_angle double precision, p_coefficients double precision[])
 FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
     RETURNS record LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
+FUNCTION _set_activations(p_scene_id bigint, p_kinds smallint[], p_ids bigint[], p_versions bigint[], p_counts integer[], p_instants_us bigint[])
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _set_columns(p_name text, p_settings jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _set_expanded(p_scene_id bigint, p_from_us bigint, p_until_us bigint)
+    RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _set_scene(p_name text, p_settings jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1623,6 +1665,9 @@ FUNCTION _shared_span(p_a tstzrange, p_b tstzrange, p_within_s double precision)
 
 FUNCTION _shares(p_scene text)
     RETURNS SETOF shares LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _shift(p_path geometry, p_departures timestamp with time zone[], p_at timestamp with time zone)
+    RETURNS interval LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _short_identity(p_identity text)
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1654,11 +1699,14 @@ FUNCTION _side_fits(p_side text, p_kind smallint, p_class text)
 FUNCTION _side_rank(p_side text)
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea)
+FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea, OUT spans bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
-FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT tolerances text)
+FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea, OUT tolerances text)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
+
+FUNCTION _spans_of(p_ends timestamp with time zone[])
+    RETURNS tstzmultirange LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _sphere_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1721,13 +1769,16 @@ FUNCTION _track_feature(p_track track)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
 FUNCTION _track_row(p_scene_id bigint, p_track_id bigint)
-    RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, class_number bigint, owner_number bigint, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea, tolerances text) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(track_id bigint, version bigint, floor_m double precision, ceiling_m double precision, grow_mps double precision, class_number bigint, owner_number bigint, path bytea, outline bytea, outlines bytea, floors bytea, ceilings bytea, departures bytea, tolerances text) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _type_of(p_kind smallint, p_class bigint, p_classes bigint[])
     RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _unmapped(p_scene text)
     RETURNS SETOF unmapped LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _voyages(p_path geometry, p_departures timestamp with time zone[])
+    RETURNS TABLE(later interval) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _wait_for_probe(p_probe_id bigint, p_timeout interval)
     RETURNS TABLE(key text, name text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision, lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, lacking_s double precision) LANGUAGE sql VOLATILE PARALLEL UNSAFE;
@@ -1813,7 +1864,7 @@ FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
 FUNCTION copy_scene(p_scene text, p_name text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision, p_intervals text DEFAULT NULL::text)
+FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision, p_intervals text DEFAULT NULL::text, p_horizon_days double precision DEFAULT NULL::double precision)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
 
 FUNCTION delays_of(p_scene text, p_key text DEFAULT NULL::text, p_horizon interval DEFAULT NULL::interval, p_now timestamp with time zone DEFAULT NULL::timestamp with time zone)
@@ -1867,13 +1918,13 @@ FUNCTION protect_scenes(p_on boolean DEFAULT true)
 FUNCTION prune_history(p_scene text, p_kept interval DEFAULT NULL::interval)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION put_area(p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text)
+FUNCTION put_area(p_scene text, p_key text, p_footprint geometry, p_active_span tstzrange DEFAULT NULL::tstzrange, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text, p_activations tstzmultirange DEFAULT NULL::tstzmultirange, p_schedule jsonb DEFAULT NULL::jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION put_rule(p_scene text, p_a_class text, p_b_class text, p_separation_m double precision DEFAULT NULL::double precision, p_vertical_m double precision DEFAULT NULL::double precision, p_time_s double precision DEFAULT NULL::double precision, p_allowed boolean DEFAULT false, p_yields text DEFAULT NULL::text)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
 
-FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL::geometry, p_floors_m double precision[] DEFAULT NULL::double precision[], p_ceilings_m double precision[] DEFAULT NULL::double precision[], p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text, p_tolerances jsonb DEFAULT NULL::jsonb)
+FUNCTION put_track(p_scene text, p_key text, p_path geometry, p_outline geometry, p_floor_m double precision DEFAULT NULL::double precision, p_ceiling_m double precision DEFAULT NULL::double precision, p_name text DEFAULT NULL::text, p_properties jsonb DEFAULT '{}'::jsonb, p_grow_mps double precision DEFAULT 0, p_outlines geometry DEFAULT NULL::geometry, p_floors_m double precision[] DEFAULT NULL::double precision[], p_ceilings_m double precision[] DEFAULT NULL::double precision[], p_class text DEFAULT NULL::text, p_owner text DEFAULT NULL::text, p_tolerances jsonb DEFAULT NULL::jsonb, p_departures timestamp with time zone[] DEFAULT NULL::timestamp with time zone[], p_schedule jsonb DEFAULT NULL::jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION rectangle_outline(p_fore_m double precision, p_aft_m double precision, p_port_m double precision, p_starboard_m double precision)

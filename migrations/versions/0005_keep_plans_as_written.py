@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "d88bdeb0459900650e9b84f8ef40f408f9ce6ae9b66cb0af1f7abc04646a3d69"
+routines_sha256 = "da331597d8e16aebae46b5c88a09244a5a8af05c7a3ac4a5afc3c34228230f49"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -135,9 +135,24 @@ CREATE TABLE IF NOT EXISTS conflictdb.proposal_left (
 ALTER TABLE conflictdb.conflict_event ADD COLUMN IF NOT EXISTS proposal_id bigint;
 """
 
+# When an area is active, and a track departs, several times; the schedule that says so, and how far it is expanded.
+ACTIVATIONS = """
+ALTER TABLE conflictdb.area ADD COLUMN IF NOT EXISTS activations tstzmultirange,
+    ADD COLUMN IF NOT EXISTS schedule jsonb;
+ALTER TABLE conflictdb.track ADD COLUMN IF NOT EXISTS departures timestamptz[],
+    ADD COLUMN IF NOT EXISTS schedule jsonb;
+CREATE INDEX IF NOT EXISTS area_scene_id_scheduled_btree ON conflictdb.area (scene_id) WHERE schedule IS NOT NULL;
+CREATE INDEX IF NOT EXISTS track_scene_id_scheduled_btree ON conflictdb.track (scene_id) WHERE schedule IS NOT NULL;
+ALTER TABLE conflictdb.scene
+    ADD COLUMN IF NOT EXISTS horizon_days double precision NOT NULL DEFAULT 366.0,
+    DROP CONSTRAINT IF EXISTS scene_horizon_days_known,
+    ADD CONSTRAINT scene_horizon_days_known CHECK (horizon_days BETWEEN 0 AND 36525),
+    ADD COLUMN IF NOT EXISTS expanded tstzrange;
+"""
+
 
 def upgrade() -> None:
-    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES):
+    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES, ACTIVATIONS):
         op.execute(statement)
 
 

@@ -9,15 +9,15 @@ from pathlib import Path
 import pytest
 
 from conflictdb.errors import InvalidInput
-from conflictdb.formats.confined import Program
+from conflictdb.formats.confined import ConfinedProgram
 
 
-def written(folder: Path, body: str) -> Program:
+def written(folder: Path, body: str) -> ConfinedProgram:
     """A program with this body."""
     lines = "".join(f"    {line}\n" for line in body.splitlines())
     path = folder / "program.py"
     path.write_text(f"import os, sys, time\ndef main(stream, most_bytes, arguments):\n{lines}")
-    return Program(str(path), "cannot be read", 0.001, 1, {"OWN": "setting"})
+    return ConfinedProgram(str(path), "cannot be read", 0.001, 1, {"OWN": "setting"})
 
 
 def test_a_program_has_limits_arguments_and_an_environment_of_its_own(

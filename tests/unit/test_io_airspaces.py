@@ -362,3 +362,16 @@ def test_points_of_warnings_are_left_out(tmp_path: Path) -> None:
     found = contents(tmp_path, s124(shape=point))
     assert found.areas == []
     assert [one.reason for one in found.skipped] == ["1 geometries are Points: no areas"]
+
+
+def test_schedules_of_airspaces_and_notam_are_kept(tmp_path: Path) -> None:
+    weekly = activation("ACTIVE", SHEET.format("MON", "08:00", "10:00"), SHEET.format("FRI", "22:00", "02:00"))
+    area = one(tmp_path, aixm(("BASELINE", volume() + weekly)))
+    assert [(rule["days"], rule["periods"], rule["timezone"]) for rule in area.schedule] == [
+        (["MON"], [["08:00", "10:00"]], "UTC"),
+        (["FRI"], [["22:00", "02:00"]], "UTC"),
+    ]
+    area = one(tmp_path, notam().replace("E) GUN", "D) MON-FRI 0600-1800\nE) GUN"), "a.txt")
+    assert area.schedule["notam"] == "MON-FRI 0600-1800"
+    with pytest.raises(InvalidInput, match=r"A1485/26.*schedule"):
+        contents(tmp_path, notam().replace("E) GUN", "D) SOMETIMES\nE) GUN"), "a.txt")

@@ -189,3 +189,32 @@ def test_volumes_contain_a_moving_haven(seed: int, tmp_path: Path) -> None:
                 x,
                 y,
             )
+
+
+def test_activations_are_written_one_by_one(tmp_path: Path) -> None:
+    """Formats without schedules never get the outer bounds of several spans."""
+    spans = [(BEGIN, BEGIN + HOUR), (BEGIN + 5 * HOUR, BEGIN + 6 * HOUR)]
+    area = Area("A1", SQUARE, spans_us=spans, floor_m=1.0, ceiling_m=2.0)
+    track = Track("T1", [(4, 57), (4.1, 57)], [BEGIN, BEGIN + HOUR], [(0, 0)], departures_us=[BEGIN, BEGIN + 9 * HOUR])
+    found = volumes(written(tmp_path / "out.f3548.json", [area], []))
+    assert [(start, end) for start, end, _ in found] == spans
+    found = volumes(written(tmp_path / "out.f3548.json", [], [track]))
+    assert {start for start, _, _ in found} >= {BEGIN, BEGIN + 9 * HOUR}
+    assert not any(start < BEGIN + 5 * HOUR < end for start, end, _ in found)
+    (again,) = read(written(tmp_path / "out.ed318.json", [area], [])).areas
+    assert again.spans_us == area.spans_us
+    text = written(tmp_path / "out.kml", [area], [track]).read_text()
+    assert (text.count("<TimeSpan>"), text.count("<gx:Track>")) == (2, 2)
+    (back,) = read(written(tmp_path / "out.rtz", [], [track])).tracks
+    assert back.departures_us == track.departures_us
+    unknown = Area("A1", SQUARE, None, BEGIN, BEGIN + HOUR, schedule={"days": ["TUE"], "periods": [["08:00", "10:00"]]})
+    for name in ("out.kml", "out.f3548.json", "out.ed318.json"):
+        with pytest.raises(InvalidInput, match="area 'A1': schedule: is not expanded"):
+            written(tmp_path / name, [unknown], [])
+
+
+def test_schedules_of_ed318_come_back(tmp_path: Path) -> None:
+    daily = [{"day": ["MON", "TUE"], "startTime": "08:00:00Z", "endTime": "10:00:00Z"}]
+    area = Area("A1", SQUARE, None, BEGIN, BEGIN + 1000 * HOUR, schedule={"ed318": daily})
+    (again,) = read(written(tmp_path / "out.ed318.json", [area], [])).areas
+    assert (again.start_us, again.end_us, again.schedule) == (area.start_us, area.end_us, area.schedule)

@@ -239,3 +239,26 @@ def test_any_member_of_a_wrong_type_is_refused_as_input(tmp_path: Path) -> None:
                 holder[path[-1]] = value
                 with suppress(InvalidInput):
                     found(tmp_path, changed, AT_ALL_HEIGHTS)
+
+
+def test_periods_become_spans_and_schedules(tmp_path: Path) -> None:
+    """Several periods are spans; daily periods stay as they are, each within its own dates."""
+    march = {"startDateTime": "2026-03-01T00:00:00Z", "endDateTime": "2026-04-01T00:00:00Z"}
+    may = {"startDateTime": "2026-05-01T00:00:00Z", "endDateTime": "2026-06-01T00:00:00Z"}
+    (area,) = found(tmp_path, ed318(limitedApplicability=[may, march]))
+    assert area.spans_us is not None
+    assert [str(np.datetime64(start, "us"))[:10] for start, _ in area.spans_us] == ["2026-03-01", "2026-05-01"]
+    daily = {"schedule": [{"day": ["MON"], "startTime": "08:00:00Z", "endTime": "10:00:00Z"}]}
+    (area,) = found(tmp_path, ed318(limitedApplicability=[march | daily]))
+    assert area.schedule == {"ed318": daily["schedule"]}
+    (area,) = found(tmp_path, ed318(limitedApplicability=[march | daily, may]))
+    assert [sorted(rule) for rule in area.schedule] == [["ed318", "from", "until"], ["from", "until"]]
+    with pytest.raises(InvalidInput, match=r"zone 'ZH001': schedule\.ed318|area 'ZH001': schedule"):
+        found(tmp_path, ed318(limitedApplicability=[{"schedule": [{"day": ["HOL"], "startTime": "08:00:00Z"}]}]))
+
+
+def test_a_zone_has_a_class_and_its_volumes_one_owner(tmp_path: Path) -> None:
+    low, high = found(tmp_path, ed318({"type": "GeometryCollection", "geometries": [layered(100), layered(200)]}))
+    assert {(one.object_class, one.owner) for one in (low, high)} == {("PROHIBITED", "ZH001")}
+    assert [one.owner for one in found(tmp_path, ed318())] == [None]
+    assert [one.owner for one in found(tmp_path, intent(), AT_ALL_HEIGHTS)] == ["op-1"]

@@ -14,6 +14,9 @@ outlines_m              tracks: the haven at every waypoint, or null
 floor_m, ceiling_m      height band, null where unbounded; of a track with one per leg the lowest and the highest
 floors_m, ceilings_m    tracks: of every leg, or of every waypoint, null within where unbounded; or null
 properties              JSON, or null
+spans                   areas of several activations: starts and ends in turn, null where unbounded; else null
+departures              tracks of several voyages; else null
+schedule                JSON, or null; spans or departures are then its expansion
 
 Instants are to the microsecond, in UTC.
 """
@@ -36,6 +39,7 @@ from conflictdb.model.plans import Area, Track
 from conflictdb.model.results import Kind
 
 _METRES: Final = pa.list_(pa.float64())
+_INSTANTS: Final = pa.list_(INSTANT)
 _RING: Final = pa.list_(_METRES)
 OBJECTS: Final = Form.of(
     "objects",
@@ -61,6 +65,9 @@ OBJECTS: Final = Form.of(
         pa.field("class", pa.string()),
         pa.field("owner", pa.string()),
         pa.field("tolerances", pa.string()),
+        pa.field("spans", _INSTANTS),
+        pa.field("departures", _INSTANTS),
+        pa.field("schedule", pa.string()),
     ],
 )
 _WHO: Final = f"Arrow form {OBJECTS.name!r}"
@@ -102,6 +109,11 @@ def of_objects(
             "class": pa.array([item.object_class for item in items], pa.string()),
             "owner": pa.array([item.owner for item in items], pa.string()),
             "tolerances": pa.array([*none, *map(_tolerances, tracks)], pa.string()),
+            "spans": _of_instants([*(_ends(area) for area in areas), *(None for _ in tracks)]),
+            "departures": _of_instants([*none, *(track.departures_us for track in tracks)]),
+            "schedule": pa.array(
+                [None if item.schedule is None else json.dumps(item.schedule) for item in items], pa.string()
+            ),
         }
     )
 
@@ -121,8 +133,8 @@ def _areas(columns: Mapping[str, Array]) -> list[Area]:
     start_us, end_us = (columns[name].view(pa.int64()).to_pylist() for name in ("start", "end"))
     heights = zip(columns["floor_m"].to_pylist(), columns["ceiling_m"].to_pylist(), strict=True)
     return [
-        Area(key, footprint, name, certain(start), certain(end), floor_m, ceiling_m, properties, *of)
-        for key, footprint, name, start, end, (floor_m, ceiling_m), properties, of in zip(
+        Area(key, footprint, name, certain(start), certain(end), floor_m, ceiling_m, properties, *of, *recurring)
+        for key, footprint, name, start, end, (floor_m, ceiling_m), properties, of, recurring in zip(
             columns["id"].to_pylist(),
             _footprints(columns),
             columns["name"].to_pylist(),
@@ -131,6 +143,7 @@ def _areas(columns: Mapping[str, Array]) -> list[Area]:
             heights,
             _documents(columns),
             zip(columns["class"].to_pylist(), columns["owner"].to_pylist(), strict=True),
+            zip(_spans(columns), _schedules(columns), strict=True),
             strict=True,
         )
     ]
@@ -148,6 +161,7 @@ def _tracks(columns: Mapping[str, Array]) -> list[Track]:
     growth = measures(columns["grow_mps"], 0.0).tolist()
     tolerances = columns["tolerances"].to_pylist()
     classes, owners = columns["class"].to_pylist(), columns["owner"].to_pylist()
+    departures, schedules = _in_lists(columns, "departures"), _schedules(columns)
     tracks = []
     for i, key in enumerate(keys):
         outlines = [changing_m[corner[k] : corner[k + 1]] for k in range(of_ring[i], of_ring[i + 1])] or None
@@ -168,6 +182,8 @@ def _tracks(columns: Mapping[str, Array]) -> list[Track]:
                 object_class=classes[i],
                 owner=owners[i],
                 tolerances=None if tolerances[i] is None else json.loads(tolerances[i]),
+                departures_us=None if departures[i] is None else all_certain(np.array(departures[i], np.int64)),
+                schedule=schedules[i],
                 max_speed_kn=np.inf,
             )
         )
@@ -266,6 +282,39 @@ def _documents(columns: Mapping[str, Array]) -> list[dict[str, Any]]:
 
 def _tolerances(track: Track) -> str | None:
     return None if track.tolerances is None else json.dumps(track.tolerances)
+
+
+def _in_lists(columns: Mapping[str, Array], name: str) -> list[list[int | None] | None]:
+    """Return lists of instants in microseconds, None for null."""
+    return list(columns[name].cast(pa.list_(pa.int64())).to_pylist())
+
+
+def _spans(columns: Mapping[str, Array]) -> list[list[list[np.datetime64 | None]] | None]:
+    found: list[list[list[np.datetime64 | None]] | None] = []
+    for key, ends in zip(columns["id"].to_pylist(), _in_lists(columns, "spans"), strict=True):
+        if ends is not None and len(ends) % 2:
+            raise InvalidInput(f"area {key!r}", "spans", f"must be starts and ends in turn; got {len(ends)} instants")
+        at = None if ends is None else [certain(one) for one in ends]
+        found.append(None if at is None else [at[i : i + 2] for i in range(0, len(at), 2)])
+    return found
+
+
+def _schedules(columns: Mapping[str, Array]) -> list[Any]:
+    found = []
+    for key, text in zip(columns["id"].to_pylist(), columns["schedule"].to_pylist(), strict=True):
+        try:
+            found.append(None if text is None else json.loads(text))
+        except (ValueError, RecursionError):
+            raise InvalidInput(f"object {key!r}", "schedule", f"must be JSON; got {text!r:.60}") from None
+    return found
+
+
+def _ends(area: Area) -> list[int | None] | None:
+    return None if area.spans_us is None else [at for span in area.spans_us for at in span]
+
+
+def _of_instants(lists_us: Sequence[Sequence[int | None] | None]) -> Array:
+    return pa.array(lists_us, pa.list_(pa.int64())).cast(_INSTANTS)
 
 
 def _document(properties: Mapping[str, Any]) -> str | None:

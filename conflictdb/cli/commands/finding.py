@@ -154,7 +154,7 @@ def _add_questions(commands: Any) -> None:
     parser.add_argument("--leg", type=count, metavar="N", help="on this leg only")
     add_format(parser, "table", "json")
 
-    parser = command(commands, "resolve", "clearing:resolve", "propose delays that clear a scene")
+    parser = command(commands, "resolve", "resolving:resolve", "propose delays that clear a scene")
     parser.add_argument("keys", nargs="*", metavar="KEY", help="may move (default: tracks in conflict)")
     add_scene(parser)
     parser.add_argument("--keep", action="append", default=[], metavar="KEY", help="stays; repeatable")
@@ -166,7 +166,7 @@ def _add_questions(commands: Any) -> None:
     parser.add_argument("--limit", type=duration_s, default=30.0, metavar="DURATION", help="default: 30s")
     add_format(parser, "table", "json")
 
-    parser = command(commands, "apply", "clearing:apply", "apply a proposal, or undo it")
+    parser = command(commands, "apply", "resolving:apply", "apply a proposal, or undo it")
     parser.add_argument("proposal", type=count, metavar="N", help="its number")
     parser.add_argument("--undo", action="store_true", help="restore the former times")
     parser.add_argument("--attached", action="store_true", help="also change rows of attached tables")

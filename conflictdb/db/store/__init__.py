@@ -74,7 +74,7 @@ from conflictdb.db.store.map_rows import (
     tile,
 )
 from conflictdb.db.store.object_states import ObjectStates, cover, object_states
-from conflictdb.db.store.proposals import (
+from conflictdb.db.store.proposal_rows import (
     apply_proposal,
     proposal_basis,
     proposal_statements,
@@ -144,6 +144,13 @@ from conflictdb.db.store.stored_probes import (
     refuse_probe,
     request_probe,
     wait_for_probe,
+)
+from conflictdb.db.store.stored_schedules import (
+    Scheduled,
+    horizon,
+    scheduled,
+    store_activations,
+    store_window,
 )
 from conflictdb.db.store.write_rows import (
     RunOutcome,

@@ -83,11 +83,12 @@ def objects_near(
 ) -> list[StoredObject]:
     """Return the objects that pieces might meet, as committed, detected or not.
 
-    pieces : of `plans` and perhaps of others, with spans widened by the scene's separation in time
+    pieces : of `plans` and perhaps of others, with spans widened by the largest separation in time of the scene's pairs
     """
     columns = (pieces.start_us, pieces.end_us, pieces.end_inclusive, pieces.floor_m, pieces.ceiling_m, pieces.turn)
     hulls = list(shapely.to_wkb(hulls_of(pieces)))
-    boxes = np.array([_box_deg(plan, scene.reach_m) for plan in plans]).T
+    reach_m = max(scene.reach_m, scene.tolerance_m + scene.largest_separation_m)
+    boxes = np.array([_box_deg(plan, reach_m) for plan in plans]).T
     given = [hulls, *(column.tolist() for column in columns), *boxes.tolist()]
     return [StoredObject(*row) for row in call_many(conn, "_objects_near", scene_id, *given)]
 

@@ -81,6 +81,11 @@ class Ragged:
         offset, index = ragged_rows(self.offset, rows)
         return Ragged(self.data[index], offset, is_null)
 
+    def but_null(self, is_null: NDArray[np.bool_]) -> "Ragged":
+        """Return the same strings, but null where `is_null`."""
+        kept = np.repeat(~is_null, np.diff(self.offset))
+        return Ragged(self.data[kept], offsets(np.where(is_null, 0, np.diff(self.offset))), is_null)
+
 
 Column = Bytes | Ragged  # (n, width) bytes of a fixed-width type, or ragged
 
@@ -121,6 +126,12 @@ def spans(start_us: NDArray[np.int64], end_us: NDArray[np.int64], end_inclusive:
 def multispans(bounds_us: NDArray[np.int64], offset: Offsets) -> Ragged:
     """Return a column of tstzmultirange: row i contains the spans (m, 2) from offset[i] on, both ends included."""
     return _together(spans(bounds_us[:, 0], bounds_us[:, 1], np.ones(len(bounds_us), dtype=np.bool_)), offset)
+
+
+def half_open_multispans(bounds_us: NDArray[np.int64], offset: Offsets, is_null: NDArray[np.bool_]) -> Ragged:
+    """Return a column of tstzmultirange: row i contains the spans [start, end) (m, 2) from offset[i] on."""
+    spans_of_rows = spans(bounds_us[:, 0], bounds_us[:, 1], np.zeros(len(bounds_us), dtype=np.bool_))
+    return _together(spans_of_rows, offset).but_null(is_null)
 
 
 def multiranges(bounds: NDArray[np.int64], offset: Offsets) -> Ragged:

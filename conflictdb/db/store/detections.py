@@ -27,6 +27,7 @@ from conflictdb.db.store.stored_objects import (
     TOLERANCES,
     TRACK_COLUMNS,
     TRACK_STRINGS,
+    decode_activations,
     decode_heights,
     decode_outlines,
     decode_paths,
@@ -85,8 +86,10 @@ def area_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]]
         columns["area_id"],
         columns["version"],
         footprint,
-        copy_binary.microseconds(columns["start"]),
-        copy_binary.microseconds(columns["end"]),
+        decode_activations(
+            strings["spans"],
+            np.stack([copy_binary.microseconds(columns[name]) for name in ("start", "end")], axis=1),
+        ),
         columns["floor_m"],
         columns["ceiling_m"],
         columns["class_number"],
@@ -135,6 +138,7 @@ def track_batch(columns: dict[str, NDArray[Any]], strings: dict[str, list[bytes]
         tolerances,
         columns["class_number"],
         columns["owner_number"],
+        decode_activations(strings["departures"], times_us[waypoint_offset[:-1]]),
     )
 
 

@@ -24,15 +24,16 @@ from conflictdb.model.results import Kind
 _ROWS: Final = {
     Kind.AREA: (
         "SELECT area_id AS object_id, version, timestamptz_send(span_start) AS start,"
-        " timestamptz_send(span_end) AS \"end\", floor_m, ceiling_m, footprint, convert_to(key, 'UTF8') AS key,"
-        " convert_to(class, 'UTF8') AS class, convert_to(owner, 'UTF8') AS owner, pg_current_snapshot()::text AS state"
+        " timestamptz_send(span_end) AS \"end\", floor_m, ceiling_m, footprint, spans, convert_to(key, 'UTF8') AS key,"
+        " convert_to(class, 'UTF8') AS class, convert_to(owner, 'UTF8') AS owner,"
+        " convert_to(schedule, 'UTF8') AS schedule, pg_current_snapshot()::text AS state"
         " FROM conflictdb_internal._read_areas({scene_id}, NULL)"
     ),
     Kind.TRACK: (
         "SELECT track_id AS object_id, version, floor_m, ceiling_m, grow_mps, path, outline, outlines, floors,"
-        " ceilings, convert_to(key, 'UTF8') AS key, convert_to(class, 'UTF8') AS class,"
+        " ceilings, departures, convert_to(key, 'UTF8') AS key, convert_to(class, 'UTF8') AS class,"
         " convert_to(owner, 'UTF8') AS owner, convert_to(tolerances, 'UTF8') AS tolerances,"
-        " pg_current_snapshot()::text AS state"
+        " convert_to(schedule, 'UTF8') AS schedule, pg_current_snapshot()::text AS state"
         " FROM conflictdb_internal._read_tracks({scene_id}, NULL)"
     ),
 }

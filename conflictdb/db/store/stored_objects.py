@@ -13,12 +13,13 @@ import shapely
 from numpy.typing import NDArray
 from psycopg.types.json import Jsonb
 
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.objects import Activations, TrackBatch, outer_spans
 from conflictdb.arrays.ragged import offsets
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many, require_writable, transaction
-from conflictdb.errors import InvalidInput
+from conflictdb.errors import InvalidInput, StoreError
 from conflictdb.formats.contents import Phase, unwatched
+from conflictdb.model.activations import Spans
 from conflictdb.model.inputs import EPOCH, MICROSECOND, all_certain, certain
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.rules import members_of, rule_of
@@ -30,15 +31,15 @@ _SENT_AT_ONCE = 10_000
 AREA_COLUMNS = [
     ("area_id", "i8"), ("version", "i8"), ("start", "i8"), ("end", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"),
 ]  # fmt: skip
-AREA_STRINGS = ["footprint"]
+AREA_STRINGS = ["footprint", "spans"]
 TRACK_COLUMNS = [
     ("track_id", "i8"), ("version", "i8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("grow_mps", "f8"),
 ]  # fmt: skip
-TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings"]
+TRACK_STRINGS = ["path", "outline", "outlines", "floors", "ceilings", "departures"]
 # Of rows of tracks, after all others.
 TOLERANCES = ["tolerances"]
 # Those of _read_areas and _read_tracks.
-_TEXTS = ["key", "name", "properties", "class", "owner"]
+_TEXTS = ["key", "name", "properties", "class", "owner", "schedule"]
 _READ_AREAS = [*AREA_COLUMNS, ("has_name", "b1")], AREA_STRINGS + _TEXTS
 _READ_TRACKS = [*TRACK_COLUMNS[:-1], ("has_name", "b1"), *TRACK_COLUMNS[-1:]], TRACK_STRINGS + _TEXTS + TOLERANCES
 _Rows = tuple[dict[str, NDArray[Any]], dict[str, list[bytes]]]
@@ -147,7 +148,7 @@ def put_plans(
             for name in shapes:
                 column = cast("copy_binary.Ragged", columns[name])
                 row[name] = column.data[column.offset[k] : column.offset[k + 1]].tobytes().hex() or None
-            rows.append(row | (_track_fields(one) if isinstance(one, Track) else {"active_span": _span(one)}))
+            rows.append(row | (_track_fields(one) if isinstance(one, Track) else _area_fields(one)))
     call(conn, "_put_plans", scene, list(removed), json.dumps(rows))
 
 
@@ -157,12 +158,21 @@ def _track_fields(track: Track) -> dict[str, Any]:
         name: None if given is None else [x if math.isfinite(x) else None for x in given.tolist()]
         for name, given in heights.items()
     }
-    return {"grow_mps": track.grow_mps, **per_leg}
+    recurs = {"schedule": track.schedule} if track.schedule is not None else {}
+    if track.departures_us is not None and track.schedule is None:
+        recurs = {"departures": [(EPOCH + us * MICROSECOND).isoformat() for us in track.departures_us]}
+    return {"grow_mps": track.grow_mps, **per_leg, **recurs}
 
 
-def _span(area: Area) -> str:
-    """Return an area's span as text of a tstzrange, with whole microseconds."""
-    ends = ("" if us is None else (EPOCH + us * MICROSECOND).isoformat() for us in (area.start_us, area.end_us))
+def _area_fields(area: Area) -> dict[str, Any]:
+    if area.spans_us is not None and area.schedule is None:
+        return {"activations": "{" + ",".join(map(_range, area.spans_us)) + "}"}
+    return {"active_span": _range((area.start_us, area.end_us)), "schedule": area.schedule}
+
+
+def _range(span_us: tuple[int | None, int | None]) -> str:
+    """Return a span as text of a tstzrange, with whole microseconds."""
+    ends = ("" if us is None else (EPOCH + us * MICROSECOND).isoformat() for us in span_us)
     return "[" + ",".join(ends) + ")"
 
 
@@ -260,13 +270,14 @@ def areas_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequence
             key=strings["key"][i].decode(),
             footprint=footprints[i],
             name=strings["name"][i].decode() if has_name else None,
-            start_us=certain(None if start[i] == MINUS_INFINITY_US else start[i]),
-            end_us=certain(None if end[i] == INFINITY_US else end[i]),
+            start_us=_certain(start[i]),
+            end_us=_certain(end[i]),
             floor_m=None if math.isinf(floor_m) else floor_m,
             ceiling_m=None if math.isinf(ceiling_m) else ceiling_m,
             properties=json.loads(strings["properties"][i]),
             object_class=strings["class"][i].decode() or None,
             owner=strings["owner"][i].decode() or None,
+            **_activations("spans_us", strings["spans"][i], strings["schedule"][i]),
         )
         for i, (has_name, floor_m, ceiling_m) in enumerate(
             zip(*(columns[name].tolist() for name in ("has_name", "floor_m", "ceiling_m")), strict=True)
@@ -300,6 +311,7 @@ def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequenc
             object_class=strings["class"][i].decode() or None,
             owner=strings["owner"][i].decode() or None,
             tolerances=decode_tolerances(strings["tolerances"][i]),
+            **_activations("departures_us", strings["departures"][i], strings["schedule"][i]),
             max_speed_kn=math.inf,
         )
         for i, (has_name, floor_m, ceiling_m, grow_mps, given) in enumerate(
@@ -310,6 +322,39 @@ def tracks_of(columns: Mapping[str, NDArray[Any]], strings: Mapping[str, Sequenc
             )
         )
     ]
+
+
+def _certain(at_us: int) -> np.datetime64 | None:
+    return None if at_us in (MINUS_INFINITY_US, INFINITY_US) else certain(at_us)
+
+
+def _activations(name: str, sent: bytes, schedule: bytes) -> dict[str, Any]:
+    """Return the activations and the schedule of an object as its members; few objects have any."""
+    found: dict[str, Any] = {}
+    if sent:
+        at_us = decode_instants(sent)
+        found[name] = (
+            [[_certain(one) for one in pair] for pair in at_us.reshape(-1, 2).tolist()]
+            if name == "spans_us"
+            else all_certain(at_us)
+        )
+    if schedule:
+        found["schedule"] = json.loads(schedule)
+    return found
+
+
+def decode_instants(sent: bytes) -> NDArray[np.int64]:
+    """Return instants (microseconds) from array_send format."""
+    return copy_binary.microseconds(copy_binary.int8_array(sent))
+
+
+def decode_activations(sent: Sequence[bytes], once: NDArray[np.int64]) -> Activations:
+    """Return spans or departures from array_send format; no bytes: that of `once`. Raises StoreError if one waits."""
+    # Rows whose schedule is not expanded send one zero byte.
+    if any(one == b"\0" for one in sent):
+        raise StoreError("a schedule of the scene is not expanded yet: detect the scene first")
+    shape = (-1, *once.shape[1:])
+    return Activations.of([decode_instants(one).reshape(shape).tolist() if one else None for one in sent], once)
 
 
 def decode_paths(
@@ -373,23 +418,27 @@ def _encoded_outlines(outlines: NDArray[np.float64] | None) -> bytes | None:
 
 
 def _staged_areas(areas: Sequence[Area]) -> dict[str, copy_binary.Column]:
-    batch = AreaBatch.of(areas)
+    outer = outer_spans(areas)
+    # A detection expands schedules.
+    spans = [None if area.schedule is not None else area.spans_us for area in areas]
     return {
         "key": _texts("area", [a.key for a in areas], [a.key for a in areas], "id"),
         "name": _texts("area", [a.key for a in areas], [a.name for a in areas], "name"),
-        "footprint": copy_binary.Ragged.of(shapely.to_wkb(batch.footprint, byte_order=1).tolist()),
-        "span_start": copy_binary.instants(batch.start_us),
-        "span_end": copy_binary.instants(batch.end_us),
-        "floor_m": copy_binary.fixed(batch.floor_m, "f8"),
-        "ceiling_m": copy_binary.fixed(batch.ceiling_m, "f8"),
+        "footprint": copy_binary.Ragged.of(shapely.to_wkb([area.footprint for area in areas], byte_order=1).tolist()),
+        "span_start": copy_binary.instants(outer[:, 0]),
+        "span_end": copy_binary.instants(outer[:, 1]),
+        "floor_m": copy_binary.fixed([-np.inf if a.floor_m is None else a.floor_m for a in areas], "f8"),
+        "ceiling_m": copy_binary.fixed([np.inf if a.ceiling_m is None else a.ceiling_m for a in areas], "f8"),
         "properties": _documents("area", [a.key for a in areas], [a.properties for a in areas]),
         "class": _texts("area", [a.key for a in areas], [a.object_class for a in areas], "class"),
         "owner": _texts("area", [a.key for a in areas], [a.owner for a in areas], "owner"),
+        "activations": _multispans(spans),
+        "schedule": _schedules("area", areas),
     }
 
 
 def _staged_tracks(tracks: Sequence[Track]) -> dict[str, copy_binary.Column]:
-    batch = TrackBatch.of(tracks)
+    batch = TrackBatch.of(tracks, once=True)
     seconds = batch.times_us / 1e6
     lost = np.flatnonzero(np.rint(seconds * 1e6).astype(np.int64) != batch.times_us)
     if lost.size:
@@ -421,7 +470,36 @@ def _staged_tracks(tracks: Sequence[Track]) -> dict[str, copy_binary.Column]:
         "tolerances": copy_binary.Ragged.of(
             [None if t.tolerances is None else b"\x01" + json.dumps(t.tolerances).encode() for t in tracks]
         ),
+        "departures": _instants([None if t.schedule is not None else t.departures_us for t in tracks]),
+        "schedule": _schedules("track", tracks),
     }
+
+
+def _multispans(spans: Sequence[Spans | None]) -> copy_binary.Ragged:
+    """Encode spans as multiranges; None: null."""
+    bounds = [
+        (MINUS_INFINITY_US if start is None else start, INFINITY_US if end is None else end)
+        for one in spans
+        for start, end in one or ()
+    ]
+    return copy_binary.half_open_multispans(
+        np.array(bounds, np.int64).reshape(-1, 2),
+        offsets([len(one or ()) for one in spans]),
+        np.array([one is None for one in spans], np.bool_),
+    )
+
+
+def _instants(lists: Sequence[tuple[int, ...] | None]) -> copy_binary.Ragged:
+    """Encode instants as arrays; None: null."""
+    at_us = np.array([at for one in lists for at in one or ()], np.int64)
+    arrays = copy_binary.arrays(copy_binary.instants(at_us), offsets([len(one or ()) for one in lists]), "timestamptz")
+    return copy_binary.Ragged(arrays.data, arrays.offset, None).but_null(np.array([one is None for one in lists], bool))
+
+
+def _schedules(kind: str, items: Sequence[Area | Track]) -> copy_binary.Ragged:
+    """Encode schedules as jsonb; none: null."""
+    documents = _documents(kind, [item.key for item in items], [item.schedule or {} for item in items], "schedule")
+    return documents.but_null(np.array([item.schedule is None for item in items], np.bool_))
 
 
 def _texts(kind: str, keys: Sequence[str], texts: Sequence[str | None], field: str) -> copy_binary.Ragged:
@@ -432,7 +510,9 @@ def _texts(kind: str, keys: Sequence[str], texts: Sequence[str | None], field: s
     return copy_binary.Ragged.of(encoded)
 
 
-def _documents(kind: str, keys: Sequence[str], documents: Sequence[Mapping[str, Any]]) -> copy_binary.Ragged:
+def _documents(
+    kind: str, keys: Sequence[str], documents: Sequence[Any], field: str = "properties"
+) -> copy_binary.Ragged:
     encoded: list[bytes | None] = []
     for key, document in zip(keys, documents, strict=True):
         if not document:
@@ -441,9 +521,9 @@ def _documents(kind: str, keys: Sequence[str], documents: Sequence[Mapping[str, 
         try:
             text = json.dumps(document, ensure_ascii=False, allow_nan=False)
         except (TypeError, ValueError) as error:
-            raise InvalidInput(f"{kind} {key!r}", "properties", f"must be JSON: {error}") from error
+            raise InvalidInput(f"{kind} {key!r}", field, f"must be JSON: {error}") from error
         if not _is_storable(text) or ("\\u0000" in text and _has_null_character(document)):
-            raise InvalidInput(f"{kind} {key!r}", "properties", "must be Unicode text without the character U+0000")
+            raise InvalidInput(f"{kind} {key!r}", field, "must be Unicode text without the character U+0000")
         encoded.append(b"\x01" + text.encode())  # version 1 of jsonb's binary form
     return copy_binary.Ragged.of(encoded)
 

@@ -152,6 +152,9 @@ def request_probe(conn: psycopg.Connection[Any], scene: str, plan: Area | Track)
         path = copy_binary.lines_m(waypoints, offsets([len(waypoints)])).data.tobytes()
         rings = copy_binary.closed_rings(track.outline_m, offsets([len(track.outline_m)]))
         outline = copy_binary.polygons(*rings, 0).data.tobytes()
+    if plan.schedule is not None or (track.departures_us if track else cast("Area", plan).spans_us) is not None:
+        rule = "has several activations, which a worker cannot be asked about: probe each on its own"
+        raise InvalidInput(f"{'track' if track else 'area'} {plan.key!r}", "plan", rule)
     with transaction(conn):
         (probe_id,) = call(
             conn,

@@ -57,6 +57,10 @@ _TYPES: Final = {
 } | {one.name: _SENT_AS[one.type] for one in MEASURED}
 
 
+# Settings that change no conflict by themselves; rules do by the settings of the pairs that they concern.
+_OF_NO_ANSWER: Final = {"delays_within_s", "horizon_days", "rules"}
+
+
 @dataclass(frozen=True, slots=True)
 class RunRecord:
     """The record of a detection.
@@ -77,7 +81,7 @@ class RunRecord:
 
         of_pairs : settings that the pairs have by separation rules
         """
-        known = {name: value for name, value in self.settings.items() if name not in ("delays_within_s", "rules")}
+        known = {name: value for name, value in self.settings.items() if name not in _OF_NO_ANSWER}
         if of_pairs is not None:
             known |= {name: getattr(of_pairs, name) for name in REPLACED.values()}
         settings = json.dumps([self.method, known, EDITION], sort_keys=True)

@@ -7,7 +7,7 @@ from typing import Any, Final
 from conflictdb.errors import InvalidInput
 from conflictdb.model.schedules.clock import clock_s
 from conflictdb.model.schedules.days import DAYS
-from conflictdb.model.schedules.schedule import Daily, Moment, Part, Period, Schedule
+from conflictdb.model.schedules.schedule import Daily, Moment, Period, Schedule, TimedRule
 
 _EVENTS: Final = {"BMCT": "civil_dawn", "SR": "sunrise", "SS": "sunset", "EECT": "civil_dusk"}
 _MEMBERS: Final = {"day", "startTime", "startEvent", "endTime", "endEvent"}
@@ -23,7 +23,7 @@ def ed318_schedule(who: str, periods: Any, zone: tzinfo | None = None) -> Schedu
         periods = [periods]
     if not isinstance(periods, list) or not periods:
         raise InvalidInput(who, field, f"must be a list of daily periods; got {periods!r:.60}")
-    return Schedule(who, tuple(Part(_daily(who, f"{field}[{i}]", one, zone)) for i, one in enumerate(periods)))
+    return Schedule(who, tuple(TimedRule(_daily(who, f"{field}[{i}]", one, zone)) for i, one in enumerate(periods)))
 
 
 def _daily(who: str, field: str, period: Any, zone: tzinfo | None) -> Daily:

@@ -11,7 +11,7 @@ from typing import Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model.schedules.days import DAYS, MONTHS
-from conflictdb.model.schedules.schedule import WHOLE_DAY, Daily, Moment, Part, Period, Schedule
+from conflictdb.model.schedules.schedule import WHOLE_DAY, Daily, Moment, Period, Schedule, TimedRule
 
 Valid = tuple[int | None, int | None]
 
@@ -40,10 +40,10 @@ def item_d_schedule(who: str, text: str, valid_us: Valid = (None, None)) -> Sche
         raise InvalidInput(who, _FIELD, f"must be text such as MON-FRI 0800-1700; got {text!r:.60}")
     if len(text) > _MOST_TEXT:
         raise InvalidInput(who, _FIELD, f"must have at most {_MOST_TEXT:,} characters; got {len(text):,}")
-    return _Reader(who, text, valid_us).schedule()
+    return _ItemD(who, text, valid_us).schedule()
 
 
-class _Reader:
+class _ItemD:
     """Read words from left to right: groups of days, then periods, then exceptions."""
 
     def __init__(self, who: str, text: str, valid_us: Valid) -> None:
@@ -60,7 +60,7 @@ class _Reader:
         rules = []
         while self.at < len(self.words):
             rules.append(self._group())
-        return Schedule(self.who, tuple(Part(rule, *self.valid_us) for rule in rules))
+        return Schedule(self.who, tuple(TimedRule(rule, *self.valid_us) for rule in rules))
 
     # --- groups
 

@@ -26,7 +26,7 @@ from conflictdb.model.schedules.days import DAYS
 from conflictdb.model.schedules.ed318_schedule import ed318_schedule
 from conflictdb.model.schedules.item_d import item_d_schedule
 from conflictdb.model.schedules.recurrences import rrule_schedule
-from conflictdb.model.schedules.schedule import WHOLE_DAY, Daily, Moment, Part, Period, Schedule
+from conflictdb.model.schedules.schedule import WHOLE_DAY, Daily, Moment, Period, Schedule, TimedRule
 from conflictdb.model.schedules.sun import EVENTS
 
 _SUN: Final = re.compile(rf"({'|'.join(EVENTS)})(?:([+-])(\d{{1,3}})min)?")
@@ -45,13 +45,13 @@ def schedule_of(who: str, source: Any) -> Schedule:
     listed = source if isinstance(source, list) else [source]
     if not 0 < len(listed) <= _MOST_PARTS:
         raise InvalidInput(who, "schedule", f"must be a schedule, or a list of 1 to {_MOST_PARTS:,}")
-    parts: list[Part] = []
+    parts: list[TimedRule] = []
     for i, one in enumerate(listed):
         parts.extend(_parts(who, f"schedule[{i}]" if isinstance(source, list) else "schedule", one))
     return Schedule(who, tuple(parts))
 
 
-def _parts(who: str, field: str, source: Any) -> tuple[Part, ...]:
+def _parts(who: str, field: str, source: Any) -> tuple[TimedRule, ...]:
     if not isinstance(source, Mapping) or not all(isinstance(name, str) for name in source):
         rule = "must be an object such as {'days': ['TUE'], 'periods': [['08:00', '10:00']]}"
         raise InvalidInput(who, field, f"{rule}; got {source!r:.60}")
@@ -71,7 +71,7 @@ def _parts(who: str, field: str, source: Any) -> tuple[Part, ...]:
         "rrule": lambda: rrule_schedule(who, source["rrule"], source.get("duration")),
         "notam": lambda: item_d_schedule(who, source["notam"], (start_us, end_us)),
         "ed318": lambda: ed318_schedule(who, source["ed318"], zone),
-        "periods": lambda: Schedule(who, (Part(_daily(who, field, source, zone or UTC)),)),
+        "periods": lambda: Schedule(who, (TimedRule(_daily(who, field, source, zone or UTC)),)),
     }
     place = _place(who, f"{field}.place", source["place"]) if "place" in source else None
     try:
@@ -82,7 +82,7 @@ def _parts(who: str, field: str, source: Any) -> tuple[Part, ...]:
         raise InvalidInput(who, error.field.replace("schedule", field, 1), error.rule) from None
     if first or last:
         rules = [replace(rule, first=first, last=last) for rule in rules if isinstance(rule, Daily)]
-    return tuple(Part(rule, start_us, end_us, place) for rule in rules)
+    return tuple(TimedRule(rule, start_us, end_us, place) for rule in rules)
 
 
 def _daily(who: str, field: str, source: Mapping[str, Any], zone: tzinfo) -> Daily:

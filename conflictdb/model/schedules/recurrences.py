@@ -11,7 +11,7 @@ from dateutil import rrule
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model.schedules.clock import zone_of
-from conflictdb.model.schedules.schedule import Floats, Occurrence, Part, Schedule
+from conflictdb.model.schedules.schedule import Floats, Occurrence, Schedule, TimedRule
 
 _FIELD: Final = "schedule.rrule"
 _NAMES: Final = ("DTSTART", "DTEND", "DURATION", "RRULE", "RDATE", "EXDATE")
@@ -109,7 +109,7 @@ def rrule_schedule(who: str, text: str, duration: str | None = None) -> Schedule
     )
     rules = tuple(_rule(who, zone, start, value) for _, value in lines.get("RRULE", ()))
     recurrence = Recurrence(zone, start, rules, also, excepted, _length(who, lines, zone, start, is_date))
-    return Schedule(who, (Part(recurrence),))
+    return Schedule(who, (TimedRule(recurrence),))
 
 
 def _lines(who: str, text: str) -> dict[str, list[tuple[dict[str, str], str]]]:

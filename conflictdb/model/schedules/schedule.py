@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
+from conflictdb.model.activations import MOST_ACTIVATIONS
 from conflictdb.model.schedules.sun import EVENTS, MARGIN_DEG, sun_times
 
 Ints = NDArray[np.int64]
@@ -21,8 +22,8 @@ Floats = NDArray[np.float64]
 # An occurrence: [start, end) microseconds, neither merged with others nor cut at the ends of the request.
 Occurrence = tuple[int, int]
 
-# Spans of one object, at most: an activation every 5 minutes for a year.
-MOST_SPANS: Final = 105_120
+# Occurrences of one object, at most.
+MOST_SPANS: Final = MOST_ACTIVATIONS
 
 _SECOND_US: Final = 1_000_000
 _DAY: Final = timedelta(days=1)
@@ -62,7 +63,7 @@ class Period:
 WHOLE_DAY: Final = Period(Moment(0), Moment(_DAY_S))
 
 
-class Rule(Protocol):
+class SchedulePart(Protocol):
     """A part of a schedule."""
 
     @property
@@ -177,13 +178,13 @@ def _ends_before(period: Period) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class TimedRule:
     """A rule during [start, end) only; None: unbounded.
 
     place_deg : longitude and latitude for times of the sun, in place of those of the object
     """
 
-    rule: Rule
+    rule: SchedulePart
     start_us: int | None = None
     end_us: int | None = None
     place_deg: tuple[float, float] | None = None
@@ -197,7 +198,7 @@ class Schedule:
     """
 
     who: str
-    parts: tuple[Part, ...]
+    parts: tuple[TimedRule, ...]
 
     @property
     def uses_sun(self) -> bool:

@@ -30,7 +30,9 @@ def _begins_run(pieces: Pieces) -> NDArray[np.bool_]:
     # A bundle of slices has one outline, and stores only the start of each slice.
     follows = (pieces.part[1:] == pieces.part[:-1] + 1) & (pieces.start_us[1:] == pieces.end_us[:-1])
     follows &= pieces.end_inclusive[:-1] & _same_outline(pieces)
-    together &= (pieces.kind[1:] == Kind.AREA.code) | follows
+    # A bundle of an area's parts has one span.
+    same_span = (pieces.start_us[1:] == pieces.start_us[:-1]) & (pieces.end_us[1:] == pieces.end_us[:-1])
+    together &= np.where(pieces.kind[1:] == Kind.AREA.code, same_span, follows)
     return np.append(True, ~together)[: len(pieces)]
 
 

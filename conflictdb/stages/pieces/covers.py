@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
 from conflictdb.arrays.isolation import isolated
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces, level_m
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.plane import Plane
@@ -88,7 +88,9 @@ def _pieces(
     covers: Callable[[Plane, Batch], Pieces],
 ) -> list[Pieces]:
     kind = "area" if isinstance(batch, AreaBatch) else "track"
-    every = np.arange(len(batch))
+    # An object that is never active has no pieces.
+    activations = batch.active if isinstance(batch, AreaBatch) else batch.departs
+    every = np.flatnonzero(np.diff(activations.offset))
 
     def cut_some(rows: NDArray[np.int64]) -> Pieces:
         return cut(scene, plane, batch if len(rows) == len(batch) else batch.take(rows))
@@ -116,13 +118,21 @@ def _sound(pieces: Pieces, ids: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.setdiff1d(pieces.object_id, pieces.object_id[bad])
 
 
+def _ends(activations: Activations) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first and the last activation of objects that have one at least."""
+    return activations.offset[:-1], activations.offset[1:] - 1
+
+
 def _area_covers(plane: Plane, areas: AreaBatch) -> Pieces:
-    spans = areas.start_us, areas.end_us
-    return _covers(plane, Kind.AREA, areas, areas.area_id, *spans, areas.floor_m, areas.ceiling_m)
+    # From the first to the last activation.
+    start_us, end_us = (areas.active.at_us[row, side] for side, row in enumerate(_ends(areas.active)))
+    return _covers(plane, Kind.AREA, areas, areas.area_id, start_us, end_us, areas.floor_m, areas.ceiling_m)
 
 
 def _track_covers(plane: Plane, tracks: TrackBatch) -> Pieces:
-    start, end = tracks.times_us[tracks.waypoint_offset[:-1]], tracks.times_us[tracks.waypoint_offset[1:] - 1]
+    lasts_us = tracks.times_us[tracks.waypoint_offset[1:] - 1] - tracks.times_us[tracks.waypoint_offset[:-1]]
+    first, last = _ends(tracks.departs)
+    start, end = tracks.departs.at_us[first], tracks.departs.at_us[last] + lasts_us
     # The lowest floor and highest ceiling of all legs.
     first_leg = tracks.waypoint_offset[:-1] - np.arange(len(tracks))
     floor_m = np.minimum.reduceat(tracks.floor_m.min(axis=1), first_leg)

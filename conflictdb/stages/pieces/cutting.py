@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces, level_m
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import shorter_way_deg
@@ -58,7 +58,7 @@ def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) ->
             )
     if not tracks:
         return
-    batch = TrackBatch.of(tracks)
+    batch = TrackBatch.of(tracks, once=True)
     outside = np.flatnonzero(~plane.holds(*batch.positions_deg.T))
     if outside.size:
         first = np.searchsorted(batch.waypoint_offset, outside[0], side="right") - 1
@@ -105,8 +105,8 @@ def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
         version=areas.version[owner],
         part=_numbered(owner),
         turn=np.zeros(n, np.int16),
-        start_us=areas.start_us[owner],
-        end_us=areas.end_us[owner],
+        start_us=none_us,
+        end_us=none_us,
         end_inclusive=np.zeros(n, np.bool_),
         floor_m=areas.floor_m[owner],
         ceiling_m=areas.ceiling_m[owner],
@@ -129,7 +129,7 @@ def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
     shift = -plane.turn_m * _turns_from_home(plane, hulls)
     xy[:, 0] += np.repeat(shift, np.diff(offset))
     hulls.xy[:, 0] += np.repeat(shift, np.diff(hulls.offset))
-    return _with_seam_copies(plane, replace(pieces, hull_xy=hulls.xy, hull_offset=hulls.offset))
+    return _active(_with_seam_copies(plane, replace(pieces, hull_xy=hulls.xy, hull_offset=hulls.offset)), areas)
 
 
 def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
@@ -163,7 +163,52 @@ def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
         leg_start_deg=pieces.leg_start_deg - away,
         leg_end_deg=pieces.leg_end_deg - away,
     )
-    return _with_seam_copies(plane, pieces)
+    return _departing(_with_seam_copies(plane, pieces), tracks)
+
+
+def _active(pieces: Pieces, areas: AreaBatch) -> Pieces:
+    """Return the pieces of areas once for each of their spans."""
+    repeated, at = _repeated(pieces, areas.area_id, areas.active)
+    start_us, end_us = areas.active.at_us[at].T
+    return replace(repeated, start_us=start_us.copy(), end_us=end_us.copy())
+
+
+def _departing(pieces: Pieces, tracks: TrackBatch) -> Pieces:
+    """Return the pieces of tracks once for each of their departures, moved in time."""
+    first_us = tracks.times_us[tracks.waypoint_offset[:-1]]
+    departs = tracks.departs
+    if len(departs.at_us) == len(tracks) and (departs.at_us == first_us).all():
+        return pieces
+    repeated, at = _repeated(pieces, tracks.track_id, departs)
+    voyage = np.repeat(np.arange(len(tracks)), np.diff(departs.offset))
+    later_us = (departs.at_us - first_us[voyage])[at]
+    times = ("start_us", "end_us", "leg_start_us", "leg_end_us")
+    return replace(repeated, **{name: getattr(repeated, name) + later_us for name in times})
+
+
+def _repeated(pieces: Pieces, ids: NDArray[np.int64], activations: Activations) -> tuple[Pieces, NDArray[np.int64]]:
+    """Return pieces once for each activation of their object, with parts numbered on, and the activation of each.
+
+    ids : (n,) of the objects, whose activations these are
+    """
+    by_id = np.argsort(ids, kind="stable")
+    owner = by_id[np.searchsorted(ids, pieces.object_id, sorter=by_id)]
+    offset = activations.offset
+    count = np.diff(offset)[owner]
+    if (count == 1).all():
+        return pieces, offset[owner]
+    parts = np.zeros(len(ids), np.int64)
+    np.maximum.at(parts, owner, pieces.part + 1)
+    most = int((parts * np.diff(offset)).max(initial=0))
+    if most > MAX_PIECES:
+        raise OverflowError(f"an object needs more than {MAX_PIECES:,} pieces")
+    rows = np.repeat(np.arange(len(pieces)), count)
+    nth = np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)
+    part = pieces.part[rows] + nth * parts[owner[rows]]
+    # As without activations: copies after originals, then by object and part.
+    order = np.lexsort((part, owner[rows], -pieces.turn[rows]))
+    rows, nth = rows[order], nth[order]
+    return replace(pieces.take(rows), part=part[order].astype(np.int32)), offset[owner[rows]] + nth
 
 
 def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tuple[Pieces, NDArray[np.int64]]:

@@ -23,8 +23,10 @@ def area_digests(areas: AreaBatch) -> NDArray[np.int64]:
     outlines = shapely.to_wkb(areas.footprint, byte_order=1, include_srid=False).tolist()
     offset = np.cumsum([0, *map(len, outlines)])
     measures = np.column_stack([areas.floor_m, areas.ceiling_m])
-    spans = np.column_stack([areas.start_us, areas.end_us])
-    return _digests([_fixed(spans), _fixed(measures), (np.frombuffer(b"".join(outlines), np.uint8), offset)])
+    outline: Part = np.frombuffer(b"".join(outlines), np.uint8), offset
+    active = areas.active
+    # The length of an outline makes the concatenation unambiguous.
+    return _digests([_fixed(np.diff(offset)[:, None]), _ragged(active.at_us, active.offset), _fixed(measures), outline])
 
 
 def track_digests(tracks: TrackBatch) -> NDArray[np.int64]:
@@ -36,13 +38,14 @@ def track_digests(tracks: TrackBatch) -> NDArray[np.int64]:
         b"" if one is None else json.dumps(as_members(one), sort_keys=True).encode() for one in tracks.tolerances
     ]
     # The counts make the concatenation unambiguous.
-    counts = np.column_stack([np.diff(offset) for offset in (way, outline, outlines)])
+    counts = np.column_stack([np.diff(offset) for offset in (way, outline, outlines, tracks.departs.offset)])
     return _digests(
         [
             _fixed(counts),
             _fixed(tracks.grow_mps[:, None]),
             _ragged(tracks.positions_deg, way),
             _ragged(tracks.times_us, way),
+            _ragged(tracks.departs.at_us, tracks.departs.offset),
             _ragged(tracks.outline_m, outline),
             _ragged(tracks.outlines_m, outlines),
             _ragged(tracks.floor_m, legs),

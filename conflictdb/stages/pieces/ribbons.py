@@ -17,7 +17,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
-from conflictdb.arrays.objects import TrackBatch
+from conflictdb.arrays.objects import Activations, TrackBatch
 from conflictdb.arrays.ragged import offsets, stacked
 from conflictdb.earth.geodesy import MEAN_RADIUS_M, shorter_way_deg
 from conflictdb.earth.plane import Plane
@@ -90,6 +90,7 @@ def with_ribbons(plane: Plane, tracks: TrackBatch) -> TrackBatch:
         tolerances=np.full(len(of), None, object),
         class_number=tracks.class_number[of],
         owner_number=tracks.owner_number[of],
+        departs=Activations.once(np.array([one.times_us[0] for one in ribbons], np.int64)),
     )
     return _concatenated(tracks.take(plain), derived).take(np.argsort(np.concatenate([plain, of]), kind="stable"))
 
@@ -98,6 +99,9 @@ def _concatenated(one: TrackBatch, other: TrackBatch) -> TrackBatch:
     columns: dict[str, Any] = {}
     for column in fields(TrackBatch):
         first, second = getattr(one, column.name), getattr(other, column.name)
+        if isinstance(first, Activations):
+            columns[column.name] = first.followed_by(second)
+            continue
         columns[column.name] = np.concatenate(
             [first, second[1:] + first[-1]] if column.name.endswith("_offset") else [first, second]
         )

@@ -1,0 +1,105 @@
+"""Read the schedules of a scene, and store what they are expanded to."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import psycopg
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.db.store.connection import call, call_many
+from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.model.results import Kind
+
+# Objects that are stored by one call.
+_AT_ONCE = 1_000
+
+
+@dataclass(frozen=True, slots=True)
+class Horizon:
+    """How far the schedules of a scene are expanded.
+
+    window : [start, end) microseconds; None: not at all
+    is_waiting : whether a schedule is not expanded; None: there are no schedules
+    voyages : first start and last end, microseconds, of voyages that may have changed since; None: there are none
+    """
+
+    horizon_days: float
+    window: tuple[int, int] | None
+    is_waiting: bool | None
+    voyages: tuple[int, int] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Scheduled:
+    """An object with a schedule.
+
+    span_us : start and end of an area, None if unbounded; the first and last time of a track
+    box : box of an area, or the first waypoint of a track, degrees
+    """
+
+    kind: Kind
+    object_id: int
+    version: int
+    key: str
+    schedule: Any
+    span_us: tuple[int | None, int | None]
+    box: shapely.Geometry
+
+
+def horizon(conn: psycopg.Connection[Any], scene_id: int) -> Horizon:
+    """Return how far the schedules of a scene are expanded."""
+    days, first, until, is_waiting, starts, ends = call(conn, "_horizon", scene_id)
+    return Horizon(days, _pair(first, until), is_waiting, _pair(starts, ends))
+
+
+def scheduled(conn: psycopg.Connection[Any], scene_id: int, *, only_waiting: bool) -> list[Scheduled]:
+    """Return the objects of a scene with schedules, or those whose schedules are not expanded."""
+    return [
+        Scheduled(
+            kind=Kind.TRACK if kind else Kind.AREA,
+            object_id=number,
+            version=version,
+            key=key,
+            schedule=schedule,
+            span_us=(_us(start), _us(end)),
+            box=shapely.from_wkb(box),
+        )
+        for kind, number, version, key, schedule, start, end, box in call_many(
+            conn, "_scheduled", scene_id, only_waiting
+        )
+    ]
+
+
+def store_activations(
+    conn: psycopg.Connection[Any], scene_id: int, objects: Sequence[Scheduled], instants_us: Sequence[NDArray[np.int64]]
+) -> None:
+    """Store spans (n, 2) or departures (n,) of objects, which marks those that differ."""
+    for first in range(0, len(objects), _AT_ONCE):
+        some, of_some = objects[first : first + _AT_ONCE], instants_us[first : first + _AT_ONCE]
+        call(
+            conn,
+            "_set_activations",
+            scene_id,
+            [one.kind.code for one in some],
+            [one.object_id for one in some],
+            [one.version for one in some],
+            [one.size for one in of_some],
+            np.concatenate([one.reshape(-1) for one in of_some]).tolist(),
+        )
+
+
+def store_window(conn: psycopg.Connection[Any], scene_id: int, window: tuple[int, int] | None) -> None:
+    """Store how far the schedules of a scene are expanded; None: it has none."""
+    call(conn, "_set_expanded", scene_id, *(window or (None, None)))
+
+
+def _pair(first: datetime | None, last: datetime | None) -> tuple[int, int] | None:
+    return None if first is None or last is None else ((first - EPOCH) // MICROSECOND, (last - EPOCH) // MICROSECOND)
+
+
+def _us(at: datetime | None) -> int | None:
+    return None if at is None else (at - EPOCH) // MICROSECOND

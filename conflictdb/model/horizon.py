@@ -1,0 +1,149 @@
+"""Expand schedules of areas and tracks to activations, as far as a horizon."""
+
+import time
+from collections.abc import Iterable, Iterator
+from copy import copy
+from dataclasses import replace
+from typing import Any, Final, TypeVar
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from conflictdb.errors import InvalidInput
+from conflictdb.model.activations import INFINITY_US, MINUS_INFINITY_US, departures_of
+from conflictdb.model.inputs import all_certain, certain
+from conflictdb.model.plans import MAX_INSTANT_US, MIN_INSTANT_US, Area, Track
+
+Window = tuple[int, int]
+_One = TypeVar("_One", Area, Track)
+
+_DAY_US: Final = 86_400_000_000
+
+
+def window_over(now_us: int, horizon_days: float, voyages: Iterable[Window], known: Window | None = None) -> Window:
+    """Return the time [start, end) for which schedules are expanded: from today to the horizon, and over all voyages.
+
+    known : the window so far, which the new one contains. Its end moves only when a tenth of the horizon has passed
+    """
+    today_us = now_us // _DAY_US * _DAY_US
+    horizon_us = round(horizon_days * _DAY_US)
+    ahead_us = today_us + _DAY_US + horizon_us
+    starts, ends = [today_us if known is None else known[0]], [ahead_us if known is None else known[1]]
+    if known is not None and known[1] < now_us + 0.9 * horizon_us:
+        ends.append(ahead_us)
+    for first_us, last_us in voyages:
+        starts.append(first_us)
+        ends.append(last_us + 1)
+    return max(min(starts), MIN_INSTANT_US), min(max(ends), MAX_INSTANT_US)
+
+
+def _voyages(tracks: Iterable[Track]) -> Iterator[Window]:
+    """Yield the time of each track, from its first departure to the end of its last voyage."""
+    for track in tracks:
+        departs = track.departures_us if track.departures_us is not None else (int(track.times_us[0]),)
+        if departs and track.schedule is None:
+            yield departs[0], departs[-1] + int(track.times_us[-1] - track.times_us[0])
+
+
+def expanded(
+    areas: list[Area], tracks: list[Track], horizon_days: float, now_us: int | None = None
+) -> tuple[list[Area], list[Track]]:
+    """Return areas and tracks with the activations of their schedules; raises InvalidInput.
+
+    now_us : today, for the window; None: by the clock
+    """
+    items: list[Area | Track] = [*areas, *tracks]
+    if all(one.schedule is None for one in items):
+        return areas, tracks
+    window = window_over(time.time_ns() // 1000 if now_us is None else now_us, horizon_days, _voyages(tracks))
+    return [expanded_area(area, window) for area in areas], [expanded_track(track, window) for track in tracks]
+
+
+def later(one: _One, by_us: int) -> _One:
+    """Return an area or track with all its activations later by some microseconds, without its schedule."""
+    if isinstance(one, Track):
+        times: Any = all_certain(one.times_us + by_us)
+        departs: Any = None if one.departures_us is None else all_certain(np.array(one.departures_us, np.int64) + by_us)
+        return replace(one, times_us=times, departures_us=departs, schedule=None, max_speed_kn=np.inf)
+    ends = ((one.start_us, one.end_us),) if one.spans_us is None else one.spans_us
+    moved: Any = [[certain(None if at is None else at + by_us) for at in pair] for pair in ends]
+    if one.spans_us is None:
+        return replace(one, start_us=moved[0][0], end_us=moved[0][1], schedule=None)
+    return replace(one, start_us=None, end_us=None, spans_us=moved, schedule=None)
+
+
+def require_one_voyage(who: str, field: str, tracks: Iterable[Track]) -> None:
+    """Raise InvalidInput for a track with departures, which a question about one voyage does not understand."""
+    for track in tracks:
+        if track.departures_us is not None or track.schedule is not None:
+            rule = f"is for one voyage: track {track.key!r} has departures of its own; store each voyage as a track"
+            raise InvalidInput(who, field, rule)
+
+
+def expanded_area(area: Area, window: Window) -> Area:
+    """Return an area with the spans of its schedule in a window, cut by its start and end, or an area without one."""
+    if area.schedule is None:
+        return area
+    spans = area_spans(f"area {area.key!r}", area.schedule, (area.start_us, area.end_us), area.footprint, window)
+    return _made(area, spans_us=tuple((start, end) for start, end in spans.tolist()))
+
+
+def expanded_track(track: Track, window: Window) -> Track:
+    """Return a track with the departures of its schedule whose voyages share time with a window, or one without."""
+    if track.schedule is None:
+        return track
+    lasts_us = int(track.times_us[-1] - track.times_us[0])
+    departs = track_departures(f"track {track.key!r}", track.schedule, lasts_us, track.positions_deg[0], window)
+    return _made(track, departures_us=tuple(departs.tolist()))
+
+
+def area_spans(
+    who: str, schedule: Any, outer_us: tuple[int | None, int | None], footprint: shapely.Geometry, window: Window
+) -> NDArray[np.int64]:
+    """Return the spans (n, 2) of an area's schedule; raises InvalidInput.
+
+    outer_us : start and end of the area, None if unbounded
+    """
+    from conflictdb.model.schedules import schedule_of
+
+    low = max(window[0], MINUS_INFINITY_US if outer_us[0] is None else outer_us[0])
+    high = min(window[1], INFINITY_US if outer_us[1] is None else outer_us[1])
+    if low >= high:
+        schedule_of(who, schedule)
+        return np.empty((0, 2), np.int64)
+    return schedule_of(who, schedule).expand(low, high, _places(footprint))
+
+
+def track_departures(
+    who: str, schedule: Any, lasts_us: int, first_deg: NDArray[np.float64], window: Window
+) -> NDArray[np.int64]:
+    """Return the departures (n,) of a track's schedule; raises InvalidInput, also for voyages that overlap.
+
+    lasts_us : how long a voyage takes
+    first_deg : (2,) its first waypoint
+    """
+    from conflictdb.model.schedules import schedule_of
+
+    low = max(window[0] - lasts_us, MIN_INSTANT_US)
+    found = schedule_of(who, schedule).departures(low, min(window[1], MAX_INSTANT_US - lasts_us), first_deg[None])
+    try:
+        departures_of(who, found.view("datetime64[us]"), lasts_us)
+    except InvalidInput as error:
+        raise InvalidInput(who, "schedule", error.rule.replace("is before", "has a departure before")) from None
+    return found
+
+
+def _places(footprint: shapely.Geometry) -> NDArray[np.float64]:
+    """Return the middle of a footprint's box and its corners: the sun rises at one of these first, and last."""
+    west, south, east, north = shapely.bounds(footprint)
+    middle = 0.5 * (west + east), 0.5 * (south + north)
+    return np.array([middle, (west, south), (west, north), (east, south), (east, north)])
+
+
+def _made(one: _One, **expansion: Any) -> _One:
+    """Return a copy of a checked object with its expansion."""
+    made = copy(one)
+    for name, value in expansion.items():
+        object.__setattr__(made, name, value)
+    return made

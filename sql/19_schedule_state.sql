@@ -1,0 +1,37 @@
+-- Whether the schedules of a scene wait to be expanded (23_schedules.sql).
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_behind_horizon(
+    p_expanded tstzrange, p_horizon_days double precision
+) RETURNS boolean
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT upper(p_expanded) < now() + 0.9 * p_horizon_days * interval '1 day';
+END;
+COMMENT ON FUNCTION _is_behind_horizon(tstzrange, double precision) IS
+'Whether a tenth of the horizon has passed since the schedules of a scene were expanded; null: it has none.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._schedules_wait(p_scene_id bigint) RETURNS boolean
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
+SET enable_seqscan = off SET jit = off AS $$
+DECLARE
+    v_scene scene%ROWTYPE;
+BEGIN
+    IF EXISTS (SELECT FROM area a
+               WHERE a.scene_id = p_scene_id AND a.schedule IS NOT NULL AND a.activations IS NULL)
+       OR EXISTS (SELECT FROM track t
+                  WHERE t.scene_id = p_scene_id AND t.schedule IS NOT NULL AND t.departures IS NULL) THEN
+        RETURN true;
+    END IF;
+    SELECT * INTO v_scene FROM scene s WHERE s.scene_id = p_scene_id;
+    RETURN v_scene.expanded IS NOT NULL
+           AND (_is_behind_horizon(v_scene.expanded, v_scene.horizon_days)
+                -- Voyages that changed may leave the time for which schedules are expanded.
+                OR EXISTS (SELECT FROM change c
+                           CROSS JOIN LATERAL (SELECT t.* FROM track t WHERE t.track_id = c.object_id OFFSET 0) t
+                           WHERE c.scene_id = p_scene_id AND c.object_kind = 1 AND t.scene_id = p_scene_id
+                             AND t.schedule IS NULL
+                             AND NOT _at_sea(t.path, t.departures) <@ v_scene.expanded));
+END
+$$;
+COMMENT ON FUNCTION _schedules_wait(bigint) IS
+'Whether schedules of a scene are not expanded yet, or not far enough.';

@@ -1,0 +1,102 @@
+-- Schedules: a detection expands them to activations of areas and departures of tracks, before it looks for changes.
+-- conflictdb.model.schedules reads them; SQL stores them as they are written.
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._horizon(
+    p_scene_id bigint, OUT horizon_days double precision, OUT expanded_from timestamptz, OUT expanded_until timestamptz,
+    OUT is_waiting boolean, OUT starts_at timestamptz, OUT ends_at timestamptz
+)
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    SELECT s.horizon_days, lower(s.expanded), upper(s.expanded) INTO horizon_days, expanded_from, expanded_until
+        FROM scene s WHERE s.scene_id = p_scene_id;
+    SELECT bool_or(n.waits) INTO is_waiting
+        FROM (SELECT a.activations IS NULL AS waits FROM area a
+              WHERE a.scene_id = p_scene_id AND a.schedule IS NOT NULL
+              UNION ALL
+              SELECT t.departures IS NULL FROM track t WHERE t.scene_id = p_scene_id AND t.schedule IS NOT NULL) n;
+    IF is_waiting IS NULL THEN
+        RETURN;
+    END IF;
+    -- Once the window is known, only voyages that changed can leave it.
+    SELECT min(lower(v.span)), max(upper(v.span)) INTO starts_at, ends_at
+        FROM (SELECT _at_sea(t.path, t.departures) AS span
+              FROM track t
+              WHERE t.scene_id = p_scene_id AND t.schedule IS NULL
+                AND (expanded_from IS NULL
+                     OR t.track_id IN (SELECT c.object_id FROM change c
+                                       WHERE c.scene_id = p_scene_id AND c.object_kind = 1))) v;
+END
+$$;
+COMMENT ON FUNCTION _horizon(bigint) IS
+'How far the schedules of a scene are expanded, and how far the voyages reach that may have changed since. is_waiting: '
+'whether a schedule is not expanded at all; null: there are no schedules.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._scheduled(p_scene_id bigint, p_only_waiting boolean) RETURNS TABLE (
+    object_kind smallint, object_id bigint, version bigint, key text, schedule jsonb, starts_at timestamptz,
+    ends_at timestamptz, box bytea
+)
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT 0, a.area_id, a.version, a.key, a.schedule, lower(a.active_span), upper(a.active_span),
+           ST_AsBinary(ST_Envelope(a.footprint), 'NDR')
+    FROM area a WHERE a.scene_id = p_scene_id AND a.schedule IS NOT NULL
+                  AND (a.activations IS NULL OR NOT p_only_waiting)
+    UNION ALL
+    SELECT 1, t.track_id, t.version, t.key, t.schedule, to_timestamp(ST_M(ST_StartPoint(t.path))),
+           to_timestamp(ST_M(ST_EndPoint(t.path))), ST_AsBinary(ST_Force2D(ST_StartPoint(t.path)), 'NDR')
+    FROM track t WHERE t.scene_id = p_scene_id AND t.schedule IS NOT NULL
+                   AND (t.departures IS NULL OR NOT p_only_waiting);
+END;
+COMMENT ON FUNCTION _scheduled(bigint, boolean) IS
+'Objects of a scene with schedules. starts_at, ends_at: the span of an area, the times of a track. box: of an area, '
+'or the first waypoint of a track.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._set_activations(
+    p_scene_id bigint, p_kinds smallint[], p_ids bigint[], p_versions bigint[], p_counts integer[],
+    p_instants_us bigint[]
+) RETURNS bigint
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_changed bigint;
+    v_rows bigint;
+BEGIN
+    CREATE TEMPORARY TABLE IF NOT EXISTS expanded_schedule (
+        kind smallint, id bigint, version bigint, instants timestamptz[]
+    ) ON COMMIT DROP;
+    TRUNCATE pg_temp.expanded_schedule;
+    INSERT INTO pg_temp.expanded_schedule
+        SELECT o.kind, o.id, o.version,
+               ARRAY(SELECT timestamptz 'epoch' + u * interval '1 microsecond'
+                     FROM unnest(p_instants_us[o.till - o.count + 1:o.till]) u)
+        FROM (SELECT n.*, sum(n.count) OVER (ORDER BY n.nr) AS till
+              FROM ROWS FROM (unnest(p_kinds), unnest(p_ids), unnest(p_versions), unnest(p_counts))
+                   WITH ORDINALITY n (kind, id, version, count, nr)) o;
+    UPDATE area a SET activations = _spans_of(n.instants)
+        FROM pg_temp.expanded_schedule n
+        WHERE n.kind = 0 AND a.area_id = n.id AND a.scene_id = p_scene_id AND a.version = n.version
+          AND a.activations IS DISTINCT FROM _spans_of(n.instants);
+    GET DIAGNOSTICS v_changed = ROW_COUNT;
+    UPDATE track t SET departures = n.instants
+        FROM pg_temp.expanded_schedule n
+        WHERE n.kind = 1 AND t.track_id = n.id AND t.scene_id = p_scene_id AND t.version = n.version
+          AND t.departures IS DISTINCT FROM n.instants;
+    GET DIAGNOSTICS v_rows = ROW_COUNT;
+    RETURN v_changed + v_rows;
+END
+$$;
+COMMENT ON FUNCTION _set_activations(bigint, smallint[], bigint[], bigint[], integer[], bigint[]) IS
+'Stores expanded schedules of objects that still have the given versions, and so marks those that changed; returns '
+'their number. p_instants_us: of all objects, microseconds since 1970; starts and ends in turn, or departures. '
+'p_counts: how many are of each object.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._set_expanded(p_scene_id bigint, p_from_us bigint, p_until_us bigint)
+RETURNS void
+LANGUAGE sql VOLATILE
+BEGIN ATOMIC
+    UPDATE scene s SET expanded = CASE WHEN p_from_us IS NOT NULL THEN
+            tstzrange(timestamptz 'epoch' + p_from_us * interval '1 microsecond',
+                      timestamptz 'epoch' + p_until_us * interval '1 microsecond') END
+        WHERE s.scene_id = p_scene_id;
+END;
+COMMENT ON FUNCTION _set_expanded(bigint, bigint, bigint) IS
+'Stores how far the schedules of a scene are expanded, microseconds since 1970; null: it has none.';

@@ -1,0 +1,230 @@
+"""Stored plans that recur: spans, departures and schedules, from files, SQL and Python, to conflicts."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import psycopg
+import pytest
+from psycopg.types.json import Jsonb
+from test_recurring import alone, by_object, objects
+
+import conflictdb
+from conflictdb.db import expansion, store
+from conflictdb.db.detect import detect, detect_pending
+from conflictdb.errors import InvalidInput
+from conflictdb.model.plans import Scene
+
+DAY_US = 86_400_000_000
+TUESDAYS = {"days": ["TUE"], "periods": [["08:00", "10:00"]], "timezone": "Europe/Zurich"}
+
+
+def conflicts(conn: psycopg.Connection[Any], scene: str) -> dict[tuple[str, str], Any]:
+    with conflictdb.connect(conn) as db:
+        return by_object(list(db.scene(scene).conflicts()))
+
+
+def pending(conn: psycopg.Connection[Any]) -> int:
+    conn.commit()
+    [count] = conn.execute("SELECT pending FROM conflictdb.scenes").fetchone()  # type: ignore[misc]
+    conn.commit()
+    return int(count)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_stored_activations_conflict_as_objects_entered_by_hand(conn: psycopg.Connection[Any], seed: int) -> None:
+    areas, tracks = objects(seed)
+    store.replace_scene(conn, Scene("recurring"), areas, tracks, merge=False)
+    detect(conn, "recurring", few_objects=-1)
+    found = conflicts(conn, "recurring")
+    assert found == by_object(conflictdb.solve(*reversed(alone(areas, tracks))))
+    # An edit of few objects gives what a full detection gives.
+    conn.execute(
+        "UPDATE conflictdb.area SET activations = activations - '{[2026-05-29 00:00+00, 2026-05-29 12:00+00)}'"
+    )
+    conn.execute("UPDATE conflictdb.track SET departures = departures[1:2]")
+    conn.commit()
+    detect(conn, "recurring")
+    edited = conflicts(conn, "recurring")
+    detect(conn, "recurring", full=True)
+    assert conflicts(conn, "recurring") == edited != found
+    # Read back, they are the same.
+    _, again, sailing = store.read_scene(conn, "recurring")
+    assert by_object(conflictdb.solve(sailing, again)) == edited
+
+
+def feature(key: str, **properties: Any) -> dict[str, Any]:
+    ring = [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]
+    geometry = {"type": "Polygon", "coordinates": [ring]}
+    return {"type": "Feature", "id": key, "geometry": geometry, "properties": {"kind": "area", **properties}}
+
+
+def voyage(key: str, **properties: Any) -> dict[str, Any]:
+    geometry = {"type": "LineString", "coordinates": [[0.2, 0.5], [0.4, 0.5]]}
+    times = ["2026-06-02T06:30:00Z", "2026-06-02T07:00:00Z"]
+    own = {"kind": "track", "times": times, "fore_m": 10, "aft_m": 10, "port_m": 5, "starboard_m": 5}
+    return {"type": "Feature", "id": key, "geometry": geometry, "properties": own | properties}
+
+
+def scene_file(folder: Path, *features: dict[str, Any], **settings: Any) -> Path:
+    file = folder / "plans.geojson"
+    scene = {"name": "plans", **settings}
+    file.write_text(json.dumps({"type": "FeatureCollection", "scene": scene, "features": features}))
+    return file
+
+
+def test_a_file_with_recurring_plans_round_trips(conn: psycopg.Connection[Any], tmp_path: Path) -> None:
+    spans = [["2026-06-01T00:00:00Z", "2026-06-02T00:00:00Z"], ["2026-06-05T00:00:00Z", None]]
+    departures = ["2026-06-02T06:30:00Z", "2026-06-09T06:30:00Z"]
+    given = [
+        feature("A", spans=spans),
+        feature("B", schedule=TUESDAYS, start="2026-06-01T00:00:00Z"),
+        feature("C", schedule={"notam": "DAILY SR-SS"}),
+        voyage("T", departures=departures),
+        voyage("U", schedule={"rrule": "DTSTART:20260602T060000Z\nRRULE:FREQ=DAILY;COUNT=3", "duration": "PT1H"}),
+    ]
+    with conflictdb.connect(conn) as db:
+        db.load(scene_file(tmp_path, *given, horizon_days=30.0))
+        db.scene("plans").detect()
+        out = tmp_path / "out.geojson"
+        db.scene("plans").export(out)
+    written = json.loads(out.read_text())
+    assert written["scene"]["horizon_days"] == 30.0
+    for one, other in zip(given, written["features"], strict=True):
+        for name in ("spans", "schedule", "departures", "start", "times"):
+            assert other["properties"].get(name) == one["properties"].get(name), (one["id"], name)
+
+
+def test_a_schedule_is_expanded_and_meets_a_voyage_on_its_days(conn: psycopg.Connection[Any], tmp_path: Path) -> None:
+    """A ferry departs daily at 06:30Z; the area is closed on Tuesdays from 08:00 in Zurich, 06:00Z in summer."""
+    daily = {"rrule": "DTSTART:20260601T063000Z\nRRULE:FREQ=DAILY;COUNT=15", "duration": "PT1H"}
+    file = scene_file(tmp_path, feature("A", schedule=TUESDAYS), voyage("T", schedule=daily), voyage("Once"))
+    with conflictdb.connect(conn) as db:
+        db.load(file)
+        db.scene("plans").detect()
+        of_area = [one for one in db.scene("plans").conflicts() if one.a_key == "A"]
+    [first, second] = sorted(of_area, key=lambda one: one.b_key)
+    assert first.b_key == "Once"
+    assert len(first.periods) == 1
+    assert [period[0].isoformat() for period in second.periods] == [
+        f"2026-06-{day:02}T06:30:00+00:00" for day in (2, 9)
+    ]
+    state = conn.execute("SELECT expanded_from, expanded_until > now(), pending FROM conflictdb.scenes").fetchone()
+    assert state is not None
+    assert str(state[0]).startswith("2026-06-02")
+    assert state[1:] == (True, 0)
+    listed = conn.execute("SELECT key, start_at FROM conflictdb.list_objects('plans') ORDER BY key").fetchall()
+    assert listed[0][1].isoformat() >= "2026-06-02T06:00"
+
+
+def test_the_horizon_advances_and_marks_only_what_changed(conn: psycopg.Connection[Any], tmp_path: Path) -> None:
+    ends = {"rrule": "DTSTART:20260602T060000Z\nRRULE:FREQ=DAILY;COUNT=3", "duration": "PT1H"}
+    file = scene_file(
+        tmp_path, feature("A", schedule=TUESDAYS), feature("B", schedule=ends), voyage("T"), horizon_days=30
+    )
+    with conflictdb.connect(conn) as db:
+        db.load(file)
+        db.scene("plans").detect()
+    conn.commit()
+    assert detect_pending(conn, "plans") is None
+    window = conn.execute("SELECT lower(expanded), upper(expanded) FROM conflictdb.scene").fetchone()
+    conn.commit()
+    now_us = round(window[1].timestamp() * 1e6)  # type: ignore[index]
+    expansion.expand(conn, "plans", now_us - 29 * DAY_US)
+    assert pending(conn) == 0
+    expansion.expand(conn, "plans", now_us)
+    assert pending(conn) == 1
+    marked = conn.execute("SELECT DISTINCT object_kind, object_id FROM conflictdb.change").fetchall()
+    key = conn.execute("SELECT key FROM conflictdb.area WHERE area_id = %s", [marked[0][1]]).fetchone()
+    assert key == ("A",)
+    conn.commit()
+    assert detect_pending(conn, "plans") is not None
+    # A voyage outside the window extends it, before it is compared.
+    conn.execute(
+        "SELECT conflictdb.put_track('plans', 'Late', conflictdb.track_path(ST_GeomFromText("
+        "'LINESTRING(0.2 0.5, 0.4 0.5)', 4326), ARRAY['2041-06-04 06:30+00', '2041-06-04 07:00+00']::timestamptz[]), "
+        "conflictdb.rectangle_outline(1, 1, 1, 1))"
+    )
+    conn.commit()
+    detect(conn, "plans")
+    assert ("A", "Late") in conflicts(conn, "plans")
+
+
+def test_sql_stores_schedules_which_the_next_detection_reads(conn: psycopg.Connection[Any]) -> None:
+    conn.execute("SELECT conflictdb.create_scene('plans', p_horizon_days => 10)")
+    put = (
+        "SELECT conflictdb.put_area('plans', 'A', ST_MakeEnvelope(0, 0, 1, 1, 4326), p_schedule => %s::jsonb), "
+        "conflictdb.put_track('plans', 'T', conflictdb.track_path("
+        "ST_GeomFromText('LINESTRING(0.2 0.5, 0.4 0.5)', 4326), "
+        "ARRAY['2026-06-02 06:30+00', '2026-06-02 07:00+00']::timestamptz[]), "
+        "conflictdb.rectangle_outline(1, 1, 1, 1), "
+        "p_departures => ARRAY['2026-06-01 06:30+00', '2026-06-02 06:30+00']::timestamptz[])"
+    )
+    conn.execute(put, [Jsonb(TUESDAYS)])
+    conn.commit()
+    assert pending(conn) == 2
+    assert conn.execute("SELECT scene FROM conflictdb_internal._waiting_scenes()").fetchall() == [("plans",)]
+    conn.commit()
+    detect(conn, "plans")
+    [periods] = conflicts(conn, "plans").values()
+    assert [period[0].isoformat() for period in periods] == ["2026-06-02T06:30:00+00:00"]
+    # Stored again, they stay as they are.
+    conn.execute(put, [Jsonb(TUESDAYS)])
+    conn.commit()
+    assert pending(conn) == 0
+    # The haven sails on both days.
+    sails = "SELECT conflictdb.haven_at('plans', 'T', %s) IS NOT NULL"
+    for at, there in (("2026-06-01 06:45+00", True), ("2026-06-02 06:45+00", True), ("2026-06-03 06:45+00", False)):
+        assert conn.execute(sails, [at]).fetchone() == (there,)
+    conn.commit()
+    # What is not understood is refused by name, and stays pending.
+    conn.execute(put, [Jsonb({"days": ["SOMEDAY"]})])
+    conn.commit()
+    with pytest.raises(InvalidInput, match=r"area 'A': schedule\.days\[0\]: must be a day"):
+        detect(conn, "plans")
+    assert pending(conn) == 1
+    assert "SOMEDAY" in conn.execute("SELECT last_error FROM conflictdb.scenes").fetchone()[0]  # type: ignore[index]
+    conn.commit()
+    with pytest.raises(psycopg.Error, match="before the voyage before it has ended"):
+        conn.execute("UPDATE conflictdb.track SET departures = '{2026-06-01 06:30+00, 2026-06-01 06:40+00}'")
+    conn.rollback()
+
+
+def test_a_copy_of_a_scene_recurs_as_well(conn: psycopg.Connection[Any], tmp_path: Path) -> None:
+    spans = [["2026-06-01T00:00:00Z", "2026-06-02T00:00:00Z"], ["2026-06-02T06:40:00Z", "2026-06-02T06:50:00Z"]]
+    departures = ["2026-06-02T06:30:00Z", "2026-06-09T06:30:00Z"]
+    file = scene_file(
+        tmp_path, feature("A", spans=spans), feature("B", schedule=TUESDAYS), voyage("T", departures=departures)
+    )
+    with conflictdb.connect(conn) as db:
+        db.load(file)
+        db.scene("plans").detect()
+        found = conflicts(conn, "plans")
+        conn.commit()
+        conn.execute("SELECT conflictdb.copy_scene('plans', 'copy')")
+        conn.commit()
+        db.scene("copy").detect()
+        assert conflicts(conn, "copy") == found
+    assert len(found[("A", "T")]) == 1
+    assert len(found[("B", "T")]) == 2
+
+
+@pytest.mark.parametrize(
+    ("properties", "message"),
+    [
+        ({"schedule": {"days": ["X"]}}, r"area 'A': schedule\.days\[0\]: must be a day"),
+        ({"schedule": "H24"}, "area 'A': schedule: must be an object"),
+        ({"schedule": {}, "spans": []}, "area 'A': spans: must not be given together with schedule"),
+        ({"spans": [["2026-06-01T00:00:00Z"]]}, "area 'A': spans: must be a list of pairs"),
+        ({"spans": [["2026-06-01T00:00:00Z", "June"]]}, r"area 'A': spans\[0\]\[1\]: "),
+        (
+            {"spans": [["2026-06-01T00:00:00Z", None]], "end": "2026-07-01T00:00:00Z"},
+            "area 'A': end: must not be given",
+        ),
+    ],
+)
+def test_plans_with_a_mistake_are_refused_by_name(
+    conn: psycopg.Connection[Any], tmp_path: Path, properties: dict[str, Any], message: str
+) -> None:
+    with conflictdb.connect(conn) as db, pytest.raises(InvalidInput, match=message):
+        db.load(scene_file(tmp_path, feature("A", **properties)))
