@@ -412,7 +412,9 @@ BEGIN
                         'scene_method_known');
     END IF;
     -- Settings whose names end in _m are distances.
-    FOR v_name, v_metres IN SELECT j.key, j.value FROM jsonb_each_text(_settings_of(NEW)) j WHERE right(j.key, 2) = '_m' LOOP
+    FOR v_name, v_metres IN
+        SELECT j.key, j.value FROM jsonb_each_text(_settings_of(NEW)) j WHERE right(j.key, 2) = '_m'
+    LOOP
         IF (v_metres >= 0 AND v_metres < 'infinity') IS NOT TRUE THEN
             FOUND := _raise('ZC009', v_who, v_name, 'must be a finite number of metres, 0 or more',
                             format('scene_%s_finite', left(v_name, -2)));
@@ -424,7 +426,9 @@ BEGIN
         END IF;
     END LOOP;
     -- Those in _s are times. Read by name: revisions add columns.
-    FOR v_name, v_s IN SELECT j.key, j.value FROM jsonb_each_text(_settings_of(NEW)) j WHERE right(j.key, 2) = '_s' LOOP
+    FOR v_name, v_s IN
+        SELECT j.key, j.value FROM jsonb_each_text(_settings_of(NEW)) j WHERE right(j.key, 2) = '_s'
+    LOOP
         IF (v_s BETWEEN 0 AND 2592000) IS NOT TRUE OR abs(1e6 * v_s - round(1e6 * v_s)) > 1e-3 THEN
             FOUND := _raise('ZC009', v_who, v_name,
                             format('must be whole microseconds, 0 to 2592000 seconds (30 days); got %s', v_s),

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "b4802621126887710701c0b14a4fa26801c864caa4953575b65635d4849c52b3"
+routines_sha256 = "91215150459c9228d0949940b37c8a3edabf7b56e803d2a7f2ddfe6f0b80de03"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
