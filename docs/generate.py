@@ -312,6 +312,7 @@ ROLES: Final = {
             "conflict_events",
             "acknowledgements",
             "scenes",
+            "proposals",
             "queue",
             "attachments",
             "unmapped",
@@ -325,6 +326,7 @@ ROLES: Final = {
             *("run", "conflict", "piece", "change", "object_key", "scene_lock"),
             *("attachment", "attached_change", "attached_object", "probe_request", "probe_reply"),
             *("difference", "conflict_event", "acknowledgement", "history", "scene_share"),
+            *("proposal", "proposal_move", "proposal_left", "admission_lock"),
         ],
     ),
 }

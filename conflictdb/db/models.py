@@ -114,8 +114,8 @@ class Track(Base):
     outlines: Mapped[WKBElement | None] = mapped_column(_geometry("MULTIPOLYGON", srid=_METRES))
     floors_m: Mapped[list[float | None] | None]
     ceilings_m: Mapped[list[float | None] | None]
-    tolerances: Mapped[dict[str, Any] | None] = mapped_column(JSONB)
     first_version: Mapped[int] = mapped_column(server_default=FetchedValue())
+    tolerances: Mapped[dict[str, Any] | None] = mapped_column(JSONB)
     object_class: Mapped[str | None] = mapped_column("class")
     owner: Mapped[str | None]
     departures: Mapped[list[datetime] | None]

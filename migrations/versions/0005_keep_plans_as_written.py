@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "da331597d8e16aebae46b5c88a09244a5a8af05c7a3ac4a5afc3c34228230f49"
+routines_sha256 = "bc73d38462f710365041f258f68dbb5976692c0ddcced4c75428f1dbe1834eb1"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

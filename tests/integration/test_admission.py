@@ -183,7 +183,7 @@ def test_an_object_that_cannot_be_cut_stops_nobody_else(city: StoredScene, monke
     cut = covers.area_pieces
 
     def fails(scene: object, plane: object, some: object) -> object:
-        if any(start == T0_US for start in some.start_us):  # type: ignore[attr-defined]
+        if any(start == T0_US for start in some.active.at_us[:, 0]):  # type: ignore[attr-defined]
             raise ValueError("cannot be cut")
         return cut(scene, plane, some)  # type: ignore[arg-type]
 

@@ -44,7 +44,8 @@ def type_of(column: sqlalchemy.Column[Any]) -> str:
         kind = kind or str(column.type.geometry_type).capitalize()
         return f"geometry({kind},{column.type.srid})" if column.type.srid > 0 else f"geometry({kind})"
     said = column.type.compile(postgresql.dialect()).lower()
-    return said if "timestamp" not in said else "timestamp with time zone"
+    many = "[]" if said.endswith("[]") else ""
+    return said if "timestamp" not in said else f"timestamp with time zone{many}"
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda one: one.__name__)

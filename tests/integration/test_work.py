@@ -162,7 +162,7 @@ ONE_CHANGE = {
         "written": 2,
         "statements": 6,
         "commits": 1,
-        "sent": 4274,
+        "sent": 4650,
         "received": 24835,
     },
 }

@@ -294,7 +294,7 @@ def test_wrong_tolerances_are_refused(tolerances: Any, field: str, rule: str) ->
 
 def test_the_scene_of_the_page_has_the_conflict_that_it_names() -> None:
     page = (Path(__file__).resolve().parents[2] / "docs/how-to/plan-with-tolerances.md").read_text()
-    text = page.split("```json\n")[1].split("```")[0]
+    text = page.split("<<'END'\n")[1].split("END\n")[0]
     found = read_scene(text, "ferry")
     (conflict,) = solve(found.tracks, found.areas, found.scene)
     (start, end) = conflict.periods[0]
