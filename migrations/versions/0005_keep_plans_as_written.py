@@ -75,7 +75,8 @@ CREATE TABLE IF NOT EXISTS conflictdb.rule (
     CONSTRAINT rule_yields_known CHECK (yields IN ('a', 'b'))
 );
 CREATE UNIQUE INDEX IF NOT EXISTS rule_sides_unique ON conflictdb.rule (
-    scene_id, least(coalesce(a_class, ''), coalesce(b_class, '')), greatest(coalesce(a_class, ''), coalesce(b_class, ''))
+    scene_id, least(coalesce(a_class, ''), coalesce(b_class, '')),
+    greatest(coalesce(a_class, ''), coalesce(b_class, ''))
 );
 ALTER TABLE conflictdb.piece
     ADD COLUMN IF NOT EXISTS class_number bigint NOT NULL DEFAULT 0,

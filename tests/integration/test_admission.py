@@ -19,9 +19,11 @@ from conflictdb import (
     ConflictDBError,
     Database,
     IncompleteWarning,
+    Index,
     InvalidInput,
     LockTimeout,
     Motion,
+    Rule,
     Scene,
     StoredScene,
     StoreError,
@@ -173,6 +175,41 @@ def test_plans_are_admitted_as_they_are(
         assert len(one) == len(other)
         for known in one:
             assert_same(known, next(item for item in other if item.key == known.key))
+
+
+@pytest.mark.parametrize("detected", [False, True])
+@pytest.mark.parametrize(
+    ("rule", "area", "admitted"),
+    [
+        ({"separation_m": 5000.0}, square("a", 0.03), False),
+        ({"separation_m": 500.0}, square("a", 0.03), True),
+        ({"vertical_m": 100.0}, square("a", 0.0, floor_m=250.0), False),
+        ({"vertical_m": 40.0}, square("a", 0.0, floor_m=250.0), True),
+        ({"time_s": 1800.0}, square("a", 0.0, (-1.0, -0.2)), False),
+        ({"time_s": 60.0}, square("a", 0.0, (-1.0, -0.2)), True),
+        ({"allowed": True}, square("a", 0.0), True),
+    ],
+)
+def test_separation_rules_apply(
+    city: StoredScene, rule: dict[str, Any], area: Area, admitted: bool, detected: bool
+) -> None:
+    """Whether or not the other object has been detected, and as `solve` and an index do."""
+    area, plan = replace(area, object_class="prison"), flight("d", 0.005, object_class="drone", ceiling_m=200.0)
+    store.put_rule(city.connection, city.name, Rule("prison", "drone", **rule))
+    city.put(area)
+    if detected:
+        city.detect()
+    found = city.admit(plan)
+    assert bool(found) is admitted
+    scene = replace(CITY, rules=city.rules())
+    index = Index(scene)
+    index.put(area)
+    pairs = [(one.a_key, one.b_key, one.periods) for one in solve([plan], [area], scene)]
+    assert pairs == [(one.a_key, one.b_key, one.periods) for one in found.conflicts]
+    assert pairs == [(one.a_key, one.b_key, one.periods) for one in index.probe(plan)]
+    # It takes the place of the plan, under no rule.
+    other = replace(plan, object_class="bird")
+    assert bool(city.admit(other)) is not bool(solve([other], [area], scene))
 
 
 def test_an_object_that_cannot_be_cut_stops_nobody_else(city: StoredScene, monkeypatch: pytest.MonkeyPatch) -> None:

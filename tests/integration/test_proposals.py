@@ -107,6 +107,7 @@ def test_applying_clears_and_undoing_restores(db: Database, scene: StoredScene) 
         ("UPDATE conflictdb.track SET floor_m = 7 WHERE key = 'T3'", "track 'T3'"),
         ("SELECT conflictdb.remove_object({scene}, 'A0')", "objects that were removed"),
         ("SELECT conflictdb.create_scene({scene}, p_tolerance_m => 3)", "settings of the scene"),
+        ("SELECT conflictdb.put_rule({scene}, 'ferry', null, 500)", "settings of the scene"),
         ("SELECT conflictdb.rename_object({scene}, 'T3', 'T99')", "track 'T99'"),
         ("UPDATE conflictdb.scene SET name = 'renamed'", None),
     ],

@@ -1,5 +1,6 @@
 """Separation rules in the database: entered, refused, marking only their pairs, and the answer of `solve`."""
 
+import threading
 from dataclasses import replace
 from typing import Any
 
@@ -169,6 +170,30 @@ def test_explain_names_the_rule_and_who_yields(dsn: str) -> None:
         told = explained(db.connection, *ferries)
         assert (told["verdict"], told["decided_by"]["by"]) == ("apart", "rule")
         assert not any({one.a_key, one.b_key}.isdisjoint(drones) for one in found)
+
+
+def test_two_sessions_do_not_enter_ambiguous_rules(conn: Conn, dsn: str) -> None:
+    """The second session waits for the first, and sees its rule."""
+    conn.execute("SELECT conflictdb.create_scene('s')")
+    conn.commit()
+    outcome: list[str | None] = []
+
+    def enter() -> None:
+        with psycopg.connect(dsn) as second:
+            try:
+                ruled(second, (None, "sub", 3))
+                outcome.append(None)
+            except psycopg.Error as error:
+                outcome.append(error.sqlstate)
+
+    ruled(conn, ("ferry", None, 2))
+    waiting = threading.Thread(target=enter)
+    waiting.start()
+    waiting.join(0.3)
+    assert waiting.is_alive()
+    conn.commit()
+    waiting.join()
+    assert outcome == ["ZC019"]
 
 
 def test_editors_change_rules_and_readers_do_not(conn: Conn) -> None:

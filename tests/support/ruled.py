@@ -40,26 +40,32 @@ def random_rules(rng: np.random.Generator) -> list[Rule]:
 
 
 def sea(rng: np.random.Generator, n: int, width_deg: float) -> tuple[list[Track], list[Area]]:
-    """Tracks and areas of five classes and some owners, with heights."""
+    """Tracks and areas of five classes and some owners, with heights; some tracks climb, some objects recur."""
     tracks, areas = [], []
     for i in range(n):
-        ruled = {
+        ruled: dict[str, Any] = {
             "object_class": (None, *CLASSES, "unnamed")[rng.integers(7)],
             "owner": (None, None, "one", "other")[rng.integers(4)],
         }
         floor_m = float(rng.integers(-3, 4)) * 40.0
-        heights = {} if rng.random() < 0.3 else {"floor_m": floor_m, "ceiling_m": floor_m + 30.0}
+        heights: dict[str, Any] = {} if rng.random() < 0.3 else {"floor_m": floor_m, "ceiling_m": floor_m + 30.0}
         x, y = rng.uniform(0.0, width_deg, 2) + np.array([4.0, 56.0])
         start = 1_772_323_200_000_000 + int(rng.integers(0, 7200)) * 1_000_000
         if i % 3 == 0:
             box = shapely.box(x, y, x + rng.uniform(0.005, 0.05), y + rng.uniform(0.005, 0.05))
-            span = {} if rng.random() < 0.3 else {"start_us": start, "end_us": start + 1_800_000_000}
+            span: dict[str, Any] = {} if rng.random() < 0.3 else {"start_us": start, "end_us": start + 1_800_000_000}
+            if span and rng.random() < 0.3:
+                span = {"spans_us": [(start + of, start + of + 900_000_000) for of in (0, 3_600_000_000)]}
             areas.append(Area(f"A{i:04}", shapely.MultiPolygon([box]), **heights, **span, **ruled))
             continue
         end = np.array([x, y]) + rng.uniform(-0.2, 0.2, 2)
         times = [start, start + int(rng.integers(1800, 7200)) * 1_000_000]
         outline = [(50.0, 80.0), (50.0, -80.0), (-50.0, -80.0), (-50.0, 80.0)]
         times_us = np.array(times, "datetime64[us]")
+        if heights and rng.random() < 0.4:
+            heights = {"floors_m": [floor_m, floor_m + 70.0], "ceilings_m": [floor_m + 30.0, floor_m + 100.0]}
+        if rng.random() < 0.2:
+            ruled["departures_us"] = [np.datetime64(start + of, "us") for of in (0, 10_000_000_000)]
         tracks.append(Track(f"T{i:04}", [(x, y), tuple(end)], times_us, outline, **heights, **ruled))
     return tracks, areas
 

@@ -11,7 +11,19 @@ import pytest
 import shapely
 from workloads import LOW_LATITUDE, throw
 
-from conflictdb import Area, EarthModel, InvalidInput, Scene, Side, Track, detours, rectangle_outline_m, resolve, solve
+from conflictdb import (
+    Area,
+    EarthModel,
+    InvalidInput,
+    Rule,
+    Scene,
+    Side,
+    Track,
+    detours,
+    rectangle_outline_m,
+    resolve,
+    solve,
+)
 from conflictdb.clearing.greedy import greedy, is_plan
 from conflictdb.clearing.least import least
 from conflictdb.clearing.program import NOTHING, Program, chain_of
@@ -217,6 +229,27 @@ def check(seed: int, **more: object) -> None:
     assert left == {key for pair in after for key in pair if key.startswith("T")}
     assert all(one.blocked_by for one in found.left)
     assert found.bound_s <= found.objective_s
+
+
+def test_rules_and_owners_are_cleared_as_they_are_detected() -> None:
+    """More is cleared for pairs that a rule keeps further apart, nothing for those that it allows or of one owner."""
+    scene, areas, tracks = scene_of(3)
+    tracks = [
+        replace(one, object_class=("ferry", "tug", None)[i % 3], owner="us" if i % 4 == 0 else None)
+        for i, one in enumerate(tracks)
+    ]
+    rules = [Rule("ferry", "tug", 15_000.0), Rule("tug", "track", allowed=True), Rule("ferry", "area", time_s=600.0)]
+    ruled = replace(scene, rules=rules)
+    plain, found = (resolve(tracks, areas, one, within_s=4 * 3600.0) for one in (scene, ruled))
+    assert found.moves
+    assert {one.key for one in found.moves} != {one.key for one in plain.moves}
+    moves = {one.key: one for one in found.moves}
+    changed = [later(one, round(moves[one.key].delay_s * 1e6)) if one.key in moves else one for one in tracks]
+    left = {one.key for one in found.left}
+    assert all({one.a_key, one.b_key} & left for one in solve(changed, areas, ruled))
+    assert {key for one in found.moves for key in one.clears} <= {
+        key for one in solve(tracks, areas, ruled) for key in (one.a_key, one.b_key)
+    }
 
 
 def test_scenes_are_cleared() -> None:
