@@ -267,6 +267,21 @@ class Proposal(Base):
     undone_by: Mapped[str | None]
 
 
+class SeparationRule(Base):
+    """A separation rule: a row of the view `rules`."""
+
+    __tablename__ = "rules"
+
+    scene: Mapped[str] = mapped_column(primary_key=True)
+    a_class: Mapped[str | None] = mapped_column(primary_key=True, nullable=True)
+    b_class: Mapped[str | None] = mapped_column(primary_key=True, nullable=True)
+    separation_m: Mapped[float | None]
+    vertical_m: Mapped[float | None]
+    time_s: Mapped[float | None]
+    allowed: Mapped[bool]
+    yields: Mapped[str | None]
+
+
 class Acknowledgement(Base):
     """What was acknowledged: a row of the view `acknowledgements`."""
 

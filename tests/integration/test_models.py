@@ -76,6 +76,7 @@ def test_no_view_has_a_null_that_its_model_has_not(engine: sqlalchemy.Engine) ->
         db.load(STRAIT)
         db.scene("strait").detect(nearest_m=20_000)
         db.scene("strait").resolve(limit_s=5.0)
+        db.scene("strait").put_rule(conflictdb.Rule("ferry", None, 500.0))
     with Session(engine) as session:
         found = session.scalars(select(models.Conflict)).first()
         assert found is not None

@@ -10,10 +10,12 @@ import pytest
 from ruled import random_rules, sea
 
 from conflictdb import InvalidInput, Scene, connect, solve
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.formats.scene_file import read_scene
 from conflictdb.model.rules import Rule
+from conflictdb.stages.pieces.digests import area_digests, track_digests
 
 Conn = psycopg.Connection[Any]
 
@@ -242,6 +244,17 @@ def test_conflicts_of_a_class_and_of_one_owner(dsn: str) -> None:
             rows = db.connection.execute("SELECT a_key, b_key FROM conflictdb.candidates('s')").fetchall()
         assert may <= set(rows)
         assert not any(owner_of[a] == owner_of[b] is not None for a, b in rows)
+
+
+def test_states_of_stored_objects_are_those_of_plans(dsn: str) -> None:
+    """So that conflicts that were computed elsewhere are taken over, and not those of another class or owner."""
+    tracks, areas = sea(np.random.default_rng(5), 60, 0.3)
+    with connect(dsn) as db:
+        store.replace_scene(db.connection, Scene("s"), areas, tracks, merge=False)
+        states = store.object_states(db.connection, store.scene_id(db.connection, "s"))
+    stored = dict(zip(states.key.tolist(), states.digest.tolist(), strict=True))
+    digests = [*area_digests(AreaBatch.of(areas)).tolist(), *track_digests(TrackBatch.of(tracks)).tolist()]
+    assert stored == dict(zip([one.key for one in [*areas, *tracks]], digests, strict=True))
 
 
 def test_python_and_files_carry_rules(dsn: str) -> None:

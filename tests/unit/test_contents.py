@@ -31,6 +31,8 @@ CHANGED = [
     replace(AREA, end_us=9),
     replace(AREA, floor_m=None),
     replace(AREA, ceiling_m=11.0),
+    replace(AREA, object_class="range"),
+    replace(AREA, owner="us"),
     replace(TRACK, positions_deg=TRACK.positions_deg + 1e-12),
     replace(TRACK, positions_deg=TRACK.positions_deg[:2], times_us=TRACK.times_us[:2]),
     replace(TRACK, times_us=TRACK.times_us + 1),
@@ -39,6 +41,8 @@ CHANGED = [
     replace(TRACK, outlines_m=np.repeat(TRACK.outline_m[None], 3, axis=0)),
     replace(TRACK, floor_m=1.0),
     replace(TRACK, ceiling_m=None),
+    replace(TRACK, object_class="ferry"),
+    replace(TRACK, owner="us"),
     replace(TRACK, floor_m=None, floors_m=np.array([0.0, 1.0])),
     replace(TRACK, ceiling_m=None, ceilings_m=np.array([10.0, np.inf])),
 ]

@@ -23,10 +23,14 @@ def area_digests(areas: AreaBatch) -> NDArray[np.int64]:
     outlines = shapely.to_wkb(areas.footprint, byte_order=1, include_srid=False).tolist()
     offset = np.cumsum([0, *map(len, outlines)])
     measures = np.column_stack([areas.floor_m, areas.ceiling_m])
+    words = np.column_stack([areas.class_number, areas.owner_number])
     outline: Part = np.frombuffer(b"".join(outlines), np.uint8), offset
     active = areas.active
-    # The length of an outline makes the concatenation unambiguous.
-    return _digests([_fixed(np.diff(offset)[:, None]), _ragged(active.at_us, active.offset), _fixed(measures), outline])
+    # The counts make the concatenation unambiguous.
+    counts = np.column_stack([np.diff(offset), np.diff(active.offset)])
+    return _digests(
+        [_fixed(counts), _ragged(active.at_us, active.offset), _fixed(measures), _fixed(words), outline],
+    )
 
 
 def track_digests(tracks: TrackBatch) -> NDArray[np.int64]:
@@ -43,6 +47,7 @@ def track_digests(tracks: TrackBatch) -> NDArray[np.int64]:
         [
             _fixed(counts),
             _fixed(tracks.grow_mps[:, None]),
+            _fixed(np.column_stack([tracks.class_number, tracks.owner_number])),
             _ragged(tracks.positions_deg, way),
             _ragged(tracks.times_us, way),
             _ragged(tracks.departs.at_us, tracks.departs.offset),
