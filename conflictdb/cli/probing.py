@@ -50,7 +50,9 @@ def probe(args: argparse.Namespace) -> int:
     )
     delays = _delays(args)
     files = _files(args)
-    plans = [plan for read in files for plan in (*read.areas, *read.tracks)] + _plans(args)
+    plans = _plans(args)
+    for read in files:
+        plans += [*read.areas, *read.tracks]
     jobs = args.jobs or os.cpu_count() or 1
     with database(args) as db:
         for read in files:
