@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "91215150459c9228d0949940b37c8a3edabf7b56e803d2a7f2ddfe6f0b80de03"
+routines_sha256 = "fb3e3d08940337d5e244e47967a14d5ef62e435687f4e4d5fcdc031ec85d32d0"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
