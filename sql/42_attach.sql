@@ -310,6 +310,7 @@ DECLARE
         SELECT FROM pg_catalog.pg_class c WHERE c.oid = p_table AND c.relkind IN ('r', 'p'));
     v_attachment attachment%ROWTYPE;
     v_times text;
+    v_unread name;
 BEGIN
     IF v_kind IS NULL THEN
         FOUND := _raise('ZC009', v_who, 'kind', format('must be area or track; got %L', p_kind), 'attached_kind');
@@ -321,6 +322,18 @@ BEGIN
     PERFORM _check_attachable(v_who, p_table, v_has_triggers);
     PERFORM _hold_attached(v_who, p_table::text, v_has_triggers);
     PERFORM _check_map(v_who, v_kind, p_map);
+    SELECT a.attname INTO v_unread FROM pg_catalog.pg_attribute a
+        WHERE a.attrelid = p_table AND a.attnum > 0 AND NOT a.attisdropped
+          AND CASE a.attname WHEN 'activations' THEN v_kind = 0 AND a.atttypid = 'tstzmultirange'::regtype
+                             WHEN 'departures' THEN v_kind = 1 AND a.atttypid = 'timestamptz[]'::regtype
+                             WHEN 'schedule' THEN a.atttypid IN ('json'::regtype, 'jsonb'::regtype)
+                             WHEN 'tolerances' THEN v_kind = 1 AND a.atttypid IN ('json'::regtype, 'jsonb'::regtype) END
+        ORDER BY a.attnum LIMIT 1;
+    IF FOUND THEN
+        FOUND := _raise('ZC009', v_who, v_unread, 'is a column that maps do not read: objects would lack it',
+                        'attached_column_read',
+                        'Store such objects with put_area and put_track, or attach a view without this column.');
+    END IF;
     IF v_kind = 0 AND NOT p_map ?| '{span,start,end}' THEN
         SELECT string_agg(quote_ident(a.attname), ', ' ORDER BY a.attnum) INTO v_times FROM pg_catalog.pg_attribute a
             WHERE a.attrelid = p_table AND a.attnum > 0 AND NOT a.attisdropped

@@ -17,6 +17,41 @@ $$;
 COMMENT ON FUNCTION _warn_if_incomplete(text) IS
 'Raises a NOTICE if the conflicts of a scene are not complete; returns true. Raises ZC010 for an unknown name.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._beyond_horizon(p_scene text, p_span tstzrange) RETURNS text
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_expanded tstzrange := (SELECT s.expanded FROM scene s WHERE s.scene_id = _scene_id(p_scene));
+BEGIN
+    -- An unbounded end means all that is known.
+    IF lower(p_span) < lower(v_expanded) OR lower(p_span) >= upper(v_expanded)
+       OR upper(p_span) > upper(v_expanded) OR upper(p_span) < lower(v_expanded)
+       OR upper_inc(p_span) AND upper(p_span) = upper(v_expanded) THEN
+        RETURN format('schedules are expanded from %s until %s only (setting horizon_days)', lower(v_expanded),
+                      upper(v_expanded));
+    END IF;
+    RETURN NULL;
+END
+$$;
+COMMENT ON FUNCTION _beyond_horizon(text, tstzrange) IS
+'How far the schedules of a scene are expanded, in words, if a bound of a span lies outside that time; null: inside, '
+'or no schedules. Raises ZC010 for an unknown name.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._warn_if_beyond_horizon(p_scene text, p_span tstzrange) RETURNS boolean
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_remark text := _beyond_horizon(p_scene, p_span);
+BEGIN
+    IF v_remark IS NOT NULL THEN
+        RAISE NOTICE 'scene %: %: the answer may not be complete', quote_literal(p_scene), v_remark
+            USING HINT = 'The view scenes says expanded_from and expanded_until.';
+    END IF;
+    RETURN true;
+END
+$$;
+COMMENT ON FUNCTION _warn_if_beyond_horizon(text, tstzrange) IS
+'Raises a NOTICE if a bound of a span lies outside the time for which schedules of a scene are expanded; returns true. '
+'Raises ZC010 for an unknown name.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._warn_if_no_object(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL RESTRICTED SET search_path FROM CURRENT AS $$
 BEGIN

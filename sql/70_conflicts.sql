@@ -150,7 +150,8 @@ CREATE OR REPLACE FUNCTION conflicts_at(p_scene text, p_instant timestamptz) RET
 LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT c.* FROM conflicts c
-    WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene) AND c.periods @> p_instant;
+    WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene)
+      AND _warn_if_beyond_horizon(p_scene, tstzrange(p_instant, p_instant, '[]')) AND c.periods @> p_instant;
 END;
 COMMENT ON FUNCTION conflicts_at(text, timestamptz) IS 'Conflicts of a scene with a period that contains an instant.';
 
@@ -282,7 +283,7 @@ LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC
     SELECT c.* FROM conflicts c
     WHERE c.scene = coalesce(p_scene, '') AND _warn_if_incomplete(p_scene)
-      AND _check_place(p_geometry, p_span, NULL, NULL)
+      AND _check_place(p_geometry, p_span, NULL, NULL) AND _warn_if_beyond_horizon(p_scene, p_span)
       AND c.periods && coalesce(p_span, tstzrange(NULL, NULL))
       AND c.region && (SELECT _window(p_geometry, _plane(o.motion, o.earth, o.centre_lon, o.centre_lat))
                        FROM scene o WHERE o.scene_id = _scene_id(p_scene))
@@ -310,7 +311,8 @@ BEGIN ATOMIC
     LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id AND a.first_version <= n.version
     LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id AND t.first_version <= n.version
     WHERE coalesce(a.scene_id, t.scene_id) = (SELECT s.scene_id FROM scene s WHERE s.name = p_scene)
-      AND _warn_if_incomplete(p_scene) AND _check_place(p_geometry, p_span, p_floor_m, p_ceiling_m);
+      AND _warn_if_incomplete(p_scene) AND _check_place(p_geometry, p_span, p_floor_m, p_ceiling_m)
+      AND _warn_if_beyond_horizon(p_scene, p_span);
 END;
 COMMENT ON FUNCTION probe(text, geometry, tstzrange, double precision, double precision) IS
 'Objects that an area (longitude and latitude, SRID 4326; heights in metres; null: unbounded) might conflict with: '

@@ -100,6 +100,9 @@ BEGIN
         FOUND := _raise('ZC011', format('track %L', p_key), 'key', format('is not a track of scene %L', p_scene),
                         'object_known');
     END IF;
+    IF v_track.schedule IS NOT NULL THEN
+        PERFORM _warn_if_beyond_horizon(p_scene, tstzrange(p_instant, p_instant, '[]'));
+    END IF;
     IF v_track.departures IS NOT NULL THEN
         -- As on the voyage that the path describes; before the first departure there is none.
         IF cardinality(v_track.departures) = 0 OR p_instant < v_track.departures[1] THEN
@@ -179,6 +182,7 @@ BEGIN
     SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
     v_plane := _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat);
     v_instants := _check_instants(p_from, p_to, p_step);
+    PERFORM _warn_if_beyond_horizon(p_scene, tstzrange(p_from, p_to, '[]'));
     -- width_bucket counts the instants before a waypoint.
     SELECT sum(width_bucket(to_timestamp(ST_M(ST_EndPoint(t.path))) + v.later - c_before, v_instants)
                - width_bucket(to_timestamp(ST_M(ST_StartPoint(t.path))) + v.later - c_before, v_instants)) INTO v_rows

@@ -277,6 +277,8 @@ BEGIN
     IF NOT _await_answer(p_probe_id, p_timeout, false) THEN
         RAISE NOTICE 'probe %: changes of the scene waited for detection: the answer may not be complete', p_probe_id;
     END IF;
+    PERFORM _warn_if_beyond_horizon(s.name, CASE p.object_kind WHEN 0 THEN p.active_span ELSE _at_sea(p.path, NULL) END)
+        FROM probe_request p JOIN scene s USING (scene_id) WHERE p.probe_id = p_probe_id;
     RETURN QUERY
         SELECT r.key, CASE r.object_kind WHEN 0 THEN 'area' ELSE 'track' END, r.verdict, r.periods, lower(r.periods),
                upper(r.periods), r.time_error_s, r.first_contact_point, r.closest_at, r.closest_m, r.closest_error_m,

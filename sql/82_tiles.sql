@@ -81,6 +81,7 @@ BEGIN
         FOUND := _raise('ZC003', c_who, 'at, from, to', 'must be one instant, or two in order', 'tile_span');
     END IF;
     span := tstzrange(coalesce(instant, v_from), coalesce(instant, v_to), '[]');
+    PERFORM _warn_if_beyond_horizon(scene, span);
     verdicts := string_to_array(p_params ->> 'verdict', ',');
     SELECT v INTO v_name FROM unnest(verdicts) v WHERE v <> ALL (ARRAY['conflict', 'grazing', 'unresolved']) LIMIT 1;
     IF FOUND OR verdicts = '{}' THEN

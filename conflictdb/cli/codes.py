@@ -22,8 +22,8 @@ MEANING: Final = {
     INPUT_REFUSED: "input refused; nothing was changed",
     NO_SERVER: "no usable PostgreSQL with PostGIS",
     LEFT_OUT: "done, but objects were left out (--skip-invalid)",
-    NOT_CURRENT: "the answer may lack conflicts: the scene was never detected, or changed since (--require-current, "
-    "--wait); or no worker answered in time",
+    NOT_CURRENT: "the answer may lack conflicts: the scene was never detected, or changed since, or "
+    "schedules are not expanded so far (--require-current, --wait); or no worker answered in time",
     CONFLICTS_FOUND: "there are conflicts (--fail-on-conflict)",
     INTERRUPTED: "interrupted (Ctrl-C, SIGINT)",
     TERMINATED: "terminated (SIGTERM)",

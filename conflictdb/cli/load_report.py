@@ -114,6 +114,8 @@ def listed(state: SceneState) -> int:
 
 
 def _incomplete(state: SceneState) -> str:
+    if state.is_beyond_horizon:
+        return f"not complete: {state.remark}"
     return f"not complete: {state.remark} (`conflictdb detect --scene {shlex.quote(state.scene)}` does it)"
 
 

@@ -27,6 +27,8 @@ from conflictdb.model.results import Conflict, SceneState, Verdict
 if TYPE_CHECKING:
     import shapely
 
+    from conflictdb.formats.gather import Plan
+
 _POINT = {"fore_m": 0.0, "aft_m": 0.0, "port_m": 0.0, "starboard_m": 0.0}
 
 
@@ -47,14 +49,20 @@ def probe(args: argparse.Namespace) -> int:
         ],
     )
     delays = _delays(args)
+    files = _files(args)
     plans = _plans(args)
+    for read in files:
+        plans += [*read.areas, *read.tracks]
     jobs = args.jobs or os.cpu_count() or 1
     with database(args) as db:
+        for read in files:
+            read.require_lines(db.scene(args.scene).settings().motion)
         plans += [db.scene(args.scene).delayed(key, delay) for key, delay in delays]
         keys = {plan.key for plan in plans}
         known = [one for one in db.scene(args.scene).stream_conflicts() if _members(one, keys)] if args.diff else []
         require_current(args, db.scene(args.scene).state())
         found = db.scene(args.scene).probe(plans, jobs=jobs, worker_timeout_s=args.worker)
+    require_current(args, found.state)
     named = MoreColumn("plans", lambda one: _members(one, keys))
     conflicts = [one for one in found if one.verdict is not Verdict.NEAR]
     if args.diff:
@@ -109,17 +117,22 @@ def _delays(args: argparse.Namespace) -> list[tuple[str, timedelta]]:
         parser.error(f"argument --late: {error}")
 
 
-def _plans(args: argparse.Namespace) -> list[Area | Track]:
+def _files(args: argparse.Namespace) -> "list[Plan]":
     # Imported here, so that usage errors are fast.
     from conflictdb.formats.contents import without_objects
     from conflictdb.formats.gather import gather
 
-    plans: list[Area | Track] = []
-    for read in gather(args.files, "plans"):
+    found = gather(args.files, "plans")
+    for read in found:
         remark_read(read.skipped, read.remarks)
         if not (read.areas or read.tracks):
             raise without_objects("file", read.sources[0], read.skipped)
-        plans += [*read.areas, *read.tracks]
+    return found
+
+
+def _plans(args: argparse.Namespace) -> list[Area | Track]:
+    """Return the plans that options describe."""
+    plans: list[Area | Track] = []
     key = args.key or "plan"
     heights = {"floor_m": args.floor_m, "ceiling_m": args.ceiling_m}
     if args.footprint is not None:

@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 import psycopg
 from numpy.typing import NDArray
+from psycopg.types.range import TimestamptzRange
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -26,7 +27,7 @@ from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
 from conflictdb.in_memory import solve
 from conflictdb.index import Members, by_kind, conflicts_between
-from conflictdb.model.inputs import certain
+from conflictdb.model.inputs import EPOCH, MICROSECOND, certain
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Conflict, Kind, Listing
 from conflictdb.stages.memory import MEMORY_MB, Memory
@@ -62,7 +63,7 @@ def probe(
     """
     store.begin_snapshot(conn)
     try:
-        state = store.scene_state(conn, scene)
+        state = store.state_within(conn, store.scene_state(conn, scene), map(_span, plans))
         number, memory = store.scene_id(conn, scene), Memory.of(memory_mb)
         settings = store.read_settings(conn, number)
         if len(plans) == 1:
@@ -89,13 +90,27 @@ def ask(
     until_s = time.monotonic() + timeout.total_seconds()
     with store.transaction(conn):
         settings = store.read_settings(conn, store.scene_id(conn, scene))
-        state = store.scene_state(conn, scene)
+        state = store.state_within(conn, store.scene_state(conn, scene), map(_span, plans))
     found = []
     for plan in plans:
         probe_id = store.request_probe(conn, scene, plan)
         left = timedelta(seconds=max(until_s - time.monotonic(), 0.001))
         found.append(store.wait_for_probe(conn, settings, plan, probe_id, left))
     return Listing(state, _together(settings, plans, found), Conflict)
+
+
+def _span(plan: Area | Track) -> TimestamptzRange:
+    """Return the time from the start of a plan to its end."""
+    ends: Sequence[int | None]
+    if isinstance(plan, Area):
+        ends = (plan.start_us, plan.end_us)
+        if plan.spans_us:
+            ends = plan.spans_us[0][0], plan.spans_us[-1][1]
+    else:
+        departs = plan.departures_us or (int(plan.times_us[0]),)
+        ends = departs[0], departs[-1] + int(plan.times_us[-1] - plan.times_us[0])
+    start, end = (None if at is None else EPOCH + at * MICROSECOND for at in ends)
+    return TimestamptzRange(start, end)
 
 
 def _together(

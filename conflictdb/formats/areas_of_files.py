@@ -15,6 +15,7 @@ from conflictdb.formats.discs import Corners, disc
 from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import check_storable, check_text
+from conflictdb.formats.routes import Route, has_loxodromes, track_of
 from conflictdb.model.inputs import certain
 from conflictdb.model.plans import MAX_POINTS, Area, Scene, Track
 
@@ -121,6 +122,7 @@ class Gathered:
         self.corners = Corners()
         self.areas: list[Area] = []
         self.tracks: list[Track] = []
+        self.loxodromes: set[str] = set()
         self._seen: dict[str, str] = {}
 
     def add_zone(self, where: str, zone: Zone) -> None:
@@ -137,6 +139,12 @@ class Gathered:
         self._once(where, track)
         self.tracks.append(track)
 
+    def add_route(self, where: str, who: str, route: Route, max_speed_kn: float) -> None:
+        """Add the track of a route; raises InvalidInput as `add_track` and `routes.track_of`."""
+        self.add_track(where, track_of(who, route, max_speed_kn))
+        if has_loxodromes(route):
+            self.loxodromes.add(route.name)
+
     def _once(self, where: str, item: Area | Track) -> None:
         if item.key in self._seen:
             raise given_twice(name_of(item), f"{self._seen[item.key]} and {where}")
@@ -150,7 +158,9 @@ class Gathered:
         """Return the objects; refused ones are left out or raised."""
         if not skip_invalid:
             self.refusals.raise_found()
-        return Contents(None, self.areas, self.tracks, left_out(self.source, self.refusals))
+        contents = Contents(None, self.areas, self.tracks, left_out(self.source, self.refusals))
+        contents.loxodromes = self.loxodromes
+        return contents
 
 
 def along_shortest_lines(who: str, field: str, ring_deg: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -15,10 +15,9 @@ from conflictdb.formats.contents import Contents, Remark, Skipped
 from conflictdb.formats.fixes import Fixes, tracks_of
 from conflictdb.formats.hints import departure
 from conflictdb.formats.instants import parse_instant
-from conflictdb.formats.routes import Route, Waypoint, track_of
+from conflictdb.formats.routes import Route, Waypoint
 from conflictdb.formats.values_of_xml import number_of, time_of
 from conflictdb.formats.xml_text import Element
-from conflictdb.model.plans import Track
 
 _LAYERS: Final = ("waypoints", "routes", "tracks", "route_points", "track_points")
 _NO_SIZES: Final = "says nothing of sizes: all tracks are points"
@@ -61,7 +60,7 @@ def read_gpx(
             name = route.value("name")
             key = name if name and name not in keys else f"route {number}"
             with found.refusals:
-                found.add_track(f"route {number}", _planned(key, route, max_speed_kn))
+                found.add_route(f"route {number}", f"route {key!r}", _planned(key, route), max_speed_kn)
         if untimed:
             reason = f"{untimed} features are routes, which have no times: no tracks"
             skipped.append(Skipped(source, "layer 'routes'", reason, (), is_whole=False))
@@ -112,8 +111,8 @@ def _departure(route: Element) -> str | None:
     return own or (None if first is None else first.value("extensions", "etd"))
 
 
-def _planned(key: str, route: Element, max_speed_kn: float) -> Track:
-    """Return the track of a route; raises InvalidInput."""
+def _planned(key: str, route: Element) -> Route:
+    """Return a route, with its key; raises InvalidInput."""
     who = f"route {key!r}"
     speed = route.value("extensions", "planned_speed")
     speed_kn = None if speed is None else number_of(who, "planned_speed", speed)
@@ -128,4 +127,4 @@ def _planned(key: str, route: Element, max_speed_kn: float) -> Track:
         points.append(Waypoint(where, lon, lat, speed_kn=speed_kn, departure_us=etd))
     if points and points[0].departure_us is None:
         points[0].departure_us = time_of(who, "planned_departure", _departure(route))
-    return track_of(who, Route(key, points), max_speed_kn)
+    return Route(key, points)

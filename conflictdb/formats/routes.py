@@ -148,6 +148,14 @@ def track_of(who: str, route: Route, max_speed_kn: float) -> Track:
     )
 
 
+def has_loxodromes(route: Route) -> bool:
+    """Return whether a leg is a rhumb line that is no great circle: neither along a meridian nor along the equator."""
+    return any(
+        not point.is_orthodrome and point.lon_deg != before.lon_deg and (point.lat_deg != 0.0 or before.lat_deg != 0.0)
+        for before, point in pairwise(route.waypoints)
+    )
+
+
 def _haven(deviation_m: float) -> NDArray[np.float64]:
     """Return the outline of the vessel, grown by what the lines of legs deviate."""
     return rectangle_outline_m(*(float(side) + deviation_m for side in haven()))

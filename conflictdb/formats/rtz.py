@@ -14,7 +14,7 @@ from conflictdb.formats.contents import Contents
 from conflictdb.formats.fields import Fields
 from conflictdb.formats.file_objects import FileContext, track_members
 from conflictdb.formats.json_text import parse
-from conflictdb.formats.routes import Route, Waypoint, agreed, limit_m, track_of
+from conflictdb.formats.routes import Route, Waypoint, agreed, limit_m
 from conflictdb.formats.rtz_writing import EXTENSION
 from conflictdb.formats.values_of_xml import duration_us, number_of, time_of
 from conflictdb.formats.xml_text import Element
@@ -51,7 +51,7 @@ def read_rtz(
         _schedule(who, root, points, layers)
         properties = {} if info is None else {key: one for key, one in info.attributes.items() if key != "routeName"}
         route = Route(name, list(points.values()), dict(properties), _members(who, root))
-        found.add_track(name, track_of(who, route, max_speed_kn))
+        found.add_route(name, who, route, max_speed_kn)
     return found.contents(skip_invalid=skip_invalid)
 
 

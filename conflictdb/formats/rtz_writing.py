@@ -1,7 +1,8 @@
 """Write a track as a route of an ECDIS: RTZ 1.2.
 
-Every leg is a loxodrome. What RTZ has no room for (the haven, heights, properties) is in an extension, as in scene
-files; `rtz` reads it back. Cross-track limits are the sides of the haven, rounded up.
+Legs are loxodromes, or orthodromes in scenes of great circles. What RTZ has no room for (the haven, heights,
+properties) is in an extension, as in scene files; `rtz` reads it back. Cross-track limits are the sides of the haven,
+rounded up.
 """
 
 import math
@@ -15,7 +16,7 @@ from conflictdb.formats.file_objects import track_properties
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.xml_text import written
-from conflictdb.model.plans import METRES_PER_NMI, Area, Scene, Track
+from conflictdb.model.plans import METRES_PER_NMI, Area, Motion, Scene, Track
 
 EXTENSION: Final = {"manufacturer": "conflictdb", "name": "track", "version": "1.0"}
 # Members of an extension that the route itself has.
@@ -23,19 +24,20 @@ _OF_ROUTE: Final = ("kind", "times", "name")
 _STEP_NMI: Final = 1e-4
 
 
-def rtz_lines(_: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
+def rtz_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
     """Yield the lines of a file of one track; raises InvalidInput for other objects."""
     if areas or len(tracks) != 1:
         rule = f"holds one track; here are {len(tracks)} tracks and {len(areas)} areas: name the key of one"
         raise InvalidInput("RTZ", "", rule)
     (track,) = tracks
+    kind = "Orthodrome" if scene.motion == Motion.GREAT_CIRCLE else "Loxodrome"
     is_steady = (
         track.tolerances is None and track.outlines_m is None and track.floors_m is None and track.ceilings_m is None
     )
     yield '<?xml version="1.0" encoding="UTF-8"?>\n'
     yield '<route xmlns="http://www.cirm.org/RTZ/1/2" version="1.2">\n'
     yield written("routeInfo", {"routeName": track.key}) + "\n<waypoints>\n"
-    yield written("defaultWaypoint", None, written("leg", {**_limits(track), "geometryType": "Loxodrome"})) + "\n"
+    yield written("defaultWaypoint", None, written("leg", {**_limits(track), "geometryType": kind})) + "\n"
     calls: list[str] = []
     times = track.times_us.tolist()
     i = 0

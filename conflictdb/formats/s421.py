@@ -11,7 +11,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Gathered
 from conflictdb.formats.contents import Contents
 from conflictdb.formats.gml import Geometries
-from conflictdb.formats.routes import Route, Waypoint, agreed, limit_m, track_of
+from conflictdb.formats.routes import Route, Waypoint, agreed, limit_m
 from conflictdb.formats.values_of_xml import number_of, time_of
 from conflictdb.formats.xml_text import Element
 
@@ -53,7 +53,7 @@ def read_s421(
             if info is None
             else {one.name: one.text for one in info.children if one.text and one.name != "routeInfoName"}
         )
-        found.add_track(name, track_of(who, Route(name, list(points.values()), dict(properties)), max_speed_kn))
+        found.add_route(name, who, Route(name, list(points.values()), dict(properties)), max_speed_kn)
     return found.contents(skip_invalid=skip_invalid)
 
 

@@ -331,6 +331,7 @@ class SceneState:
     is_current : whether nothing changed since the last detection that succeeded
     remark : the problem in words; None if there is none
     detected_at : end of its last successful detection; None: it was never detected
+    is_beyond_horizon : whether the answer concerns times for which schedules are not expanded; then it is not current
     """
 
     scene: str
@@ -341,6 +342,7 @@ class SceneState:
     is_current: bool
     remark: str | None
     detected_at: datetime | None = None
+    is_beyond_horizon: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -251,7 +251,7 @@ class StoredScene:
         A transaction stays open on the connection until the stream is exhausted or closed.
         """
         which = _selection("stream_conflicts", at, key, from_, to, since, verdict, acknowledged, object_class)
-        state = self._state()
+        state = self._state(which)
         return Stream(state, store.each_conflict(self.connection, self.name, which, with_region=with_region), Conflict)
 
     def stream_approaches(self, *, only_near: bool = False) -> Stream[Approach]:
@@ -265,9 +265,9 @@ class StoredScene:
         """Return whether the answers are complete."""
         return store.scene_state(self.connection, self.name)
 
-    def _state(self) -> SceneState:
+    def _state(self, which: store.Selection | None = None) -> SceneState:
         """Return the state; warns the caller's caller if answers are incomplete."""
-        state = self.state()
+        state = store.state_within(self.connection, self.state(), which.spans if which else ())
         _warn_if_incomplete(state, 4)
         return state
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import HEIGHT_ROUNDING_M, PieceRows, Pieces
 from conflictdb.arrays.words import numbers_of_words
 from conflictdb.model.plans import Area, Intervals, Scene, Track
 from conflictdb.model.results import Kind
@@ -20,9 +20,7 @@ from conflictdb.stages.stage1_broad_phase import is_together
 
 _Ints = NDArray[Any]
 
-_MOST_ROUNDED_M: Final = 1e9
-# In a scene with closed intervals heights of climbs overlap if they are this close, metres.
-_CLOSED_M: Final = 1e-9
+_MOST_ROUNDED_M: Final = 1e6
 NEVER: Final = -1  # in place of settings: the pair is not compared
 
 
@@ -127,9 +125,9 @@ class Separations:
         by_m = 0.5 * spare_m
         own = replace(
             pieces,
-            floor_m=to_micrometres(pieces.floor_m + by_m),
-            ceiling_m=to_micrometres(pieces.ceiling_m - by_m),
-            climb_m=to_micrometres(pieces.climb_m + by_m[:, None] * np.array([1.0, 1.0, -1.0, -1.0])),
+            floor_m=to_nanometres(pieces.floor_m + by_m),
+            ceiling_m=to_nanometres(pieces.ceiling_m - by_m),
+            climb_m=to_nanometres(pieces.climb_m + by_m[:, None] * np.array([1.0, 1.0, -1.0, -1.0])),
         )
         return own if settings.intervals == Intervals.HALF_OPEN else with_closed_heights(own)
 
@@ -138,10 +136,10 @@ class Separations:
         return self.of_pairs(*columns)
 
 
-def to_micrometres(height_m: Floats) -> Floats:
+def to_nanometres(height_m: Floats) -> Floats:
     """Return heights rounded, so that sums of equal decimals are equal; from _MOST_ROUNDED_M on they are too coarse."""
     return np.where(
-        np.abs(height_m) < _MOST_ROUNDED_M, np.round(np.clip(height_m, -_MOST_ROUNDED_M, _MOST_ROUNDED_M), 6), height_m
+        np.abs(height_m) < _MOST_ROUNDED_M, np.round(np.clip(height_m, -_MOST_ROUNDED_M, _MOST_ROUNDED_M), 9), height_m
     )
 
 
@@ -149,6 +147,6 @@ def with_closed_heights(pieces: Pieces) -> Pieces:
     """Return pieces with ceilings up to the next number, so that half-open bands that share a closed end overlap."""
     climb_m = pieces.climb_m.copy()
     climb_m[:, 2:] = np.nextafter(climb_m[:, 2:], np.inf)
-    # Beyond the rounding of heights on the way (`stages.climbs`).
-    climb_m[pieces.climbs()] += _CLOSED_M * np.array([-1.0, -1.0, 1.0, 1.0])
+    # Beyond the rounding of heights on the way.
+    climb_m[pieces.climbs()] += HEIGHT_ROUNDING_M * np.array([-1.0, -1.0, 1.0, 1.0])
     return replace(pieces, ceiling_m=np.nextafter(pieces.ceiling_m, np.inf), climb_m=climb_m)

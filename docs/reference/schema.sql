@@ -964,6 +964,9 @@ FUNCTION _begin_pieces(p_scene_id bigint, p_is_first boolean, p_is_full boolean,
 FUNCTION _begin_run(p_scene_id bigint, p_run jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _beyond_horizon(p_scene text, p_span tstzrange)
+    RETURNS text LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _boxes_meet(p_a geometry, p_b geometry)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
@@ -1788,6 +1791,9 @@ FUNCTION _waiting_scenes()
 
 FUNCTION _wake_workers()
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _warn_if_beyond_horizon(p_scene text, p_span tstzrange)
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _warn_if_incomplete(p_scene text)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path=conflictdb, conflictdb_internal, public, pg_temp;

@@ -667,3 +667,24 @@ def test_an_order_that_cannot_be_is_refused(db: Database, mapped: dict[str, str]
     do(db, ORDERED)
     with pytest.raises(InvalidInput, match=rule):
         db.scene("s").attach("track", "mission.leg", LEG_MAP | mapped if "path" not in mapped else mapped)
+
+
+@pytest.mark.parametrize(
+    ("kind", "column", "type_"),
+    [
+        ("area", "activations", "tstzmultirange"),
+        ("area", "schedule", "jsonb"),
+        ("track", "departures", "timestamptz[]"),
+        ("track", "tolerances", "json"),
+    ],
+)
+def test_columns_that_maps_do_not_read_are_refused_by_name(db: Database, kind: str, column: str, type_: str) -> None:
+    table, given = ("mission.ops", OPS_MAP) if kind == "area" else ("mission.fix", FIX_MAP)
+    do(db, f"ALTER TABLE {table} ADD {column} {type_}")
+    with pytest.raises(InvalidInput, match=f"{column}: is a column that maps do not read"):
+        db.scene("s").attach(kind, table, given)
+    with pytest.raises(InvalidInput, match=f"{column}: is no field of"):
+        db.scene("s").attach(kind, table, {**given, column: column})
+    # Such a name alone is no mistake.
+    do(db, f"ALTER TABLE {table} DROP {column}", f"ALTER TABLE {table} ADD {column} text")
+    db.scene("s").attach(kind, table, given)

@@ -1,18 +1,22 @@
 """Stored plans that recur: spans, departures and schedules, from files, SQL and Python, to conflicts."""
 
 import json
+from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import psycopg
 import pytest
+import shapely
 from psycopg.types.json import Jsonb
 from test_recurring import alone, by_object, objects
 
 import conflictdb
+from conflictdb.cli import main
 from conflictdb.db import expansion, store
 from conflictdb.db.detect import detect, detect_pending
-from conflictdb.errors import InvalidInput
+from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.model.plans import Scene
 
 DAY_US = 86_400_000_000
@@ -228,3 +232,59 @@ def test_plans_with_a_mistake_are_refused_by_name(
 ) -> None:
     with conflictdb.connect(conn) as db, pytest.raises(InvalidInput, match=message):
         db.load(scene_file(tmp_path, feature("A", **properties)))
+
+
+def test_an_answer_beyond_the_horizon_says_so(
+    conn: psycopg.Connection[Any], dsn: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    daily = {"rrule": "DTSTART:20260601T063000Z\nRRULE:FREQ=DAILY", "duration": "PT1H"}
+    file = scene_file(tmp_path, feature("A", schedule=TUESDAYS), voyage("T", schedule=daily), horizon_days=30)
+    with conflictdb.connect(conn) as db:
+        db.load(file)
+        db.scene("plans").detect()
+        scene = db.scene("plans")
+        window = conn.execute("SELECT expanded_from, expanded_until FROM conflictdb.scenes").fetchone()
+        conn.commit()
+        assert window is not None
+        first, last = window
+        # Inside, and for all that is known, nothing is said (a warning is an error here).
+        for inside in ({}, {"at": first}, {"from_": first, "to": last}, {"from_": first}):
+            assert scene.conflicts(**inside).is_current
+        for beyond in (
+            {"at": last},
+            {"at": first - timedelta(microseconds=1)},
+            {"from_": last},
+            {"from_": first, "to": last + timedelta(microseconds=1)},
+            {"to": first - timedelta(days=1)},
+        ):
+            with pytest.warns(IncompleteWarning, match=r"schedules are expanded from .* until .* only"):
+                assert not scene.conflicts(**beyond).is_current
+        with pytest.warns(IncompleteWarning, match="schedules are expanded"):
+            list(scene.stream_conflicts(last))
+        plan = conflictdb.Area("P", shapely.box(0, 0, 1, 1), start_us=last, end_us=last + timedelta(days=1))
+        with pytest.warns(IncompleteWarning, match="schedules are expanded"):
+            assert not scene.probe(plan).is_current
+        assert scene.probe(replace(plan, start_us=None, end_us=None)).is_current
+    notices: list[str] = []
+    conn.add_notice_handler(lambda notice: notices.append(notice.message_primary or ""))
+    tile = '{"scene": "plans", "at": "%s"}'
+    for instant, said in (("2071-01-01T00:00:00Z", True), (first.isoformat(), False)):
+        day = f"'[{instant}, {instant}]'"
+        for query in (
+            f"conflictdb.conflicts_at('plans', '{instant}')",
+            f"conflictdb.conflicts_within('plans', ST_MakeEnvelope(0, 0, 1, 1, 4326), {day})",
+            f"conflictdb.probe('plans', ST_MakeEnvelope(0, 0, 1, 1, 4326), {day})",
+            f"conflictdb.havens('plans', '{instant}', '{instant}', '1 hour')",
+            f"conflictdb.haven_at('plans', 'T', '{instant}')",
+            f"conflictdb.tile_areas(0, 0, 0, '{tile % instant}')",
+        ):
+            notices.clear()
+            conn.execute(f"SELECT * FROM {query}".encode())
+            assert [one for one in notices if "schedules are expanded from" in one] == notices, query
+            assert bool(notices) == said, query
+    conn.commit()
+    commands = ("--dsn", dsn, "conflicts", "--scene", "plans", "--at", "2071-01-01T00:00Z")
+    assert main(commands) == 0
+    assert "plans: not complete: schedules are expanded from" in capsys.readouterr().err
+    assert main([*commands, "--require-current"]) == 7
+    assert "schedules are expanded from" in capsys.readouterr().err

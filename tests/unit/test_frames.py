@@ -75,7 +75,7 @@ def test_frames_of_objects_are_solved_as_the_objects() -> None:
     """The areas and tracks of the shipped scene, and a column that says nothing here, give the same rows."""
     scene, areas, tracks, _ = read(STRAIT)
     assert scene is not None
-    found = solve(frame_of_tracks(tracks).assign(owner="mine"), frame_of_areas(areas), scene)
+    found = solve(frame_of_tracks(tracks).assign(remark="mine"), frame_of_areas(areas), scene)
     assert found == solve(tracks, areas, scene)
     assert len(found) > 5
 

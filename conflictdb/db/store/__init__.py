@@ -57,6 +57,7 @@ from conflictdb.db.store.listing import (
     names,
     runs,
     scene_state,
+    state_within,
     wait_until_current,
 )
 from conflictdb.db.store.locking import SAY_AFTER_S, Say, begin_locked, longest_wait_s

@@ -2,13 +2,14 @@
 
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from struct import Struct
 from typing import Any, Final
 
 import psycopg
 from psycopg.types.json import Jsonb
+from psycopg.types.range import TimestamptzRange
 
 from conflictdb.db.store.connection import call, call_by_name, call_each_by_name, call_many, transaction
 from conflictdb.model.methods import Method
@@ -93,6 +94,12 @@ class Selection:
     keys: Sequence[str] | None = None
     object_class: str | None = None
 
+    @property
+    def spans(self) -> list[TimestamptzRange]:
+        """The times that the selection is about; none: all that is known."""
+        found = [] if self.at is None else [TimestamptzRange(self.at, self.at, "[]")]
+        return found if self.start is self.end is None else [*found, TimestamptzRange(self.start, self.end)]
+
 
 ALL: Final = Selection()
 
@@ -102,6 +109,20 @@ def scene_state(conn: psycopg.Connection[Any], scene: str) -> SceneState:
     with transaction(conn):
         (state,) = call_by_name(conn, "_scene_state", scene)
     return SceneState(scene, **state)
+
+
+def state_within(conn: psycopg.Connection[Any], state: SceneState, spans: Iterable[TimestamptzRange]) -> SceneState:
+    """Return the state of a scene for questions about some spans.
+
+    A span that begins or ends beyond the time for which schedules are expanded has no complete answer.
+    """
+    with transaction(conn):
+        remarks = [call(conn, "_beyond_horizon", state.scene, span)[0] for span in spans]
+    beyond = next(filter(None, remarks), None)
+    if beyond is None:
+        return state
+    remark = "; ".join(filter(None, (state.remark, beyond)))
+    return replace(state, is_current=False, remark=remark, is_beyond_horizon=True)
 
 
 def wait_until_current(conn: psycopg.Connection[Any], scene: str, timeout: timedelta) -> None:
@@ -120,7 +141,7 @@ def conflicts(
     """Return the selected conflicts of a scene, earliest first; InvalidInput if it or an object does not exist."""
     with transaction(conn):
         # State before list: a detection that ends in between makes the list better than its state says, never worse.
-        state = scene_state(conn, scene)
+        state = state_within(conn, scene_state(conn, scene), which.spans)
         return Listing(state, each_conflict(conn, scene, which, with_region=with_region), Conflict)
 
 

@@ -22,7 +22,7 @@ from conflictdb.earth.plane import Plane
 from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, Intervals, Scene
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.cutting import area_pieces, track_pieces
-from conflictdb.stages.separations import Separations, to_micrometres, with_closed_heights
+from conflictdb.stages.separations import Separations, to_nanometres, with_closed_heights
 
 # Part number of covers.
 COVER: Final = -1
@@ -35,7 +35,7 @@ Batch = TypeVar("Batch", AreaBatch, TrackBatch)
 def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
     """Return the pieces of objects; an object that cannot be cut is covered.
 
-    Each end of their heights is half of the vertical separation further out, rounded to the micrometre, so that two of
+    Each end of their heights is half of the vertical separation further out, rounded to the nanometre, so that two of
     them overlap where the objects' heights are closer than that. By separation rules the distances are the largest that
     an object can need. In a scene with closed intervals, their ends belong to them.
     """
@@ -65,9 +65,9 @@ def _padded(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) ->
         half_m = 0.5 * scene.vertical_separation_m
         pieces = replace(
             pieces,
-            floor_m=to_micrometres(pieces.floor_m - half_m),
-            ceiling_m=to_micrometres(pieces.ceiling_m + half_m),
-            climb_m=to_micrometres(pieces.climb_m + half_m * np.array([-1.0, -1.0, 1.0, 1.0])),
+            floor_m=to_nanometres(pieces.floor_m - half_m),
+            ceiling_m=to_nanometres(pieces.ceiling_m + half_m),
+            climb_m=to_nanometres(pieces.climb_m + half_m * np.array([-1.0, -1.0, 1.0, 1.0])),
         )
     if scene.intervals == Intervals.HALF_OPEN:
         return pieces
