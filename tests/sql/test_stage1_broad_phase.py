@@ -41,7 +41,7 @@ def assert_exactly(found: list[tuple[int, int]], pieces: list[Stored], changed: 
 def joined_pairs(conn: Conn, scene_id: int, at_once: int = 1_000_000) -> list[list[tuple[int, int]]]:
     """Stage 1 joined by the client, in a transaction that stays open; its pairs of pieces, chunk by chunk."""
     store.begin_snapshot(conn)
-    found = joined(*store.boxes(conn, scene_id, 1_000_000), at_once)
+    found = joined(*store.boxes(conn, scene_id, 1_000_000)[:3], at_once)
     return [list(zip(some.a.tolist(), some.b.tolist(), strict=True)) for some in found]
 
 
