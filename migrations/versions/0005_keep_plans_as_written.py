@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "fb3e3d08940337d5e244e47967a14d5ef62e435687f4e4d5fcdc031ec85d32d0"
+routines_sha256 = "fb554e9f62efda952f9dfcb3de41fcbbb196e9ec2b85a02469df65222cc139cc"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
