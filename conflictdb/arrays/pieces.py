@@ -6,7 +6,7 @@ Units: metres, degrees for longitude, latitude and bearings, microseconds since 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, NewType, Self
+from typing import Any, Final, NewType, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,10 @@ from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 
 # Row numbers in a `Pieces`: not ids of objects, nor of the database.
 PieceRows = NewType("PieceRows", np.ndarray[Any, np.dtype[np.int64]])
+
+# How far heights of a piece may be beyond those of its object, metres: with a vertical separation they are rounded, and
+# in a scene with closed intervals those of climbs are extended by this.
+HEIGHT_ROUNDING_M: Final = 1e-9
 
 
 def halves(within_us: int) -> tuple[int, int]:

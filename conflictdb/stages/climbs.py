@@ -1,7 +1,8 @@
 """Times at which the heights of two pieces overlap, if one of them climbs.
 
 Heights are linear along a leg, so bands overlap during one interval, in closed form. Bands that only touch do not
-overlap: the interval is open, and one instant is none. Intervals are widened by the rounding error of heights.
+overlap: the interval is open, and one instant is none. Intervals are widened by the rounding error of heights, which a
+slow climb takes long to pass.
 """
 
 from dataclasses import replace
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pairs import PairRows, Pairs
-from conflictdb.arrays.pieces import PieceRows, Pieces
+from conflictdb.arrays.pieces import HEIGHT_ROUNDING_M, PieceRows, Pieces
 from conflictdb.kernel.differences import Shifts
 
 _Ints = NDArray[np.int64]
@@ -126,7 +127,9 @@ def _narrow(
         above, above_to = low - high, low_to - high_to
         is_below, is_below_to = above < -slack, above_to < -slack
         crossing = span_s * (above / (above - above_to))
-        doubt = span_s * (2.0 * slack / np.abs(above_to - above) + _ROUNDING)
+        # Two heights, each rounded and extended.
+        error_m = 2.0 * slack + 4.0 * HEIGHT_ROUNDING_M
+        doubt = span_s * (error_m / np.abs(above_to - above) + _ROUNDING)
     late, early = np.flatnonzero(~is_below & is_below_to), np.flatnonzero(is_below & ~is_below_to)
     starts, ends = np.zeros(len(rows)), span_s.copy()
     starts[late] = np.maximum(crossing[late] - doubt[late], 0.0)

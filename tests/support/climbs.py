@@ -1,8 +1,9 @@
 """Brute force for heights that change along legs: in exact fractions, apart from the motion."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from typing import TypeVar
 
 import numpy as np
 import oracle
@@ -10,12 +11,21 @@ import oracle
 from conflictdb.model.plans import Area, Scene, Track
 
 Span = tuple[Fraction, Fraction]
+Thing = TypeVar("Thing", Area, Track)
 
 
 def meeting_us(scene: Scene, a: Area | Track, b: Area | Track) -> list[tuple[float, float]]:
     """When two objects are in contact while their heights overlap: intervals, microseconds since 1970."""
+    met = oracle.meeting(replace(scene, vertical_separation_m=0.0), without_heights(a), without_heights(b))
+    return while_heights_overlap(scene, a, b, met.intervals_us)
+
+
+def while_heights_overlap(
+    scene: Scene, a: Area | Track, b: Area | Track, intervals_us: Sequence[tuple[float, float]]
+) -> list[tuple[float, float]]:
+    """Return the times within intervals at which the heights of two objects overlap."""
     found = []
-    for start, end in oracle.meeting(replace(scene, vertical_separation_m=0.0), _flat(a), _flat(b)).intervals_us:
+    for start, end in intervals_us:
         for low, high in overlaps_us(scene, a, b):
             first, last = max(start, float(low)), min(end, float(high))
             if first <= last:
@@ -76,7 +86,8 @@ def _bands(
         yield Fraction(int(one.times_us[k])), Fraction(int(one.times_us[k + 1])), ends[0], ends[1]
 
 
-def _flat(one: Area | Track) -> Area | Track:
+def without_heights(one: Thing) -> Thing:
+    """Return an object at all heights."""
     if isinstance(one, Area):
         return replace(one, floor_m=None, ceiling_m=None)
     return replace(one, floor_m=None, ceiling_m=None, floors_m=None, ceilings_m=None, max_speed_kn=np.inf)

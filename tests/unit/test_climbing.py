@@ -1,6 +1,7 @@
 """Heights that change along legs: conflicts last while both the places and the heights of two objects overlap."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,8 +10,8 @@ import numpy as np
 import pytest
 import shapely
 import shifting
-from verdicts import periods_us
-from workloads import LOW_LATITUDE, OCEAN, SEAM, Workload, throw
+from verdicts import ROUNDING_S, periods_us
+from workloads import HARBOUR, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
 from conflictdb import delays, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
@@ -18,11 +19,13 @@ from conflictdb.arrays.packed import packed, unpacked
 from conflictdb.earth.registry import plane_of
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import read_scene, scene_text
-from conflictdb.model.plans import Area, Method, Motion, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import Area, Intervals, Method, Scene, Track, rectangle_outline_m
+from conflictdb.model.results import Conflict
 from conflictdb.stages.pieces.covers import pieces_of
 
 T0_US = 1_772_323_200_000_000
 HOUR_US = 3_600_000_000
+
 TIMES_US = np.array([T0_US, T0_US + HOUR_US, T0_US + 2 * HOUR_US])
 WAY = np.array([[4.0, 57.0], [4.5, 57.1], [5.0, 57.0]])
 OUTLINE = rectangle_outline_m(50.0, 50.0, 20.0, 20.0)
@@ -67,37 +70,103 @@ def test_an_unbounded_height_at_a_waypoint_is_on_both_legs() -> None:
 
 
 @pytest.mark.parametrize(
-    "workload", [LOW_LATITUDE, SEAM, replace(OCEAN, motion=Motion.GREAT_CIRCLE)], ids=lambda one: one.name
+    ("workload", "seeds", "objects"),
+    [
+        (LOW_LATITUDE, (3,), (3, 4)),
+        (SEAM, (33,), (3, 4)),
+        (HARBOUR, (25,), (2, 2)),
+        (OCEAN, (33,), (3, 4)),
+        *(pytest.param(one, range(8), (4, 5), marks=pytest.mark.slow) for one in (LOW_LATITUDE, SEAM, HARBOUR, OCEAN)),
+    ],
+    ids=lambda one: getattr(one, "name", None),
 )
-def test_random_climbs_meet_when_brute_force_says(workload: Workload) -> None:
-    rng = np.random.default_rng([20261124, workload.legs[1], int(abs(workload.window))])
+def test_random_climbs_meet_when_brute_force_says(
+    workload: Workload, seeds: Sequence[int], objects: tuple[int, int]
+) -> None:
     contacts = 0
-    for seed in range(2):
-        scene, areas, tracks = throw(workload, seed, 3, 4)
-        scene = replace(scene, vertical_separation_m=float(rng.choice([0.0, 30.0])))
-        areas = [replace(area, floor_m=low, ceiling_m=low + 300.0) for area in areas if (low := rng.uniform(0, 900))]
-        tracks = [_random_heights(rng, track) for track in tracks]
+    for seed in seeds:
+        scene, areas, tracks = _random_scene(workload, seed, objects)
         found = {(c.a_key, c.b_key): c for c in solve(tracks, areas, scene) if c.verdict in ("conflict", "grazing")}
-        objects = [*areas, *tracks]
-        for i, one in enumerate(objects):
-            for other in objects[max(i + 1, len(areas)) :]:
+        objs = [*areas, *tracks]
+        for i, one in enumerate(objs):
+            for other in objs[max(i + 1, len(areas)) :]:
                 first, second = sorted((one, other), key=lambda thing: (isinstance(thing, Track), thing.key.encode()))
                 expected = climbs.meeting_us(scene, first, second)
-                answer = found.get((first.key, second.key))
-                reported = [] if answer is None else periods_us(answer)
-                slack = 20.0 if answer is None else 20.0 + 1e6 * answer.time_error_s
-                # A contact shorter than the slack, or in rounding, may be either.
-                certain = [period for period in expected if period[1] - period[0] > 2 * slack]
-                for start, end in certain:
-                    assert any(a <= start + 20 and end - 20 <= b for a, b in reported), (first.key, second.key)
-                for start, end in reported:
-                    of = [p for p in expected if start - 20 <= p[0] and p[1] <= end + 20]
-                    if end - start > 2 * slack:
-                        assert of, (first.key, second.key, start, end)
-                        assert of[0][0] - start <= slack
-                        assert end - of[-1][1] <= slack
-                contacts += len(certain)
+                contacts += _agrees(expected, found.get((first.key, second.key)), 0.0)
     assert contacts >= 1
+
+
+@pytest.mark.parametrize(
+    ("workload", "seeds"),
+    [
+        (HARBOUR, (21, 56)),
+        (LOW_LATITUDE, (4, 17, 37, 53, 56)),
+        (OCEAN, (0, 1, 2)),
+        *(pytest.param(one, range(200), marks=pytest.mark.slow) for one in (HARBOUR, LOW_LATITUDE, SEAM, OCEAN)),
+    ],
+    ids=lambda one: getattr(one, "name", None),
+)
+def test_periods_are_those_without_heights_while_heights_overlap(workload: Workload, seeds: Sequence[int]) -> None:
+    contacts = 0
+    for seed in seeds:
+        scene, areas, tracks = _random_scene(workload, seed, (6, 8))
+        things = {thing.key: thing for thing in (*areas, *tracks)}
+        flat = solve(
+            list(map(climbs.without_heights, tracks)),
+            list(map(climbs.without_heights, areas)),
+            replace(scene, vertical_separation_m=0.0),
+        )
+        found = {(c.a_key, c.b_key): c for c in solve(tracks, areas, scene)}
+        assert found.keys() <= {(c.a_key, c.b_key) for c in flat}
+        for one in flat:
+            key = (one.a_key, one.b_key)
+            if one.b_kind == "track":
+                expected = climbs.while_heights_overlap(scene, *map(things.__getitem__, key), periods_us(one))
+                contacts += _agrees(expected, found.get(key), one.time_error_s)
+    assert contacts >= 5
+
+
+def _agrees(expected: list[tuple[float, float]], answer: Conflict | None, error_s: float) -> int:
+    """Compare reported periods with expected ones, known within error_s; return how many of these are certain."""
+    rounding = 1e6 * (ROUNDING_S + error_s)
+    slack = rounding if answer is None else rounding + 1e6 * answer.time_error_s
+    reported = [] if answer is None else periods_us(answer)
+    # A contact shorter than the slack, or in rounding, may be either.
+    certain = [period for period in expected if period[1] - period[0] > 2 * slack]
+    for start, end in certain:
+        assert any(a <= start + rounding and end - rounding <= b for a, b in reported), (answer, start, end)
+    for start, end in reported:
+        of = [p for p in expected if start - rounding <= p[0] and p[1] <= end + rounding]
+        if end - start > 2 * slack:
+            assert of, (answer, start, end)
+            assert of[0][0] - start <= slack
+            assert end - of[-1][1] <= slack
+    return len(certain)
+
+
+def _random_scene(workload: Workload, seed: int, objects: tuple[int, int]) -> tuple[Scene, list[Area], list[Track]]:
+    rng = np.random.default_rng([5, seed])
+    scene, areas, tracks = throw(workload, seed, *objects)
+    vertical_m, intervals = float(rng.choice([0.0, 30.0])), str(rng.choice(["half_open", "closed"]))
+    scene = replace(scene, vertical_separation_m=vertical_m, intervals=Intervals(intervals))
+    areas = [replace(area, floor_m=low, ceiling_m=low + 300.0) for area in areas if (low := rng.uniform(0, 900))]
+    return scene, areas, [_random_heights(rng, track) for track in tracks]
+
+
+@pytest.mark.parametrize("intervals", list(Intervals))
+@pytest.mark.parametrize("separation_m", [0.0, 30.0, 0.3])
+@pytest.mark.parametrize("more_m", [-4.4e-7, 1e-8, 4.4e-7])
+def test_the_time_of_a_slow_climb_is_within_its_bound(intervals: Intervals, separation_m: float, more_m: float) -> None:
+    """At a millimetre a second the tenth part of a micrometre takes a hundred microseconds."""
+    track = Track("T", WAY[:2], TIMES_US[:2], OUTLINE, floors_m=[0.0, 3.6], ceilings_m=[1.0, 4.6])
+    area = Area("A", WHOLE, floor_m=2.6 + separation_m + more_m, ceiling_m=2000.0)
+    scene = Scene("s", vertical_separation_m=separation_m, intervals=intervals)
+    (found,) = solve([track], [area], scene)
+    ((start, end),) = periods_us(found)
+    ((low, high),) = climbs.overlaps_us(scene, area, track)
+    assert 0 <= low - start <= 1e6 * found.time_error_s + 1
+    assert end == high == TIMES_US[1]
+    assert found.time_error_s < 1e-5
 
 
 def _random_heights(rng: np.random.Generator, track: Track) -> Track:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import PieceRows, Pieces, level_m
+from conflictdb.arrays.pieces import HEIGHT_ROUNDING_M, PieceRows, Pieces, level_m
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.plane import Plane
 from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, Intervals, Scene
@@ -28,9 +28,7 @@ COVER: Final = -1
 # No object lies wholly beyond this latitude in a Mercator plane.
 _HIGHEST_DEG: Final = 89.5
 
-_MOST_ROUNDED_M: Final = 1e9
-# In a scene with closed intervals heights of climbs overlap if they are this close, metres.
-_CLOSED_M: Final = 1e-9
+_MOST_ROUNDED_M: Final = 1e6
 
 Batch = TypeVar("Batch", AreaBatch, TrackBatch)
 
@@ -38,7 +36,7 @@ Batch = TypeVar("Batch", AreaBatch, TrackBatch)
 def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
     """Return the pieces of objects; an object that cannot be cut is covered.
 
-    Each end of their heights is half of the scene's vertical separation further out, rounded to the micrometre, so that
+    Each end of their heights is half of the scene's vertical separation further out, rounded to the nanometre, so that
     two of them overlap where the objects' heights are closer than that. In a scene with closed intervals, their ends
     belong to them.
     """
@@ -51,25 +49,25 @@ def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) 
         half_m = 0.5 * scene.vertical_separation_m
         pieces = replace(
             pieces,
-            floor_m=_to_micrometres(pieces.floor_m - half_m),
-            ceiling_m=_to_micrometres(pieces.ceiling_m + half_m),
-            climb_m=_to_micrometres(pieces.climb_m + half_m * np.array([-1.0, -1.0, 1.0, 1.0])),
+            floor_m=_to_nanometres(pieces.floor_m - half_m),
+            ceiling_m=_to_nanometres(pieces.ceiling_m + half_m),
+            climb_m=_to_nanometres(pieces.climb_m + half_m * np.array([-1.0, -1.0, 1.0, 1.0])),
         )
     if scene.intervals == Intervals.HALF_OPEN:
         return pieces
     # Up to the next number, so that half-open bands that share the closed end overlap.
     climb_m = pieces.climb_m.copy()
     climb_m[:, 2:] = np.nextafter(climb_m[:, 2:], np.inf)
-    # Beyond the rounding of heights on the way (`stages.climbs`).
-    climb_m[pieces.climbs()] += _CLOSED_M * np.array([-1.0, -1.0, 1.0, 1.0])
+    # Beyond the rounding of heights on the way.
+    climb_m[pieces.climbs()] += HEIGHT_ROUNDING_M * np.array([-1.0, -1.0, 1.0, 1.0])
     ceiling_m = np.nextafter(pieces.ceiling_m, np.inf)
     return replace(pieces, ceiling_m=ceiling_m, climb_m=climb_m, end_inclusive=np.ones(len(pieces), np.bool_))
 
 
-def _to_micrometres(height_m: Floats) -> Floats:
+def _to_nanometres(height_m: Floats) -> Floats:
     """Return heights rounded, so that sums of equal decimals are equal; from _MOST_ROUNDED_M on they are too coarse."""
     return np.where(
-        np.abs(height_m) < _MOST_ROUNDED_M, np.round(np.clip(height_m, -_MOST_ROUNDED_M, _MOST_ROUNDED_M), 6), height_m
+        np.abs(height_m) < _MOST_ROUNDED_M, np.round(np.clip(height_m, -_MOST_ROUNDED_M, _MOST_ROUNDED_M), 9), height_m
     )
 
 
