@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "fb554e9f62efda952f9dfcb3de41fcbbb196e9ec2b85a02469df65222cc139cc"
+routines_sha256 = "2e6dce993fd4d53ad10847393af71d0669fc21562a7992e367a5d9b1e8aa04b6"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
