@@ -332,7 +332,7 @@ BEGIN
     IF FOUND THEN
         FOUND := _raise('ZC009', v_who, v_unread, 'is a column that maps do not read: objects would lack it',
                         'attached_column_read',
-                        'Store such objects with put_area and put_track, or attach a view without this column.');
+                        'Rename it, or select the other columns in a view.');
     END IF;
     IF v_kind = 0 AND NOT p_map ?| '{span,start,end}' THEN
         SELECT string_agg(quote_ident(a.attname), ', ' ORDER BY a.attnum) INTO v_times FROM pg_catalog.pg_attribute a

@@ -17,6 +17,7 @@ from conflictdb.cli import main
 from conflictdb.db import expansion, store
 from conflictdb.db.detect import detect, detect_pending
 from conflictdb.errors import IncompleteWarning, InvalidInput
+from conflictdb.model.horizon import later
 from conflictdb.model.plans import Scene
 
 DAY_US = 86_400_000_000
@@ -288,3 +289,57 @@ def test_an_answer_beyond_the_horizon_says_so(
     assert "plans: not complete: schedules are expanded from" in capsys.readouterr().err
     assert main([*commands, "--require-current"]) == 7
     assert "schedules are expanded from" in capsys.readouterr().err
+
+
+def repeated(db: Any, tmp_path: Path, **settings: Any) -> Any:
+    """Return a detected scene with an area and a ferry that sails twice."""
+    twice = ["2026-06-02T06:30:00Z", "2026-06-09T06:30:00Z"]
+    one_day = feature("A", spans=[["2026-06-09T06:40:00Z", "2026-06-09T06:50:00Z"]])
+    db.load(scene_file(tmp_path, one_day, voyage("T", departures=twice), voyage("Once"), **settings))
+    db.scene("plans").detect()
+    return db.scene("plans")
+
+
+def test_explain_says_all_of_a_repeated_voyage(conn: psycopg.Connection[Any], tmp_path: Path) -> None:
+    with conflictdb.connect(conn) as db:
+        found = repeated(db, tmp_path).explain("A", "T")
+    assert found.facts["verdict"] == "conflict"
+    assert "2026-06-09" in found.text
+
+
+@pytest.mark.parametrize("stored_s", [0.0, 3600.0])
+def test_delays_of_a_repeated_voyage_are_those_of_all_its_voyages(
+    conn: psycopg.Connection[Any], tmp_path: Path, stored_s: float
+) -> None:
+    """A delay moves every voyage: it is forbidden if one of them would conflict."""
+    with conflictdb.connect(conn) as db:
+        scene = repeated(db, tmp_path, delays_within_s=stored_s)
+        [together] = scene.delays("T", 3600.0)
+        with pytest.raises(InvalidInput, match="delays: waypoint: is for one voyage: track 'T' has departures"):
+            scene.delays("T", waypoint=1)
+        _, areas, tracks = store.read_scene(conn, "plans")
+    once, twice = sorted(tracks, key=lambda track: track.key)
+    assert twice.departures_us is not None
+    moved = [twice.departures_us[i] - int(twice.times_us[0]) for i in (0, 1)]
+    apart = []
+    for by_us in moved:
+        voyage_alone = later(replace(twice, departures_us=None), by_us)
+        [found] = conflictdb.delays([once, voyage_alone], areas, key="T", within_s=3600.0)
+        assert found.forbidden
+        apart.append(found)
+
+    def is_forbidden(delays: Any, delay_s: float) -> bool:
+        return any(one.from_s <= delay_s <= one.to_s for one in delays.forbidden)
+
+    grid = [7.3 * i for i in range(-490, 491)]
+    assert [is_forbidden(together, at) for at in grid] == [any(is_forbidden(one, at) for one in apart) for at in grid]
+    assert not all(is_forbidden(together, at) for at in grid)
+
+
+def test_speeds_and_resolve_refuse_repeated_voyages_by_name(conn: psycopg.Connection[Any], tmp_path: Path) -> None:
+    with conflictdb.connect(conn) as db:
+        scene = repeated(db, tmp_path)
+        with pytest.raises(InvalidInput, match="speeds: key: is for one voyage: track 'T' has departures"):
+            scene.speeds("T")
+        with pytest.raises(InvalidInput, match="resolve: tracks: is for one voyage: track 'T' has departures"):
+            scene.resolve()

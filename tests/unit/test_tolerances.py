@@ -177,6 +177,67 @@ def test_no_voyage_of_a_million_leaves_its_haven(motion: Motion) -> None:
         assert outside(scene, track, *voyages(rng, motion, track, 1_000)) == 0
 
 
+def ships_on_arcs(
+    rng: np.random.Generator, motion: Motion, count: int
+) -> tuple[Scene, Track, tuple[Floats, Floats, Floats]]:
+    """A plan with one turn of a radius, and ships on its arc: as `voyages`."""
+    radius = float(rng.choice([200.0, 1_000.0, 4_000.0]))
+    heading, turn = rng.uniform(0.0, 360.0), float(rng.choice([-1.0, 1.0]) * rng.uniform(5.0, 150.0))
+    cut = radius * np.tan(0.5 * np.radians(abs(turn)))
+    start = np.array([rng.uniform(-180.0, 180.0), rng.uniform(0.0, 83.0)])
+    length = 2.5 * cut + 3_000.0
+    lon, lat, ahead = step(motion, *start, heading, length)
+    lon_to, lat_to, _ = step(motion, lon, lat, ahead + turn, length)
+    way = np.array([start, [lon, lat], [lon_to, lat_to]])
+    way[:, 0] = (way[:, 0] + 180.0) % 360.0 - 180.0
+    times = T0_US + np.array([0, 1, 2]) * int(1e6 * length / 7.0)
+    late = np.datetime64(T0_US + 600_000_000, "us")
+    port, starboard, low, high = *rng.choice([0.0, 50.0, 900.0], 2), 5.0, 9.0
+    limits = {
+        "xtd_port_m": port,
+        "xtd_starboard_m": starboard,
+        "min_speed_kn": low / KNOT,
+        "max_speed_kn": high / KNOT,
+        "departure_window": [np.datetime64(T0_US, "us"), late],
+        "turn_radius_m": radius,
+    }
+    track = Track("T", way, times, SHIP, tolerances=limits)
+    scene = Scene("s", motion, "sphere", centre=tuple(start) if motion is Motion.GREAT_CIRCLE else None)
+    gone, angle = rng.choice([0.0, 0.5, 1.0], count), np.radians(abs(turn))
+    gone = np.where(rng.random(count) < 0.5, gone, rng.random(count)) * angle
+    speed = rng.choice([low, high, 7.0], (2, count))
+    seconds = rng.choice([0.0, 300.0, 600.0], count) + (length - cut) / speed[0] + radius * gone / speed[1]
+    aside = np.where(
+        rng.random(count) < 0.5, rng.choice([-port, starboard], count), rng.uniform(-port, starboard, count)
+    )
+    here = step(motion, np.full(count, start[0]), np.full(count, start[1]), np.full(count, heading), length - cut)
+    here = step(motion, *here, radius * np.sin(gone))
+    side = np.sign(turn) * 90.0
+    here = step(motion, here[0], here[1], here[2] + side, radius * (1.0 - np.cos(gone)))
+    here = step(motion, here[0], here[1], here[2] - side + np.sign(turn) * np.degrees(gone) + 90.0, aside)
+    corners = []
+    for x, y in SHIP:
+        one = step(motion, here[0], here[1], here[2] - 90.0, np.full(count, y))
+        corners.append(step(motion, one[0], one[1], one[2] + 90.0, np.full(count, x))[:2])
+    return scene, track, (seconds, np.stack([c[0] for c in corners], 1), np.stack([c[1] for c in corners], 1))
+
+
+@pytest.mark.parametrize("motion", list(Motion))
+@pytest.mark.parametrize("plans", [12, pytest.param(1_000, marks=pytest.mark.slow)])
+def test_no_ship_on_the_arc_of_a_turn_leaves_its_haven(motion: Motion, plans: int) -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(plans):
+        scene, track, ships = ships_on_arcs(rng, motion, 200)
+        assert outside(scene, track, *ships) == 0
+    missed = 0
+    for _ in range(10):
+        scene, track, ships = ships_on_arcs(rng, motion, 200)
+        assert track.tolerances is not None
+        sharp = replace(track, tolerances={**track.tolerances, "turn_radius_m": 0.0})
+        missed += outside(scene, sharp, *ships)
+    assert missed > 0
+
+
 def test_a_haven_that_is_too_small_would_be_noticed() -> None:
     rng = np.random.default_rng(3)
     scene, track = plan(rng, Motion.RHUMB)
