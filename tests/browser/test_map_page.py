@@ -14,6 +14,7 @@ import shapely
 from browsing import Open, await_drawn, rows, time_of, wait_until
 from commands import runner
 from map_page import Serve
+from patience import until
 from piecework import load
 from playwright.sync_api import Browser, Page, Route, expect
 
@@ -38,7 +39,7 @@ def strait(dsn: str, serve: Serve) -> str:
 
 
 def shown(page: Page, layer: str, where: str = "true") -> int:
-    """Number of features with a given state in a layer of the map."""
+    """Number of features with a given state in a layer of the map. The map takes states up with its next picture."""
     script = f"conflictdbPage.view.map.queryRenderedFeatures({{layers: ['{layer}']}})"
     return int(page.evaluate(f"new Set({script}.filter(({{state: s}}) => {where}).map(({{id}}) => id)).size"))
 
@@ -53,7 +54,7 @@ def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
     expect(page).to_have_title("strait · conflictdb")
     assert rows(page) == ORDER
     assert (shown(page, "areas"), shown(page, "tracks")) == (4, 7)
-    assert shown(page, "conflicts") >= 6
+    until(lambda: shown(page, "conflicts") >= 6)
     assert page.evaluate("conflictdbPage.havens.shown.length") >= 5
     # It begins at the first contact of all.
     expect(page.locator("#clock")).to_have_text("07:41:56")
@@ -71,7 +72,7 @@ def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
     slider.press("End")
     expect(page.locator("li.on")).to_have_count(0)
     await_drawn(page)
-    assert shown(page, "conflicts", "s.on") == 0
+    until(lambda: shown(page, "conflicts", "s.on") == 0)
     slider.press("Home")
     start = time_of(page)
     page.locator("body").press("Space")
@@ -97,7 +98,7 @@ def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
     assert {"FERRY", "TOW"} <= set(seen)
     assert page.evaluate("conflictdbPage.view.map.getZoom()") > 9
     await_drawn(page)
-    assert shown(page, "conflicts", "s.chosen") == 1
+    until(lambda: shown(page, "conflicts", "s.chosen") == 1)
     page.keyboard.press("j")
     expect(detail.get_by_role("heading")).to_have_text("FIRING and SURVEY")
     expect(detail.get_by_role("table")).to_contain_text("3 periods")
@@ -129,7 +130,7 @@ def test_filters_leave_what_they_say(strait: str, open_page: Open) -> None:
     assert rows(page) == ["FIRING and FERRY", "DIVING and FERRY", "FERRY and TOW"]
     expect(page.locator("#count")).to_have_text("3 of 7 conflicts")
     await_drawn(page)
-    assert shown(page, "conflicts", "!s.hidden") == 3
+    until(lambda: shown(page, "conflicts", "!s.hidden") == 3)
     page.get_by_text("Filter", exact=True).click()
     page.get_by_label("Above, m").fill("-5")
     page.get_by_label("Below, m").fill("0")
@@ -446,12 +447,12 @@ def test_file_needs_nothing_else(dsn: str, tmp_path: Path, open_page: Open, caps
     expect(page.locator("#state")).to_contain_text("changes since are not in this file")
     await_drawn(page)
     assert (shown(page, "areas"), shown(page, "tracks")) == (4, 7)
-    assert shown(page, "conflicts") >= 6
-    assert shown(page, "near-land") >= 1
+    until(lambda: shown(page, "conflicts") >= 6)
+    until(lambda: shown(page, "near-land") >= 1)
     page.get_by_role("button", name="FIRING and FERRY").click()
     expect(page.locator("#detail")).to_contain_text("Decided by stage 4: their motion.")
     expect(page.locator("svg.plan path.plan-a")).to_have_count(1)
     expect(page.locator("#detail .acknowledge")).to_have_count(0)
     await_drawn(page)
-    assert shown(page, "conflicts", "s.chosen") == 1
-    assert shown(page, "first-contacts", "s.chosen") == 1
+    until(lambda: shown(page, "conflicts", "s.chosen") == 1)
+    until(lambda: shown(page, "first-contacts", "s.chosen") == 1)
