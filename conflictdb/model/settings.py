@@ -8,9 +8,8 @@ loop over it. To add a setting: add a row here, a field to `Scene` (model/plans.
 
 from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
+from numbers import Real
 from typing import Any, Final, TypeAlias, TypedDict
-
-import numpy as np
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model.methods import REMOVED, Method
@@ -250,7 +249,7 @@ def checked(who: str, setting: Setting, value: Any, name: str = "") -> StrEnum |
             rule = f"must be one of {', '.join(setting.choices)}; got {value!r}"
             raise InvalidInput(who, name, f"{rule}, which {removed}" if removed else rule) from None
     unit = _UNITS[setting.type]
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < float("inf"):
+    if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 <= value < float("inf"):
         raise InvalidInput(who, name, f"must be a finite number of {unit}, 0 or more; got {value!r}")
     if setting.type is SettingType.SECONDS:
         if value > MOST_S:
