@@ -249,7 +249,8 @@ def checked(who: str, setting: Setting, value: Any, name: str = "") -> StrEnum |
             rule = f"must be one of {', '.join(setting.choices)}; got {value!r}"
             raise InvalidInput(who, name, f"{rule}, which {removed}" if removed else rule) from None
     unit = _UNITS[setting.type]
-    if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 <= value < float("inf"):
+    is_number = isinstance(value, Real) and not isinstance(value, bool)  # also of numpy
+    if not is_number or not 0.0 <= value < float("inf"):
         raise InvalidInput(who, name, f"must be a finite number of {unit}, 0 or more; got {value!r}")
     if setting.type is SettingType.SECONDS:
         if value > MOST_S:
