@@ -50,6 +50,8 @@ BEGIN
         NEW.active_span := _half_open(NEW.active_span);
     END IF;
     NEW.properties := coalesce(NEW.properties, '{}');
+    -- As object-relational mappers write None.
+    NEW.schedule := nullif(NEW.schedule, 'null');
     IF TG_OP = 'UPDATE' THEN
         IF NEW.schedule IS NOT NULL THEN
             -- Its expansion stays until a detection replaces it, unless it depends on something else now.
@@ -169,6 +171,7 @@ DECLARE
     v_widest geometry;
 BEGIN
     NEW.properties := coalesce(NEW.properties, '{}');
+    NEW.schedule := nullif(NEW.schedule, 'null');
     NEW.grow_mps := coalesce(NEW.grow_mps, 0);
     NEW.outline := coalesce(NEW.outline, ST_GeometryN(NEW.outlines, 1));
     IF NEW.floors_m IS NOT NULL THEN

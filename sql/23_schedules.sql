@@ -1,13 +1,22 @@
 -- Schedules: a detection expands them to activations of areas and departures of tracks, before it looks for changes.
 -- conflictdb.model.schedules reads them; SQL stores them as they are written.
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._microseconds(p_at timestamptz) RETURNS bigint
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN isfinite(p_at) THEN (1000000 * extract(epoch FROM p_at))::bigint END;
+END;
+COMMENT ON FUNCTION _microseconds(timestamptz) IS
+'Microseconds since 1970, null for infinity: instants that Python has no type for are numbers there.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._horizon(
-    p_scene_id bigint, OUT horizon_days double precision, OUT expanded_from timestamptz, OUT expanded_until timestamptz,
-    OUT is_waiting boolean, OUT starts_at timestamptz, OUT ends_at timestamptz
+    p_scene_id bigint, OUT horizon_days double precision, OUT from_us bigint, OUT until_us bigint,
+    OUT is_waiting boolean, OUT starts_us bigint, OUT ends_us bigint
 )
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
-    SELECT s.horizon_days, lower(s.expanded), upper(s.expanded) INTO horizon_days, expanded_from, expanded_until
+    SELECT s.horizon_days, _microseconds(lower(s.expanded)), _microseconds(upper(s.expanded))
+        INTO horizon_days, from_us, until_us
         FROM scene s WHERE s.scene_id = p_scene_id;
     SELECT bool_or(n.waits) INTO is_waiting
         FROM (SELECT a.activations IS NULL AS waits FROM area a
@@ -18,37 +27,39 @@ BEGIN
         RETURN;
     END IF;
     -- Once the window is known, only voyages that changed can leave it.
-    SELECT min(lower(v.span)), max(upper(v.span)) INTO starts_at, ends_at
+    SELECT _microseconds(min(lower(v.span))), _microseconds(max(upper(v.span))) INTO starts_us, ends_us
         FROM (SELECT _at_sea(t.path, t.departures) AS span
               FROM track t
               WHERE t.scene_id = p_scene_id AND t.schedule IS NULL
-                AND (expanded_from IS NULL
+                AND (from_us IS NULL
                      OR t.track_id IN (SELECT c.object_id FROM change c
                                        WHERE c.scene_id = p_scene_id AND c.object_kind = 1))) v;
 END
 $$;
 COMMENT ON FUNCTION _horizon(bigint) IS
 'How far the schedules of a scene are expanded, and how far the voyages reach that may have changed since. is_waiting: '
-'whether a schedule is not expanded at all; null: there are no schedules.';
+'whether a schedule is not expanded at all; null: there are no schedules. Instants are microseconds since 1970.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._scheduled(p_scene_id bigint, p_only_waiting boolean) RETURNS TABLE (
-    object_kind smallint, object_id bigint, version bigint, key text, schedule jsonb, starts_at timestamptz,
-    ends_at timestamptz, box bytea
+    object_kind smallint, object_id bigint, version bigint, key text, schedule jsonb, starts_us bigint, ends_us bigint,
+    box bytea
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT 0, a.area_id, a.version, a.key, a.schedule, lower(a.active_span), upper(a.active_span),
+    SELECT 0, a.area_id, a.version, a.key, a.schedule, _microseconds(lower(a.active_span)),
+           _microseconds(upper(a.active_span)),
            ST_AsBinary(ST_Envelope(a.footprint), 'NDR')
     FROM area a WHERE a.scene_id = p_scene_id AND a.schedule IS NOT NULL
                   AND (a.activations IS NULL OR NOT p_only_waiting)
     UNION ALL
-    SELECT 1, t.track_id, t.version, t.key, t.schedule, to_timestamp(ST_M(ST_StartPoint(t.path))),
-           to_timestamp(ST_M(ST_EndPoint(t.path))), ST_AsBinary(ST_Force2D(ST_StartPoint(t.path)), 'NDR')
+    SELECT 1, t.track_id, t.version, t.key, t.schedule, _microseconds(to_timestamp(ST_M(ST_StartPoint(t.path)))),
+           _microseconds(to_timestamp(ST_M(ST_EndPoint(t.path)))), ST_AsBinary(ST_Force2D(ST_StartPoint(t.path)), 'NDR')
     FROM track t WHERE t.scene_id = p_scene_id AND t.schedule IS NOT NULL
                    AND (t.departures IS NULL OR NOT p_only_waiting);
 END;
 COMMENT ON FUNCTION _scheduled(bigint, boolean) IS
-'Objects of a scene with schedules. starts_at, ends_at: the span of an area, the times of a track. box: of an area, '
+'Objects of a scene with schedules. starts_us, ends_us: the span of an area, the times of a track, microseconds since '
+'1970; null: unbounded. box: of an area, '
 'or the first waypoint of a track.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._set_activations(

@@ -85,7 +85,9 @@ BEGIN
             FROM pg_catalog.pg_attribute a
             WHERE a.attrelid = v_table AND a.attnum > 0 AND NOT a.attisdropped AND a.attidentity = ''
                   AND NOT (v_table IN ('area'::regclass, 'track'::regclass)
-                           AND a.attname IN ('version', 'first_version'));
+                           AND a.attname IN ('version', 'first_version'))
+                  -- Whoever expands schedules says how far.
+                  AND NOT (v_table = 'scene'::regclass AND a.attname = 'expanded');
         EXECUTE format('REVOKE INSERT, UPDATE ON %s FROM conflictdb_%s', v_table, v_role);
         EXECUTE format('GRANT INSERT (%s) ON %s TO conflictdb_%s', v_columns, v_table, v_role);
         IF v_role = 'editor' THEN
@@ -133,6 +135,7 @@ GRANT EXECUTE ON FUNCTION apply_proposal, undo_proposal, _put_proposal, _hold_pr
 GRANT INSERT, UPDATE, DELETE ON piece, conflict, difference, change, run, history, probe_request, probe_reply
     TO conflictdb_worker;
 GRANT INSERT, DELETE ON conflict_event TO conflictdb_worker;
+GRANT UPDATE (expanded) ON scene TO conflictdb_worker;
 GRANT DELETE ON acknowledgement, proposal TO conflictdb_worker;
 GRANT USAGE ON SEQUENCE conflict_seq, conflict_event_conflict_event_id_seq TO conflictdb_worker;
 -- Updating a row includes locking it: only workers can block the detection of a scene.

@@ -1240,7 +1240,7 @@ FUNCTION _hold_attached(p_who text, p_table text, p_has_triggers boolean)
 FUNCTION _hold_proposal(p_proposal_id bigint)
     RETURNS proposal LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _horizon(p_scene_id bigint, OUT horizon_days double precision, OUT expanded_from timestamp with time zone, OUT expanded_until timestamp with time zone, OUT is_waiting boolean, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone)
+FUNCTION _horizon(p_scene_id bigint, OUT horizon_days double precision, OUT from_us bigint, OUT until_us bigint, OUT is_waiting boolean, OUT starts_us bigint, OUT ends_us bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _hulls_meet(p_a geometry, p_b geometry)
@@ -1386,6 +1386,9 @@ FUNCTION _may_change(p_scene_id bigint)
 
 FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _microseconds(p_at timestamp with time zone)
+    RETURNS bigint LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _middle_of(p_geometry geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1634,7 +1637,7 @@ FUNCTION _scenes()
     RETURNS TABLE(scene_id bigint, settings jsonb, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text, is_current boolean) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _scheduled(p_scene_id bigint, p_only_waiting boolean)
-    RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, key text, schedule jsonb, starts_at timestamp with time zone, ends_at timestamp with time zone, box bytea) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, key text, schedule jsonb, starts_us bigint, ends_us bigint, box bytea) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _schedules_wait(p_scene_id bigint)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "1ea0fa9a9780bab00bb70a414ab16e80a21b33cf9f04ba4d85a8768f25e97070"
+routines_sha256 = "8e0daf35dbcca23c47ea4722098eab4ca05be7d346b4edf2188796c24823c881"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -5,6 +5,7 @@ transactions that are prepared first; a worker runs meanwhile, for `CONFLICTDB_H
 (6 by default; CONFLICTDB_HOSTILE_SEED: 1).
 """
 
+import ast
 import os
 import random
 import subprocess
@@ -189,11 +190,31 @@ def test_workers_go_on_and_miss_nothing(site: OwnServer, tmp_path: Any) -> None:
     with conflictdb.connect(site.dsn) as db:
         scenes = [status.scene.name for status in db.scenes()]
         for name in scenes:
-            db.scene(name).detect()
+            detect_mended(db, name)
         kept = conflicts(db)
         for name in scenes:
             db.scene(name).detect(full=True)
         assert kept == conflicts(db)
+
+
+def detect_mended(db: conflictdb.Database, scene: str) -> None:
+    """Detect a scene; a schedule that is not understood is refused by the name of its object, and taken away then."""
+    while True:
+        try:
+            db.scene(scene).detect()
+        except conflictdb.InvalidInput as refused:
+            kind, _, key = refused.key.partition(" ")
+            db.connection.rollback()
+            if refused.field != "schedule":
+                raise
+            mended = db.connection.execute(
+                f"UPDATE conflictdb.{kind} SET schedule = NULL WHERE key = %s AND schedule IS NOT NULL".encode(),
+                [ast.literal_eval(key)],
+            )
+            assert mended.rowcount > 0
+            db.connection.commit()
+        else:
+            return
 
 
 def await_answers(site: OwnServer, worker: "subprocess.Popen[bytes]") -> None:

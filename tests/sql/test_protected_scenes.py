@@ -27,6 +27,7 @@ SELECT conflictdb.put_area('hers', 'B', 'SRID=4326;POLYGON((0.5 0, 1.5 0, 1.5 1,
 SELECT conflictdb.put_area('hers', 'N', 'SRID=4326;POLYGON((1.6 0, 1.7 0, 1.7 1, 1.6 1, 1.6 0))');
 SELECT conflictdb.put_track('hers', 'T', 'SRID=4326;LINESTRING M (-1 0.5 1772323200, 2 0.5 1772409600)',
                             conflictdb.rectangle_outline(9, 9, 5, 5));
+SELECT conflictdb.put_rule('hers', 'ferry', 'area', 500);
 CREATE TABLE alices.ops (id integer, shape public.geometry);
 INSERT INTO alices.ops VALUES (1, 'SRID=4326;POLYGON((5 5, 6 5, 6 6, 5 5))'), (2, 'POINT(1 1)');
 SELECT conflictdb.attach('hers', 'area', 'alices.ops', '{"key": "id", "footprint": "shape"}');
@@ -85,6 +86,8 @@ WRITES = [
     "SELECT conflictdb.attach('hers', 'area', 'bobs.ops', '{\"key\": \"id\", \"footprint\": \"shape\"}')",
     "SELECT conflictdb.preview_attachment('hers', 'area', 'bobs.ops', '{\"key\": \"id\", \"footprint\": \"shape\"}')",
     "SELECT conflictdb.detach('hers', 'alices.ops')",
+    "SELECT conflictdb.put_rule('hers', 'ferry', 'area', 1)",
+    "SELECT conflictdb.remove_rule('hers', 'ferry', 'area')",
 ]
 OF_THE_OWNER = [
     "SELECT conflictdb.share_scene('hers', {bob}, 'write')",

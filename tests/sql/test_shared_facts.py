@@ -94,7 +94,7 @@ def test_the_table_of_runs_has_the_names_of_what_is_counted(conn: Conn) -> None:
         *(one.name for one in MEASURES if one.column),
     }
     measured = [one.name for one in MEASURES]
-    assert [field.name for field in fields(Funnel)] == [*measured, "effort"]
+    assert [field.name for field in fields(Funnel)] == [*measured, "effort", "settings"]
     assert set(measured) <= {field.name for field in fields(Run)}
 
 

@@ -116,9 +116,16 @@ def state_within(conn: psycopg.Connection[Any], state: SceneState, spans: Iterab
 
     A span that begins or ends beyond the time for which schedules are expanded has no complete answer.
     """
+    spans = list(spans)
+    starts = [span.lower for span in spans if span.lower is not None]
+    ends = [span.upper for span in spans if span.upper is not None]
+    if not (starts or ends):
+        return state
+    first, last = min(starts + ends), max(starts + ends)
     with transaction(conn):
-        remarks = [call(conn, "_beyond_horizon", state.scene, span)[0] for span in spans]
-    beyond = next(filter(None, remarks), None)
+        # What begins at the end of that time is beyond it.
+        span = TimestamptzRange(first, last, "[]" if last in starts or first == last else "[)")
+        (beyond,) = call(conn, "_beyond_horizon", state.scene, span)
     if beyond is None:
         return state
     remark = "; ".join(filter(None, (state.remark, beyond)))

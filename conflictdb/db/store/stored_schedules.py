@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.db.store.connection import call, call_many
-from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.results import Kind
 
 # Objects that are stored by one call.
@@ -65,7 +63,7 @@ def scheduled(conn: psycopg.Connection[Any], scene_id: int, *, only_waiting: boo
             version=version,
             key=key,
             schedule=schedule,
-            span_us=(_us(start), _us(end)),
+            span_us=(start, end),
             box=shapely.from_wkb(box),
         )
         for kind, number, version, key, schedule, start, end, box in call_many(
@@ -97,9 +95,5 @@ def store_window(conn: psycopg.Connection[Any], scene_id: int, window: tuple[int
     call(conn, "_set_expanded", scene_id, *(window or (None, None)))
 
 
-def _pair(first: datetime | None, last: datetime | None) -> tuple[int, int] | None:
-    return None if first is None or last is None else ((first - EPOCH) // MICROSECOND, (last - EPOCH) // MICROSECOND)
-
-
-def _us(at: datetime | None) -> int | None:
-    return None if at is None else (at - EPOCH) // MICROSECOND
+def _pair(first_us: int | None, last_us: int | None) -> tuple[int, int] | None:
+    return None if first_us is None or last_us is None else (first_us, last_us)
