@@ -6,6 +6,7 @@ import json
 import sys
 import uuid
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from enum import IntEnum
@@ -85,7 +86,9 @@ def asked(engine: Any, number: int, volumes: Any, network: int = 0) -> Any:
         return SimpleNamespace(id=key, operational_intent=json.dumps(volumes)) if wanted == key else None
 
     request = SimpleNamespace(declaration_id=str(key), ussp_network_enabled=network)
-    return asyncio.run(engine.ConflictdbEngine().check_deconfliction(request, SimpleNamespace(get=get)))
+    checked = engine.ConflictdbEngine().check_deconfliction(request, SimpleNamespace(get=get))
+    with ThreadPoolExecutor(1) as thread:  # browser tests leave a running event loop in this one
+        return thread.submit(asyncio.run, checked).result()
 
 
 @pytest.mark.usefixtures("stand_ins")
