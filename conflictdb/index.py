@@ -312,7 +312,10 @@ class Members(NamedTuple):
     def of_batches(
         cls, scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch, known: Mapping[tuple[int, int], Member]
     ) -> Self:
-        """Return stored objects; those that cannot be cut are covered. known : without footprints and plans, by kind and id."""
+        """Return stored objects; those that cannot be cut are covered.
+
+        known : without footprints and plans, by kind and id
+        """
         pieces = pieces_of(scene, plane, areas, tracks)
         each: list[Member] = []
         place: dict[tuple[int, int], int] = {}

@@ -14,6 +14,7 @@ of a rectangle if it does at its corners, less a margin for the curvature of the
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -469,7 +470,7 @@ class _Proofs:
             first, last = (float(bound[0]) for bound in track.gate(i, np.array([along])))
             times = np.linspace(first, last, _CELLS + 1).tolist()
             gate = [_Rectangle(place.leg, along, along)]
-            if all(self._all_meet(gate, other.places(*span)) for span in zip(times[:-1], times[1:], strict=True)):
+            if all(self._all_meet(gate, other.places(*span)) for span in pairwise(times)):
                 return True
         return False
 

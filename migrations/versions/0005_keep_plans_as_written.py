@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "8e0daf35dbcca23c47ea4722098eab4ca05be7d346b4edf2188796c24823c881"
+routines_sha256 = "25f87417233df2c2dbaad10af9ab6ae09941a6f4edd9ace913e338c9670d51d6"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -151,9 +151,18 @@ ALTER TABLE conflictdb.scene
     ADD COLUMN IF NOT EXISTS expanded tstzrange;
 """
 
+# Whether all voyages within tolerances conflict.
+CERTAINTY = """
+ALTER TABLE conflictdb.conflict
+    ADD COLUMN IF NOT EXISTS certainty text,
+    DROP CONSTRAINT IF EXISTS conflict_certainty_known,
+    ADD CONSTRAINT conflict_certainty_known CHECK (certainty IN ('must', 'may'));
+ALTER TABLE conflictdb.probe_reply ADD COLUMN IF NOT EXISTS certainty text;
+"""
+
 
 def upgrade() -> None:
-    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES, ACTIVATIONS):
+    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES, ACTIVATIONS, CERTAINTY):
         op.execute(statement)
 
 

@@ -15,7 +15,8 @@ from conflictdb.model.results import Certainty, Verdict
 Columns = dict[str, copy_binary.Column]
 _VERDICT_NAMES = copy_binary.Ragged.of([Verdict.of_code(code).encode() for code in range(len(Verdict))])
 
-_CERTAINTIES = copy_binary.Ragged.of([one.encode() for one in sorted(Certainty, key=lambda one: one.code)])
+# By code, from -1 on.
+_CERTAINTIES = copy_binary.Ragged.of([None, *(one.encode() for one in sorted(Certainty, key=lambda one: one.code))])
 
 
 def columns_of(found: Conflicts, region: Polygons) -> Columns:
@@ -37,7 +38,7 @@ def _column(column: Column, values: NDArray[Any]) -> copy_binary.Column:
     if column.type is ColumnType.INSTANT:
         return copy_binary.nullable(copy_binary.instants(values), values == MINUS_INFINITY_US)
     if column.type is ColumnType.NAME:
-        return copy_binary.nullable(_CERTAINTIES.take(np.maximum(values, 0).astype(np.int64)), values < 0)
+        return _CERTAINTIES.take(values.astype(np.int64) + 1)
     if column.type is ColumnType.WHOLE:
         return copy_binary.fixed(values, "i8")
     stored = copy_binary.fixed(values, "f8")

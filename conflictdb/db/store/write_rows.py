@@ -289,7 +289,9 @@ def _digests(found: Conflicts, key: bytes) -> NDArray[np.int64]:
     """
     # With a certainty in the verdict's place, so that digests of other conflicts stay as they are.
     verdict = found.verdict + len(Verdict) * (found.certainty + 1)
-    columns: list[copy_binary.Column] = [copy_binary.fixed(kind, "i2") for kind in (found.a_kind, found.b_kind, verdict)]
+    columns: list[copy_binary.Column] = [
+        copy_binary.fixed(kind, "i2") for kind in (found.a_kind, found.b_kind, verdict)
+    ]
     # By type: the order of columns is part of the digests that databases hold.
     of_type = {kind: [getattr(found, one.array) for one in MEASURED if one.type is kind] for kind in ColumnType}
     for numbers in (*(getattr(found, one.array) for one in STATES), *of_type[ColumnType.INSTANT]):
