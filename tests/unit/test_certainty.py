@@ -135,7 +135,6 @@ def contradictions(seed: int, pairs: int) -> Counter[str]:
 )
 def test_no_voyage_contradicts_must_or_never(seed: int, pairs: int) -> None:
     counts = contradictions(seed, pairs)
-    print(counts)  # shown by pytest -s
     assert counts["contradictions"] == 0
     assert min(counts["must"], counts["may"], counts["never"]) >= pairs // 20
     assert counts["must"] >= 0.5 * counts["of all voyages"]
