@@ -8,7 +8,11 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "25f87417233df2c2dbaad10af9ab6ae09941a6f4edd9ace913e338c9670d51d6"
+<<<<<<< HEAD
+routines_sha256 = "abb08f48590cf248514d3451134c6efa375903df7f7e66cfdd98dd1a7fb291b5"
+=======
+routines_sha256 = "abb08f48590cf248514d3451134c6efa375903df7f7e66cfdd98dd1a7fb291b5"
+>>>>>>> main
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -139,9 +143,9 @@ ALTER TABLE conflictdb.conflict_event ADD COLUMN IF NOT EXISTS proposal_id bigin
 # When an area is active, and a track departs, several times; the schedule that says so, and how far it is expanded.
 ACTIVATIONS = """
 ALTER TABLE conflictdb.area ADD COLUMN IF NOT EXISTS activations tstzmultirange,
-    ADD COLUMN IF NOT EXISTS schedule jsonb;
+    ADD COLUMN IF NOT EXISTS schedule jsonb, ADD COLUMN IF NOT EXISTS schedule_error text;
 ALTER TABLE conflictdb.track ADD COLUMN IF NOT EXISTS departures timestamptz[],
-    ADD COLUMN IF NOT EXISTS schedule jsonb;
+    ADD COLUMN IF NOT EXISTS schedule jsonb, ADD COLUMN IF NOT EXISTS schedule_error text;
 CREATE INDEX IF NOT EXISTS area_scene_id_scheduled_btree ON conflictdb.area (scene_id) WHERE schedule IS NOT NULL;
 CREATE INDEX IF NOT EXISTS track_scene_id_scheduled_btree ON conflictdb.track (scene_id) WHERE schedule IS NOT NULL;
 ALTER TABLE conflictdb.scene
