@@ -8,11 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-<<<<<<< HEAD
 routines_sha256 = "abb08f48590cf248514d3451134c6efa375903df7f7e66cfdd98dd1a7fb291b5"
-=======
-routines_sha256 = "abb08f48590cf248514d3451134c6efa375903df7f7e66cfdd98dd1a7fb291b5"
->>>>>>> main
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
