@@ -5,6 +5,7 @@ why others are not shown.
 """
 
 import struct
+from collections.abc import Container
 from typing import Any, Final
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from conflictdb.db.free_departures import read_departing
 from conflictdb.errors import InvalidInput
+from conflictdb.formats.scene_file import feature_of
 from conflictdb.in_memory import numbered
 from conflictdb.map.content import to_json
 from conflictdb.model.methods import METHODS, Solver
@@ -35,15 +37,18 @@ def pieces(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float)
     settings, areas, tracks = read_departing(conn, scene, key, within_s)
     if all(track.key != key for track in tracks):
         raise InvalidInput(f"scene {scene!r}", "track", f"{key!r} is not known")
-    return packed(settings, areas, tracks)
+    return packed(settings, areas, tracks, {key})
 
 
-def packed(scene: Scene, areas: list[Area], tracks: list[Track]) -> bytes:
+def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Container[str] | None = None) -> bytes:
     """Pack all pieces of some objects: length of a JSON head (little-endian), head, arrays.
 
     The head has the settings that the kernel takes, `objects` (keys, in the order of a detection), `base_us` (the
-    instant that others count from, as text), `refusal` (why moved plans are not shown, or null), and `arrays`: name,
-    type of typed arrays, place in the packed bytes, and number of elements of each array.
+    instant that others count from, as text), `refusal` (why moved plans are not shown, or null), `plans` (features of
+    the tracks that may be moved, by key; null: its voyages repeat), and `arrays`: name, type of typed arrays, place in
+    the packed bytes, and number of elements of each array.
+
+    moved : keys of the tracks that may be moved; None: all
     """
     refusal = _refusal(scene)
     if refusal is not None:
@@ -84,8 +89,12 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track]) -> bytes:
         "separation_m": scene.separation_m,
         "tolerance_m": scene.tolerance_m,
         "reach_m": scene.reach_m,
-        "is_half_open": scene.intervals == "half_open",
         "objects": [keys[one] for one in objects.tolist()],
+        "plans": {
+            track.key: None if track.departures_us or track.schedule else feature_of(track)
+            for track in tracks
+            if moved is None or track.key in moved
+        },
     }
     return _with_head(head, arrays)
 

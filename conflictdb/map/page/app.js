@@ -2,6 +2,7 @@
 // or filtered, only the player what plays; methods here change one of them, and then tell those that draw.
 
 import { byId } from "./dom.js";
+import { Departure } from "./departure.js";
 import { Detail } from "./detail.js";
 import { EmbeddedSource } from "./embedded.js";
 import { clock, counted, day, instantOf, printable } from "./format.js";
@@ -47,8 +48,9 @@ class Page {
       (t) => { this.player.pause(); this.moveTo(t); }, choose,
     );
     this.detail = new Detail(byId("detail"), {
-      back: () => this.unchoose(), goTo: moveTo, acknowledge: (conflict, reason) => this.acknowledge(conflict, reason),
+      whatIf: (track) => this.askWhatIf(track), back: () => this.unchoose(), goTo: moveTo, acknowledge: (conflict, reason) => this.acknowledge(conflict, reason),
     });
+    this.departure = new Departure(byId("what-if"), this.source, { change: (plan) => this.replan(plan), close: () => this.planClosed() });
     this.marks = new Paced(() => this.mark(), MARKS_MS, MARKS_SHARE);
     this.filtering = null; // the timer of a filter that waits
     this.readings = new Readings((what) => this.readAgain(what), (error) => this.failed(error));
@@ -126,6 +128,10 @@ class Page {
       if (state.chosen) this.showDetail();
       else this.unchoose();
     }
+    if (this.departure.isOpen) {
+      if (state.model.objects.get(this.departure.key)?.kind === "track") await this.departure.read();
+      else this.departure.close();
+    }
     this.applyFilter();
     this.moveTo(state.t);
   }
@@ -141,6 +147,7 @@ class Page {
     state.forget(why);
     this.player.pause();
     if (state.chosen) this.unchoose();
+    this.departure.close();
     byId("detail").replaceChildren();
     this.draw("objects");
     this.view.reveal(false);
@@ -260,6 +267,10 @@ class Page {
   choose(conflict) {
     const { state, view } = this;
     this.player.pause();
+    if (conflict.change && conflict.change !== "gone") { // of a moved plan: nothing more is known
+      this.moveTo(conflict.start);
+      return;
+    }
     state.choose(conflict);
     byId("all").hidden = true;
     byId("detail").hidden = false;
@@ -285,6 +296,31 @@ class Page {
     this.moveTo(state.t);
     const n = this.list.reveal(id);
     this.list.focus(n);
+  }
+
+  // --- a track that departs at another time --------------------------------------------------------------------------
+
+  askWhatIf(track) {
+    if (this.state.chosen) this.unchoose();
+    const { model } = this.state;
+    byId("words").value = printable(track.key);
+    this.readFilter();
+    return this.departure.open(track, model.scene.scene);
+  }
+
+  // Shows the conflicts and the haven of a moved plan; null: as planned.
+  replan(plan) {
+    const { state, havens } = this;
+    state.plan = havens.plan = plan;
+    const { key, rangeS } = this.departure;
+    const track = key === null ? null : state.model.objects.get(key);
+    state.model.spareSpan(track ? [track.start - rangeS, track.end + rangeS] : null);
+    this.applyFilter();
+    this.moveTo(state.t);
+  }
+
+  planClosed() {
+    byId("words").focus();
   }
 
   chooseNeighbour(by) {
@@ -358,6 +394,10 @@ class Page {
     const object = on.at(place);
     if (object) {
       if (state.chosen) this.unchoose();
+      if (object.kind === "track") {
+        this.askWhatIf(object);
+        return;
+      }
       byId("words").value = printable(object.key);
       this.readFilter();
     }
@@ -405,7 +445,7 @@ class Page {
     const does = isMap ? null : {
       j: () => this.chooseNeighbour(1), k: () => this.chooseNeighbour(-1),
       "/": () => { if (state.chosen) this.unchoose(); byId("words").focus(); },
-      Escape: () => (state.chosen ? this.unchoose() : event.target.blur()),
+      Escape: () => (state.chosen ? this.unchoose() : this.departure.isOpen ? this.departure.close() : event.target.blur()),
       "+": () => timeline.zoom(0.5), "=": () => timeline.zoom(0.5), "-": () => timeline.zoom(2), 0: () => timeline.showAll(),
       " ": event.target.closest("button, summary, a, input:not([type=range])") ? null : () => this.player.toggle(),
     }[event.key];

@@ -67,17 +67,14 @@ export class WhatIf {
   constructor(kernel, pack, key) {
     this.kernel = kernel;
     this.key = key;
-    this.refusal = pack.refusal ?? (pack.objects.includes(key) ? null : "it is never under way");
+    this.refusal = pack.refusal ?? (pack.plans[key] === null ? "its voyages repeat" : pack.objects.includes(key) ? null : "it is never under way");
     if (this.refusal !== null) return;
+    this.plan = pack.plans[key];
     this.pack = pack;
     this.baseUs = BigInt(pack.base_us);
     this.object = pack.objects.indexOf(key);
     const [mine, others] = [[], []];
     pack.object.forEach((object, row) => (object === this.object ? mine : others).push(row));
-    if (mine.some((row) => pack.moves[row] === 0)) {
-      this.refusal = "an area does not depart";
-      return;
-    }
     const hulls = kernel.hulls(pack, pack.reach_m);
     const box = boxes(hulls);
     const [a, b] = [[], []];
