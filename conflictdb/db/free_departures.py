@@ -60,9 +60,9 @@ def speeds(
 def read_departing(
     conn: psycopg.Connection[Any], scene: str, key: str, within_s: float
 ) -> tuple[Scene, list[Area], list[Track]]:
-    """Return a scene, a track, and what it may meet if it departs at most `within_s` earlier or later; raises as `delays`.
+    """Return a scene, a track, and what it may meet if it departs up to `within_s` earlier or later.
 
-    Without the track the scene has none of this key.
+    Without the track the scene has none of this key. Raises InvalidInput if the scene does not exist.
     """
     return _read(conn, scene, key, lambda track: round(1e6 * within_s))
 

@@ -118,8 +118,8 @@ def _parts(facts: dict[str, Any]) -> Iterator[str]:
     """Yield the file in parts, with all scripts and styles of the served page inline."""
     script, style = _script(), "\n".join(_text(name) for name in ("vendor/maplibre-gl.css", "page/style.css"))
     policy = (
-        f"default-src 'none'; script-src '{_hash(script)}' 'wasm-unsafe-eval' blob:; style-src '{_hash(style)}'; worker-src blob: data:; "
-        "connect-src blob:; img-src data: blob:; base-uri 'none'; form-action 'none'"
+        f"default-src 'none'; script-src '{_hash(script)}' 'wasm-unsafe-eval' blob:; style-src '{_hash(style)}'; "
+        "worker-src blob: data:; connect-src blob:; img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
     icon = base64.b64encode(_text("page/icon.svg").encode()).decode()
     html = _text("page/index.html")

@@ -1,7 +1,7 @@
 """Pack the pieces of a scene for the page, whose kernel computes what moved plans would meet.
 
-The page compares pieces as a detection does (`stages.run`), for scenes that need no more than the kernel: `refusal` says
-why others are not shown.
+The page compares pieces as a detection does (`stages.run`), for scenes that need no more than the kernel; `refusal`
+says why others are not shown.
 """
 
 import struct
@@ -27,6 +27,7 @@ _LENGTH: Final = struct.Struct("<I")
 _ALIGNED: Final = 8
 # The page computes with doubles: instants this far from the first one and beyond count as unbounded, microseconds.
 _UNBOUNDED_US: Final = 2**52
+_INSTANTS: Final = ("start_us", "end_us", "leg_start_us", "leg_end_us")
 
 
 def pieces(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float) -> bytes:
@@ -70,9 +71,7 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
         "ceiling_m": pieces.ceiling_m.astype("<f8"),
         "moves": pieces.kind,
         "turn": pieces.turn.astype("<i2"),
-        **{
-            name: _since(getattr(pieces, name), base_us) for name in ("start_us", "end_us", "leg_start_us", "leg_end_us")
-        },
+        **{name: _since(getattr(pieces, name), base_us) for name in _INSTANTS},
         "leg_start_deg": pieces.leg_start_deg.astype("<f8").ravel(),
         "leg_end_deg": pieces.leg_end_deg.astype("<f8").ravel(),
         "bearing_deg": pieces.bearing_deg.astype("<f8"),

@@ -11,7 +11,18 @@ from typing import Any, Final
 
 import numpy as np
 import pytest
-from workloads import EQUATOR, GROWING, GROWING_CIRCLES, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
+from workloads import (
+    EQUATOR,
+    GROWING,
+    GROWING_CIRCLES,
+    HARBOUR,
+    HIGH_LATITUDE,
+    LOW_LATITUDE,
+    OCEAN,
+    SEAM,
+    Workload,
+    throw,
+)
 
 import conflictdb
 from conflictdb.map import what_if
@@ -33,12 +44,14 @@ const answers = scenes.map(([text, asked]) => {
   return asked.map(([key, delays]) => {
     const one = new WhatIf(kernel, pack, key);
     if (one.refusal !== null) return { refusal: one.refusal };
-    return { conflicts: delays.map((us) => one.conflicts(us)), forbidden: [...one.forbidden(horizon)], base: pack.base_us };
+    const conflicts = delays.map((us) => one.conflicts(us));
+    return { conflicts, forbidden: [...one.forbidden(horizon)], base: pack.base_us };
   });
 });
 console.log(JSON.stringify(answers));
 """
 Asked = list[tuple[str, list[int]]]
+Plans = tuple[Scene, list[Area], list[Track]]
 WORKLOADS: Final = (LOW_LATITUDE, HIGH_LATITUDE, SEAM, EQUATOR, HARBOUR, OCEAN, GROWING, GROWING_CIRCLES)
 
 pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="did not run: no node here")
@@ -92,8 +105,9 @@ def instant_us(at: datetime) -> int:
     return round((at - EPOCH) / timedelta(microseconds=1))
 
 
-def differing(answer: Any, scene: Scene, areas: list[Area], tracks: list[Track], key: str, delays: list[int]) -> list[str]:
-    """What differs between the answers of the page and those of copies: pairs, verdicts, periods beyond a microsecond."""
+def differing(answer: Any, plans: Plans, key: str, delays: list[int]) -> list[str]:
+    """What differs between the answers of the page and of copies: pairs, verdicts, periods beyond a microsecond."""
+    scene, areas, tracks = plans
     found, base_us = [], int(answer["base"])
     for by_us, conflicts in zip(delays, answer["conflicts"], strict=True):
         copy = of_copy(scene, areas, tracks, key, by_us)
@@ -101,7 +115,8 @@ def differing(answer: Any, scene: Scene, areas: list[Area], tracks: list[Track],
         if here.keys() != copy.keys():
             found.append(f"{scene.name} {key} {by_us}: {here.keys() ^ copy.keys()}")
         for other in here.keys() & copy.keys():
-            found += [f"{scene.name} {key} {by_us} {other}: {text}" for text in unlike(here[other], copy[other], base_us)]
+            unlikes = unlike(here[other], copy[other], base_us)
+            found += [f"{scene.name} {key} {by_us} {other}: {text}" for text in unlikes]
         for other in copy:
             spans = dict(answer["forbidden"]).get(other, [])
             if abs(by_us) <= HORIZON_US and not any(low <= by_us <= high for low, high in spans):
@@ -109,19 +124,24 @@ def differing(answer: Any, scene: Scene, areas: list[Area], tracks: list[Track],
     return found
 
 
-def check(tmp_path: Path, count: int, scenes: list[tuple[Scene, list[Area], list[Track]]], each: int) -> None:
-    """A number of random (track, delay) over scenes, half of them at ends of what is forbidden."""
+def check(tmp_path: Path, count: int, scenes: list[Plans], each: int) -> None:
+    """A number of random (track, delay) over scenes."""
     rng = np.random.default_rng(7)
     asked: list[tuple[bytes, Asked]] = []
     for scene, areas, tracks in scenes:
         chosen = rng.choice(len(tracks), each, replace=False)
         delays = [[0, *rng.integers(-HORIZON_US, HORIZON_US, count - 1).tolist()] for _ in chosen]
-        asked.append((what_if.packed(scene, areas, tracks), [(tracks[n].key, some) for n, some in zip(chosen, delays, strict=True)]))
+        asked.append(
+            (
+                what_if.packed(scene, areas, tracks),
+                [(tracks[n].key, some) for n, some in zip(chosen, delays, strict=True)],
+            )
+        )
     found, met = [], 0
     for (scene, areas, tracks), (_, own), answers in zip(scenes, asked, on_page(tmp_path, asked), strict=True):
         for (key, delays), answer in zip(own, answers, strict=True):
             assert "refusal" not in answer, (scene.name, key, answer)
-            found += differing(answer, scene, areas, tracks, key, delays)
+            found += differing(answer, (scene, areas, tracks), key, delays)
             met += sum(map(len, answer["conflicts"]))
     assert found == []
     assert met > len(scenes)

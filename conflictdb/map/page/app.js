@@ -20,6 +20,7 @@ import { theme } from "./theme.js";
 import { Timeline } from "./timeline.js";
 
 const MARKS_MS = 120; // how often the map hears what is on, while the time moves
+const REST_MS = 250; // after the last move of a plan the map hears of it: it draws all of its layers again
 const MARKS_SHARE = 0.2; // of the time, at most, that this takes
 const POLAR_LAT = 75; // degrees: what is chosen beyond is shown about the pole
 const POLE_LAT = 60; // scenes that reach beyond can be
@@ -50,8 +51,11 @@ class Page {
     this.detail = new Detail(byId("detail"), {
       whatIf: (track) => this.askWhatIf(track), back: () => this.unchoose(), goTo: moveTo, acknowledge: (conflict, reason) => this.acknowledge(conflict, reason),
     });
-    this.departure = new Departure(byId("what-if"), this.source, { change: (plan) => this.replan(plan), close: () => this.planClosed() });
+    this.departure = new Departure(byId("what-if"), this.source, {
+      range: (track, s) => this.state.model.spareSpan([track.start - s, track.end + s]), change: (plan) => this.replan(plan), close: () => this.planClosed(),
+    });
     this.marks = new Paced(() => this.mark(), MARKS_MS, MARKS_SHARE);
+    this.resting = null; // the timer of a plan that is being moved
     this.filtering = null; // the timer of a filter that waits
     this.readings = new Readings((what) => this.readAgain(what), (error) => this.failed(error));
     // Made when the scene is read: view, havens, polar.
@@ -129,7 +133,8 @@ class Page {
       else this.unchoose();
     }
     if (this.departure.isOpen) {
-      if (state.model.objects.get(this.departure.key)?.kind === "track") await this.departure.read();
+      const track = state.model.objects.get(this.departure.key);
+      if (track?.kind === "track") await this.departure.readAgain(track);
       else this.departure.close();
     }
     this.applyFilter();
@@ -197,8 +202,8 @@ class Page {
     byId("open-choice").hidden = !scene.may_acknowledge && !model.conflicts.some((c) => c.acknowledged_by !== null);
   }
 
-  // What the filter leaves: in the list, on the timeline and on the map.
-  applyFilter() {
+  // What the filter leaves: in the list, on the timeline and on the map, there later if `isQuick`.
+  applyFilter(isQuick = false) {
     const { state } = this;
     const { model, filter } = state;
     state.applyFilter();
@@ -209,7 +214,9 @@ class Page {
     byId("count").textContent = !isKnown ? "" : filter.isNothing() ? counted(left.length, "conflict")
       : `${left.length.toLocaleString("en")} of ${counted(model.conflicts.length, "conflict")}`;
     this.havens.marks.hidden = state.hiddenObjects;
-    this.marks.now();
+    clearTimeout(this.resting);
+    if (isQuick) this.resting = setTimeout(() => this.marks.now(), REST_MS);
+    else this.marks.now();
   }
 
   filterSoon() {
@@ -245,8 +252,15 @@ class Page {
   // --- the instant ---------------------------------------------------------------------------------------------------
 
   moveTo(at) {
+    this.state.moveTo(at);
+    this.showInstant();
+    this.marks.soon();
+    if (this.state.filter.now) this.filterSoon();
+  }
+
+  // All but the layers of the map.
+  showInstant() {
     const { state, havens, polar } = this;
-    state.moveTo(at);
     const { t, chosen } = state;
     byId("clock").textContent = clock(t);
     byId("clock").dateTime = new Date(t * 1000).toISOString();
@@ -258,8 +272,6 @@ class Page {
     havens.marks.pair = chosen ? [chosen.a, chosen.b] : [];
     havens.draw();
     polar.draw();
-    this.marks.soon();
-    if (state.filter.now) this.filterSoon();
   }
 
   // --- the conflict that is chosen -----------------------------------------------------------------------------------
@@ -312,14 +324,14 @@ class Page {
   replan(plan) {
     const { state, havens } = this;
     state.plan = havens.plan = plan;
-    const { key, rangeS } = this.departure;
-    const track = key === null ? null : state.model.objects.get(key);
-    state.model.spareSpan(track ? [track.start - rangeS, track.end + rangeS] : null);
-    this.applyFilter();
-    this.moveTo(state.t);
+    this.applyFilter(plan !== null);
+    this.showInstant();
   }
 
   planClosed() {
+    this.state.model.spareSpan(null);
+    this.replan(null);
+    this.moveTo(this.state.t);
     byId("words").focus();
   }
 

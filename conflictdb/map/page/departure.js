@@ -39,7 +39,7 @@ export function stretchesOf(forbidden) {
 }
 
 export class Departure {
-  // `on`: change(plan) hears of a moved plan, null: as planned; close().
+  // `on`: range(track, s) hears by how much it may be moved, change(plan) of a moved plan (null: as planned), close().
   constructor(container, source, on) {
     this.container = container;
     this.canvas = element("canvas", { role: "img", "aria-label": "Departures in conflict, by what they meet" });
@@ -62,6 +62,7 @@ export class Departure {
     const { container } = this;
     this.scene = scene;
     this.key = track.key;
+    this.track = track;
     this.laterUs = 0;
     this.summary = element("p", { class: "said", role: "status" });
     this.slider = element("input", { type: "range", step: "any", "aria-label": "Departure", input: () => this.moveTo(seconds(1e6 * this.slider.value)), keydown: (event) => this.pressed(event) });
@@ -99,8 +100,13 @@ export class Departure {
     this.asked += 1;
     this.container.hidden = true;
     this.container.replaceChildren();
-    this.on.change(null);
     this.on.close();
+  }
+
+  // Of a scene that has changed.
+  readAgain(track) {
+    this.track = track;
+    return this.read();
   }
 
   // Reads the pieces, and computes which departures are in conflict; the plan stays moved as it is.
@@ -136,6 +142,7 @@ export class Departure {
     this.strip.take(forbidden, 1e6 * this.rangeS);
     [this.slider.min, this.slider.max] = [-this.rangeS, this.rangeS];
     this.list(stretchesOf(forbidden));
+    this.on.range(this.track, this.rangeS);
     this.more.hidden = false;
     this.moveTo(Math.min(1e6 * this.rangeS, Math.max(-1e6 * this.rangeS, this.laterUs)));
   }
