@@ -6,6 +6,7 @@ Compiles by the pinned compiler of conflictdb/kernel/requirements.txt, which is 
 after. The same sources give the same bytes, so that a test can compare them.
 """
 
+import hashlib
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +15,6 @@ from typing import Final
 from conflictdb.kernel import build
 
 OUTPUT: Final = Path(__file__).resolve().parent / "conflictdb" / "map" / "page" / "kernel.wasm"
-PLATFORM: Final = "wasm32"
 # The functions that the page calls.
 EXPORTS: Final = (
     "kernel_fingerprint", "kernel_scene_make", "kernel_scene_free", "kernel_contacts", "kernel_contacts_free",
@@ -22,15 +22,25 @@ EXPORTS: Final = (
 )  # fmt: skip
 
 
+# No floating-point operation is fused or reordered, as in the library.
+FLAGS: Final = ("-std=c11", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-target", "wasm32-wasi")
+LINKED: Final = ("-mexec-model=reactor", "-s", "-Wl,--gc-sections", *(f"-Wl,--export={name}" for name in EXPORTS))
+
+
+def fingerprint() -> str:
+    """Return a digest of the sources and of this file, which kernel.wasm contains."""
+    digest = hashlib.sha256()
+    for path in (*build.sources(), Path(__file__)):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
 def compile_wasm(compiler: list[str], output: Path) -> None:
     """Compile the kernel as WebAssembly, by zig's C compiler."""
-    files = [path.relative_to(build.HERE) for path in build.sources() if path.suffix == ".c"]
-    exports = [f"-Wl,--export={name}" for name in EXPORTS]
-    flags = ["-target", "wasm32-wasi", "-mexec-model=reactor", "-s", "-Wl,--gc-sections", *exports]
-    define = f'-DKERNEL_FINGERPRINT="{build.fingerprint(PLATFORM)}"'
+    files = [str(path.relative_to(build.HERE)) for path in build.sources() if path.suffix == ".c"]
     # In the kernel's folder: no path of this machine is in the output.
-    options = [flag for flag in build.FLAGS if not flag.startswith("-I")]
-    command = [*compiler, *options, "-I.", build.EXPORTS, define, *flags, "-o", str(output), *map(str, files)]
+    define = f'-DKERNEL_FINGERPRINT="{fingerprint()}"'
+    command = [*compiler, *FLAGS, "-I.", define, *LINKED, "-o", str(output), *files]
     subprocess.run(command, check=True, cwd=build.HERE)
 
 
