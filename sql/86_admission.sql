@@ -155,42 +155,61 @@ COMMENT ON FUNCTION _objects_near(
 'Objects of a scene that given pieces might meet: those with a piece whose box, time and heights overlap, and those '
 'whose pieces are still to be made and that may reach one of some boxes in degrees during the time of all pieces.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._put_plans(p_scene text, p_removed text[], p_plans jsonb) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._with_srid(p_geometry geometry) RETURNS geometry
+LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE ST_SRID(p_geometry) WHEN 0 THEN ST_SetSRID(p_geometry, 4326) ELSE p_geometry END;
+END;
+COMMENT ON FUNCTION _with_srid(geometry) IS 'A geometry with SRID 4326 if it has none.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._put_plans(
+    p_scene text, p_removed text[], p_plans jsonb, p_are_checked boolean
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_max_speed_kn text := current_setting('conflictdb.max_speed_kn', true);
     v_key text;
+    v_given jsonb;
     v_plan record;
 BEGIN
-    -- conflictdb.model has already checked speeds, under the limit of the plan.
-    PERFORM set_config('conflictdb.max_speed_kn', 'infinity', true);
+    IF p_are_checked THEN
+        PERFORM set_config('conflictdb.max_speed_kn', 'infinity', true);
+    END IF;
     FOREACH v_key IN ARRAY p_removed LOOP
         PERFORM remove_object(p_scene, v_key);
     END LOOP;
-    FOR v_plan IN
-        SELECT * FROM jsonb_to_recordset(p_plans) p (
-            key text, name text, footprint text, active_span tstzrange, path text, outline text, outlines text,
-            floor_m double precision, ceiling_m double precision, floors_m double precision[],
-            ceilings_m double precision[], grow_mps double precision, properties jsonb, class text, owner text,
-            activations tstzmultirange, departures timestamptz[], schedule jsonb, tolerances jsonb) LOOP
+    FOR v_given IN SELECT g FROM jsonb_array_elements(p_plans) g LOOP
+        BEGIN
+            SELECT p.* INTO v_plan FROM jsonb_to_record(v_given) p (
+                key text, name text, footprint geometry, active_span tstzrange, path geometry, times timestamptz[],
+                outline geometry, outlines geometry, floor_m double precision, ceiling_m double precision,
+                floors_m double precision[], ceilings_m double precision[], grow_mps double precision,
+                properties jsonb, class text, owner text, activations tstzmultirange, departures timestamptz[],
+                schedule jsonb, tolerances jsonb);
+        EXCEPTION WHEN OTHERS THEN
+            FOUND := _raise('ZC016', format('plan %s', coalesce(quote_literal(v_given ->> 'key'), 'without a key')),
+                            'plan', format('cannot be read: %s', SQLERRM), 'plan_readable');
+        END;
+        -- Texts of geometries need no SRID.
         IF v_plan.footprint IS NOT NULL THEN
             PERFORM put_area(
-                p_scene, v_plan.key, ST_GeomFromWKB(decode(v_plan.footprint, 'hex'), 4326), v_plan.active_span,
-                v_plan.floor_m, v_plan.ceiling_m, v_plan.name, v_plan.properties, p_class => v_plan.class,
-                p_owner => v_plan.owner, p_activations => v_plan.activations, p_schedule => v_plan.schedule);
+                p_scene, v_plan.key, _with_srid(v_plan.footprint), v_plan.active_span, v_plan.floor_m,
+                v_plan.ceiling_m, v_plan.name, v_plan.properties, p_class => v_plan.class, p_owner => v_plan.owner,
+                p_activations => v_plan.activations, p_schedule => v_plan.schedule);
         ELSE
             PERFORM put_track(
-                p_scene, v_plan.key, ST_GeomFromWKB(decode(v_plan.path, 'hex'), 4326),
-                ST_GeomFromWKB(decode(v_plan.outline, 'hex')), v_plan.floor_m, v_plan.ceiling_m, v_plan.name,
-                v_plan.properties, v_plan.grow_mps, ST_GeomFromWKB(decode(v_plan.outlines, 'hex')), v_plan.floors_m,
-                v_plan.ceilings_m, p_class => v_plan.class, p_owner => v_plan.owner,
-                p_departures => v_plan.departures, p_schedule => v_plan.schedule,
-                p_tolerances => v_plan.tolerances);
+                p_scene, v_plan.key, CASE WHEN v_plan.times IS NULL THEN _with_srid(v_plan.path)
+                                          ELSE track_path(_with_srid(v_plan.path), v_plan.times) END,
+                ST_SetSRID(v_plan.outline, 0), v_plan.floor_m, v_plan.ceiling_m, v_plan.name, v_plan.properties,
+                v_plan.grow_mps, ST_SetSRID(v_plan.outlines, 0), v_plan.floors_m, v_plan.ceilings_m,
+                p_class => v_plan.class, p_owner => v_plan.owner, p_departures => v_plan.departures,
+                p_schedule => v_plan.schedule, p_tolerances => v_plan.tolerances);
         END IF;
     END LOOP;
     PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);
 END
 $$;
-COMMENT ON FUNCTION _put_plans(text, text[], jsonb) IS
+COMMENT ON FUNCTION _put_plans(text, text[], jsonb, boolean) IS
 'Removes objects by key, then puts plans: the arguments of put_area (with a footprint) and put_track; geometries as '
-'WKB in hexadecimal digits.';
+'text that PostGIS reads; times make a track_path. p_are_checked: conflictdb.model has checked speeds, under the limit '
+'of each plan.';

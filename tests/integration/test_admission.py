@@ -11,6 +11,7 @@ import numpy as np
 import psycopg
 import pytest
 from hypothesis import HealthCheck, given, settings
+from city import CITY, HOUR_US, T0_US, flight, keys, square
 from scene_strategies import STORABLE_INSTANT, assert_same, scenes
 from workloads import GROWING, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
@@ -34,23 +35,6 @@ from conflictdb import (
 )
 from conflictdb.db import store
 
-HOUR_US = 3_600_000_000
-T0_US = 1_900_000_000_000_000
-CITY = Scene("city", tolerance_m=0.005)
-
-
-def square(key: str, lon: float, hours: tuple[float, float] = (0.0, 1.0), **fields: object) -> Area:
-    ring = [(lon, 0.0), (lon + 0.01, 0.0), (lon + 0.01, 0.01), (lon, 0.01)]
-    start, end = (T0_US + round(h * HOUR_US) for h in hours)
-    return Area(key, ring, start_us=start, end_us=end, **fields)  # type: ignore[arg-type]
-
-
-def flight(key: str, lon: float, hour: float = 0.0, **fields: object) -> Track:
-    """A drone that crosses the squares about that longitude, from south to north within six minutes."""
-    times = [T0_US + round(h * HOUR_US) for h in (hour, hour + 0.1)]
-    return Track(key, [(lon, -0.01), (lon, 0.02)], times, rectangle_outline_m(50, 50, 50, 50), **fields)  # type: ignore[arg-type]
-
-
 @pytest.fixture
 def db(dsn: str) -> Iterator[Database]:
     with connect(dsn) as db:
@@ -61,10 +45,6 @@ def db(dsn: str) -> Iterator[Database]:
 @pytest.fixture
 def city(db: Database) -> StoredScene:
     return db.scene("city")
-
-
-def keys(scene: StoredScene) -> list[str]:
-    return [one.key for one in scene.objects()]
 
 
 def test_what_meets_nobody_is_put(city: StoredScene) -> None:
