@@ -231,19 +231,13 @@ def as_plan(plan: Area | Track) -> dict[str, Any]:
     """Return a flight's plan as the function of SQL takes it."""
     heights = {"key": plan.key, "floor_m": plan.floor_m, "ceiling_m": plan.ceiling_m}
     if isinstance(plan, Area):
-        start, end = (EPOCH + certain_us(us) * MICROSECOND for us in (plan.start_us, plan.end_us))
+        start, end = (EPOCH + (us or 0) * MICROSECOND for us in (plan.start_us, plan.end_us))
         return heights | {"footprint": plan.footprint.wkt, "active_span": f"[{start},{end})"}
     return heights | {
         "path": shapely.LineString(plan.positions_deg).wkt,
         "times": [str(EPOCH + us * MICROSECOND) for us in plan.times_us.tolist()],
         "outline": shapely.Polygon(plan.outline_m).wkt,
     }
-
-
-def certain_us(us: int | None) -> int:
-    """Return an end that is there."""
-    assert us is not None
-    return us
 
 
 def main() -> None:

@@ -343,7 +343,8 @@ COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS
 
 -- For workers.
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._next_probe(p_passed_over bigint[]) RETURNS TABLE (probe_id bigint, scene_id bigint)
+CREATE OR REPLACE FUNCTION conflictdb_internal._next_probe(p_passed_over bigint[])
+RETURNS TABLE (probe_id bigint, scene_id bigint)
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     RETURN QUERY

@@ -1,4 +1,4 @@
--- Admission in SQL: stages 1 and 2 decide most requests; workers answer the others, with the right of the role that asked.
+-- Admission in SQL: stages 1 and 2 decide most requests. Workers answer the others, if the role that asked may.
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_plans(p_plans jsonb) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
@@ -130,7 +130,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._meetings(p_scene_id bigint, p_ar
 RETURNS TABLE (a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, period tstzrange)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
-SET jit = off AS $$
+-- Planning takes as long as the rest: once per session.
+SET plan_cache_mode = force_generic_plan SET jit = off AS $$
 DECLARE
     v_scene record;
     v_kinds smallint[];
@@ -176,7 +177,8 @@ BEGIN
             FROM given g
         ), box AS MATERIALIZED (
             SELECT array_agg(b.west) AS west, array_agg(b.south) AS south, array_agg(b.east) AS east,
-                   array_agg(b.north) AS north, range_merge(range_agg(_widened(g.closed_span, v_scene.within_s))) AS span
+                   array_agg(b.north) AS north,
+                   range_merge(range_agg(_widened(g.closed_span, v_scene.within_s))) AS span
             FROM given g CROSS JOIN LATERAL _box_deg(g.place, v_scene.wanted_m) b
         ), detected AS (
             SELECT DISTINCT g.kind, g.id, p.object_kind, p.object_id
@@ -187,22 +189,18 @@ BEGIN
                               AND c.object_id = p.object_id AND NOT c.is_covered)
         ), pending AS MATERIALIZED (
             SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id AND NOT c.is_covered
-        ), near_area AS (
-            SELECT n.kind, n.id, n.object_id, false AS is_pending FROM detected n WHERE n.object_kind = 0
-            UNION ALL
-            SELECT DISTINCT g.kind, g.id, n.object_id, true
+        ), pending_area AS MATERIALIZED (
+            SELECT n.object_id
             FROM box b CROSS JOIN pending n
-            JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id CROSS JOIN given g
+            JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
             WHERE n.object_kind = 0
               AND (a.schedule IS NOT NULL
                    OR tstzrange(lower(a.active_span), upper(a.active_span), '[]') && b.span)
               AND _lies_near(a.footprint, 0, b.west, b.south, b.east, b.north)
-        ), near_track AS (
-            SELECT n.kind, n.id, n.object_id FROM detected n WHERE n.object_kind = 1
-            UNION
-            SELECT g.kind, g.id, n.object_id
+        ), pending_track AS MATERIALIZED (
+            SELECT n.object_id
             FROM box b CROSS JOIN pending n
-            JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id CROSS JOIN given g
+            JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id
             WHERE n.object_kind = 1
               AND (t.tolerances IS NOT NULL OR t.schedule IS NOT NULL OR t.departures IS NOT NULL
                    OR tstzrange(to_timestamp(ST_M(ST_StartPoint(t.path)) - 1),
@@ -211,6 +209,14 @@ BEGIN
                                              + 115 * t.grow_mps
                                                * (ST_M(ST_EndPoint(t.path)) - ST_M(ST_StartPoint(t.path))),
                                      b.west, b.south, b.east, b.north))
+        ), near_area AS (
+            SELECT n.kind, n.id, n.object_id, false AS is_pending FROM detected n WHERE n.object_kind = 0
+            UNION ALL
+            SELECT DISTINCT g.kind, g.id, n.object_id, true FROM pending_area n CROSS JOIN given g
+        ), near_track AS (
+            SELECT n.kind, n.id, n.object_id FROM detected n WHERE n.object_kind = 1
+            UNION
+            SELECT g.kind, g.id, n.object_id FROM pending_track n CROSS JOIN given g
         ), mine AS (
             SELECT 0::smallint AS kind, a.area_id AS id, _word_number(a.class) AS class, _word_number(a.owner) AS owner
             FROM unnest(p_area_ids) n JOIN area a ON a.area_id = n
@@ -316,7 +322,8 @@ BEGIN
         PERFORM _put_plans(p_scene, ARRAY(
             SELECT r.key FROM _replaced_objects(v_scene_id, v_keys, p_owner) r
             WHERE NOT EXISTS (SELECT FROM jsonb_array_elements(v_plans) g
-                              WHERE g ->> 'key' = r.key AND (g ->> 'path' IS NOT NULL) = (r.kind = 1))), v_plans, false);
+                              WHERE g ->> 'key' = r.key AND (g ->> 'path' IS NOT NULL) = (r.kind = 1))),
+                           v_plans, false);
         SELECT bool_and(m.period IS NOT NULL),
                coalesce(jsonb_agg(_conflict_as_json(m.a_kind, m.a_id, m.b_kind, m.b_id, m.period))
                             FILTER (WHERE m.period IS NOT NULL), '[]')

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "98cb08bb16161c6ff54d84ae438508c04ace6546542cfc0273e38fde3787e44d"
+routines_sha256 = "18cc51a124592290b36d0ae664b620f9010120bd8319c67a7e66e0bf758f420e"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -127,10 +127,8 @@ def requested_plans(conn: psycopg.Connection[Any], probe_id: int, scene: str) ->
 
 def answer_admission(conn: psycopg.Connection[Any], probe_id: int, admission: Admission) -> None:
     """Write the answer to a request, in the transaction that put the plans."""
-    is_new = [one in admission.new for one in admission.conflicts]
-    conflicts = [
-        one | {"is_new": new} for one, new in zip(json.loads("".join(as_json(admission.conflicts))), is_new, strict=True)
-    ]
+    rows = json.loads("".join(as_json(admission.conflicts)))
+    conflicts = [row | {"is_new": one in admission.new} for row, one in zip(rows, admission.conflicts, strict=True)]
     call(conn, "_answer_admission", probe_id, Jsonb({"admitted": admission.is_admitted, "conflicts": conflicts}))
 
 
