@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "18cc51a124592290b36d0ae664b620f9010120bd8319c67a7e66e0bf758f420e"
+routines_sha256 = "1acfee6833684279d33d07f195adb9fb10935b20673059f751d21c3bdbe64faa"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -151,9 +151,9 @@ ALTER TABLE conflictdb.conflict_event ADD COLUMN IF NOT EXISTS proposal_id bigin
 # When an area is active, and a track departs, several times; the schedule that says so, and how far it is expanded.
 ACTIVATIONS = """
 ALTER TABLE conflictdb.area ADD COLUMN IF NOT EXISTS activations tstzmultirange,
-    ADD COLUMN IF NOT EXISTS schedule jsonb;
+    ADD COLUMN IF NOT EXISTS schedule jsonb, ADD COLUMN IF NOT EXISTS schedule_error text;
 ALTER TABLE conflictdb.track ADD COLUMN IF NOT EXISTS departures timestamptz[],
-    ADD COLUMN IF NOT EXISTS schedule jsonb;
+    ADD COLUMN IF NOT EXISTS schedule jsonb, ADD COLUMN IF NOT EXISTS schedule_error text;
 CREATE INDEX IF NOT EXISTS area_scene_id_scheduled_btree ON conflictdb.area (scene_id) WHERE schedule IS NOT NULL;
 CREATE INDEX IF NOT EXISTS track_scene_id_scheduled_btree ON conflictdb.track (scene_id) WHERE schedule IS NOT NULL;
 ALTER TABLE conflictdb.scene
