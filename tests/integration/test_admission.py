@@ -289,7 +289,6 @@ def test_of_sessions_that_exclude_each_other_one_succeeds(dsn: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(7200)
 def test_a_thousand_rounds_of_sessions_with_kills(dsn: str) -> None:
     admitted, killed = rounds(dsn, 1000, 2)
     assert admitted > 1000
