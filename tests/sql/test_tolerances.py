@@ -124,7 +124,7 @@ def test_conflicts_say_whether_all_voyages_conflict(dsn: str, tmp_path: Path) ->
         db.connection.execute(
             "UPDATE conflictdb.track SET tolerances = tolerances || %s WHERE key = 'T'", ['{"max_speed_kn": 20}']
         )
-        db.connection.execute("UPDATE conflictdb.area SET active_span = '[2026-02-28 00:00+00, 2026-03-01 01:00+00)'")
+        db.connection.execute("UPDATE conflictdb.area SET active_span = '[2026-02-28 00:00+00, 2026-03-01 00:30+00)'")
         db.connection.commit()
         scene.detect()
         after = {(one.a_key, one.b_key): one.certainty for one in scene.conflicts()}
