@@ -18,7 +18,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats import from_frames
 from conflictdb.model import inputs
 from conflictdb.model.horizon import expanded, require_one_voyage
-from conflictdb.model.plans import Area, Scene, Track, check_keys
+from conflictdb.model.plans import Area, Scene, Track, check_datums, check_keys
 from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results, Speeds
 from conflictdb.stages import speeds as stage_of_speeds
 from conflictdb.stages.at_any_time import AnyTime
@@ -392,6 +392,7 @@ def _known(
 def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Scene, Plane, list[Track], list[Area]]:
     """Return the scene with a centre, its plane, and its objects in the order of their keys; raises InvalidInput."""
     check_keys([area.key for area in areas] + [track.key for track in tracks])
+    check_datums(scene, [*areas, *tracks])
     areas, tracks = expanded(areas, tracks, scene.horizon_days)
     scene = centred(scene, areas, tracks)
     plane = plane_of(scene)

@@ -23,7 +23,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.in_memory import Objects
 from conflictdb.kernel.boxes import BoxTree, RowBoxes
 from conflictdb.kernel.bundles import boxes_of
-from conflictdb.model.plans import Area, Scene, Track, check_keys
+from conflictdb.model.plans import Area, Scene, Track, check_datums, check_keys
 from conflictdb.model.results import Conflict, Kind, Results
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
@@ -302,6 +302,7 @@ class Members(NamedTuple):
     def of_plans(cls, scene: Scene, plane: Plane, plans: Sequence[Plan]) -> Self:
         """Return plans; raises InvalidInput for those that do not fit the scene's plane."""
         areas, tracks = by_kind(plans)
+        check_datums(scene, plans)
         check_plane(plane, areas, tracks)
         places = [np.array([k for k, one in enumerate(plans) if isinstance(one, kind)]) for kind in (Area, Track)]
         pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))

@@ -129,6 +129,27 @@ $$;
 COMMENT ON FUNCTION _check_common(text, text, double precision, double precision, jsonb, text, text) IS
 'Raises ZC004, ZC008 or ZC012 for an invalid key, class, owner, heights (metres) or properties of an object.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_datum(p_who text, p_scene_id bigint, p_stated text) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    -- How formats name them; as in conflictdb/model/settings.py.
+    v_known text := CASE WHEN upper(btrim(p_stated)) IN ('MSL', 'AMSL') THEN 'msl'
+                         WHEN upper(btrim(p_stated)) IN ('WGS84', 'W84') THEN 'wgs84'
+                         WHEN upper(btrim(p_stated)) IN ('FLIGHT_LEVEL', 'FL', 'STD') THEN 'flight_level' END;
+    v_own text;
+BEGIN
+    SELECT s.vertical_datum INTO v_own FROM scene s WHERE s.scene_id = p_scene_id;
+    IF p_stated IS NOT NULL AND v_own <> coalesce(v_known, '') THEN
+        FOUND := _raise('ZC004', p_who, 'vertical_datum',
+                        format('must be %L, the scene''s, for an object with heights; got %L', v_own, p_stated),
+                        'datum_of_scene', 'Convert the heights'
+                        || coalesce(format(', or use a scene with vertical_datum %s.', v_known), '.'));
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_datum(text, bigint, text) IS
+'Raises ZC004 if the heights of an object are said to be above another vertical datum than the scene''s.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_leg_heights(
     p_who text, p_path geometry, p_floor_m double precision, p_ceiling_m double precision,
     p_floors_m double precision[], p_ceilings_m double precision[]

@@ -75,6 +75,9 @@ BEGIN
             NEW.active_span := range_merge(NEW.activations);
         END IF;
     END IF;
+    IF NEW.properties ? 'vertical_datum' AND num_nonnulls(NEW.floor_m, NEW.ceiling_m) > 0 THEN
+        PERFORM _check_datum(v_who, NEW.scene_id, NEW.properties ->> 'vertical_datum');
+    END IF;
     IF TG_OP = 'UPDATE' THEN
         IF NEW.scene_id <> OLD.scene_id OR NEW.area_id <> OLD.area_id THEN
             FOUND := _raise('ZC008', v_who, 'scene_id', 'cannot change: remove the object and add it again',
@@ -198,6 +201,9 @@ BEGIN
             (SELECT CASE WHEN count(h) = count(*) THEN max(h) END FROM unnest(NEW.ceilings_m) h),
             CASE TG_OP WHEN 'UPDATE' THEN OLD.ceiling_m END,
             TG_OP = 'UPDATE' AND NEW.ceilings_m IS DISTINCT FROM OLD.ceilings_m);
+    END IF;
+    IF NEW.properties ? 'vertical_datum' AND num_nonnulls(NEW.floor_m, NEW.ceiling_m, NEW.floors_m, NEW.ceilings_m) > 0 THEN
+        PERFORM _check_datum(v_who, NEW.scene_id, NEW.properties ->> 'vertical_datum');
     END IF;
     IF TG_OP = 'UPDATE' THEN
         IF NEW.scene_id <> OLD.scene_id OR NEW.track_id <> OLD.track_id THEN
@@ -459,6 +465,18 @@ BEGIN
     IF (NEW.horizon_days BETWEEN 0 AND 36525) IS NOT TRUE THEN
         FOUND := _raise('ZC009', v_who, 'horizon_days', format('must be 0 to 36525 days, a century; got %s',
                         NEW.horizon_days), 'scene_horizon_days_known');
+    END IF;
+    IF (NEW.vertical_datum IN ('msl', 'wgs84', 'flight_level')) IS NOT TRUE THEN
+        FOUND := _raise('ZC009', v_who, 'vertical_datum', format('must be one of msl, wgs84, flight_level; got %L',
+                        NEW.vertical_datum), 'scene_vertical_datum_known');
+    END IF;
+    IF TG_OP = 'UPDATE' AND NEW.vertical_datum <> OLD.vertical_datum
+       AND (EXISTS (SELECT FROM area a WHERE a.scene_id = NEW.scene_id AND num_nonnulls(a.floor_m, a.ceiling_m) > 0)
+            OR EXISTS (SELECT FROM track t
+                       WHERE t.scene_id = NEW.scene_id AND num_nonnulls(t.floor_m, t.ceiling_m) > 0)) THEN
+        FOUND := _raise('ZC009', v_who, 'vertical_datum', format('must stay %L while objects have heights, which are '
+                        'not converted; got %L', OLD.vertical_datum, NEW.vertical_datum), 'scene_vertical_datum_kept',
+                        'Load them into another scene, or delete them first.');
     END IF;
     RETURN NEW;
 END

@@ -82,7 +82,7 @@ CREATE OR REPLACE FUNCTION create_scene(
     p_nearest_m double precision DEFAULT NULL, p_centre_lon double precision DEFAULT NULL,
     p_centre_lat double precision DEFAULT NULL, p_vertical_separation_m double precision DEFAULT NULL,
     p_time_separation_s double precision DEFAULT NULL, p_delays_within_s double precision DEFAULT NULL,
-    p_intervals text DEFAULT NULL, p_horizon_days double precision DEFAULT NULL
+    p_intervals text DEFAULT NULL, p_horizon_days double precision DEFAULT NULL, p_vertical_datum text DEFAULT NULL
 ) RETURNS bigint
 -- With extra_float_digits, numbers keep all digits.
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
@@ -92,16 +92,16 @@ BEGIN
         'separation_m', p_separation_m, 'nearest_m', p_nearest_m, 'centre_lon', p_centre_lon,
         'centre_lat', p_centre_lat, 'vertical_separation_m', p_vertical_separation_m,
         'time_separation_s', p_time_separation_s, 'delays_within_s', p_delays_within_s,
-        'intervals', p_intervals, 'horizon_days', p_horizon_days));
+        'intervals', p_intervals, 'horizon_days', p_horizon_days, 'vertical_datum', p_vertical_datum));
 END
 $$;
 COMMENT ON FUNCTION create_scene(text, text, text, text, double precision, double precision, double precision,
                                  double precision, double precision, double precision, double precision,
-                                 double precision, text, double precision) IS
+                                 double precision, text, double precision, text) IS
 'Creates a scene, or changes the given settings of an existing one; returns its id. Defaults of a new scene: motion '
 'rhumb, earth wgs84 (great_circle: sphere), method exact, tolerance 1 m, separation 0 m, nearest 0 m (none), '
 'vertical separation 0 m, separation in time 0 s, delays within 0 s (none stored), intervals '
-'half_open, schedules expanded 366 days ahead. Default centre (degrees) of a '
+'half_open, schedules expanded 366 days ahead, vertical datum msl. Default centre (degrees) of a '
 'great_circle scene: the middle of its first object.';
 
 CREATE OR REPLACE FUNCTION put_area(
@@ -151,7 +151,7 @@ COMMENT ON FUNCTION put_area(
     text, text, geometry, tstzrange, double precision, double precision, text, jsonb, text, text, tstzmultirange,
     jsonb) IS
 'Adds an area to a scene, or replaces the one with that key; returns its id. '
-'Longitude and latitude in degrees (SRID 4326), heights in metres above mean sea level, active during [start, end); '
+'Longitude and latitude in degrees (SRID 4326), heights in metres above the vertical datum, active during [start, end); '
 'null is unbounded. Objects of one owner are not compared with each other. It is active during p_activations instead, '
 'or by p_schedule (JSON as in scene files), which the next detection expands and checks.';
 
@@ -219,7 +219,7 @@ COMMENT ON FUNCTION put_track(
 'p_outline: the haven, a convex ring of (starboard, ahead) metres about the reference point. '
 'The haven may change: p_grow_mps moves every side outward (metres per second) from the first waypoint''s time on, or '
 'p_outlines gives a MultiPolygon with one outline per waypoint (p_outline may then be null). '
-'Heights (metres above mean sea level, null: no limit) apply to the whole track; p_floors_m and p_ceilings_m instead '
+'Heights (metres above the vertical datum, null: no limit) apply to the whole track; p_floors_m and p_ceilings_m instead '
 'give one per leg, or one per waypoint, between which it changes linearly (p_floor_m and p_ceiling_m must then be null '
 'or agree). '
 'Objects of one owner are not compared with each other. '

@@ -47,7 +47,7 @@ SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method,
        (SELECT count(*) FROM attachment a JOIN attached_object o USING (attachment_id)
         WHERE a.scene_id = s.scene_id AND o.reason IS NOT NULL) AS unmapped,
        s.vertical_separation_m, s.time_separation_s, s.delays_within_s, s.intervals, s.horizon_days,
-       lower(s.expanded) AS expanded_from, upper(s.expanded) AS expanded_until
+       lower(s.expanded) AS expanded_from, upper(s.expanded) AS expanded_until, s.vertical_datum
 FROM scene s
 LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.scene_id = s.scene_id
                    ORDER BY x.run_id DESC LIMIT 1) r ON true;
@@ -98,6 +98,9 @@ COMMENT ON COLUMN scenes.intervals IS
 
 COMMENT ON COLUMN scenes.horizon_days IS
 'How many days ahead of today schedules are expanded; they are over all voyages, too.';
+COMMENT ON COLUMN scenes.vertical_datum IS
+'What heights are above: msl (mean sea level), wgs84 (the ellipsoid) or flight_level (the surface of 1013.25 hPa, in '
+'metres of the standard atmosphere).';
 COMMENT ON COLUMN scenes.expanded_from IS
 'Schedules are expanded from here; null: none is. Before it, activations of schedules are not known.';
 COMMENT ON COLUMN scenes.expanded_until IS

@@ -17,7 +17,7 @@ BEGIN ATOMIC
     ORDER BY 1;
 END;
 COMMENT ON FUNCTION list_objects(text) IS
-'Areas and tracks of a scene, by key: when they are there, and their heights (metres above mean sea level); null: '
+'Areas and tracks of a scene, by key: when they are there, and their heights (metres above the vertical datum); null: '
 'unbounded. Raises ZC010 for an unknown scene.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._refuse_taken(p_name text) RETURNS void

@@ -298,7 +298,7 @@ BEGIN ATOMIC
     WHERE t.scene_id = _scene_id(p_scene) AND t.key = p_key;
 END;
 COMMENT ON FUNCTION heights_at(text, text, timestamptz) IS
-'Height band of a track at an instant, metres above mean sea level; null: no limit. At a waypoint it includes the '
+'Height band of a track at an instant, metres above the vertical datum; null: no limit. At a waypoint it includes the '
 'bands of both legs. Both are also null before the first and after the last waypoint.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_haven(

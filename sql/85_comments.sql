@@ -1,4 +1,4 @@
--- Comments of tables and columns. Heights are metres above mean sea level; longitude and latitude are degrees.
+-- Comments of tables and columns. Heights are metres above the scene's vertical datum; longitude and latitude are degrees.
 
 COMMENT ON SCHEMA conflictdb IS
 'Detects when and where moving and static areas conflict: scenes, areas, tracks and their conflicts.';
@@ -35,8 +35,8 @@ COMMENT ON COLUMN track.schedule_error IS
 COMMENT ON COLUMN scene.expanded IS 'The time for which schedules are expanded; null: none is.';
 COMMENT ON COLUMN area.active_span IS 
 'When it is closed: [start, end); a missing bound is unbounded. With activations it holds all of them.';
-COMMENT ON COLUMN area.floor_m IS 'Lowest height, metres above mean sea level, inclusive; null: no limit.';
-COMMENT ON COLUMN area.ceiling_m IS 'Highest height, metres above mean sea level, exclusive; null: no limit.';
+COMMENT ON COLUMN area.floor_m IS 'Lowest height, metres above the vertical datum, inclusive; null: no limit.';
+COMMENT ON COLUMN area.ceiling_m IS 'Highest height, metres above the vertical datum, exclusive; null: no limit.';
 COMMENT ON COLUMN area.properties IS 'Additional data of its source, a JSON object.';
 COMMENT ON COLUMN area.version IS 'Increases whenever key, footprint, span, heights, class or owner change.';
 COMMENT ON COLUMN area.class IS 'Class that separation rules name; null: none.';
@@ -55,9 +55,9 @@ COMMENT ON COLUMN track.outline IS
 'The haven at the first waypoint: a convex ring about the reference point, x metres to starboard, y metres ahead. '
 'One vertex repeated is a point, two are a line.';
 COMMENT ON COLUMN track.floor_m IS
-'Lowest height, metres above mean sea level, inclusive; null: no limit. With floors_m their least.';
+'Lowest height, metres above the vertical datum, inclusive; null: no limit. With floors_m their least.';
 COMMENT ON COLUMN track.ceiling_m IS
-'Highest height, metres above mean sea level, exclusive; null: no limit. With ceilings_m their greatest.';
+'Highest height, metres above the vertical datum, exclusive; null: no limit. With ceilings_m their greatest.';
 COMMENT ON COLUMN track.floors_m IS
 'Lowest heights, metres, inclusive: one per leg, or one per waypoint, linear in between; a null element: no limit. '
 'Null: floor_m applies to all legs.';

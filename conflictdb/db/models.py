@@ -71,6 +71,7 @@ class Scene(Base):
     intervals: Mapped[str] = mapped_column(server_default=FetchedValue())
     horizon_days: Mapped[float] = mapped_column(server_default=FetchedValue())
     expanded: Mapped[Range[datetime] | None]
+    vertical_datum: Mapped[str] = mapped_column(server_default=FetchedValue())
 
 
 class Area(Base):
@@ -218,6 +219,7 @@ class SceneState(Base):
     horizon_days: Mapped[float]
     expanded_from: Mapped[datetime | None]
     expanded_until: Mapped[datetime | None]
+    vertical_datum: Mapped[str]
 
 
 class ConflictEvent(Base):

@@ -28,7 +28,7 @@ from conflictdb.errors import InvalidInput, LockTimeout
 from conflictdb.in_memory import solve
 from conflictdb.index import Members, by_kind, conflicts_between
 from conflictdb.model.inputs import EPOCH, MICROSECOND, certain
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track, check_datums
 from conflictdb.model.results import Conflict, Kind, Listing
 from conflictdb.stages.memory import MEMORY_MB, Memory
 from conflictdb.stages.pieces.covers import pieces_of
@@ -281,6 +281,7 @@ def _probed(
     areas, tracks = ([plan], []) if isinstance(plan, Area) else ([], [plan])
     scene: Scene = centred(store.read_settings(conn, scene_id), areas, tracks)
     plane = plane_of(scene)
+    check_datums(scene, [plan])
     check_plane(plane, areas, tracks)
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
     source = _PlanSource(conn, scene_id, plan, replaced, pieces, memory, within_us=scene.longest_time_us)

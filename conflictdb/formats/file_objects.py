@@ -5,7 +5,7 @@ Includes the reading of havens and speeds that other formats share.
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 import shapely
@@ -17,13 +17,22 @@ from conflictdb.formats.fields import Fields, finite, instant, instants
 from conflictdb.formats.geometry import AREA_TYPES, CIRCLE_TYPE, line, multipolygon, pairs, point
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import check_storable
+from conflictdb.formats.hints import vertical_datum
 from conflictdb.formats.names import RENAME_MEMBER, SETTING_RULE, SETTINGS, misnamed
 from conflictdb.formats.reference import Systems, ToDegrees
 from conflictdb.formats.track_times import TrackAtSpeed
 from conflictdb.model import tolerances
 from conflictdb.model.activations import check_schedule
 from conflictdb.model.inputs import all_certain, certain
-from conflictdb.model.plans import METRES_PER_NMI, Area, Scene, Track, rectangle_outline_m
+from conflictdb.model.plans import (
+    METRES_PER_NMI,
+    Area,
+    Scene,
+    Track,
+    VerticalDatum,
+    datum_rule,
+    rectangle_outline_m,
+)
 from conflictdb.model.speed_limits import MPS_PER_KNOT
 
 SIDES: Final = ("fore", "aft", "port", "starboard")
@@ -31,7 +40,7 @@ TIMES: Final = ("times", "datetimes")
 SPEED: Final = ("start", "speed_kn", "speed_mps")
 # Members that decide how far apart objects must be.
 RULED: Final = ("class", "owner")
-# What heights are above; read to refuse others than mean sea level.
+# What heights are above; read to refuse others than the scene's.
 DATUM: Final = "vertical_datum"
 TOLERANCES: Final = tolerances.MEMBERS
 # Names that the reader uses; a property with such a name, set by SQL, would not be read back as a property.
@@ -79,6 +88,7 @@ class FileContext:
     remedy : advice for a name that resembles a known one
     systems : reference systems that it names
     corners : count of all circles' corners
+    datum : what its heights are above
     """
 
     scene: Scene
@@ -87,6 +97,14 @@ class FileContext:
     remedy: str = RENAME_MEMBER
     systems: Systems = field(default_factory=dict)
     corners: Corners = field(default_factory=Corners)
+    datum: Callable[[], VerticalDatum] = vertical_datum
+
+    @classmethod
+    def of_settings(cls, settings: Scene | None, stem: str, *rest: Any, **more: Any) -> Self:
+        """Return the context of a file with settings, or without; other arguments are fields."""
+        if settings is None:
+            return cls(Scene(stem), *rest, **more)
+        return cls(settings, *rest, **more, datum=lambda: settings.vertical_datum)
 
 
 def area(key: str, geometry: dict[str, Any], fields: Fields, setting: FileContext) -> Area:
@@ -123,7 +141,7 @@ def area_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
         "end_us": certain(fields.instant("end")),
         "floor_m": fields.number("floor_m"),
         "ceiling_m": fields.number("ceiling_m"),
-        **_ruled(fields),
+        **_ruled(fields, setting),
         **_recurring(fields, "spans", _spans),
         "properties": fields.rest(),
     }
@@ -185,7 +203,7 @@ def track_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
         "grow_mps": fields.number("grow_mps") or 0.0,
         "tolerances": {name: fields.get(name) for name in TOLERANCES if fields.has(name)} or None,
         **_recurring(fields, "departures", lambda who, value: all_certain(instants(who, "departures", value))),
-        **_ruled(fields),
+        **_ruled(fields, setting),
         "properties": fields.rest(),
     }
     rest = setting.foreign, setting.remedy
@@ -193,22 +211,19 @@ def track_members(fields: Fields, setting: FileContext) -> dict[str, Any]:
     return members
 
 
-def _check_datum(fields: Fields) -> None:
-    """Refuse heights that are said to be of another vertical datum than mean sea level; the member stays a property."""
-    datum = fields.values.get(DATUM)
-    if datum is None or (isinstance(datum, str) and datum.upper() == "MSL"):
-        return
-    if fields.has("floor_m") or fields.has("ceiling_m"):
-        rule = (
-            f"must be 'MSL' for an object with heights, which are above mean sea level: convert them; got {datum!r:.60}"
-        )
+def _check_datum(fields: Fields, setting: FileContext) -> None:
+    """Refuse heights that are said to be above another vertical datum than the scene's; the member stays a property."""
+    stated = fields.values.get(DATUM)
+    if stated is not None and (fields.has("floor_m") or fields.has("ceiling_m")):
+        rule = datum_rule(stated, setting.datum())
         with fields.refusals:
-            raise fields.refusal(DATUM, rule)
+            if rule:
+                raise fields.refusal(DATUM, rule)
 
 
-def _ruled(fields: Fields) -> dict[str, Any]:
+def _ruled(fields: Fields, setting: FileContext) -> dict[str, Any]:
     """Return the class and the owner of an object; checks its vertical datum."""
-    _check_datum(fields)
+    _check_datum(fields, setting)
     return {"object_class": fields.word("class"), "owner": fields.word("owner")}
 
 

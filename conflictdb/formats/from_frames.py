@@ -123,7 +123,7 @@ def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], 
         who = f"trajectory {key!r}"
         with refusals:
             frame = trajectory.to_point_gdf()
-            setting = file_objects.FileContext(scene, (), _to_degrees(who, frame), RENAME_COLUMN)
+            setting = file_objects.FileContext.of_settings(scene, "", (), _to_degrees(who, frame), RENAME_COLUMN)
             first = next(_rows(who, frame))[2]
             own = {name: value for name, value in first.items() if str(name).lower() not in _OF_FIXES}
             times = _instants(who, "times", _instants_of_fixes(who, trajectory, frame), zone)
@@ -183,7 +183,7 @@ def _with_haven(values: dict[str, Any], haven: Mapping[str, Any]) -> dict[str, A
 def _setting(who: str, frame: Any, scene: Scene) -> file_objects.FileContext:
     if not _is(frame, "geopandas", "GeoDataFrame"):
         raise InvalidInput("solve", who, "must be a GeoDataFrame, which knows the reference system; got a DataFrame")
-    return file_objects.FileContext(scene, (), _to_degrees(who, frame), RENAME_COLUMN)
+    return file_objects.FileContext.of_settings(scene, "", (), _to_degrees(who, frame), RENAME_COLUMN)
 
 
 def _to_degrees(who: str, frame: Any) -> ToDegrees:

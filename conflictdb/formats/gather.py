@@ -1,15 +1,17 @@
 """Combine several files into scenes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Unpack
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats.contents import Contents, Phase, Remark, Skipped, left_out, name_of, unwatched, without_objects
 from conflictdb.formats.fields import key as checked_key
+from conflictdb.formats.hints import above
 from conflictdb.formats.reading import ReadOptions, read, stem
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track, VerticalDatum
 
 
 @dataclass(slots=True)
@@ -47,6 +49,7 @@ def gather(
     scene: str | None = None,
     *,
     phase: Phase = unwatched,
+    datum_of: Callable[[str], VerticalDatum] = lambda name: VerticalDatum.MSL,
     **options: Unpack[ReadOptions],
 ) -> list[Plan]:
     """Return the scenes in some files, in order of first appearance.
@@ -57,6 +60,8 @@ def gather(
         Files of one scene are combined as if they were one file.
     scene : str, optional
         Name of the one scene of all files; default is the name in each file, else the name of the file.
+    datum_of : callable, optional
+        Returns what the heights of a scene are above, by its name; for files without settings.
     phase, **options : optional
         See `conflictdb.formats.read`.
 
@@ -72,7 +77,8 @@ def gather(
         with refusals:
             if path in paths[:i]:
                 raise InvalidInput("file", "", "is given twice", str(path))
-            contents = read(path, phase=phase, **options)
+            with above(partial(datum_of, scene_name(path, None, scene))):
+                contents = read(path, phase=phase, **options)
             name = scene_name(path, contents.scene, scene)
             if contents.scene is None and not (contents.areas or contents.tracks):
                 raise without_objects("file", str(path), contents.skipped)

@@ -1,15 +1,19 @@
 """What users say about files of other programs: the names of columns, the time zone, the havens of points."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from datetime import datetime
 from math import isfinite
+from typing import Final
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import EPOCH, MICROSECOND
+from conflictdb.model.settings import SETTINGS, VerticalDatum, checked
+
+_SETTING: Final = next(setting for setting in SETTINGS if setting.name == "vertical_datum")
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +24,8 @@ class FileHints:
     time_zone : of times without offset, such as Europe/Copenhagen; None: they are refused, and UTC in AIS files
     haven_m : how far the havens of tracks without a size reach, metres: ahead, astern, to port, to starboard; None:
         they are points
-    unbounded_heights : heights above ground, above the ellipsoid and flight levels are unbounded; else refused
+    unbounded_heights : heights above anything but the scene's vertical datum are unbounded; else refused
+    vertical_datum : of the scene that a file without settings is read for; None: of the scene it is loaded into, or msl
     departure, speed_kn : of routes that say no time, and no speed; an aware datetime, and knots
     """
 
@@ -28,6 +33,7 @@ class FileHints:
     time_zone: str | None = None
     haven_m: Sequence[float] | None = None
     unbounded_heights: bool = False
+    vertical_datum: VerticalDatum | str | None = None
     departure: datetime | None = None
     speed_kn: float | None = None
 
@@ -41,6 +47,8 @@ class FileHints:
         haven = self.haven_m
         if haven is not None and (len(haven) != 4 or not all(isfinite(side) and side >= 0.0 for side in haven)):
             raise InvalidInput("file", "haven_m", f"must be four numbers of metres, 0 or more; got {haven!r:.60}")
+        if self.vertical_datum is not None:
+            object.__setattr__(self, "vertical_datum", checked("file", _SETTING, self.vertical_datum))
         if self.departure is not None and self.departure.tzinfo is None:
             raise InvalidInput("file", "departure", f"needs an offset from UTC; got {self.departure.isoformat()}")
         if self.speed_kn is not None and not (isfinite(self.speed_kn) and self.speed_kn > 0.0):
@@ -58,6 +66,24 @@ class _Reading:
 
 
 _READING: ContextVar[_Reading | None] = ContextVar("reading", default=None)
+_DATUM: ContextVar[Callable[[], VerticalDatum]] = ContextVar("datum", default=lambda: VerticalDatum.MSL)
+
+
+@contextmanager
+def above(datum: Callable[[], VerticalDatum]) -> Iterator[None]:
+    """Read files for a scene whose heights are above a datum; it is called if a file names one."""
+    token = _DATUM.set(datum)
+    try:
+        yield
+    finally:
+        _DATUM.reset(token)
+
+
+def vertical_datum() -> VerticalDatum:
+    """Return what the heights of the scene are above that a file is read for."""
+    reading = _READING.get()
+    given = None if reading is None else reading.hints.vertical_datum
+    return _DATUM.get()() if given is None else VerticalDatum(given)
 
 
 @contextmanager
@@ -84,7 +110,7 @@ def are_applied() -> bool:
 
 
 def heights_may_be_unbounded() -> bool:
-    """Return whether heights that cannot be compared with mean sea level are unbounded."""
+    """Return whether heights above another vertical datum than the scene's are unbounded."""
     reading = _READING.get()
     return reading is not None and reading.hints.unbounded_heights
 

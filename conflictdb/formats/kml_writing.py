@@ -10,12 +10,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.formats.file_objects import area_properties, track_properties
+from conflictdb.formats.file_objects import DATUM, area_properties, track_properties
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.single_activations import spans_of, voyages_of
 from conflictdb.formats.xml_text import written
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track, VerticalDatum
 
 # Members with a type: other ExtendedData are texts to other programs.
 _NUMBERS: Final = ("floor_m", "ceiling_m")
@@ -34,7 +34,7 @@ def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
         spans = spans_of(area)
         for number, span in enumerate(spans, 1):
             key = area.key if len(spans) == 1 else f"{area.key}/{number}"
-            yield _placemark(key, area_properties(area), _span(span), _polygons(area.footprint)) + "\n"
+            yield _placemark(key, area_properties(area) | _datum(scene, area), _span(span), _polygons(area.footprint)) + "\n"
     for track in tracks:
         voyages = list(voyages_of(track))
         for number, voyage in enumerate(voyages, 1):
@@ -42,8 +42,15 @@ def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
             whens = (written("when", text=format_instant(int(time))) for time in voyage.times_us)
             coords = (written("gx:coord", text=f"{lon!r} {lat!r} 0") for lon, lat in voyage.positions_deg.tolist())
             shape = written("gx:Track", None, *whens, *coords)
-            yield _placemark(key, track_properties(voyage), "", shape) + "\n"
+            yield _placemark(key, track_properties(voyage) | _datum(scene, track), "", shape) + "\n"
     yield "</Document></kml>\n"
+
+
+def _datum(scene: Scene, item: Area | Track) -> dict[str, Any]:
+    """Return what the heights of an object are above, unless that is mean sea level: a file has no settings."""
+    has_heights = item.floor_m is not None or item.ceiling_m is not None
+    is_above_sea = scene.vertical_datum is VerticalDatum.MSL
+    return {DATUM: scene.vertical_datum.value} if has_heights and not is_above_sea else {}
 
 
 def _placemark(key: str, members: dict[str, Any], span: str, shape: str) -> str:

@@ -51,6 +51,13 @@ from conflictdb.model.plans import Area, Scene, Track
 
 # Some of the columns that OGR gives the features of KML.
 _KML_FIELDS: Final = frozenset({"begin", "end", "altitudeMode", "tessellate", "extrude"})
+# What altitudes of KML are above; other modes have none.
+_ABOVE: Final = {
+    "absolute": "MSL",
+    "relativeToGround": "the ground",
+    "relativeToSeaFloor": "the sea floor",
+    "clampToSeaFloor": "the sea floor",
+}
 _KML_LINE: Final = (
     "are missing: a line with a begin and an end says no time of each point; write it as gx:Track, or as a line with a "
     "column times"
@@ -228,6 +235,8 @@ def _features(
         shape = shapes[i]
         where = f"feature {number} of {who}"
         values = {name: column[i] for name, column in zip(layer.fields, layer.columns, strict=True)}
+        if is_kml and values.get(file_objects.DATUM) is None and values["altitudeMode"] in _ABOVE:
+            values[file_objects.DATUM] = _ABOVE[values["altitudeMode"]]
         kind = None if shape is None else shapely.get_type_id(shape)
         is_track = kind in LINES and has_times
         if is_kml and kind in LINES and not is_track and values["begin"] is not None and values["end"] is not None:

@@ -89,7 +89,7 @@ class _Found:
 
     refusals: Refusals
     first: First
-    scene: Scene
+    settings: Scene | None
     fastest_kn: float
     items: list[Area | Track | TrackAtSpeed] = field(default_factory=list)
     others: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
@@ -107,7 +107,7 @@ class _Found:
         """Yield the objects that each read has added."""
         for _ in reads:
             items, self.items = self.items, []
-            yield timed(items, self.scene, self.fastest_kn, self.refusals)
+            yield timed(items, self.settings or Scene("file"), self.fastest_kn, self.refusals)
 
 
 def read_parquet(
@@ -156,7 +156,7 @@ def parquet_parts(
         metadata = metadata_of("file", schema)
         settings = scene_of(metadata["scene"], stem) if metadata.get("scene") is not None else None
         parts = Parts(settings, iter(()))
-        found = _Found(parts.refusals, first, settings or Scene("file"), fastest_kn)
+        found = _Found(parts.refusals, first, settings, fastest_kn)
         layout = Layout.of(schema)
         is_own = metadata.get("form") == OBJECTS.name
         if is_own or _fits(schema):
@@ -213,7 +213,7 @@ def _bounded(batches: "Iterator[pa.RecordBatch]", most_mb: float) -> "Iterator[p
 
 def _read_rows(found: _Found, batches: "Iterator[pa.RecordBatch]", layout: Layout) -> Iterator[None]:
     """Read rows, one object each, in batches."""
-    setting = file_objects.FileContext(found.scene, (), layout.to_degrees, RENAME_COLUMN)
+    setting = file_objects.FileContext.of_settings(found.settings, "file", (), layout.to_degrees, RENAME_COLUMN)
     row = 0
     for batch in batches:
         _add_rows(found, batch, row, layout, setting)

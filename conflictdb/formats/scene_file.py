@@ -118,8 +118,7 @@ def _read(text: str, stem: str, max_speed_kn: float, source: str, phase: Phase, 
             raise InvalidInput("file", "features", "must be a list of features")
         refusals.raise_found()
         raise AssertionError
-    in_scene = scene or Scene(stem)
-    setting = file_objects.FileContext(in_scene, foreign, to_degrees, systems=systems)
+    setting = file_objects.FileContext.of_settings(scene, stem, foreign, to_degrees, systems=systems)
     of_objects = FileRefusals()
     items: dict[int, Area | Track | TrackAtSpeed] = {}
     for first in range(0, len(features), _AT_ONCE):
@@ -133,7 +132,7 @@ def _read(text: str, stem: str, max_speed_kn: float, source: str, phase: Phase, 
                 items[i] = _object(i, feature, setting)
         phase("checking objects", first + len(some), len(features))
     _leave_unique(items, of_objects)
-    areas, tracks = timed(list(items.values()), in_scene, max_speed_kn, of_objects)
+    areas, tracks = timed(list(items.values()), setting.scene, max_speed_kn, of_objects)
     if not skip_invalid:
         refusals.found += of_objects.found
     refusals.raise_found()

@@ -6,12 +6,14 @@ from typing import Any, Final
 import shapely
 
 from conflictdb.errors import InvalidInput
+from conflictdb.formats.file_heights import refuse_flight_levels
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.single_activations import spans_of
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track, VerticalDatum
 
 _LONGEST_KEY: Final = 7
+_REFERENCES: Final = {VerticalDatum.MSL: "AMSL", VerticalDatum.WGS84: "WGS84"}
 # What the standard requires of a zone; properties of the area replace it.
 _DEFAULTS: Final[dict[str, Any]] = {
     "country": "XXX",  # unspecified, as in passports
@@ -35,12 +37,12 @@ def ed318_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) ->
     yield f'{{ "type": "FeatureCollection", "name": {dumped(scene.name)}, "features": ['
     separator = "\n"
     for area in areas:
-        yield f"{separator}{dumped(_feature(area))}"
+        yield f"{separator}{dumped(_feature(scene, area))}"
         separator = ",\n"
     yield " ] }\n"
 
 
-def _feature(area: Area) -> dict[str, Any]:
+def _feature(scene: Scene, area: Area) -> dict[str, Any]:
     if len(area.key) > _LONGEST_KEY:
         rule = f"is longer than the {_LONGEST_KEY} characters of an identifier of ED-318"
         raise InvalidInput(f"area {area.key!r}", "id", rule)
@@ -49,7 +51,8 @@ def _feature(area: Area) -> dict[str, Any]:
     layer: dict[str, Any] = {}
     for side, height in (("lower", area.floor_m), ("upper", area.ceiling_m)):
         if height is not None:
-            layer |= {side: height, f"{side}Reference": "AMSL"}
+            refuse_flight_levels(scene, "ED-318")
+            layer |= {side: height, f"{side}Reference": _REFERENCES[scene.vertical_datum]}
     if layer:
         geometry["layer"] = {**layer, "uom": "m"}
     own = {name: one for name, one in area.properties.items() if name in _DEFAULTS.keys() | _OPTIONAL}

@@ -19,10 +19,11 @@ from conflictdb.earth.geodesy import WGS84_RADIUS_M, earth_of, rhumb_distance, s
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
+from conflictdb.formats.file_heights import refuse_flight_levels
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.single_activations import spans_of, voyages_of
-from conflictdb.model.plans import Area, Motion, Scene, Track
+from conflictdb.model.plans import Area, Motion, Scene, Track, VerticalDatum
 from conflictdb.stages.pieces.cutting import planar, track_pieces
 
 Floats = NDArray[np.float64]
@@ -49,14 +50,14 @@ def f3548_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) ->
     plane = plane_of(scene)
     yield "["
     separator = "\n"
-    for key, volumes in [*((one.key, _of_area(plane, one)) for one in areas), *_of_tracks(scene, plane, tracks)]:
+    for key, volumes in [*((one.key, _of_area(scene, plane, one)) for one in areas), *_of_tracks(scene, plane, tracks)]:
         details = {"volumes": list(volumes), "off_nominal_volumes": [], "priority": 0}
         yield f"{separator}{dumped({'reference': {'id': key}, 'details': details})}"
         separator = ",\n"
     yield " ]\n"
 
 
-def _of_area(plane: Plane, area: Area) -> Iterator[Mapping[str, Any]]:
+def _of_area(scene: Scene, plane: Plane, area: Area) -> Iterator[Mapping[str, Any]]:
     who = f"area {area.key!r}"
     spans = [(start, end) for start, end in spans_of(area) if start is not None and end is not None]
     if len(spans) < len(spans_of(area)):
@@ -65,7 +66,7 @@ def _of_area(plane: Plane, area: Area) -> Iterator[Mapping[str, Any]]:
     for part in shapely.get_parts(flat):
         ring = shapely.Polygon(part.exterior)  # a volume has no holes
         for span in spans:
-            yield _volume(who, plane, ring, span, (area.floor_m, area.ceiling_m))
+            yield _volume(who, scene, plane, ring, span, (area.floor_m, area.ceiling_m))
 
 
 def _of_tracks(
@@ -85,7 +86,7 @@ def _of_track(scene: Scene, plane: Plane, track: Track) -> Iterator[Mapping[str,
         heights = (float(pieces.floor_m[i]), float(pieces.ceiling_m[i]))
         bounded = tuple(one if np.isfinite(one) else None for one in heights)
         shape = shapely.MultiPoint(hull).convex_hull
-        yield _volume(who, plane, shape, (int(pieces.start_us[i]), int(pieces.end_us[i])), (bounded[0], bounded[1]))
+        yield _volume(who, scene, plane, shape, (int(pieces.start_us[i]), int(pieces.end_us[i])), (bounded[0], bounded[1]))
 
 
 def _in_steps(scene: Scene, track: Track) -> Track:
@@ -124,6 +125,7 @@ def _in_steps(scene: Scene, track: Track) -> Track:
 
 def _volume(
     who: str,
+    scene: Scene,
     plane: Plane,
     flat: shapely.Geometry,
     span_us: tuple[int, int],
@@ -140,8 +142,12 @@ def _volume(
     lon, lat_deg = plane.from_plane(*shapely.get_coordinates(wide.exterior)[:-1].T)
     lon = np.remainder(lon + 180.0, 360.0) - 180.0
     floor_m, ceiling_m = heights_m
-    lower = _LEAST_M if floor_m is None else max(_LEAST_M, floor_m - _GEOID_BELOW_M)
-    upper = _MOST_M if ceiling_m is None else min(_MOST_M, ceiling_m + _GEOID_ABOVE_M)
+    if floor_m is not None or ceiling_m is not None:
+        refuse_flight_levels(scene, "ASTM F3548")
+    is_above_sea = scene.vertical_datum is VerticalDatum.MSL
+    below_m, above_m = (_GEOID_BELOW_M, _GEOID_ABOVE_M) if is_above_sea else (0.0, 0.0)
+    lower = _LEAST_M if floor_m is None else max(_LEAST_M, floor_m - below_m)
+    upper = _MOST_M if ceiling_m is None else min(_MOST_M, ceiling_m + above_m)
     vertices = [{"lng": x, "lat": y} for x, y in zip(lon.tolist(), lat_deg.tolist(), strict=True)]
     return {
         "volume": {

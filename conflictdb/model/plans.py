@@ -26,6 +26,8 @@ from conflictdb.model.settings import MOST_M, NAMES, SETTINGS, SettingType, chec
 from conflictdb.model.settings import EarthModel as EarthModel
 from conflictdb.model.settings import Intervals as Intervals
 from conflictdb.model.settings import Motion as Motion
+from conflictdb.model.settings import VerticalDatum as VerticalDatum
+from conflictdb.model.settings import datum_named
 from conflictdb.model.speed_limits import MAX_SPEED_KN, check_speed
 from conflictdb.model.tolerances import as_members, tolerances_of
 
@@ -79,6 +81,7 @@ class Scene:
         the stored one
     intervals : closed: the last instant of a span and the ceiling of a height band belong to an object
     horizon_days : schedules are expanded from today to so many days ahead, 0 to 36,525, and over all voyages
+    vertical_datum : what the heights of all objects are above
     rules : separation rules by class, in place of `separation_m`, `vertical_separation_m` and `time_separation_s`
     """
 
@@ -95,6 +98,7 @@ class Scene:
     delays_within_s: float = 0.0
     intervals: Intervals = Intervals.HALF_OPEN
     horizon_days: float = 366.0
+    vertical_datum: VerticalDatum = VerticalDatum.MSL
     rules: Sequence[Rule] = ()
 
     def __post_init__(self) -> None:
@@ -164,7 +168,7 @@ class Area:
         a Polygon, or as the vertices of a ring
     start_us, end_us : active during [start, end), microseconds since 1970; None is unbounded. May be given as aware
         datetimes or datetime64 (UTC)
-    floor_m, ceiling_m : height band [floor, ceiling), metres above mean sea level; None is unbounded
+    floor_m, ceiling_m : height band [floor, ceiling), metres above the scene's `vertical_datum`; None is unbounded
     properties : other members of the file, exported again
     object_class : the class that separation rules name; None: no class
     owner : objects of one owner are not compared with each other; None: no owner
@@ -255,7 +259,7 @@ class Track:
     times_us : (n,) int64, strictly increasing, microseconds since 1970
     outline_m : (m, 2) float64, convex haven as (starboard, forward) metres about the reference point, not closed;
         one vertex (usually the origin) is a point haven, two are a line; of a haven that changes: at the first waypoint
-    floor_m, ceiling_m : height band [floor, ceiling), metres above mean sea level; None is unbounded
+    floor_m, ceiling_m : height band [floor, ceiling), metres above the scene's `vertical_datum`; None is unbounded
     properties : other members of the file, exported again
     grow_mps : metres per second, >= 0, at which every side of the haven moves outward from the first waypoint's time on
     outlines_m : (n, m, 2) float64, instead: the haven at every waypoint, outline_m the first; on a leg each vertex
@@ -520,6 +524,25 @@ def _keep_heights(who: str, one: Area | Track, refusals: Refusals) -> None:
     for name in ("floor_m", "ceiling_m"):
         with refusals:
             _keep(one, **{name: inputs.metres(who, name, getattr(one, name))})
+
+
+def check_datums(scene: Scene, objects: Iterable[Area | Track]) -> None:
+    """Raise InvalidInput for the first object with heights whose properties name another datum than the scene's."""
+    for one in objects:
+        stated = one.properties.get("vertical_datum")
+        if stated is not None and (one.floor_m is not None or one.ceiling_m is not None):
+            rule = datum_rule(stated, scene.vertical_datum)
+            if rule:
+                raise InvalidInput(_named("area" if isinstance(one, Area) else "track", one.key), "vertical_datum", rule)
+
+
+def datum_rule(stated: Any, datum: VerticalDatum) -> str:
+    """Return the rule that heights above a stated datum break in a scene with another one; empty: they fit."""
+    known = datum_named(stated)
+    if known is datum:
+        return ""
+    remedy = "convert them" if known is None else f"convert them, or use a scene with vertical_datum {known}"
+    return f"must be {datum.value!r}, the scene's, for an object with heights: {remedy}; got {stated!r:.60}"
 
 
 def check_ruled(who: str, object_class: Any, owner: Any) -> None:

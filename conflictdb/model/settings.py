@@ -36,6 +36,37 @@ class Intervals(StrEnum):
     CLOSED = "closed"  # they do
 
 
+class VerticalDatum(StrEnum):
+    """What the heights of a scene are above."""
+
+    MSL = "msl"  # mean sea level
+    WGS84 = "wgs84"  # the ellipsoid
+    FLIGHT_LEVEL = "flight_level"  # where the pressure is 1013.25 hPa: metres of the standard atmosphere
+
+    @property
+    def phrase(self) -> str:
+        """Its name in a sentence."""
+        return _DATUM_PHRASES[self]
+
+
+_DATUM_PHRASES: Final = {
+    VerticalDatum.MSL: "mean sea level",
+    VerticalDatum.WGS84: "the ellipsoid",
+    VerticalDatum.FLIGHT_LEVEL: "the surface of 1013.25 hPa",
+}
+# How formats name them; as in sql/12_checks.sql, _vertical_datum.
+_DATUM_NAMES: Final = {
+    **dict.fromkeys(("MSL", "AMSL"), VerticalDatum.MSL),
+    **dict.fromkeys(("WGS84", "W84"), VerticalDatum.WGS84),
+    **dict.fromkeys(("FLIGHT_LEVEL", "FL", "STD"), VerticalDatum.FLIGHT_LEVEL),
+}
+
+
+def datum_named(name: Any) -> VerticalDatum | None:
+    """Return the vertical datum of a name, in upper or lower case; None for any other value."""
+    return _DATUM_NAMES.get(name.strip().upper()) if isinstance(name, str) else None
+
+
 class SettingType(Enum):
     """Type of a setting; its rules, its option and its column follow from it."""
 
@@ -209,6 +240,15 @@ SETTINGS: Final = (
         366.0,
         "horizon",
         is_stored_by_detect=True,
+    ),
+    Setting(
+        "vertical_datum",
+        SettingType.CHOICE,
+        "What heights are above: msl (mean sea level), wgs84 (the ellipsoid) or flight_level (the surface of 1013.25 "
+        "hPa, in metres of the standard atmosphere).",
+        VerticalDatum.MSL,
+        "heights above",
+        choices=VerticalDatum,
     ),
 )
 NAMES: Final = tuple(setting.name for setting in SETTINGS)

@@ -15,8 +15,9 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats import Remark, Skipped
 from conflictdb.formats.contents import Parts, Phase, without_objects
 from conflictdb.formats.gather import Plan, gather, scene_name
+from conflictdb.formats.hints import FileHints, above
 from conflictdb.formats.reading import ReadOptions, is_parquet, read_parts
-from conflictdb.model.plans import Area, Motion, Scene, Track, check_keys
+from conflictdb.model.plans import Area, Motion, Scene, Track, VerticalDatum, check_datums, check_keys
 from conflictdb.stages.pieces.cutting import check_plane
 
 if TYPE_CHECKING:
@@ -67,10 +68,12 @@ def load_files(
     if len(paths) == 1 and is_parquet(paths[0]) and not any(v for name, v in options.items() if name not in _OF_PARTS):
         limits = options.get("max_speed_kn"), options.get("max_file_mb")
         return [_loaded_by_parts(connection, paths[0], scene, replace, *limits, phase)]
-    gathered = gather(paths, scene, phase=phase, **options)
+    datum_of = partial(_stored_datum, connection)
+    gathered = gather(paths, scene, phase=phase, datum_of=datum_of, **options)
     plans = [_with_settings(connection, plan, options.get("skip_invalid", False), phase) for plan in gathered]
-    for plan, _ in plans:
+    for plan, settings in plans:
         _require_objects(plan, replace)
+        _require_datum(settings, options.get("hints"))
     return [_loaded(connection, plan, settings, replace, phase) for plan, settings in plans]
 
 
@@ -86,6 +89,7 @@ def put(
     else:
         settings = dataclasses.replace(settings, name=name)
     settings = centred(_own_settings(connection, name, settings), areas, tracks)
+    check_datums(settings, plans)
     check_plane(plane_of(settings), areas, tracks)
     return store.replace_scene(connection, settings, areas, tracks, merge=True)
 
@@ -107,6 +111,20 @@ def _with_settings(
                 raise refused
             plan.leave_out(source, refused)
     return plan, settings
+
+
+def _stored_datum(connection: "psycopg.Connection[Any]", name: str) -> VerticalDatum:
+    """Return what the heights of a stored scene are above; of one that is not stored, the default."""
+    with store.transaction(connection):
+        known = store.scene_settings(connection, name)
+    return (known or Scene(name)).vertical_datum
+
+
+def _require_datum(settings: Scene, hints: FileHints | None) -> None:
+    """Raise InvalidInput if files were read for another vertical datum than the scene's."""
+    if hints is not None and hints.vertical_datum not in (None, settings.vertical_datum):
+        rule = f"is {settings.vertical_datum}, and the files were read for {hints.vertical_datum}: load them as they are"
+        raise InvalidInput(f"scene {settings.name!r}", "vertical_datum", rule)
 
 
 def _own_settings(connection: "psycopg.Connection[Any]", name: str, settings: Scene | None) -> Scene:
@@ -132,7 +150,7 @@ def _loaded_by_parts(
 ) -> Loaded:
     """Load a file in parts, to bound memory."""
     read = partial(read_parts, path, max_speed_kn=max_speed_kn, max_file_mb=max_file_mb)
-    with read() as parts:
+    with above(partial(_stored_datum, connection, scene_name(path, None, scene))), read() as parts:
         name = scene_name(path, parts.settings, scene)
         settings = _own_settings(
             connection, name, None if parts.settings is None else dataclasses.replace(parts.settings, name=name)

@@ -172,9 +172,18 @@ ALTER TABLE conflictdb.conflict
 ALTER TABLE conflictdb.probe_reply ADD COLUMN IF NOT EXISTS certainty text;
 """
 
+# What the heights of a scene are above.
+VERTICAL_DATUM = """
+ALTER TABLE conflictdb.scene
+    ADD COLUMN IF NOT EXISTS vertical_datum text NOT NULL DEFAULT 'msl',
+    DROP CONSTRAINT IF EXISTS scene_vertical_datum_known,
+    ADD CONSTRAINT scene_vertical_datum_known CHECK (vertical_datum IN ('msl', 'wgs84', 'flight_level'));
+"""
+
 
 def upgrade() -> None:
-    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES, ACTIVATIONS, CERTAINTY):
+    more = (RULES, ACTIVATIONS, CERTAINTY, VERTICAL_DATUM)
+    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, *more):
         op.execute(statement)
 
 

@@ -267,7 +267,7 @@ def test_heights_of_another_datum_are_refused() -> None:
     for datum in ("WGS84", "flight level", 5):
         for place in (text.index('"kind": "area"'), text.index('"kind": "track"')):
             other = text[:place] + f'"vertical_datum":{json.dumps(datum)},' + text[place:]
-            with pytest.raises(InvalidInput, match="vertical_datum: must be 'MSL'"):
+            with pytest.raises(InvalidInput, match="vertical_datum: must be 'msl', the scene's"):
                 read_scene(other, "s")
     same = text.replace('"kind":', '"vertical_datum": "MSL", "kind":')
     (area,) = read_scene(same, "s").areas

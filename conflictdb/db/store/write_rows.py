@@ -63,7 +63,7 @@ _TYPES: Final = {
 
 
 # Settings that change no conflict by themselves; rules do by the settings of the pairs that they concern.
-_OF_NO_ANSWER: Final = {"delays_within_s", "horizon_days", "rules"}
+_OF_NO_ANSWER: Final = {"delays_within_s", "horizon_days", "rules", "vertical_datum"}
 
 
 @dataclass(frozen=True, slots=True)
