@@ -4,7 +4,7 @@ Includes the reading of havens and speeds that other formats share.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Self
 
 import numpy as np
@@ -15,9 +15,9 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.discs import Corners, disc
 from conflictdb.formats.fields import Fields, finite, instant, instants
 from conflictdb.formats.geometry import AREA_TYPES, CIRCLE_TYPE, line, multipolygon, pairs, point
+from conflictdb.formats.hints import vertical_datum
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import check_storable
-from conflictdb.formats.hints import vertical_datum
 from conflictdb.formats.names import RENAME_MEMBER, SETTING_RULE, SETTINGS, misnamed
 from conflictdb.formats.reference import Systems, ToDegrees
 from conflictdb.formats.track_times import TrackAtSpeed
@@ -104,7 +104,7 @@ class FileContext:
         """Return the context of a file with settings, or without; other arguments are fields."""
         if settings is None:
             return cls(Scene(stem), *rest, **more)
-        return cls(settings, *rest, **more, datum=lambda: settings.vertical_datum)
+        return replace(cls(settings, *rest, **more), datum=lambda: settings.vertical_datum)
 
 
 def area(key: str, geometry: dict[str, Any], fields: Fields, setting: FileContext) -> Area:

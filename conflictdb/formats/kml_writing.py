@@ -17,8 +17,8 @@ from conflictdb.formats.single_activations import spans_of, voyages_of
 from conflictdb.formats.xml_text import written
 from conflictdb.model.plans import Area, Scene, Track, VerticalDatum
 
-# Members with a type: other ExtendedData are texts to other programs.
-_NUMBERS: Final = ("floor_m", "ceiling_m")
+# Members with a type: other ExtendedData are texts to other programs, and OGR reads them only without these.
+_TYPED: Final = {"floor_m": "double", "ceiling_m": "double", DATUM: "string"}
 # What the placemarks say.
 _TIMES: Final = frozenset({"kind", "start", "end", "times", "spans", "schedule", "departures"})
 
@@ -28,13 +28,16 @@ def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
     yield '<?xml version="1.0" encoding="UTF-8"?>\n'
     yield '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'
     yield written("name", text=scene.name) + "\n"
-    fields = (written("SimpleField", {"type": "double", "name": name}) for name in _NUMBERS)
+    fields = (written("SimpleField", {"type": of, "name": name}) for name, of in _TYPED.items())
     yield written("Schema", {"name": "heights", "id": "heights"}, *fields) + "\n"
     for area in areas:
         spans = spans_of(area)
         for number, span in enumerate(spans, 1):
             key = area.key if len(spans) == 1 else f"{area.key}/{number}"
-            yield _placemark(key, area_properties(area) | _datum(scene, area), _span(span), _polygons(area.footprint)) + "\n"
+            yield (
+                _placemark(key, area_properties(area) | _datum(scene, area), _span(span), _polygons(area.footprint))
+                + "\n"
+            )
     for track in tracks:
         voyages = list(voyages_of(track))
         for number, voyage in enumerate(voyages, 1):
@@ -55,8 +58,8 @@ def _datum(scene: Scene, item: Area | Track) -> dict[str, Any]:
 
 def _placemark(key: str, members: dict[str, Any], span: str, shape: str) -> str:
     data = {"id": key} | {name: one for name, one in members.items() if name not in _TIMES}
-    numbers = {name: data.pop(name) for name in _NUMBERS if isinstance(data.get(name), int | float)}
-    typed = (written("SimpleData", {"name": name}, text=repr(one)) for name, one in numbers.items())
+    fit = {name: data.pop(name) for name in _TYPED if isinstance(data.get(name), int | float | str)}
+    typed = (written("SimpleData", {"name": name}, text=str(one)) for name, one in fit.items())
     values = [
         written("SchemaData", {"schemaUrl": "#heights"}, *typed),
         *(

@@ -86,7 +86,9 @@ def _of_track(scene: Scene, plane: Plane, track: Track) -> Iterator[Mapping[str,
         heights = (float(pieces.floor_m[i]), float(pieces.ceiling_m[i]))
         bounded = tuple(one if np.isfinite(one) else None for one in heights)
         shape = shapely.MultiPoint(hull).convex_hull
-        yield _volume(who, scene, plane, shape, (int(pieces.start_us[i]), int(pieces.end_us[i])), (bounded[0], bounded[1]))
+        yield _volume(
+            who, scene, plane, shape, (int(pieces.start_us[i]), int(pieces.end_us[i])), (bounded[0], bounded[1])
+        )
 
 
 def _in_steps(scene: Scene, track: Track) -> Track:

@@ -22,12 +22,11 @@ from conflictdb.model.activations import check_schedule, departures_of, spans_of
 from conflictdb.model.methods import METHODS, Method
 from conflictdb.model.outlines import FASTEST_TIP, SHARPEST_CORNER_DEG, mitred, stays_convex
 from conflictdb.model.rules import Rule, RuleTable, check_class, check_word
-from conflictdb.model.settings import MOST_M, NAMES, SETTINGS, SettingType, checked
+from conflictdb.model.settings import MOST_M, NAMES, SETTINGS, SettingType, checked, datum_named
 from conflictdb.model.settings import EarthModel as EarthModel
 from conflictdb.model.settings import Intervals as Intervals
 from conflictdb.model.settings import Motion as Motion
 from conflictdb.model.settings import VerticalDatum as VerticalDatum
-from conflictdb.model.settings import datum_named
 from conflictdb.model.speed_limits import MAX_SPEED_KN, check_speed
 from conflictdb.model.tolerances import as_members, tolerances_of
 
@@ -533,7 +532,9 @@ def check_datums(scene: Scene, objects: Iterable[Area | Track]) -> None:
         if stated is not None and (one.floor_m is not None or one.ceiling_m is not None):
             rule = datum_rule(stated, scene.vertical_datum)
             if rule:
-                raise InvalidInput(_named("area" if isinstance(one, Area) else "track", one.key), "vertical_datum", rule)
+                raise InvalidInput(
+                    _named("area" if isinstance(one, Area) else "track", one.key), "vertical_datum", rule
+                )
 
 
 def datum_rule(stated: Any, datum: VerticalDatum) -> str:

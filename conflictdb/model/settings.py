@@ -52,7 +52,7 @@ class VerticalDatum(StrEnum):
 _DATUM_PHRASES: Final = {
     VerticalDatum.MSL: "mean sea level",
     VerticalDatum.WGS84: "the ellipsoid",
-    VerticalDatum.FLIGHT_LEVEL: "the surface of 1013.25 hPa",
+    VerticalDatum.FLIGHT_LEVEL: "a surface of constant pressure",
 }
 # How formats name them; as in sql/12_checks.sql, _vertical_datum.
 _DATUM_NAMES: Final = {

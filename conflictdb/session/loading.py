@@ -123,7 +123,9 @@ def _stored_datum(connection: "psycopg.Connection[Any]", name: str) -> VerticalD
 def _require_datum(settings: Scene, hints: FileHints | None) -> None:
     """Raise InvalidInput if files were read for another vertical datum than the scene's."""
     if hints is not None and hints.vertical_datum not in (None, settings.vertical_datum):
-        rule = f"is {settings.vertical_datum}, and the files were read for {hints.vertical_datum}: load them as they are"
+        rule = (
+            f"is {settings.vertical_datum}, and the files were read for {hints.vertical_datum}: load them as they are"
+        )
         raise InvalidInput(f"scene {settings.name!r}", "vertical_datum", rule)
 
 

@@ -369,7 +369,8 @@ TABLE scene (
     delays_within_s double precision NOT NULL DEFAULT 0.0,
     intervals text NOT NULL DEFAULT 'half_open'::text,
     horizon_days double precision NOT NULL DEFAULT 366.0,
-    expanded tstzrange
+    expanded tstzrange,
+    vertical_datum text NOT NULL DEFAULT 'msl'::text
 );
 
 TABLE scene_lock (
@@ -639,7 +640,8 @@ VIEW scenes (
     intervals text,
     horizon_days double precision,
     expanded_from timestamp with time zone,
-    expanded_until timestamp with time zone
+    expanded_until timestamp with time zone,
+    vertical_datum text
 );
 
 VIEW shares (
@@ -774,6 +776,7 @@ CONSTRAINT scene_separation_finite ON scene: CHECK (((separation_m >= (0)::doubl
 CONSTRAINT scene_time_separation_known ON scene: CHECK (((time_separation_s >= (0)::double precision) AND (time_separation_s <= (2592000)::double precision)));
 CONSTRAINT scene_time_separation_solved ON scene: CHECK (((time_separation_s = (0)::double precision) OR (method <> 'nlp'::text)));
 CONSTRAINT scene_tolerance_finite ON scene: CHECK (((tolerance_m >= (0)::double precision) AND (tolerance_m < 'Infinity'::double precision)));
+CONSTRAINT scene_vertical_datum_known ON scene: CHECK ((vertical_datum = ANY (ARRAY['msl'::text, 'wgs84'::text, 'flight_level'::text])));
 CONSTRAINT scene_vertical_separation_finite ON scene: CHECK (((vertical_separation_m >= (0)::double precision) AND (vertical_separation_m < 'Infinity'::double precision)));
 CONSTRAINT scene_lock_pkey ON scene_lock: PRIMARY KEY (scene_id);
 CONSTRAINT scene_share_pkey ON scene_share: PRIMARY KEY (scene_id, role);
@@ -1021,6 +1024,9 @@ FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_cei
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_coordinates(p_who text, p_field text, p_geometry geometry, p_scene_id bigint)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _check_datum(p_who text, p_scene_id bigint, p_stated text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_delays_request(p_scene_id bigint, p_key text, p_horizon interval, p_now timestamp with time zone)
@@ -1923,7 +1929,7 @@ FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
 FUNCTION copy_scene(p_scene text, p_name text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision, p_intervals text DEFAULT NULL::text, p_horizon_days double precision DEFAULT NULL::double precision)
+FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision, p_intervals text DEFAULT NULL::text, p_horizon_days double precision DEFAULT NULL::double precision, p_vertical_datum text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
 
 FUNCTION delays_of(p_scene text, p_key text DEFAULT NULL::text, p_horizon interval DEFAULT NULL::interval, p_now timestamp with time zone DEFAULT NULL::timestamp with time zone)

@@ -1,5 +1,6 @@
 """The vertical datum of a scene in the database: put routines, files, and changes of the setting."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +58,7 @@ def test_feeds_are_loaded_for_the_datum_of_their_scene(dsn: str, tmp_path: Path)
             with pytest.raises(InvalidInput, match="vertical_datum: must be 'wgs84', the scene's"):
                 use([stated])
         with pytest.raises(InvalidInput, match="vertical_datum: must stay"):
-            scene.put([], settings=Scene("s"))
+            scene.put(replace(stated, properties={}), settings=Scene("s"))
         scene.export(tmp_path / "s.geojson")
         assert '"vertical_datum": "wgs84"' in (tmp_path / "s.geojson").read_text()
         db.load_files([tmp_path / "s.geojson"])

@@ -20,7 +20,14 @@ def test_the_page_about_files_has_each_setting(setting: object) -> None:
 
 def test_files_keep_every_setting() -> None:
     scene = Scene(
-        "s", "great_circle", "sphere", "screen", centre=(3.0, 4.0), intervals="closed", **dict.fromkeys(NUMBERS, 12.5)
+        "s",
+        "great_circle",
+        "sphere",
+        "screen",
+        centre=(3.0, 4.0),
+        intervals="closed",
+        vertical_datum="wgs84",
+        **dict.fromkeys(NUMBERS, 12.5),
     )  # type: ignore[arg-type]
     assert set(settings_of(scene)) == {"name", *NAMES}
     assert scene_of(settings_of(scene), "") == scene

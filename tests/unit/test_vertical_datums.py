@@ -59,7 +59,9 @@ def test_the_ground_is_no_datum(tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
     path.write_text(intent("AGL", "M", 50.0))
     for datum in VerticalDatum:
-        with pytest.raises(InvalidInput, match="is measured from the ground, and cannot be compared with heights above"):
+        with pytest.raises(
+            InvalidInput, match="is measured from the ground, and cannot be compared with heights above"
+        ):
             read(path, hints=FileHints(vertical_datum=datum))
     with pytest.raises(InvalidInput, match="must be one of msl, wgs84, flight_level"):
         FileHints(vertical_datum="agl")
@@ -68,7 +70,14 @@ def test_the_ground_is_no_datum(tmp_path: Path) -> None:
 @pytest.mark.parametrize("datum", list(VerticalDatum))
 def test_objects_that_name_another_datum_are_refused_everywhere(datum: VerticalDatum) -> None:
     scene = Scene("s", vertical_datum=datum)
-    for stated, own in (("MSL", "msl"), (" amsl", "msl"), ("W84", "wgs84"), ("std", "flight_level"), ("AGL", None), (5, None)):
+    for stated, own in (
+        ("MSL", "msl"),
+        (" amsl", "msl"),
+        ("W84", "wgs84"),
+        ("std", "flight_level"),
+        ("AGL", None),
+        (5, None),
+    ):
         one = area(properties={"vertical_datum": stated})
         if own == datum:
             assert solve([], [one], scene) == []
@@ -110,7 +119,9 @@ def test_written_files_say_what_their_heights_are_above(tmp_path: Path, ending: 
             read(path, hints=FileHints(vertical_datum=other))
 
 
-@pytest.mark.parametrize(("mode", "is_taken"), [("absolute", True), ("relativeToGround", False), ("clampToGround", True)])
+@pytest.mark.parametrize(
+    ("mode", "is_taken"), [("absolute", True), ("relativeToGround", False), ("clampToGround", True)]
+)
 def test_altitude_modes_of_kml_are_read(tmp_path: Path, mode: str, is_taken: bool) -> None:
     text = "".join(object_lines(tmp_path / "s.kml", Scene("s"), [area()], []))
     path = tmp_path / "s.kml"
