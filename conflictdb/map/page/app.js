@@ -11,6 +11,7 @@ import { Havens } from "./havens.js";
 import { List } from "./list.js";
 import { MapView } from "./map.js";
 import { MERCATOR_END } from "./model.js";
+import { distanceAround, kernelOf } from "./pair_distance.js";
 import { Paced, Readings } from "./pace.js";
 import { Player } from "./player.js";
 import { PolarView } from "./polar.js";
@@ -51,7 +52,8 @@ class Page {
     this.detail = new Detail(byId("detail"), {
       whatIf: (track) => this.askWhatIf(track), back: () => this.unchoose(), goTo: moveTo, acknowledge: (conflict, reason) => this.acknowledge(conflict, reason),
     });
-    this.departure = new Departure(byId("what-if"), this.source, {
+    this.kernel = kernelOf(this.source);
+    this.departure = new Departure(byId("what-if"), this.source, this.kernel, {
       range: (track, s) => this.state.model.spareSpan([track.start - s, track.end + s]), change: (plan) => this.replan(plan), close: () => this.planClosed(),
     });
     this.marks = new Paced(() => this.mark(), MARKS_MS, MARKS_SHARE);
@@ -267,6 +269,7 @@ class Page {
     byId("day").textContent = `UTC, ${day(t)}`;
     this.timeline.mark(t, chosen?.id ?? null);
     this.list.show(t, chosen?.id ?? null);
+    this.detail.mark(t);
     havens.t = polar.t = t;
     havens.marks.inConflict = polar.inConflict = state.inConflict();
     havens.marks.pair = chosen ? [chosen.a, chosen.b] : [];
@@ -342,7 +345,9 @@ class Page {
 
   showDetail() {
     const { chosen, model } = this.state;
-    this.detail.show(chosen, model, this.source.pair(chosen.a, chosen.b), model.scene.may_acknowledge);
+    const track = [chosen.b, chosen.a].find((key) => model.objects.get(key)?.kind === "track");
+    const distance = track === undefined ? null : distanceAround(this.source, this.kernel, chosen, track);
+    this.detail.show(chosen, model, this.source.pair(chosen.a, chosen.b), distance, model.scene.may_acknowledge);
   }
 
   // --- about the pole ------------------------------------------------------------------------------------------------
