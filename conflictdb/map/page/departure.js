@@ -184,6 +184,18 @@ export class Departure {
     return `${said}: ${gone ? `${gone} fewer` : "none fewer"}, ${come ? `${come} new` : "none new"}${now.size ? `; ${now.size} in all` : "; clear"}.`;
   }
 
+  // Moves the plan if it is known, and widens the range if need be.
+  moveWithin(us) {
+    if (this.more.hidden) return;
+    const wide = RANGES.find((s) => 1e6 * s >= Math.abs(us)) ?? RANGES[RANGES.length - 1];
+    this.laterUs = Math.sign(us) * Math.min(Math.abs(us), 1e6 * wide);
+    if (wide > this.rangeS) {
+      this.rangeS = this.range.value = wide;
+      return this.read();
+    }
+    this.moveTo(this.laterUs);
+  }
+
   pressed(event) {
     const step = 1e6 * Math.max(1, this.rangeS / 240);
     const by = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }[event.key];
