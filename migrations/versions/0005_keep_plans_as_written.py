@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "1acfee6833684279d33d07f195adb9fb10935b20673059f751d21c3bdbe64faa"
+routines_sha256 = "0c0d0f79421ac1a60f6295d9cbbc020d521499438447072348e901afcba1f5c7"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -163,9 +163,18 @@ ALTER TABLE conflictdb.scene
     ADD COLUMN IF NOT EXISTS expanded tstzrange;
 """
 
+# Whether all voyages within tolerances conflict.
+CERTAINTY = """
+ALTER TABLE conflictdb.conflict
+    ADD COLUMN IF NOT EXISTS certainty text,
+    DROP CONSTRAINT IF EXISTS conflict_certainty_known,
+    ADD CONSTRAINT conflict_certainty_known CHECK (certainty IN ('must', 'may'));
+ALTER TABLE conflictdb.probe_reply ADD COLUMN IF NOT EXISTS certainty text;
+"""
+
 
 def upgrade() -> None:
-    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES, ACTIVATIONS):
+    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES, ACTIVATIONS, CERTAINTY):
         op.execute(statement)
 
 
