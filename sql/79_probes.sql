@@ -144,11 +144,19 @@ DECLARE
     -- Per role: more would delay others and fill the table.
     c_most_waiting CONSTANT integer := 1000;
 BEGIN
-    IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error, NEW.delays) > 0 OR NEW.failures <> 0 THEN
+    IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error, NEW.delays, NEW.admission) > 0
+       OR NEW.failures <> 0 THEN
         FOUND := _raise('ZC013', c_who, 'answered_at', 'can be set by workers only', 'probe_unanswered');
     END IF;
     NEW.asked_at := now();
-    IF NEW.horizon IS NOT NULL THEN
+    IF NEW.plans IS NOT NULL THEN
+        -- A worker puts them.
+        IF NOT _may_admit(NEW.asked_by, NEW.scene_id) THEN
+            FOUND := _raise('42501', c_who, 'plans', format('role %I may not change this scene', NEW.asked_by),
+                            'admission_permitted', 'GRANT conflictdb_editor, or share the scene for writing.');
+        END IF;
+        PERFORM _check_plans(NEW.plans), _check_word(c_who, 'owner', NEW.owner);
+    ELSIF NEW.horizon IS NOT NULL THEN
         PERFORM _check_delays_request(NEW.scene_id, NEW.key, NEW.horizon, lower(NEW.active_span));
         NEW.active_span := tstzrange(lower(NEW.active_span), NULL);
     ELSIF NEW.object_kind = 0 THEN
@@ -270,10 +278,14 @@ CREATE OR REPLACE FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval 
 RETURNS TABLE (
     key text, kind text, verdict text, periods tstzmultirange, first_contact timestamptz, last_contact timestamptz,
     time_error_s double precision, first_contact_point geometry, closest_at timestamptz, closest_m double precision,
-    closest_error_m double precision, lacking_s double precision
+    closest_error_m double precision, lacking_s double precision, certainty text
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
+    IF EXISTS (SELECT FROM probe_request p WHERE p.probe_id = p_probe_id AND p.plans IS NOT NULL) THEN
+        FOUND := _raise('ZC011', format('probe %s', p_probe_id), 'probe_id', 'is an admission', 'probe_known',
+                        'Use wait_for_admission.');
+    END IF;
     IF NOT _await_answer(p_probe_id, p_timeout, false) THEN
         RAISE NOTICE 'probe %: changes of the scene waited for detection: the answer may not be complete', p_probe_id;
     END IF;
@@ -282,7 +294,7 @@ BEGIN
     RETURN QUERY
         SELECT r.key, CASE r.object_kind WHEN 0 THEN 'area' ELSE 'track' END, r.verdict, r.periods, lower(r.periods),
                upper(r.periods), r.time_error_s, r.first_contact_point, r.closest_at, r.closest_m, r.closest_error_m,
-               r.lacking_s
+               r.lacking_s, r.certainty
         FROM probe_reply r WHERE r.probe_id = p_probe_id ORDER BY lower(r.periods) NULLS FIRST, r.key;
 END
 $$;
@@ -314,13 +326,13 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._wait_for_probe(p_probe_id bigint
 RETURNS TABLE (
     key text, name text, kind text, verdict text, periods bytea, time_error_s double precision,
     lon_deg double precision, lat_deg double precision, closest_at timestamptz, closest_m double precision,
-    closest_error_m double precision, lacking_s double precision
+    closest_error_m double precision, lacking_s double precision, certainty text
 )
 LANGUAGE sql VOLATILE
 BEGIN ATOMIC
     SELECT w.key, coalesce(a.name, t.name), w.kind, w.verdict, multirange_send(w.periods), w.time_error_s,
            ST_X(w.first_contact_point), ST_Y(w.first_contact_point), w.closest_at, w.closest_m, w.closest_error_m,
-           w.lacking_s
+           w.lacking_s, w.certainty
     FROM wait_for_probe(p_probe_id, p_timeout) w
     LEFT JOIN probe_request p ON p.probe_id = p_probe_id
     LEFT JOIN area a ON w.kind = 'area' AND a.scene_id = p.scene_id AND a.key = w.key
@@ -331,12 +343,13 @@ COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS
 
 -- For workers.
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._next_probe() RETURNS TABLE (probe_id bigint, scene_id bigint)
+CREATE OR REPLACE FUNCTION conflictdb_internal._next_probe(p_passed_over bigint[])
+RETURNS TABLE (probe_id bigint, scene_id bigint)
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     RETURN QUERY
         SELECT p.probe_id, p.scene_id FROM probe_request p
-        WHERE p.answered_at IS NULL
+        WHERE p.answered_at IS NULL AND p.probe_id <> ALL (p_passed_over)
         -- Failed requests last; then the scene and the role that have waited longest for a reply.
         ORDER BY p.failures,
                  (SELECT max(q.answered_at) FROM probe_request q WHERE q.scene_id = p.scene_id) NULLS FIRST,
@@ -344,8 +357,9 @@ BEGIN
         LIMIT 1 FOR UPDATE SKIP LOCKED;
 END
 $$;
-COMMENT ON FUNCTION _next_probe() IS
-'The next request that no other session works on, locked until the transaction ends; no row if there is none.';
+COMMENT ON FUNCTION _next_probe(bigint[]) IS
+'The next request that no other session works on, without some, locked until the transaction ends; no row if there is '
+'none.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._probe_request(
     p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea,
@@ -380,16 +394,16 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._answer_probe(
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     INSERT INTO probe_reply (probe_id, object_kind, key, verdict, periods, time_error_s, first_contact_point,
-                             closest_at, closest_m, closest_error_m, lacking_s)
+                             closest_at, closest_m, closest_error_m, lacking_s, certainty)
         SELECT p_probe_id, f.kind, f.key, f.verdict,
                (SELECT coalesce(range_agg(tstzrange((d ->> 0)::timestamptz, (d ->> 1)::timestamptz, '[]')),
                                 '{}') FROM jsonb_array_elements(f.periods) d),
                f.time_error_s, ST_SetSRID(ST_MakePoint(f.lon_deg, f.lat_deg), 4326), f.closest_at, f.closest_m,
-               f.closest_error_m, f.lacking_s
+               f.closest_error_m, f.lacking_s, f.certainty
         FROM jsonb_to_recordset(p_found) f (
             kind smallint, key text, verdict text, periods jsonb, time_error_s double precision,
             lon_deg double precision, lat_deg double precision, closest_at timestamptz, closest_m double precision,
-            closest_error_m double precision, lacking_s double precision);
+            closest_error_m double precision, lacking_s double precision, certainty text);
     UPDATE probe_request p SET answered_at = clock_timestamp(), is_current = _is_current(p.scene_id), error = p_error,
                                delays = p_delays
         WHERE p.probe_id = p_probe_id;
@@ -416,8 +430,8 @@ DROP POLICY IF EXISTS probe_reply_worker ON probe_reply;
 CREATE POLICY probe_reply_worker ON probe_reply TO conflictdb_worker USING (true) WITH CHECK (true);
 
 COMMENT ON TABLE probe_request IS
-'Requests to the workers: about a plan (request_probe, request_track_probe), or the departures of a track '
-'(request_delays). Visible to the role that asked and to workers; deleted after an hour.';
+'Requests to the workers: about a plan (request_probe, request_track_probe), the departures of a track '
+'(request_delays), or to admit plans (admit). Visible to the role that asked and to workers; deleted after an hour.';
 COMMENT ON COLUMN probe_request.probe_id IS 'Id of the request.';
 COMMENT ON COLUMN probe_request.scene_id IS 'Scene.';
 COMMENT ON COLUMN probe_request.asked_by IS 'Role that asked.';
@@ -461,3 +475,6 @@ COMMENT ON COLUMN probe_reply.closest_error_m IS
 'Closest approach: error bound of closest_m, metres; null if not computed.';
 COMMENT ON COLUMN probe_reply.lacking_s IS
 'Separation in time: seconds by which it is missed; null if none is required, or if the verdict is unresolved.';
+COMMENT ON COLUMN probe_reply.certainty IS
+'must: all voyages within the tolerances of both conflict; may: it is not proven that all do; null if neither has '
+'tolerances, or if the verdict is unresolved or near.';

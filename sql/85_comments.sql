@@ -26,6 +26,12 @@ COMMENT ON COLUMN track.departures IS
 'When its voyages depart, if several: the path, moved so that it begins then. With a schedule: its expansion, null '
 'until a detection makes it. Null without a schedule: one voyage, at the times of the path.';
 COMMENT ON COLUMN track.schedule IS 'When it departs: the starts of a schedule (JSON as in scene files); null: none.';
+COMMENT ON COLUMN area.schedule_error IS
+'Why its schedule is not understood, as the last detection says: its pairs are unresolved; null: it is, or there is '
+'none.';
+COMMENT ON COLUMN track.schedule_error IS
+'Why its schedule is not understood, as the last detection says: its pairs are unresolved; null: it is, or there is '
+'none.';
 COMMENT ON COLUMN scene.expanded IS 'The time for which schedules are expanded; null: none is.';
 COMMENT ON COLUMN area.active_span IS 
 'When it is closed: [start, end); a missing bound is unbounded. With activations it holds all of them.';
@@ -187,6 +193,9 @@ COMMENT ON COLUMN conflict.b_key IS 'Second object: key.';
 COMMENT ON COLUMN conflict.lacking_s IS
 'Separation in time: seconds by which it is missed, within time_error_s; null if none is required, or if the verdict '
 'is unresolved.';
+COMMENT ON COLUMN conflict.certainty IS
+'must: all voyages within the tolerances of both objects conflict; may: it is not proven that all do; null if neither '
+'has tolerances, or if the verdict is unresolved or near.';
 COMMENT ON COLUMN conflict.periods IS 'When they conflict, bounds inclusive; empty for pairs that are only near.';
 COMMENT ON COLUMN conflict.verdict IS
 'conflict: they meet; grazing: within the tolerance of the limit; unresolved: neither proven apart nor decided; '

@@ -242,7 +242,7 @@ def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Opti
             conn.rollback()
         if again is not None:
             follow_attached.follow(conn, scene, again=again)
-        expansion.expand(conn, scene)
+        expansion.expand(conn, scene, options.say)
         again = None
 
 

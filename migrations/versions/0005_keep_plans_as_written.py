@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "8e0daf35dbcca23c47ea4722098eab4ca05be7d346b4edf2188796c24823c881"
+routines_sha256 = "0c0d0f79421ac1a60f6295d9cbbc020d521499438447072348e901afcba1f5c7"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -43,6 +43,18 @@ CREATE TABLE IF NOT EXISTS conflictdb.admission_lock (
     scene_id bigint NOT NULL CONSTRAINT admission_lock_pkey PRIMARY KEY,
     taken bigint NOT NULL
 );
+ALTER TABLE conflictdb.probe_request
+    ADD COLUMN IF NOT EXISTS plans jsonb,
+    ADD COLUMN IF NOT EXISTS owner text,
+    ADD COLUMN IF NOT EXISTS allow_known boolean NOT NULL DEFAULT false,
+    ADD COLUMN IF NOT EXISTS admission jsonb,
+    DROP CONSTRAINT IF EXISTS probe_request_plan_given,
+    ADD CONSTRAINT probe_request_plan_given CHECK (
+        CASE WHEN plans IS NOT NULL THEN num_nonnulls(key, footprint, path, horizon) = 0
+             WHEN horizon IS NOT NULL THEN object_kind = 1 AND key IS NOT NULL AND path IS NULL
+             WHEN object_kind = 0 THEN num_nonnulls(footprint, active_span) = 2
+             ELSE num_nonnulls(path, outline) = 2 END);
+DROP FUNCTION IF EXISTS conflictdb_internal._next_probe();
 CREATE INDEX IF NOT EXISTS area_scene_id_owner_btree ON conflictdb.area (scene_id, owner) WHERE owner IS NOT NULL;
 CREATE INDEX IF NOT EXISTS track_scene_id_owner_btree ON conflictdb.track (scene_id, owner) WHERE owner IS NOT NULL;
 """
@@ -139,9 +151,9 @@ ALTER TABLE conflictdb.conflict_event ADD COLUMN IF NOT EXISTS proposal_id bigin
 # When an area is active, and a track departs, several times; the schedule that says so, and how far it is expanded.
 ACTIVATIONS = """
 ALTER TABLE conflictdb.area ADD COLUMN IF NOT EXISTS activations tstzmultirange,
-    ADD COLUMN IF NOT EXISTS schedule jsonb;
+    ADD COLUMN IF NOT EXISTS schedule jsonb, ADD COLUMN IF NOT EXISTS schedule_error text;
 ALTER TABLE conflictdb.track ADD COLUMN IF NOT EXISTS departures timestamptz[],
-    ADD COLUMN IF NOT EXISTS schedule jsonb;
+    ADD COLUMN IF NOT EXISTS schedule jsonb, ADD COLUMN IF NOT EXISTS schedule_error text;
 CREATE INDEX IF NOT EXISTS area_scene_id_scheduled_btree ON conflictdb.area (scene_id) WHERE schedule IS NOT NULL;
 CREATE INDEX IF NOT EXISTS track_scene_id_scheduled_btree ON conflictdb.track (scene_id) WHERE schedule IS NOT NULL;
 ALTER TABLE conflictdb.scene
@@ -151,9 +163,18 @@ ALTER TABLE conflictdb.scene
     ADD COLUMN IF NOT EXISTS expanded tstzrange;
 """
 
+# Whether all voyages within tolerances conflict.
+CERTAINTY = """
+ALTER TABLE conflictdb.conflict
+    ADD COLUMN IF NOT EXISTS certainty text,
+    DROP CONSTRAINT IF EXISTS conflict_certainty_known,
+    ADD CONSTRAINT conflict_certainty_known CHECK (certainty IN ('must', 'may'));
+ALTER TABLE conflictdb.probe_reply ADD COLUMN IF NOT EXISTS certainty text;
+"""
+
 
 def upgrade() -> None:
-    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES, ACTIVATIONS):
+    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES, ACTIVATIONS, CERTAINTY):
         op.execute(statement)
 
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import Pieces, level_m
+from conflictdb.arrays.pieces import OF_TOLERANCES, Pieces, level_m
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import shorter_way_deg
 from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M, Plane
 from conflictdb.errors import InvalidInput
-from conflictdb.model.plans import MINUS_INFINITY_US, Area, Scene, Track
+from conflictdb.model.plans import MINUS_INFINITY_US, Area, Motion, Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.convex_parts import convex_parts, is_thread
 from conflictdb.stages.pieces.ribbons import with_ribbons
@@ -40,6 +40,8 @@ MAX_DEVIATION_SHARE: Final = 0.25
 MAX_SLICES_FOR_DEVIATION: Final = 1024
 # An object with more pieces is not cut: they would take a gigabyte; real tracks have some thousands.
 MAX_PIECES: Final = 1_000_000
+# As the planes name them.
+_LINES: Final = {Motion.RHUMB: "rhumb lines", Motion.GREAT_CIRCLE: "great circles"}
 
 
 def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) -> None:
@@ -58,6 +60,10 @@ def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) ->
             )
     if not tracks:
         return
+    for track in tracks:
+        if track.legs is not None and _LINES[track.legs] != plane.lines:
+            rule = f"are {_LINES[track.legs]}, and the scene follows {plane.lines}"
+            raise InvalidInput(f"track {track.key!r}", "legs", f"{rule}: use a scene with motion {track.legs.value}")
     batch = TrackBatch.of(tracks, once=True)
     outside = np.flatnonzero(~plane.holds(*batch.positions_deg.T))
     if outside.size:
@@ -134,6 +140,8 @@ def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
 
 def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
     """Return the pieces of some tracks: time slices of their legs, and seam copies."""
+    has_tolerances = np.array([one is not None for one in tracks.tolerances], np.bool_)
+    of_tolerances = tracks.track_id[has_tolerances]
     tracks = with_ribbons(plane, tracks)
     legs = _legs(plane, tracks)
     count = _slice_counts(legs, scene.reach_m)
@@ -163,7 +171,9 @@ def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
         leg_start_deg=pieces.leg_start_deg - away,
         leg_end_deg=pieces.leg_end_deg - away,
     )
-    return _departing(_with_seam_copies(plane, pieces), tracks)
+    pieces = _departing(_with_seam_copies(plane, pieces), tracks)
+    part = pieces.part + np.where(np.isin(pieces.object_id, of_tolerances), OF_TOLERANCES, 0)
+    return replace(pieces, part=part.astype(np.int32))
 
 
 def _active(pieces: Pieces, areas: AreaBatch) -> Pieces:
