@@ -202,7 +202,8 @@ BEGIN
             CASE TG_OP WHEN 'UPDATE' THEN OLD.ceiling_m END,
             TG_OP = 'UPDATE' AND NEW.ceilings_m IS DISTINCT FROM OLD.ceilings_m);
     END IF;
-    IF NEW.properties ? 'vertical_datum' AND num_nonnulls(NEW.floor_m, NEW.ceiling_m, NEW.floors_m, NEW.ceilings_m) > 0 THEN
+    IF NEW.properties ? 'vertical_datum'
+       AND num_nonnulls(NEW.floor_m, NEW.ceiling_m, NEW.floors_m, NEW.ceilings_m) > 0 THEN
         PERFORM _check_datum(v_who, NEW.scene_id, NEW.properties ->> 'vertical_datum');
     END IF;
     IF TG_OP = 'UPDATE' THEN

@@ -446,7 +446,8 @@ COMMENT ON COLUMN probe_request.path IS 'Track: waypoints, M is Unix seconds; nu
 COMMENT ON COLUMN probe_request.outline IS 'Track: haven, metres to starboard and ahead; null for an area.';
 COMMENT ON COLUMN probe_request.grow_mps IS 'Track: outward speed of the haven''s sides, metres per second.';
 COMMENT ON COLUMN probe_request.floor_m IS 'Lowest height, metres above the vertical datum, inclusive; null: no limit.';
-COMMENT ON COLUMN probe_request.ceiling_m IS 'Highest height, metres above the vertical datum, exclusive; null: no limit.';
+COMMENT ON COLUMN probe_request.ceiling_m IS
+'Highest height, metres above the vertical datum, exclusive; null: no limit.';
 COMMENT ON COLUMN probe_request.horizon IS 'Delays: up to how much later or earlier; null for a probe.';
 COMMENT ON COLUMN probe_request.delays IS
 'Delays: the reply, as `conflictdb delays --format json` prints it; null for a probe, or while it waits.';

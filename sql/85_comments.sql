@@ -1,4 +1,4 @@
--- Comments of tables and columns. Heights are metres above the scene's vertical datum; longitude and latitude are degrees.
+-- Comments of tables and columns. Heights are metres above the vertical datum; longitude and latitude are degrees.
 
 COMMENT ON SCHEMA conflictdb IS
 'Detects when and where moving and static areas conflict: scenes, areas, tracks and their conflicts.';

@@ -94,6 +94,7 @@ class Area(Base):
     owner: Mapped[str | None]
     activations: Mapped[Sequence[Range[datetime]] | None]
     schedule: Mapped[dict[str, Any] | None]
+    schedule_error: Mapped[str | None]
 
 
 class Track(Base):
@@ -121,6 +122,7 @@ class Track(Base):
     owner: Mapped[str | None]
     departures: Mapped[list[datetime] | None]
     schedule: Mapped[dict[str, Any] | None]
+    schedule_error: Mapped[str | None]
 
 
 class Conflict(Base):

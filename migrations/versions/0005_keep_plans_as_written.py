@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "9e39685fda0417a3f1e72a5359c3a702c054186a130648826aed1c3b19a11d25"
+routines_sha256 = "784aa35f846e8059aea847f06dc4dcd3439a13d0daa635419b7e9337fff34a15"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
