@@ -152,8 +152,8 @@ COMMENT ON FUNCTION put_area(
     jsonb) IS
 'Adds an area to a scene, or replaces the one with that key; returns its id. '
 'Longitude and latitude in degrees (SRID 4326), heights in metres above the vertical datum of the scene, active '
-'during [start, end); null is unbounded. Objects of one owner are not compared with each other. It is active during p_activations instead, '
-'or by p_schedule (JSON as in scene files), which the next detection expands and checks.';
+'during [start, end); null is unbounded. Objects of one owner are not compared with each other. It is active during '
+'p_activations instead, or by p_schedule (JSON as in scene files), which the next detection expands and checks.';
 
 CREATE OR REPLACE FUNCTION put_track(
     p_scene text, p_key text, p_path geometry, p_outline geometry,
@@ -220,8 +220,8 @@ COMMENT ON FUNCTION put_track(
 'The haven may change: p_grow_mps moves every side outward (metres per second) from the first waypoint''s time on, or '
 'p_outlines gives a MultiPolygon with one outline per waypoint (p_outline may then be null). '
 'Heights (metres above the vertical datum, null: no limit) apply to the whole track; p_floors_m and p_ceilings_m '
-'instead give one per leg, or one per waypoint, between which it changes linearly (p_floor_m and p_ceiling_m must then be null '
-'or agree). '
+'instead give one per leg, or one per waypoint, between which it changes linearly (p_floor_m and p_ceiling_m must then '
+'be null or agree). '
 'Objects of one owner are not compared with each other. '
 'p_tolerances: how far voyages may differ from the plan, e.g. {"xtd_port_m": 500, "max_speed_kn": 12}; members as in '
 'scene files. Detections then protect a haven that contains every such voyage. '
