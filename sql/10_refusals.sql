@@ -8,6 +8,7 @@
 -- ZC014 not_current (within the time limit)   ZC015 not_answered (within the time limit)
 -- ZC016 invalid_plan             ZC017 too_large
 -- ZC018 out_of_date (a proposal, since its scene changed)   ZC019 invalid_rule
+-- ZC020 is_branch
 --
 -- Functions called by SECURITY DEFINER routines set search_path to the schemas of conflictdb: in another schema a user
 -- could define a better-matching function or operator.
@@ -48,10 +49,16 @@ BEGIN
                         'is not in this database; known: ' || coalesce(v_known, 'none'), 'scene_known',
                         'create_scene(name) creates one.');
     END IF;
+    SELECT p.name INTO v_known FROM scene s JOIN scene p ON p.scene_id = s.parent_scene_id WHERE s.name = p_scene;
+    IF FOUND THEN
+        FOUND := _raise('ZC020', format('scene %L', p_scene), 'name',
+                        format('is a branch of %L, and this needs a whole scene', v_known), 'scene_whole',
+                        'copy_scene(branch, name) makes one of it; merge_branch(branch) takes its edits over.');
+    END IF;
     RETURN v_scene_id;
 END
 $$;
-COMMENT ON FUNCTION _scene_id(text) IS 'Returns the scene''s id; raises ZC010 for an unknown name.';
+COMMENT ON FUNCTION _scene_id(text) IS 'Returns the scene''s id; raises ZC010 for an unknown name, ZC020 for a branch (_scene_or_branch).';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._require_snapshot() RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$

@@ -124,6 +124,11 @@ BEGIN
         -- The check sees rules of other sessions, and a proposal is applied under the rules that it was computed with.
         PERFORM FROM scene s WHERE s.scene_id = v_scene_id FOR NO KEY UPDATE;
         PERFORM _check_rules(v_scene_id);
+        IF _rules_of(v_scene_id) IS DISTINCT FROM _rules_of(coalesce(_parent_of(v_scene_id), v_scene_id)) THEN
+            FOUND := _raise('ZC020', format('scene %L', (SELECT s.name FROM scene s WHERE s.scene_id = v_scene_id)),
+                            'rules', 'are those of its parent', 'branch_rules', 'Change those: its branches follow.');
+        END IF;
+        PERFORM _put_rules(b.scene_id, _rules_of(v_scene_id), true) FROM scene b WHERE b.parent_scene_id = v_scene_id;
     END LOOP;
     PERFORM _mark_side(m.scene_id, m.side, m.other)
         FROM (SELECT r.scene_id, r.a_class AS side, r.b_class AS other FROM unnest(v_rules) r

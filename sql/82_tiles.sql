@@ -518,7 +518,8 @@ SELECT a.area_id, s.name AS scene, a.key, a.name, a.floor_m, a.ceiling_m,
        ST_Multi(_shown(
            a.footprint, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))::geometry(MultiPolygon, 4326)
            AS footprint
-FROM area a JOIN scene s USING (scene_id);
+FROM area a JOIN _layer l USING (scene_id) JOIN scene s ON s.scene_id = l.seen_by
+WHERE a.scene_id = s.scene_id OR NOT _is_edited(s.scene_id, a.key);
 
 COMMENT ON VIEW map_areas IS 'Areas as a layer of map programs such as QGIS.';
 COMMENT ON COLUMN map_areas.area_id IS 'Unique key of the layer.';
@@ -537,7 +538,8 @@ SELECT t.track_id, s.name AS scene, t.key, t.name, t.floor_m, t.ceiling_m,
        lower(_at_sea(t.path, t.departures)) AS starts_at, upper(_at_sea(t.path, t.departures)) AS ends_at,
        ST_Multi(_shown(
            t.path, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))::geometry(MultiLineString, 4326) AS path
-FROM track t JOIN scene s USING (scene_id);
+FROM track t JOIN _layer l USING (scene_id) JOIN scene s ON s.scene_id = l.seen_by
+WHERE t.scene_id = s.scene_id OR NOT _is_edited(s.scene_id, t.key);
 
 COMMENT ON VIEW map_tracks IS 'Paths of tracks as a layer of map programs such as QGIS.';
 COMMENT ON COLUMN map_tracks.track_id IS 'Unique key of the layer.';
@@ -557,9 +559,10 @@ SELECT (c.conflict_id << 20) + p.n AS period_id, c.conflict_id,
        c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind, c.verdict,
        lower(p.period) AS starts_at, upper(p.period) AS ends_at, c.time_error_s,
        ST_Multi(ST_CollectionExtract(c.region, 3))::geometry(MultiPolygon, 4326) AS region, c.first_contact_point
-FROM scene s JOIN conflict c ON c.scene_id = s.scene_id
+FROM scene s JOIN _layer l ON l.seen_by = s.scene_id JOIN conflict c ON c.scene_id = l.scene_id
 CROSS JOIN LATERAL unnest(c.periods) WITH ORDINALITY p (period, n)
-WHERE c.verdict <> 'near';
+WHERE c.verdict <> 'near'
+  AND (c.scene_id = s.scene_id OR NOT _is_edited(s.scene_id, c.a_key) AND NOT _is_edited(s.scene_id, c.b_key));
 
 COMMENT ON VIEW map_conflicts IS
 'Conflicts as layers of map programs such as QGIS, by regions or first contact points: one row per period.';

@@ -151,9 +151,26 @@ ALTER TABLE conflictdb.scene
     ADD COLUMN IF NOT EXISTS expanded tstzrange;
 """
 
+# A branch reads its parent's objects, but for the keys that it has edited: with the version that each had then.
+BRANCHES = """
+ALTER TABLE conflictdb.scene ADD COLUMN IF NOT EXISTS parent_scene_id bigint
+    CONSTRAINT scene_parent_fkey REFERENCES conflictdb.scene (scene_id) ON DELETE CASCADE;
+CREATE INDEX IF NOT EXISTS scene_parent_scene_id_btree ON conflictdb.scene (parent_scene_id)
+    WHERE parent_scene_id IS NOT NULL;
+CREATE TABLE IF NOT EXISTS conflictdb.branch_edit (
+    scene_id bigint NOT NULL CONSTRAINT branch_edit_scene_fkey REFERENCES conflictdb.scene (scene_id)
+        ON DELETE CASCADE,
+    key text COLLATE "C" NOT NULL,
+    object_kind smallint,
+    object_id bigint,
+    version bigint,
+    CONSTRAINT branch_edit_pkey PRIMARY KEY (scene_id, key)
+);
+"""
+
 
 def upgrade() -> None:
-    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES, ACTIVATIONS):
+    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES, ACTIVATIONS, BRANCHES):
         op.execute(statement)
 
 
