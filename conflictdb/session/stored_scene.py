@@ -695,12 +695,21 @@ class StoredScene:
     def branch(self, name: str) -> "StoredScene":
         """Make a branch of the scene, and return it: a scene with the same objects, which stores only its edits.
 
-        Objects that the branch has not edited follow the scene. `merge` takes its edits over, `delete` drops it.
+        Objects that the branch has not edited follow the scene. `merge` takes its edits over, `drop` forgets them.
 
         Raises InvalidInput if the name is taken, or this is a branch.
         """
         store.create_branch(self.connection, self.name, name)
         return StoredScene(name, self._connected)
+
+    def branch_of(self) -> str | None:
+        """Return the name of the scene that this one is a branch of; None: it is no branch."""
+        with store.transaction(self.connection):
+            return store.parent_name(self.connection, store.scene_or_branch_id(self.connection, self.name))
+
+    def drop(self) -> None:
+        """Remove this branch with its edits; raises InvalidInput if it is no branch."""
+        store.drop_branch(self.connection, self.name)
 
     def diff(self) -> store.BranchDiff:
         """Return the objects and conflicts in which this branch differs from its parent.

@@ -117,3 +117,133 @@ def test_edited_branch_equals_copy(db: Database, workload: Workload) -> None:
     assert {tuple(sorted((one.a_key, one.b_key))) for one in diff.conflicts if one.change == "new"} == (
         now.keys() - was.keys()
     )
+
+
+def test_merged_scene_equals_branch(db: Database, scene: StoredScene) -> None:
+    """A merge leaves the scene as the branch was, keeps the numbers of its objects, and removes the branch."""
+    rng = np.random.default_rng(5)
+    _, more_areas, more_tracks = throw(WORKLOAD, 4, 6, 14)
+    branch = scene.branch("branch")
+    ids = dict(ask(db, "SELECT key, track_id FROM conflictdb.track ORDER BY key"))
+    for _ in range(12):
+        edit(branch, [], rng, [*more_areas, *more_tracks])
+    branch.detect()
+    objects, conflicts, changed = objects_of(branch), found(branch), {one.key for one in branch.diff().objects}
+    assert branch.merge() == len(changed) > 3
+    scene.detect()
+    assert (objects_of(scene), found(scene)) == (objects, conflicts)
+    assert [one.scene.name for one in db.scenes()] == [scene.name]
+    now = dict(ask(db, "SELECT key, track_id FROM conflictdb.track ORDER BY key"))
+    assert {key for key in ids.keys() & now.keys() if ids[key] != now[key]} == set()
+    assert ask(db, "SELECT count(*) FROM conflictdb.branch_edit") == [(0,)]
+
+
+@pytest.mark.parametrize("change", ["edited", "removed", "added"])
+def test_merge_refuses_what_changed_on_both_sides(db: Database, scene: StoredScene, change: str) -> None:
+    """A merge names the objects that the scene changed too, and changes nothing."""
+    _, _, (new, *_) = throw(WORKLOAD, 4, 6, 14)
+    branch, key = scene.branch("branch"), "BOTH" if change == "added" else "T0"
+    branch.put(replace(new, key=key))
+    branch.delete_objects("T1")
+    if change == "removed":
+        scene.delete_objects(key)
+    else:
+        scene.put(replace(new, key=key, name="other"))
+    before = objects_of(scene), objects_of(branch)
+    with pytest.raises(InvalidInput, match=f"were changed in .* too.*'{key}'$|'{key}';|'{key}'") as refused:
+        branch.merge()
+    assert "T1" not in str(refused.value)
+    assert (objects_of(scene), objects_of(branch)) == before
+
+
+def test_removal_on_both_sides_is_merged(scene: StoredScene) -> None:
+    """An object that both removed is no reason to refuse."""
+    branch = scene.branch("branch")
+    for one in (branch, scene):
+        one.delete_objects("T0")
+    assert branch.merge() == 0
+
+
+def test_two_sessions_merge_once(db: Database, scene: StoredScene, dsn: str) -> None:
+    """Of two merges of one branch, one succeeds and the other finds no branch."""
+    branch = scene.branch("branch")
+    branch.delete_objects("T0")
+    outcomes: list[str] = []
+
+    def merge() -> None:
+        with connect(dsn) as other:
+            try:
+                other.scene("branch").merge()
+                outcomes.append("merged")
+            except InvalidInput as error:
+                outcomes.append(str(error))
+
+    sessions = [threading.Thread(target=merge) for _ in range(2)]
+    with db.connection.transaction():
+        db.connection.execute("SELECT FROM conflictdb.scene FOR UPDATE")
+        for session in sessions:
+            session.start()
+    for session in sessions:
+        session.join()
+    assert sorted(outcomes)[1] == "merged"
+    assert "is not in this database" in sorted(outcomes)[0] or "branch" in sorted(outcomes)[0]
+
+
+def test_branch_follows_settings_and_rules(scene: StoredScene) -> None:
+    """Settings and rules of the parent are those of its branches, which refuse others."""
+    branch = scene.branch("branch")
+    scene.detect(separation_m=20_000.0)
+    scene.put_rule(Rule("ferry", "area", separation_m=1.0))
+    copy = scene.copy("copy")
+    branch.detect(), copy.detect()
+    assert replace(branch.settings(), name="") == replace(copy.settings(), name="")
+    assert_same(branch, copy)
+    for change in (
+        lambda: branch.detect(separation_m=0.0),
+        lambda: branch.put_rule(Rule("ferry", "area", separation_m=2.0)),
+        lambda: branch.branch("twig"),
+        lambda: scene.merge(),
+        lambda: scene.drop(),
+        lambda: scene.diff(),
+    ):
+        with pytest.raises(InvalidInput, match="branch|parent"):
+            change()
+
+
+def test_other_questions_refuse_branches(db: Database, scene: StoredScene) -> None:
+    """A question that does not read the parent refuses a branch, and never answers from its own rows."""
+    branch = scene.branch("branch")
+    area = Area("P", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]])
+    for ask_it in (
+        lambda: branch.resolve(),
+        lambda: branch.delays("T0"),
+        lambda: branch.probe(area),
+        lambda: branch.conflicts_known_at("2026-03-01T00:00Z"),
+        lambda: branch.explain("T0", "T1"),
+        lambda: branch.detours("T0"),
+        lambda: branch.speeds("T0"),
+        lambda: branch.acknowledge("T0", "T1", "known"),
+        lambda: branch.admit([area]),
+        lambda: branch.share("public"),
+    ):
+        with pytest.raises(InvalidInput, match="is a branch of"):
+            ask_it()
+    with pytest.raises(psycopg.Error, match="is a branch of"):
+        ask(db, "SELECT conflictdb.tile_tracks(0, 0, 0, '{\"scene\": \"branch\"}')")
+
+
+def test_removed_scene_takes_its_branches(db: Database, scene: StoredScene) -> None:
+    """A branch goes with its parent, and nothing of it stays."""
+    branch = scene.branch("branch")
+    branch.delete_objects("T0")
+    branch.detect()
+    scene.delete()
+    assert db.scenes() == []
+    for table in ("branch_edit", "change", "conflict", "piece", "track"):
+        query = sql.SQL("SELECT count(*) FROM conflictdb.{}").format(sql.Identifier(table)).as_string()
+        assert ask(db, query) == [(0,)], table
+
+
+def ask(db: Database, query: str, *values: object) -> list[Any]:
+    with db.connection.transaction():
+        return db.connection.execute(query.encode(), values).fetchall()

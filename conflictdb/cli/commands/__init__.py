@@ -17,7 +17,7 @@ ENVIRONMENT: Final = {
 
 
 GROUPS: Final = (
-    ("plan", ("load", "scenes", "objects", "rename", "copy", "delete", "export")),
+    ("plan", ("load", "scenes", "objects", "rename", "copy", "branch", "delete", "export")),
     (
         "ask",
         (

@@ -59,6 +59,12 @@ def _add_plans(commands: Any) -> None:
     parser.add_argument("new", type=name, metavar="NEW", help="name of the copy")
     add_scene(parser)
 
+    parser = command(commands, "branch", "branching:branch", "try edits in a branch, which stores only them")
+    parser.add_argument("action", choices=("create", "diff", "merge", "drop"))
+    parser.add_argument("branch", type=name, metavar="BRANCH", help="a scene in all other commands")
+    add_scene(parser, "; for create")
+    add_format(parser, "table", "json")
+
     parser = command(commands, "delete", "scene_objects:delete", "delete objects, or a scene")
     parser.add_argument("keys", nargs="*", metavar="KEY", help="keys of objects")
     add_scene(parser)
