@@ -4,16 +4,6 @@
 -- objects therefore takes the space of its edits. It follows its parent: what the parent changes, the branch shows,
 -- unless it has edited it too. A question that does not read branches refuses them (_scene_id).
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._scene_or_branch(p_scene text) RETURNS bigint
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
-BEGIN
-    -- _scene_id refuses unknown names.
-    RETURN coalesce((SELECT s.scene_id FROM scene s WHERE s.name = p_scene), _scene_id(p_scene));
-END
-$$;
-COMMENT ON FUNCTION _scene_or_branch(text) IS
-'Returns the id of a scene, also of a branch; raises ZC010 for an unknown name.';
-
 CREATE OR REPLACE FUNCTION conflictdb_internal._parent_of(p_scene_id bigint) RETURNS bigint
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
@@ -39,12 +29,13 @@ BEGIN
     IF v_parent_id IS NULL THEN
         RETURN '{}';
     END IF;
-    RETURN ARRAY(SELECT _object_number(0::smallint, a.area_id)
-                 FROM branch_edit e JOIN area a ON a.scene_id = v_parent_id AND a.key = e.key
-                 WHERE e.scene_id = p_scene_id
-                 UNION ALL
-                 SELECT _object_number(1::smallint, t.track_id)
-                 FROM branch_edit e JOIN track t ON t.scene_id = v_parent_id AND t.key = e.key
+    -- OFFSET 0 forces a lookup per key.
+    RETURN ARRAY(SELECT o.number FROM branch_edit e
+                 CROSS JOIN LATERAL (SELECT _object_number(0::smallint, a.area_id) AS number
+                                     FROM area a WHERE a.scene_id = v_parent_id AND a.key = e.key
+                                     UNION ALL
+                                     SELECT _object_number(1::smallint, t.track_id)
+                                     FROM track t WHERE t.scene_id = v_parent_id AND t.key = e.key OFFSET 0) o
                  WHERE e.scene_id = p_scene_id);
 END
 $$;
@@ -60,7 +51,8 @@ BEGIN ATOMIC
     WHERE b.scene_id = p_scene_id
       AND NOT EXISTS (SELECT FROM branch_edit e WHERE e.scene_id = b.scene_id AND e.key = a.key);
 END;
-COMMENT ON FUNCTION _seen_areas(bigint) IS 'Areas of a scene; of a branch also those of its parent. Inlined into queries.';
+COMMENT ON FUNCTION _seen_areas(bigint) IS
+'Areas of a scene; of a branch also those of its parent. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._seen_tracks(p_scene_id bigint) RETURNS SETOF track
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -78,7 +70,8 @@ CREATE OR REPLACE VIEW conflictdb_internal._layer WITH (security_invoker = true)
 SELECT s.scene_id AS seen_by, s.scene_id FROM scene s
 UNION ALL
 SELECT s.scene_id, s.parent_scene_id FROM scene s WHERE s.parent_scene_id IS NOT NULL;
-COMMENT ON VIEW _layer IS 'Scenes whose rows each scene reads: itself, and the parent of a branch (without edited keys).';
+COMMENT ON VIEW _layer IS
+'Scenes whose rows each scene reads: itself, and the parent of a branch (without edited keys).';
 COMMENT ON COLUMN _layer.seen_by IS 'The scene that reads.';
 COMMENT ON COLUMN _layer.scene_id IS 'The scene that is read.';
 
@@ -134,7 +127,8 @@ BEGIN
     END IF;
 END
 $$;
-COMMENT ON FUNCTION _object_with(bigint, text) IS 'Kind, id and version of the object with a key; nulls if there is none.';
+COMMENT ON FUNCTION _object_with(bigint, text) IS
+'Kind, id and version of the object with a key; nulls if there is none.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._after_branch_edit() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
@@ -147,8 +141,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _after_branch_edit() IS
-'Trigger: marks the objects of the parent that edits replace, so that their conflicts with objects of the branch close. '
-'Runs as its owner: editors cannot write all marks. Restricted to the inserted edits.';
+'Trigger: marks the objects of the parent that edits replace, so that their conflicts with objects of the branch '
+'close. Runs as its owner: editors cannot write all marks. Restricted to the inserted edits.';
 
 CREATE OR REPLACE TRIGGER branch_edit_before BEFORE INSERT ON branch_edit
     FOR EACH ROW EXECUTE FUNCTION _branch_edit_before();

@@ -355,8 +355,7 @@ COMMENT ON FUNCTION _check_may_prune(text, name) IS
 'how long its history is kept.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._as_branch(p_new scene, p_old scene) RETURNS scene
-LANGUAGE plpgsql STABLE CALLED ON NULL INPUT SECURITY DEFINER
-SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT SET search_path FROM CURRENT AS $$
 DECLARE
     c_own CONSTANT text[] := '{name,delays_within_s}';
     v_who text := format('scene %L', p_new.name);
@@ -370,6 +369,9 @@ BEGIN
         RETURN p_new;
     END IF;
     SELECT * INTO v_parent FROM scene s WHERE s.scene_id = p_new.parent_scene_id;
+    IF NOT FOUND THEN
+        FOUND := _raise('ZC020', v_who, 'parent_scene_id', 'is no scene that the role may read', 'branch_of_scene');
+    END IF;
     IF v_parent.parent_scene_id IS NOT NULL THEN
         FOUND := _raise('ZC020', v_who, 'parent_scene_id', format('is the branch %L, and branches have none',
                         v_parent.name), 'branch_of_whole');
@@ -385,8 +387,7 @@ END
 $$;
 COMMENT ON FUNCTION _as_branch(scene, scene) IS
 'A row of scene as it is stored: a branch with the settings of its parent, and no stored delays. Raises ZC020 for '
-'other settings, another parent, or a branch of a branch. Runs as its owner, as the parent may belong to another role. '
-'Restricted to the settings that its branches have.';
+'other settings, another parent, or a branch of a branch.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._scene_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$

@@ -104,8 +104,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _scene_to_change(text) IS
-'Returns the scene''s id; raises ZC010 for an unknown name, ZC020 for a branch, insufficient_privilege for a scene that '
-'the current role may not change.';
+'Returns the scene''s id; raises ZC010 for an unknown name, ZC020 for a branch, insufficient_privilege for a scene '
+'that the current role may not change.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._scene_or_branch_to_change(p_scene text) RETURNS bigint
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$

@@ -251,11 +251,11 @@ BEGIN ATOMIC
     CROSS JOIN LATERAL (SELECT m.* FROM piece m WHERE m.piece_id = wanted.piece_id OFFSET 0) p
     LEFT JOIN LATERAL (SELECT m.key FROM area m
                        WHERE p.object_kind = 0 AND m.area_id = p.object_id
-                         AND m.scene_id + 0 = ANY (_layers(p_scene_id))
+                         AND m.scene_id + 0 = ANY ((SELECT _layers(p_scene_id))::bigint[])
                          AND m.first_version <= p.version OFFSET 0) a ON true
     LEFT JOIN LATERAL (SELECT m.key FROM track m
                        WHERE p.object_kind = 1 AND m.track_id = p.object_id
-                         AND m.scene_id + 0 = ANY (_layers(p_scene_id))
+                         AND m.scene_id + 0 = ANY ((SELECT _layers(p_scene_id))::bigint[])
                          AND m.first_version <= p.version OFFSET 0) t ON true;
 END;
 COMMENT ON FUNCTION _pieces(bigint, bigint[]) IS

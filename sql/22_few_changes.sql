@@ -81,7 +81,8 @@ $$;
 COMMENT ON FUNCTION _begin_detection(text, double precision, integer, boolean) IS
 'Takes the lock of a scene as _take_scene does (taken is null if that fails) and returns its settings. Stops there, '
 'with null ids, if attached tables have pending changes (is_behind; p_try_again as in _attachments_to_follow, null: '
-'not checked), if its parent waits (_parent_waits), if schedules wait to be expanded (is_behind), or if the scene has more than p_few marks (negative: '
+'not checked), if its parent waits (_parent_waits), '
+'if schedules wait to be expanded (is_behind), or if the scene has more than p_few marks (negative: '
 'always). Otherwise returns the ids of the changed objects, deletes their pieces and covers their marks; _put_pieces '
 'must follow in the same transaction. known_objects: how many of them the last detection included; null if unknown.';
 

@@ -25,8 +25,8 @@ BEGIN ATOMIC
     SELECT o.turn, p.part, p.hull, p.span, p.shape
     FROM piece o
     CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) p
-    WHERE o.object_kind = p_kind AND o.object_id = p_id AND o.scene_id + 0 = ANY (_layers(p_scene_id))
-      AND o.version < p_until;
+    WHERE o.object_kind = p_kind AND o.object_id = p_id
+      AND o.scene_id + 0 = ANY ((SELECT _layers(p_scene_id))::bigint[]) AND o.version < p_until;
 END;
 COMMENT ON FUNCTION _pieces_before(bigint, smallint, bigint, bigint) IS
 'Pieces of an object of a scene with versions below p_until. Inlined into queries.';
@@ -240,14 +240,14 @@ BEGIN
         FROM run r WHERE r.scene_id = v_parent_id AND r.error IS NULL ORDER BY r.run_id DESC LIMIT 1;
     conflicts := coalesce(conflicts, 0);
     unresolved := coalesce(unresolved, 0);
-    -- UNION: a pair of two edited objects is found from both.
+    -- DISTINCT: a pair of two edited objects is found from both. OFFSET 0 forces lookups.
     SELECT count(*), count(*) FILTER (WHERE g.verdict = 'unresolved') INTO gone, gone_unresolved
-        FROM (SELECT c.conflict_id, c.verdict FROM branch_edit e
-              JOIN conflict c ON c.scene_id = v_parent_id AND c.a_key = e.key
-              WHERE e.scene_id = p_scene_id AND c.verdict <> 'near'
-              UNION
-              SELECT c.conflict_id, c.verdict FROM branch_edit e
-              JOIN conflict c ON c.scene_id = v_parent_id AND c.b_key = e.key
+        FROM (SELECT DISTINCT c.conflict_id, c.verdict FROM branch_edit e
+              CROSS JOIN LATERAL (SELECT c.conflict_id, c.verdict FROM conflict c
+                                  WHERE c.scene_id = v_parent_id AND c.a_key = e.key
+                                  UNION ALL
+                                  SELECT c.conflict_id, c.verdict FROM conflict c
+                                  WHERE c.scene_id = v_parent_id AND c.b_key = e.key OFFSET 0) c
               WHERE e.scene_id = p_scene_id AND c.verdict <> 'near') g;
 END
 $$;
@@ -255,7 +255,7 @@ COMMENT ON FUNCTION _count_inherited(bigint) IS
 'Numbers of conflicts, and of unresolved ones, of the parent of a branch, and of those that its edits hide.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._count_objects(p_scene_id bigint) RETURNS bigint
-LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     v_parent_id bigint := _parent_of(p_scene_id);
     v_own bigint := (SELECT count(*) FROM area a WHERE a.scene_id = p_scene_id)

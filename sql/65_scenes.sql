@@ -51,7 +51,8 @@ SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method,
        (SELECT count(*) FROM attachment a JOIN attached_object o USING (attachment_id)
         WHERE a.scene_id = s.scene_id AND o.reason IS NOT NULL) AS unmapped,
        s.vertical_separation_m, s.time_separation_s, s.delays_within_s, s.intervals, s.horizon_days,
-       lower(_expanded(s.scene_id)) AS expanded_from, upper(_expanded(s.scene_id)) AS expanded_until, p.name AS branch_of
+       lower(_expanded(s.scene_id)) AS expanded_from, upper(_expanded(s.scene_id)) AS expanded_until,
+       p.name AS branch_of
 FROM scene s
 LEFT JOIN scene p ON p.scene_id = s.parent_scene_id
 LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.scene_id = s.scene_id
@@ -176,12 +177,14 @@ BEGIN
     v_waiting := pending - v_attached;
     remark := nullif(concat_ws('; ',
         CASE WHEN NOT is_current THEN
-            CASE WHEN detected_at IS NULL AND _parent_of(v_scene_id) IS NULL THEN 'never detected: ' ELSE '' END || v_waiting
+            CASE WHEN detected_at IS NULL AND _parent_of(v_scene_id) IS NULL THEN 'never detected: ' ELSE '' END
+            || v_waiting
             || CASE v_waiting WHEN 1 THEN ' object waits' ELSE ' objects wait' END || ' for detection' END,
         CASE WHEN v_attached > 0 THEN 'changes of an attached table wait to be taken over' END,
         (SELECT string_agg(format('%I.%I: %s', a.table_schema, a.table_name, _attachment_remark(a)), '; '
                            ORDER BY a.attachment_id)
-         FROM attachment a WHERE a.scene_id = ANY (_layers(v_scene_id)) AND _attachment_remark(a) IS NOT NULL),
+         FROM attachment a
+         WHERE a.scene_id = ANY ((SELECT _layers(v_scene_id))::bigint[]) AND _attachment_remark(a) IS NOT NULL),
         CASE WHEN v_unmapped > 0 THEN v_unmapped || CASE v_unmapped WHEN 1 THEN ' row of an attached table is' ELSE
             ' rows of attached tables are' END || ' left out (view unmapped)' END,
         'an attached table cannot be read: ' || (SELECT a.error FROM attachment a WHERE a.scene_id = v_scene_id

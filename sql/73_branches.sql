@@ -129,7 +129,8 @@ BEGIN
             FROM branch_edit e
             CROSS JOIN LATERAL (SELECT c.* FROM conflict c WHERE c.scene_id = v_parent_id AND c.a_key = e.key
                                 UNION ALL
-                                SELECT c.* FROM conflict c WHERE c.scene_id = v_parent_id AND c.b_key = e.key) c
+                                SELECT c.* FROM conflict c WHERE c.scene_id = v_parent_id AND c.b_key = e.key
+                                OFFSET 0) c
             WHERE e.scene_id = v_branch_id AND c.verdict <> 'near'
         )
         SELECT CASE WHEN n.conflict_id IS NULL THEN 'gone' WHEN f.conflict_id IS NULL THEN 'new' ELSE 'changed' END,

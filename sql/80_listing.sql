@@ -37,7 +37,7 @@ BEGIN ATOMIC
            c.conflict_id, c.changed_at, c.acknowledged_by, c.acknowledged_at, c.acknowledged_for,
            c.acknowledged_until, c.a_name, c.b_name, c.lacking_s, k.a_id, k.a_version, k.b_id, k.b_version
     FROM conflicts c
-    LEFT JOIN conflict k ON p_with_region AND k.scene_id = ANY (_layers(_scene_or_branch(p_scene)))
+    LEFT JOIN conflict k ON p_with_region AND k.scene_id = ANY ((SELECT _layers(_scene_or_branch(p_scene)))::bigint[])
                             AND k.conflict_id = c.conflict_id
                             AND k.a_key = c.a_key AND k.b_key = c.b_key
     WHERE c.scene = p_scene AND _scene_or_branch(p_scene) IS NOT NULL AND (p_at IS NULL OR c.periods @> p_at)
@@ -127,7 +127,7 @@ BEGIN
                c.scene_is_current, c.method, c.time_error_s, c.a_name, c.b_name, k.a_id, k.a_version, k.b_id,
                k.b_version
         FROM approaches c
-        LEFT JOIN conflict k ON p_only_near AND k.scene_id = ANY (_layers(_scene_or_branch(p_scene)))
+        LEFT JOIN conflict k ON p_only_near AND k.scene_id = ANY ((SELECT _layers(_scene_or_branch(p_scene)))::bigint[])
                                 AND k.verdict = 'near'
                                 AND k.a_key = c.a_key AND (k.a_kind = 1) = (c.a_kind = 'track')
                                 AND k.b_key = c.b_key AND (k.b_kind = 1) = (c.b_kind = 'track')
@@ -147,7 +147,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._scenes() RETURNS TABLE (
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT s.scene_id, _scene_settings(s.scene_id),
-           (SELECT count(*) FROM _seen_areas(s.scene_id) a), (SELECT count(*) FROM _seen_tracks(s.scene_id) t), v.pending,
+           (SELECT count(*) FROM _seen_areas(s.scene_id) a), (SELECT count(*) FROM _seen_tracks(s.scene_id) t),
+           v.pending,
            (SELECT count(*) FROM _layer l JOIN conflict c ON c.scene_id = l.scene_id
             WHERE l.seen_by = s.scene_id AND c.verdict <> 'near'
               AND (c.scene_id = s.scene_id
