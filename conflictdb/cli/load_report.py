@@ -5,7 +5,7 @@ import shlex
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta, tzinfo
+from datetime import UTC, datetime, tzinfo
 from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.cli.codes import DONE, NOT_CURRENT
@@ -17,14 +17,13 @@ from conflictdb.formats.conflict_gpx import position_of
 from conflictdb.formats.conflict_text import MoreColumn
 from conflictdb.formats.contents import Remark
 from conflictdb.formats.writing import lines_of, write_geoparquet
+from conflictdb.model.notebook import whole_second
 from conflictdb.model.results import Approach, Conflict, SceneState, labelled
 from conflictdb.session.loading import Loaded
 
 if TYPE_CHECKING:
     from conflictdb.db.detect import Run
     from conflictdb.db.store import SceneStatus
-
-_SECOND = timedelta(seconds=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +42,7 @@ class Shown:
         if moment is None:
             return ".."
         is_fine = "microseconds" in self.more
-        if not is_fine and up and moment.microsecond and datetime.max.replace(tzinfo=UTC) - moment > _SECOND:
-            moment += _SECOND
-        moment = moment.astimezone(self.zone)
+        moment = (moment if is_fine else whole_second(moment, up=up)).astimezone(self.zone)
         moment = moment.replace(tzinfo=None) if self.zone is UTC else moment
         return moment.isoformat(" ", "microseconds" if is_fine else "seconds")
 

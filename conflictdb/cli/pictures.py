@@ -1,6 +1,10 @@
 """`map`, `plot` and `report`."""
 
 import argparse
+import os
+import sys
+import threading
+import webbrowser
 from contextlib import suppress
 
 from conflictdb.cli.codes import DONE
@@ -58,9 +62,18 @@ def show_map(args: argparse.Namespace) -> int:
         scene = _scene_of_map(db, args.scene)
         with PageServer(scene, connect, args.host, args.port) as server, suppress(KeyboardInterrupt):
             out(server.address, flush=True)
+            _open_browser(server.address)
             server.serve_until_interrupted()
     note("stopped")
     return DONE
+
+
+def _open_browser(address: str) -> None:
+    """Open an address in the browser of a person at a terminal with a desktop; BROWSER=true prevents it."""
+    has_desktop = sys.platform == "darwin" or "DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ
+    if has_desktop and sys.stdout.isatty():
+        # In a thread: some browsers are awaited, and the page is not served before.
+        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
 
 def _write_map(args: argparse.Namespace) -> int:

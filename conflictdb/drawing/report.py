@@ -141,7 +141,7 @@ def _found(checked: Checked, conflicts: Sequence[Conflict]) -> Section:
 
 
 def _listed(checked: Checked, conflicts: Sequence[Conflict]) -> Section:
-    header = ["A", "B", "Verdict", "Periods (UTC)", "Each end to", "First contact", "Least distance, m"]
+    header = ["A", "B", "Verdict", "Periods (UTC)", "Known to", "First contact", "Least distance, m"]
     rows = [
         [
             *map(printable, one.labels),
@@ -153,7 +153,8 @@ def _listed(checked: Checked, conflicts: Sequence[Conflict]) -> Section:
         ]
         for one in conflicts[:_MOST_CONFLICTS]
     ]
-    text = "By first contact. Places are latitude, longitude in degrees; a distance of 0: they touch or overlap."
+    text = "By first contact. Periods are rounded outward to the second. Places are latitude, longitude in degrees;"
+    text += " a distance of 0: they touch or overlap."
     if len(conflicts) > _MOST_CONFLICTS:
         text += f" The first {_MOST_CONFLICTS} of {len(conflicts):,}; conflictdb conflicts --format csv has all."
     return Section("Conflicts", text if rows else "No conflict is known.", header if rows else (), rows)
@@ -284,13 +285,12 @@ def _pairs(checked: Checked, conflicts: Sequence[Conflict]) -> list[Section]:
 
 
 def _period(start: datetime | None, end: datetime | None) -> str:
-    """Return a period, its day once."""
+    """Return a period, its day once, rounded outward to the second."""
+    first, last = instant_text(start), instant_text(end, up=True)
     if start is None or end is None:
-        known = instant_text(start or end)
-        return "always" if start is end else f"until {known}" if start is None else f"from {known} on"
-    texts = instant_text(start), instant_text(end)
-    day, _, time = texts[1].partition(" ")
-    return f"{texts[0]} to {time if time and texts[0].startswith(day) else texts[1]}"
+        return "always" if start is end else f"until {last}" if start is None else f"from {first} on"
+    day, _, time = last.partition(" ")
+    return f"{first} to {time if first.startswith(day) else last}"
 
 
 def _html(title: str, made: str, warning: str, sections: Sequence[Section]) -> bytes:

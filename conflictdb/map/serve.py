@@ -1,11 +1,12 @@
 """Run the page's server until it is interrupted."""
 
+import errno
 import ipaddress
 import secrets
 import socket
 from collections.abc import Callable
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import uvicorn
 
@@ -16,15 +17,22 @@ from conflictdb.map.guard import Access, local_hosts
 if TYPE_CHECKING:
     import psycopg
 
+# The usual ports, tried in this order: one server each for the scenes that a planner has open.
+USUAL_PORTS: Final = range(8620, 8630)
+
 
 class PageServer(uvicorn.Server):
     """Shows a scene at an address: to this machine only, or to clients with the token in `address`.
 
-    Port 0 is any free port. Raises ConflictDBError if it cannot listen there.
+    port : None is the first free one of `USUAL_PORTS`, 0 any free one
+
+    Raises ConflictDBError if it cannot listen there.
     """
 
-    def __init__(self, scene: str, connect: "Callable[[], psycopg.Connection[Any]]", host: str, port: int) -> None:
-        self._listener = _listening(host, port)
+    def __init__(
+        self, scene: str, connect: "Callable[[], psycopg.Connection[Any]]", host: str, port: int | None
+    ) -> None:
+        self._listener = _listening(host, USUAL_PORTS if port is None else range(port, port + 1))
         bound, port = self._listener.getsockname()[:2]
         host = host or bound
         token = None if _is_local(bound) else secrets.token_urlsafe(24)
@@ -73,17 +81,23 @@ def _is_local(bound: str) -> bool:
     return address.is_loopback and getattr(address, "ipv4_mapped", None) is None
 
 
-def _listening(host: str, port: int) -> socket.socket:
-    try:
-        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        listener = socket.socket(family, kind)
+def _listening(host: str, ports: range) -> socket.socket:
+    """Return a socket that listens on the first free port."""
+    for port in ports:
         try:
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            listener.bind(address)
-            listener.listen()  # accept connections before the address is printed
-        except OSError:
-            listener.close()
-            raise
-    except (OSError, UnicodeError) as error:  # UnicodeError: a label of the name is empty or too long
-        raise ConflictDBError(f"cannot listen on {host}, port {port}: {error}") from error
-    return listener
+            family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            listener = socket.socket(family, kind)
+            try:
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                listener.bind(address)
+                listener.listen()  # accept connections before the address is printed
+            except OSError:
+                listener.close()
+                raise
+        except (OSError, UnicodeError) as error:  # UnicodeError: a label of the name is empty or too long
+            if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
+                continue
+            raise ConflictDBError(f"cannot listen on {host}, port {port}: {error}") from error
+        return listener
+    which = f"port {ports[0]} is" if len(ports) == 1 else f"ports {ports[0]} to {ports[-1]} are"
+    raise ConflictDBError(f"cannot listen on {host}: {which} in use; choose another one: --port N, or --port 0 for any")

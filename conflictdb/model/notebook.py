@@ -1,7 +1,7 @@
 """Format results for a notebook as HTML tables, with all keys escaped."""
 
 from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from html import escape
 from typing import TYPE_CHECKING, Final
 
@@ -12,18 +12,19 @@ if TYPE_CHECKING:
 
 # More rows make a long page that is slow to show.
 _MOST_ROWS: Final = 50
+_SECOND: Final = timedelta(seconds=1)
 _UNITS: Final = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
 
 
 def conflicts_html(conflicts: "Sequence[Conflict]") -> str:
-    """Return conflicts as a table, times in UTC; only the first of many."""
-    header = ["A", "B", "verdict", "first contact (UTC)", "last contact (UTC)", "periods", "each end to", "closest, m"]
+    """Return conflicts as a table, times in UTC, rounded outward to the second; only the first of many."""
+    header = ["A", "B", "verdict", "first contact (UTC)", "last contact (UTC)", "periods", "known to", "closest, m"]
     rows = (
         [
             *one.labels,
             one.verdict,
             instant_text(one.first_contact),
-            instant_text(one.last_contact),
+            instant_text(one.last_contact, up=True),
             str(len(one.periods)),
             bound_text(one.time_error_s),
             distance_text(one),
@@ -63,9 +64,18 @@ def text_of(text: str) -> str:
     return escape(printable(text))
 
 
-def instant_text(instant: datetime | None) -> str:
-    """Return an instant in UTC to the microsecond, or two dots for an unbounded end."""
-    return ".." if instant is None else instant.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S.%f").rstrip("0").rstrip(".")
+def whole_second(moment: datetime, *, up: bool) -> datetime:
+    """Return a moment rounded to the second, up or down; the last second of the calendar is rounded down."""
+    if up and moment.microsecond and datetime.max.replace(tzinfo=UTC) - moment > _SECOND:
+        moment += _SECOND
+    return moment.replace(microsecond=0)
+
+
+def instant_text(instant: datetime | None, *, up: bool = False) -> str:
+    """Return an instant in UTC, rounded to the second, up or down; two dots for an unbounded end."""
+    if instant is None:
+        return ".."
+    return whole_second(instant, up=up).astimezone(UTC).replace(tzinfo=None).isoformat(" ")
 
 
 def distance_text(pair: "PairRecord") -> str:

@@ -52,6 +52,11 @@ class Spans:
     def __len__(self) -> int:
         return len(self.low)
 
+    def contains(self, least: int, most: int) -> bool:
+        """Return whether all values from least to most are in one interval."""
+        k = int(np.searchsorted(self.low, least, side="right")) - 1
+        return k >= 0 and bool(self.high[k] >= most)
+
     @classmethod
     def union(cls, low: _Ints, high: _Ints) -> Self:
         """Return the union of closed intervals (m,); empty ones (low > high) are left out."""
@@ -109,19 +114,21 @@ class Differences:
         low, high = inner.low + LAST_INSTANT, inner.high - LAST_INSTANT
         return outer, Spans(low[low <= high], high[low <= high])
 
-    def blocking(self, least: int, most: int) -> _Ints:
-        """Return the numbers of the objects that forbid every change from least to most."""
+    def blocking(self, outer: Spans, least: int, most: int) -> set[int]:
+        """Return the numbers of the objects that forbid every change from least to most.
+
+        outer : the outer intervals of all rows
+        """
+        if not outer.contains(least, most):
+            return set()
         first, last = self.low <= least, self.high >= most
-        if not (first.any() and last.any()):
-            return np.empty(0, np.int64)
-        found = np.unique(self.other[first & last])
+        found = set(self.other[first & last].tolist())
         # Several rows together may.
-        others = np.setdiff1d(np.intersect1d(self.other[first], self.other[last]), found)
-        for other in others.tolist():
+        for other in set(self.other[first].tolist()).intersection(self.other[last].tolist()) - found:
             rows = self.other == other
             if len(_within(self.low[rows], self.high[rows], least, most)) == 1:
-                found = np.append(found, other)
-        return np.sort(found)
+                found.add(other)
+        return found
 
 
 def _within(low: _Ints, high: _Ints, least: int, most: int) -> Spans:
@@ -320,7 +327,7 @@ def delays_of(key: str, keys: Mapping[int, str], found: Differences, horizon_us:
         ),
         _seconds(least_later(outer, 0, leeway.last_us)),
         _seconds(least_later(Spans(-outer.high[::-1], -outer.low[::-1]), 0, -leeway.first_us)),
-        sorted_keys(keys, found.blocking(leeway.first_us, leeway.last_us).tolist()),
+        sorted_keys(keys, found.blocking(outer, leeway.first_us, leeway.last_us)),
         leeway.waits,
         leeway.has_departed,
         leeway.first_us / 1e6,

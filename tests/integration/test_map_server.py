@@ -9,11 +9,13 @@ import socket
 import subprocess
 import sys
 import time
+import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager
 from http.client import HTTPConnection
 from importlib.resources import files
 from pathlib import Path
+from queue import Queue
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -28,11 +30,13 @@ from piecework import load
 from tiles import decode
 
 import conflictdb
+from conflictdb.cli import pictures
 from conflictdb.db import store
 from conflictdb.errors import ConflictDBError
 from conflictdb.map import land
 from conflictdb.map.guard import local_hosts
 from conflictdb.map.live import CONFLICTS, SceneChanges
+from conflictdb.map.serve import USUAL_PORTS, PageServer
 from conflictdb.model.plans import Area, EarthModel, Motion, Scene
 
 VENDOR = Path(str(files("conflictdb"))) / "map" / "vendor"
@@ -429,7 +433,33 @@ def test_command_prints_where_and_ends_cleanly(dsn: str, capsys: pytest.CaptureF
     with socket.create_server(("127.0.0.1", 0)) as other:
         used = run("map", "--port", str(other.getsockname()[1]))
     assert used.code == 1
-    assert "cannot listen on 127.0.0.1" in used.err
+    assert "cannot listen on 127.0.0.1: port" in used.err
+    assert "--port 0" in used.err
+
+
+def _no_connection() -> "psycopg.Connection[Any]":
+    raise psycopg.OperationalError("no database")
+
+
+def test_the_next_free_port_is_taken() -> None:
+    """The usual port is often in use: by the page of another scene."""
+    with (
+        PageServer("s", _no_connection, "127.0.0.1", None) as first,
+        PageServer("s", _no_connection, "127.0.0.1", None) as second,
+    ):
+        ports = [urlsplit(server.address).port for server in (first, second)]
+    assert ports[0] != ports[1]
+    assert all(port in USUAL_PORTS for port in ports)
+
+
+def test_a_person_at_a_desktop_sees_the_page_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = Queue[str]()
+    monkeypatch.setattr(webbrowser, "open", opened.put)
+    monkeypatch.setenv("DISPLAY", ":0")
+    pictures._open_browser("http://piped/")  # output that is not a terminal
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    pictures._open_browser("http://shown/")
+    assert opened.get(timeout=10) == "http://shown/"
 
 
 def test_what_is_shipped_is_what_it_says() -> None:

@@ -404,7 +404,7 @@ def test_a_report_says_what_was_found_and_with_which_settings(strait: Any, tmp_p
     assert "<td>250 m</td>" in page
     assert "120.000 ± 0.5" in page
     assert "no conflict is missed" in page
-    assert "2026-06-01 09:45:43.885738 to 09:48:50.019039" in page
+    assert "2026-06-01 09:45:43 to 09:48:51" in page
     assert page.count("<img ") == 7
     assert "When they could depart instead" not in page
     with pytest.raises(InvalidInput, match=r"report: file: must end in \.html or \.pdf; got 'x\.txt'"):
@@ -598,7 +598,7 @@ def test_notebooks_show_tables(strait: Any) -> None:
     *_, found = strait
     shown = found._repr_html_()
     assert shown.count("<tr>") == 8
-    assert "2026-06-01 09:45:43.885738" in shown
+    assert "2026-06-01 09:45:43<" in shown
     many = Results(list(found) * 20, Conflict)
     assert "the first 50 of 140" in many._repr_html_()
     assert many._repr_html_().count("<tr>") == 51

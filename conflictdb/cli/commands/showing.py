@@ -26,13 +26,13 @@ def add(commands: Any) -> None:
     parser.add_argument("--by", type=name, metavar="NAME", help="who, beside the database user")
     parser.add_argument("--until", type=instant, metavar="TIME", help="its end (with offset; default: none)")
 
-    more = "Prints the address of a page, and serves it until interrupted."
+    more = "Prints the address of a page, opens it, and serves it until interrupted."
     parser = command(commands, "map", "pictures:show_map", "show a scene on a map, in a browser", more)
     add_scene(parser, ", else the demo")
     parser.set_defaults(needs_scene=False)
     about = "address to listen on (default: this machine)"
     parser.add_argument("--host", default="127.0.0.1", metavar="HOST", help=about)
-    parser.add_argument("--port", type=port, default=8620, metavar="N", help="default: 8620; 0: any")
+    parser.add_argument("--port", type=port, metavar="N", help="default: 8620, or the next free one; 0: any")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write the page to a file, to send it")
 
     parser = command(commands, "plot", "pictures:plot", "draw a scene, or two objects", "Needs the extra `plot`.")
