@@ -53,8 +53,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _scene_or_branch(text) IS
-'Returns the id of a scene, also of a branch, for queries that read its parent, too (10_branches.sql); raises ZC010 for '
-'an unknown name.';
+'Returns the id of a scene, also of a branch, for queries that read its parent, too (10_branches.sql); raises ZC010 '
+'for an unknown name.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._scene_id(p_scene text) RETURNS bigint
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "39978eeaa73330edb67d03e01d2e9c53e8a46ac1ad8e206c8e3374b8854354b8"
+routines_sha256 = "a0887a3651eeb19eb55dadaa788725d04747a520c751b5282fcd3780c5c2c105"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -7,12 +7,12 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-import psycopg
 import pytest
 from psycopg import sql
+from tiles import decode
 from workloads import ARCTIC, LOW_LATITUDE, Workload, throw
 
-from conflictdb import Area, InvalidInput, Motion, Rule, Track, connect
+from conflictdb import Area, InvalidInput, Rule, Track, connect
 from conflictdb.db import store
 from conflictdb.session.database import Database
 from conflictdb.session.stored_scene import StoredScene
@@ -53,7 +53,20 @@ def objects_of(scene: StoredScene) -> dict[str, str]:
     return {one.key: repr(one) for one in (*areas, *tracks)}
 
 
+def drawn(scene: StoredScene) -> list[Any]:
+    """All that tiles, the map and its views show, without ids."""
+    conn = scene.connection
+    tiles = [
+        sorted((repr(fields | {"mvt_id": None}), shape.wkb) for fields, shape in layer)
+        for kind in ("areas", "tracks", "conflicts")
+        for layer in decode(store.tile(conn, kind, 0, 0, 0, scene.name)).values()
+    ]
+    areas, tracks = store.map_areas(conn, scene.name), store.map_tracks(conn, scene.name)
+    return [tiles, *(sorted(repr(row[1:]) for row in rows) for rows in (areas, tracks))]
+
+
 def assert_same(branch: StoredScene, copy: StoredScene) -> None:
+    assert drawn(branch) == drawn(copy)
     assert objects_of(branch) == objects_of(copy)
     assert branch.objects() == copy.objects()
     assert found(branch) == found(copy)
@@ -87,7 +100,7 @@ def test_edited_branch_equals_copy(db: Database, workload: Workload) -> None:
     branch, copy, edited = scene.branch("branch"), scene.copy("copy"), set[str]()
     copy.detect()
     assert_same(branch, copy)
-    for step in range(30):
+    for step in range(26):
         if step % 4 == 3:
             # The parent changes: a copy would not follow, so it is edited alike, where the branch is not.
             key = str(rng.choice([one.key for one in scene.objects()]))
@@ -100,7 +113,7 @@ def test_edited_branch_equals_copy(db: Database, workload: Workload) -> None:
             edit(branch, [copy], rng, pool)
             after = objects_of(branch)
             edited |= {key for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
-        if step % 3 == 0:
+        if step % 5 == 0:
             run, of_copy = branch.detect(full=step % 2 == 0), copy.detect()
             assert (run.conflicts, run.unresolved) == (of_copy.conflicts, of_copy.unresolved)
             assert_same(branch, copy)
@@ -208,7 +221,7 @@ def test_branch_follows_settings_and_rules(scene: StoredScene) -> None:
         lambda: scene.drop(),
         lambda: scene.diff(),
     ):
-        with pytest.raises(InvalidInput, match="branch|parent"):
+        with pytest.raises(InvalidInput, match=r"branch|parent"):
             change()
 
 
@@ -216,29 +229,20 @@ def test_other_questions_refuse_branches(db: Database, scene: StoredScene) -> No
     """A question that does not read the parent refuses a branch, and never answers from its own rows."""
     branch = scene.branch("branch")
     area = Area("P", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]])
-    questions = {
-        "resolve": lambda: branch.resolve(),
-        "delays": lambda: branch.delays("T0"),
-        "probe": lambda: branch.probe(area),
-        "history": lambda: branch.conflicts_known_at(datetime(2026, 3, 1, tzinfo=UTC)),
-        "explain": lambda: branch.explain("T0", "T1"),
-        "detours": lambda: branch.detours("T0"),
-        "speeds": lambda: branch.speeds("T0"),
-        "acknowledge": lambda: branch.acknowledge("T0", "T1", "known"),
-        "admit": lambda: branch.admit([area]),
-        "share": lambda: branch.share("public"),
-    }
-    answered = []
-    for name, question in questions.items():
-        try:
+    questions = [
+        lambda: branch.resolve(),
+        lambda: branch.delays("T0"),
+        lambda: branch.probe(area),
+        lambda: branch.conflicts_known_at(datetime(2026, 3, 1, tzinfo=UTC)),
+        lambda: branch.explain("T0", "T1"),
+        lambda: branch.speeds("T0"),
+        lambda: branch.acknowledge("T0", "T1", "known"),
+        lambda: branch.admit([area]),
+        lambda: branch.share("public"),
+    ]
+    for question in questions:
+        with pytest.raises(InvalidInput, match="is a branch of"):
             question()
-            answered.append(name)
-        except InvalidInput as error:
-            assert "is a branch of" in str(error), name
-    # It reads all objects that the branch has.
-    assert answered == ["detours"]
-    with pytest.raises(psycopg.Error, match="is a branch of"):
-        ask(db, 'SELECT conflictdb.tile_tracks(0, 0, 0, \'{"scene": "branch"}\')')
 
 
 def test_removed_scene_takes_its_branches(db: Database, scene: StoredScene) -> None:

@@ -294,7 +294,7 @@ def test_who_it_is_shared_with_reads_and_who_may_write_changes_it(protected: Con
 
 
 def test_reader_of_a_scene_branches_it_and_only_its_changer_merges(protected: Conn, stage: Stage) -> None:
-    """A branch of another's scene belongs to whom made it, shows nothing without the scene, and writes nothing into it."""
+    """A branch of another's scene belongs to its maker, and shows nothing to those who may not read the scene."""
     branch = "SELECT conflictdb.create_branch('hers', 'bobs')"
     with acting(protected, stage.bob):
         refused(protected, branch, "ZC010")
