@@ -52,19 +52,25 @@ BEGIN
     NEW.properties := coalesce(NEW.properties, '{}');
     -- As object-relational mappers write None.
     NEW.schedule := nullif(NEW.schedule, 'null');
+    NEW.schedule_error := CASE WHEN NEW.schedule IS NOT NULL THEN NEW.schedule_error END;
+    IF NOT _is_plain(jsonb_build_object('', NEW.schedule)) THEN
+        FOUND := _raise('ZC012', v_who, 'schedule', 'must be nested at most 99 deep, with numbers up to 1.8e308',
+                        'schedule_plain');
+    END IF;
     IF TG_OP = 'UPDATE' THEN
         IF NEW.schedule IS NOT NULL THEN
             -- Its expansion stays until a detection replaces it, unless it depends on something else now.
             NEW.activations := CASE WHEN (NEW.schedule, NEW.active_span, NEW.footprint)
                                          IS NOT DISTINCT FROM (OLD.schedule, OLD.active_span, OLD.footprint)
                                     THEN coalesce(NEW.activations, OLD.activations) END;
+            NEW.schedule_error := CASE WHEN NEW.activations IS NOT NULL THEN NEW.schedule_error END;
         ELSIF OLD.schedule IS NOT NULL OR NEW.active_span IS DISTINCT FROM OLD.active_span THEN
             -- Another span, or none of a schedule, unless there are other activations, too.
             NEW.activations := nullif(NEW.activations, OLD.activations);
         END IF;
     END IF;
     IF NEW.activations IS NOT NULL THEN
-        NEW.activations := _spans_of(_ends_of(NEW.activations));
+        NEW.activations := _half_open(NEW.activations);
         IF NEW.schedule IS NULL AND NOT isempty(NEW.activations) THEN
             NEW.active_span := range_merge(NEW.activations);
         END IF;
@@ -77,9 +83,9 @@ BEGIN
         NEW.version := OLD.version;
         NEW.first_version := OLD.first_version;
         IF (NEW.key, NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m, NEW.class, NEW.owner,
-            NEW.activations, NEW.schedule)
+            NEW.activations, NEW.schedule, NEW.schedule_error)
            IS NOT DISTINCT FROM (OLD.key, OLD.footprint, OLD.active_span, OLD.floor_m, OLD.ceiling_m, OLD.class,
-                                 OLD.owner, OLD.activations, OLD.schedule)
+                                 OLD.owner, OLD.activations, OLD.schedule, OLD.schedule_error)
            AND _is_plain(NEW.properties) THEN
             RETURN NEW;
         END IF;
@@ -172,6 +178,11 @@ DECLARE
 BEGIN
     NEW.properties := coalesce(NEW.properties, '{}');
     NEW.schedule := nullif(NEW.schedule, 'null');
+    NEW.schedule_error := CASE WHEN NEW.schedule IS NOT NULL THEN NEW.schedule_error END;
+    IF NOT _is_plain(jsonb_build_object('', NEW.schedule)) THEN
+        FOUND := _raise('ZC012', v_who, 'schedule', 'must be nested at most 99 deep, with numbers up to 1.8e308',
+                        'schedule_plain');
+    END IF;
     NEW.grow_mps := coalesce(NEW.grow_mps, 0);
     NEW.outline := coalesce(NEW.outline, ST_GeometryN(NEW.outlines, 1));
     IF NEW.floors_m IS NOT NULL THEN
@@ -201,12 +212,13 @@ BEGIN
             -- As the expansion of an area.
             WHEN (NEW.schedule, NEW.path) IS NOT DISTINCT FROM (OLD.schedule, OLD.path)
                 THEN coalesce(NEW.departures, OLD.departures) END;
+        NEW.schedule_error := CASE WHEN NEW.departures IS NOT NULL THEN NEW.schedule_error END;
         IF (NEW.key, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m, NEW.grow_mps, NEW.outlines, NEW.floors_m,
             NEW.ceilings_m, NEW.class, NEW.owner, NEW.tolerances,
-            NEW.departures, NEW.schedule)
+            NEW.departures, NEW.schedule, NEW.schedule_error)
            IS NOT DISTINCT FROM (OLD.key, OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m, OLD.grow_mps, OLD.outlines,
                                  OLD.floors_m, OLD.ceilings_m, OLD.class, OLD.owner, OLD.tolerances,
-                                 OLD.departures, OLD.schedule)
+                                 OLD.departures, OLD.schedule, OLD.schedule_error)
            AND _is_plain(NEW.properties) THEN
             RETURN NEW;
         END IF;

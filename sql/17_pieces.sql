@@ -26,13 +26,13 @@ BEGIN ATOMIC
            coalesce(upper(a.active_span), 'infinity'), coalesce(a.floor_m, '-infinity'),
            coalesce(a.ceiling_m, 'infinity'), _word_number(a.class), _word_number(a.owner),
            ST_AsBinary(a.footprint, 'NDR'),
-           CASE WHEN a.activations IS NOT NULL THEN array_send(_ends_of(a.activations))
+           CASE WHEN a.schedule_error IS NULL AND a.activations IS NOT NULL THEN array_send(_ends_of(a.activations))
                 WHEN a.schedule IS NULL THEN '' ELSE '\x00' END
     FROM area a WHERE a.area_id = p_area_id AND a.scene_id + 0 = p_scene_id;
 END;
 COMMENT ON FUNCTION _area_row(bigint, bigint) IS
 'One area of a scene without nulls: infinite instants and heights (metres) mean unbounded, spans (array_send, starts '
-'and ends in turn) are empty for one span only, and a zero byte if the schedule is not expanded. Inlined into queries.';
+'and ends in turn) are empty for one span only, and a zero byte if a schedule is not expanded. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._changed_areas(
     p_scene_id bigint, p_after bigint, p_most bigint,
@@ -73,8 +73,9 @@ BEGIN ATOMIC
            t.grow_mps, _word_number(t.class), _word_number(t.owner), ST_AsBinary(t.path, 'NDR'),
            ST_AsBinary(t.outline, 'NDR'), coalesce(ST_AsBinary(t.outlines, 'NDR'), ''),
            coalesce(array_send(t.floors_m), ''),
-           coalesce(array_send(t.ceilings_m), ''), CASE WHEN t.departures IS NOT NULL THEN array_send(t.departures)
-                                                      WHEN t.schedule IS NULL THEN '' ELSE '\x00' END,
+           coalesce(array_send(t.ceilings_m), ''),
+           CASE WHEN t.schedule_error IS NULL AND t.departures IS NOT NULL THEN array_send(t.departures)
+                WHEN t.schedule IS NULL THEN '' ELSE '\x00' END,
            coalesce(t.tolerances::text, '')
     FROM track t WHERE t.track_id = p_track_id AND t.scene_id + 0 = p_scene_id;
 END;

@@ -42,18 +42,18 @@ COMMENT ON FUNCTION _horizon(bigint) IS
 'whether a schedule is not expanded at all; null: there are no schedules. Instants are microseconds since 1970.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._scheduled(p_scene_id bigint, p_only_waiting boolean) RETURNS TABLE (
-    object_kind smallint, object_id bigint, version bigint, key text, schedule jsonb, starts_us bigint, ends_us bigint,
+    object_kind smallint, object_id bigint, version bigint, key text, schedule text, starts_us bigint, ends_us bigint,
     box bytea
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT 0, a.area_id, a.version, a.key, a.schedule, _microseconds(lower(a.active_span)),
+    SELECT 0, a.area_id, a.version, a.key, a.schedule::text, _microseconds(lower(a.active_span)),
            _microseconds(upper(a.active_span)),
            ST_AsBinary(ST_Envelope(a.footprint), 'NDR')
     FROM area a WHERE a.scene_id = p_scene_id AND a.schedule IS NOT NULL
                   AND (a.activations IS NULL OR NOT p_only_waiting)
     UNION ALL
-    SELECT 1, t.track_id, t.version, t.key, t.schedule, _microseconds(to_timestamp(ST_M(ST_StartPoint(t.path)))),
+    SELECT 1, t.track_id, t.version, t.key, t.schedule::text, _microseconds(to_timestamp(ST_M(ST_StartPoint(t.path)))),
            _microseconds(to_timestamp(ST_M(ST_EndPoint(t.path)))), ST_AsBinary(ST_Force2D(ST_StartPoint(t.path)), 'NDR')
     FROM track t WHERE t.scene_id = p_scene_id AND t.schedule IS NOT NULL
                    AND (t.departures IS NULL OR NOT p_only_waiting);
@@ -65,7 +65,7 @@ COMMENT ON FUNCTION _scheduled(bigint, boolean) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._set_activations(
     p_scene_id bigint, p_kinds smallint[], p_ids bigint[], p_versions bigint[], p_counts integer[],
-    p_instants_us bigint[]
+    p_starts_us bigint[], p_ends_us bigint[], p_errors text[]
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -73,33 +73,42 @@ DECLARE
     v_rows bigint;
 BEGIN
     CREATE TEMPORARY TABLE IF NOT EXISTS expanded_schedule (
-        kind smallint, id bigint, version bigint, instants timestamptz[]
+        kind smallint, id bigint, version bigint, spans tstzmultirange, departures timestamptz[], error text
     ) ON COMMIT DROP;
     TRUNCATE pg_temp.expanded_schedule;
     INSERT INTO pg_temp.expanded_schedule
         SELECT o.kind, o.id, o.version,
-               ARRAY(SELECT timestamptz 'epoch' + u * interval '1 microsecond'
-                     FROM unnest(p_instants_us[o.till - o.count + 1:o.till]) u)
-        FROM (SELECT n.*, sum(n.count) OVER (ORDER BY n.nr) AS till
-              FROM ROWS FROM (unnest(p_kinds), unnest(p_ids), unnest(p_versions), unnest(p_counts))
-                   WITH ORDINALITY n (kind, id, version, count, nr)) o;
-    UPDATE area a SET activations = _spans_of(n.instants)
+               CASE WHEN o.kind = 0 AND o.error IS NULL THEN
+                   (SELECT coalesce(range_agg(tstzrange(timestamptz 'epoch' + s.start_us * interval '1 microsecond',
+                                                        timestamptz 'epoch' + s.end_us * interval '1 microsecond')),
+                                    '{}')
+                    FROM unnest(p_starts_us[o.first:o.last], p_ends_us[o.first:o.last]) s (start_us, end_us)) END,
+               ARRAY(SELECT timestamptz 'epoch' + s.start_us * interval '1 microsecond'
+                     FROM unnest(p_starts_us[o.first:o.last]) s (start_us)
+                     WHERE o.kind = 1), o.error
+        FROM (SELECT n.*, sum(n.count) OVER w - n.count + 1 AS first, sum(n.count) OVER w AS last
+              FROM ROWS FROM (unnest(p_kinds), unnest(p_ids), unnest(p_versions), unnest(p_counts), unnest(p_errors))
+                   WITH ORDINALITY n (kind, id, version, count, error, nr)
+              WINDOW w AS (ORDER BY n.nr)) o;
+    -- Whenever it may be.
+    UPDATE area a SET activations = coalesce(n.spans, tstzmultirange(a.active_span)), schedule_error = n.error
         FROM pg_temp.expanded_schedule n
         WHERE n.kind = 0 AND a.area_id = n.id AND a.scene_id = p_scene_id AND a.version = n.version
-          AND a.activations IS DISTINCT FROM _spans_of(n.instants);
+          AND (a.activations, a.schedule_error)
+              IS DISTINCT FROM (coalesce(n.spans, tstzmultirange(a.active_span)), n.error);
     GET DIAGNOSTICS v_changed = ROW_COUNT;
-    UPDATE track t SET departures = n.instants
+    UPDATE track t SET departures = n.departures, schedule_error = n.error
         FROM pg_temp.expanded_schedule n
         WHERE n.kind = 1 AND t.track_id = n.id AND t.scene_id = p_scene_id AND t.version = n.version
-          AND t.departures IS DISTINCT FROM n.instants;
+          AND (t.departures, t.schedule_error) IS DISTINCT FROM (n.departures, n.error);
     GET DIAGNOSTICS v_rows = ROW_COUNT;
     RETURN v_changed + v_rows;
 END
 $$;
-COMMENT ON FUNCTION _set_activations(bigint, smallint[], bigint[], bigint[], integer[], bigint[]) IS
+COMMENT ON FUNCTION _set_activations(bigint, smallint[], bigint[], bigint[], integer[], bigint[], bigint[], text[]) IS
 'Stores expanded schedules of objects that still have the given versions, and so marks those that changed; returns '
-'their number. p_instants_us: of all objects, microseconds since 1970; starts and ends in turn, or departures. '
-'p_counts: how many are of each object.';
+'their number. p_starts_us, p_ends_us: spans, or departures and anything, of all objects, microseconds since 1970. '
+'p_counts: how many are of each object. p_errors: why its schedule is not understood; null: it is.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._set_expanded(p_scene_id bigint, p_from_us bigint, p_until_us bigint)
 RETURNS void

@@ -216,7 +216,14 @@ BEGIN
             WHEN 'grazing' THEN 'they are within the tolerance of the limit: too close to call'
             WHEN 'near' THEN 'they do not meet, but come within nearest_m'
             ELSE CASE WHEN a.is_covered OR b.is_covered
-                      THEN 'one of them could not be cut into pieces: only its times and heights are known'
+                      THEN coalesce((SELECT format('the schedule of %s is not understood: %s', to_json(o.key), o.error)
+                                     FROM (SELECT s.key, s.schedule_error AS error FROM area s
+                                           WHERE s.scene_id = v_scene.scene_id AND s.key IN (a.key, b.key)
+                                           UNION ALL
+                                           SELECT s.key, s.schedule_error FROM track s
+                                           WHERE s.scene_id = v_scene.scene_id AND s.key IN (a.key, b.key)) o
+                                     WHERE o.error IS NOT NULL ORDER BY o.key LIMIT 1),
+                                    'one of them could not be cut into pieces: only its times and heights are known')
                       WHEN v_stage < 4 THEN format('method %s ends with stage %s, which cannot decide', v_method,
                                                    v_stage)
                       ELSE 'neither a contact nor a distance could be proven' END

@@ -26,6 +26,12 @@ COMMENT ON COLUMN track.departures IS
 'When its voyages depart, if several: the path, moved so that it begins then. With a schedule: its expansion, null '
 'until a detection makes it. Null without a schedule: one voyage, at the times of the path.';
 COMMENT ON COLUMN track.schedule IS 'When it departs: the starts of a schedule (JSON as in scene files); null: none.';
+COMMENT ON COLUMN area.schedule_error IS
+'Why its schedule is not understood, as the last detection says: its pairs are unresolved; null: it is, or there is '
+'none.';
+COMMENT ON COLUMN track.schedule_error IS
+'Why its schedule is not understood, as the last detection says: its pairs are unresolved; null: it is, or there is '
+'none.';
 COMMENT ON COLUMN scene.expanded IS 'The time for which schedules are expanded; null: none is.';
 COMMENT ON COLUMN area.active_span IS 
 'When it is closed: [start, end); a missing bound is unbounded. With activations it holds all of them.';

@@ -24,25 +24,31 @@ class Activations:
     offset : (n + 1,) int64
     at_us : (s, 2) int64, spans of areas, MINUS_INFINITY_US and INFINITY_US where unbounded; or (s,) int64, departures
         of tracks
+    is_unknown : (n,) whether the object may be active at any of these times, or depart at any time at all
     """
 
     offset: NDArray[np.int64]
     at_us: NDArray[np.int64]
+    is_unknown: NDArray[np.bool_]
 
     def take(self, rows: NDArray[np.int64]) -> "Activations":
         """Return the activations of some objects."""
         offset, index = ragged_rows(self.offset, rows)
-        return Activations(offset, self.at_us[index])
+        return Activations(offset, self.at_us[index], self.is_unknown[rows])
 
     def followed_by(self, other: "Activations") -> "Activations":
         """Return the activations of these objects, then of others."""
         offset = np.concatenate([self.offset, other.offset[1:] + self.offset[-1]])
-        return Activations(offset, np.concatenate([self.at_us, other.at_us]))
+        return Activations(
+            offset,
+            np.concatenate([self.at_us, other.at_us]),
+            np.concatenate([self.is_unknown, other.is_unknown]),
+        )
 
     @classmethod
     def once(cls, at_us: NDArray[np.int64]) -> "Activations":
         """Return one activation for each object: spans (n, 2) or departures (n,)."""
-        return cls(np.arange(len(at_us) + 1), at_us)
+        return cls(np.arange(len(at_us) + 1), at_us, np.zeros(len(at_us), np.bool_))
 
     @classmethod
     def of(cls, each: Sequence[Sequence[Any] | None], once: NDArray[np.int64]) -> "Activations":
@@ -52,7 +58,7 @@ class Activations:
         found = [once[i : i + 1] if one is None else np.array(one, np.int64) for i, one in enumerate(each)]
         shape = (-1, *once.shape[1:])
         at_us = np.concatenate([np.empty((0, *once.shape[1:]), np.int64), *(one.reshape(shape) for one in found)])
-        return cls(offsets([len(one.reshape(shape)) for one in found]), at_us)
+        return cls(offsets([len(one.reshape(shape)) for one in found]), at_us, np.zeros(len(found), np.bool_))
 
 
 def _unless_scheduled(item: Area | Track, given: Any) -> Any:

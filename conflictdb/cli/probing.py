@@ -55,8 +55,6 @@ def probe(args: argparse.Namespace) -> int:
         plans += [*read.areas, *read.tracks]
     jobs = args.jobs or os.cpu_count() or 1
     with database(args) as db:
-        for read in files:
-            read.require_lines(db.scene(args.scene).settings().motion)
         plans += [db.scene(args.scene).delayed(key, delay) for key, delay in delays]
         keys = {plan.key for plan in plans}
         known = [one for one in db.scene(args.scene).stream_conflicts() if _members(one, keys)] if args.diff else []

@@ -244,7 +244,7 @@ def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Opti
         if parent is None:
             if again is not None:
                 follow_attached.follow(conn, scene, again=again)
-            expansion.expand(conn, scene)
+            expansion.expand(conn, scene, options.say)
         else:
             # If its parent changes meanwhile, the branch stays pending.
             with suppress(_NothingPending):

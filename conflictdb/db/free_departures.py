@@ -57,6 +57,16 @@ def speeds(
     return in_memory.speeds(tracks, areas, settings, key, slowest, fastest, leg=leg)
 
 
+def read_departing(
+    conn: psycopg.Connection[Any], scene: str, key: str, within_s: float
+) -> tuple[Scene, list[Area], list[Track]]:
+    """Return a scene, a track, and what it may meet if it departs up to `within_s` earlier or later.
+
+    Without the track the scene has none of this key. Raises InvalidInput if the scene does not exist.
+    """
+    return _read(conn, scene, key, lambda track: round(1e6 * within_s))
+
+
 def _read(
     conn: psycopg.Connection[Any], scene: str, key: str | None, most_us: Callable[[Track], int], near_m: float = 0.0
 ) -> tuple[Scene, list[Area], list[Track]]:

@@ -15,7 +15,7 @@ from conflictdb.formats.discs import Corners, disc
 from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import check_storable, check_text
-from conflictdb.formats.routes import Route, has_loxodromes, track_of
+from conflictdb.formats.routes import Route, track_of
 from conflictdb.model.inputs import certain
 from conflictdb.model.plans import MAX_POINTS, Area, Scene, Track
 
@@ -122,7 +122,6 @@ class Gathered:
         self.corners = Corners()
         self.areas: list[Area] = []
         self.tracks: list[Track] = []
-        self.loxodromes: set[str] = set()
         self._seen: dict[str, str] = {}
 
     def add_zone(self, where: str, zone: Zone) -> None:
@@ -142,8 +141,6 @@ class Gathered:
     def add_route(self, where: str, who: str, route: Route, max_speed_kn: float) -> None:
         """Add the track of a route; raises InvalidInput as `add_track` and `routes.track_of`."""
         self.add_track(where, track_of(who, route, max_speed_kn))
-        if has_loxodromes(route):
-            self.loxodromes.add(route.name)
 
     def _once(self, where: str, item: Area | Track) -> None:
         if item.key in self._seen:
@@ -158,9 +155,7 @@ class Gathered:
         """Return the objects; refused ones are left out or raised."""
         if not skip_invalid:
             self.refusals.raise_found()
-        contents = Contents(None, self.areas, self.tracks, left_out(self.source, self.refusals))
-        contents.loxodromes = self.loxodromes
-        return contents
+        return Contents(None, self.areas, self.tracks, left_out(self.source, self.refusals))
 
 
 def along_shortest_lines(who: str, field: str, ring_deg: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,6 +1,6 @@
 """The contents of a file, and the objects left out."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Final, NamedTuple, Protocol, TypeAlias
@@ -176,8 +176,6 @@ class Contents(_Contents):
     scene : its settings, None if the file names no scene
     skipped : rows and objects that were left out
     remarks : remarks on the remaining objects; an attribute, not part of the tuple
-    loxodromes : keys of tracks that the file lets follow rhumb lines, whatever the scene; an attribute, too
     """
 
     remarks: Sequence[Remark] = ()
-    loxodromes: Collection[str] = ()

@@ -9,7 +9,7 @@ from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats.contents import Contents, Phase, Remark, Skipped, left_out, name_of, unwatched, without_objects
 from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.reading import ReadOptions, read, stem
-from conflictdb.model.plans import Area, Motion, Scene, Track
+from conflictdb.model.plans import Area, Scene, Track
 
 
 @dataclass(slots=True)
@@ -20,7 +20,6 @@ class Plan:
     settings : from a file, None if no file has settings
     sources : the files, in the order given
     source_of : the file of each object, by key
-    loxodromes : keys of tracks that their files let follow rhumb lines
     """
 
     name: str
@@ -31,20 +30,6 @@ class Plan:
     skipped: list[Skipped] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
     source_of: dict[str, str] = field(default_factory=dict)
-    loxodromes: set[str] = field(default_factory=set)
-
-    def require_lines(self, motion: Motion, source: str | None = None) -> None:
-        """Raise InvalidInput for tracks, of a file or of all, with rhumb lines if the scene follows great circles."""
-        if motion != Motion.GREAT_CIRCLE or not self.loxodromes:
-            return
-        refusals = Refusals()
-        rule = "are rhumb lines, and the scene follows great circles: load them into a scene with motion rhumb"
-        for track in self.tracks:
-            own = self.source_of[track.key]
-            if track.key in self.loxodromes and source in (None, own):
-                with refusals:
-                    raise InvalidInput(f"track {track.key!r}", "legs", rule, own)
-        refusals.raise_found()
 
     def leave_out(self, source: str, refused: InvalidInput) -> None:
         """Leave out the refused objects of a file, by name."""
@@ -120,6 +105,5 @@ def _add(plan: Plan, source: str, contents: Contents, refusals: Refusals) -> Non
     plan.sources.append(source)
     plan.areas.extend(contents.areas)
     plan.tracks.extend(contents.tracks)
-    plan.loxodromes.update(contents.loxodromes)
     plan.skipped.extend(contents.skipped)
     plan.remarks.extend(contents.remarks)

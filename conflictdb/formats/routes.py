@@ -25,6 +25,7 @@ from conflictdb.model.plans import (
     METRES_PER_NMI,
     MIN_INSTANT_US,
     EarthModel,
+    Motion,
     Track,
     rectangle_outline_m,
 )
@@ -142,13 +143,17 @@ def track_of(who: str, route: Route, max_speed_kn: float) -> Track:
     lonlat[1:, 0] -= 360.0 * np.cumsum(np.round(np.diff(lonlat[:, 0]) / 360.0))
     members: dict[str, Any] = {"outline_m": _haven(deviation_m), "name": route.name}
     members["tolerances"] = _tolerances(points, lonlat, times, owner) or None
-    members |= {"properties": route.properties, **route.members}
+    members |= {
+        "properties": route.properties,
+        "legs": Motion.RHUMB if _has_loxodromes(route) else None,
+        **route.members,
+    }
     return Track(
         checked_key(who, "id", route.name), lonlat, np.array(times, np.int64), **members, max_speed_kn=max_speed_kn
     )
 
 
-def has_loxodromes(route: Route) -> bool:
+def _has_loxodromes(route: Route) -> bool:
     """Return whether a leg is a rhumb line that is no great circle: neither along a meridian nor along the equator."""
     return any(
         not point.is_orthodrome and point.lon_deg != before.lon_deg and (point.lat_deg != 0.0 or before.lat_deg != 0.0)

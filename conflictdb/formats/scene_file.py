@@ -171,12 +171,13 @@ def scene_text(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> 
     yield '  "features": ['
     separator = "\n"
     for item in items:
-        yield f"{separator}    {dumped(_feature(item))}"
+        yield f"{separator}    {dumped(feature_of(item))}"
         separator = ",\n"
     yield " ] }\n"
 
 
-def _feature(item: Area | Track) -> dict[str, Any]:
+def feature_of(item: Area | Track) -> dict[str, Any]:
+    """Return an object as a feature of a scene file."""
     if isinstance(item, Track):
         geometry: Mapping[str, Any] = {"type": TRACK_TYPE, "coordinates": item.positions_deg.tolist()}
         properties = file_objects.track_properties(item)

@@ -18,7 +18,7 @@ from starlette.routing import Route
 
 from conflictdb.db import store
 from conflictdb.errors import ConflictDBError, InvalidInput, NotPermitted
-from conflictdb.map import content, land
+from conflictdb.map import content, land, what_if
 from conflictdb.map.content import Pair, to_json
 from conflictdb.map.guard import Access, Guard
 from conflictdb.map.live import SceneChanges
@@ -33,6 +33,7 @@ _TYPES: Final = {
     ".js": "text/javascript; charset=utf-8",
     ".mjs": "text/javascript; charset=utf-8",
     ".svg": "image/svg+xml",
+    ".wasm": "application/wasm",
 }
 # Concurrent connections to the database; a browser requests six tiles at a time.
 _CONNECTIONS: Final = 4
@@ -40,7 +41,9 @@ _CONNECTIONS: Final = 4
 _MOST_TILES: Final = 1_000
 # Size limit of a writing request, bytes: a reason has at most 10,000.
 _MOST_BYTES: Final = 65_536
-# Limits on tile numbers: digits, and the range of a database parameter.
+# Longest change of a departure, seconds: a day.
+_LONGEST_S: Final = 86_400
+# Limits on numbers of requests: digits, and the range of a database parameter.
 _MOST_DIGITS: Final = 10
 _MOST_NUMBER: Final = 2**31 - 1
 
@@ -132,6 +135,15 @@ class Answers:
         with self.connections.one() as connection:
             return Response(content.tracks(connection, self._scene), media_type="application/octet-stream")
 
+    def pieces(self, request: Request) -> Response:
+        """Return the pieces of a track and of what it may meet if it departs earlier or later."""
+        key, within_s = _parameter(request, "key") or "", _number("within_s", _parameter(request, "within_s") or "")
+        if within_s > _LONGEST_S:
+            raise HTTPException(400, f"within_s: must be at most {_LONGEST_S}")
+        with self.connections.one() as connection:
+            packed = what_if.pieces(connection, self._scene, key, within_s)
+            return Response(packed, media_type="application/octet-stream")
+
     def pair(self, request: Request) -> Response:
         """Return why two objects are in conflict."""
         asked = Pair(_parameter(request, "a") or "", _parameter(request, "b") or "")
@@ -210,6 +222,7 @@ def application(scene: str, connect: Connect, access: Access) -> Starlette:
             Route("/api/tracks", answers.tracks),
             Route("/api/shapes", answers.shapes),
             Route("/api/pair", answers.pair),
+            Route("/api/pieces", answers.pieces),
             Route("/api/events", events),
             Route("/api/acknowledge", acknowledge, methods=["POST"]),
             Route("/tiles/{kind}/{z}/{x}/{y}", answers.tile),
@@ -232,7 +245,7 @@ def _parameter(request: Request, name: str) -> str | None:
 
 
 def _number(name: str, text: str) -> int:
-    """Return a number of a tile's path; the database checks its range."""
+    """Return a whole number of a request."""
     if not (text.isascii() and text.isdigit() and len(text) <= _MOST_DIGITS and int(text) <= _MOST_NUMBER):
         raise HTTPException(400, f"{name}: must be a whole number from 0 to {_MOST_NUMBER}")
     return int(text)

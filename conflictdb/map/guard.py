@@ -20,7 +20,7 @@ SECRET_HEADER: Final = "x-conflictdb-secret"  # noqa: S105 (its name)
 
 _POLICY: Final = "; ".join((
     "default-src 'none'",
-    "script-src 'self'",
+    "script-src 'self' 'wasm-unsafe-eval'",  # the kernel; no text is evaluated
     "worker-src 'self'",
     "style-src 'self'",
     "img-src 'self' data: blob:",

@@ -15,7 +15,7 @@ import psycopg
 
 from conflictdb.db import store
 from conflictdb.errors import InvalidInput
-from conflictdb.map import content, land
+from conflictdb.map import content, land, what_if
 from conflictdb.map.content import to_json
 
 _ROOT: Final = Path(str(files("conflictdb") / "map"))
@@ -31,7 +31,7 @@ _MARGIN_DEG: Final = 5.0
 _IMPORT: Final = re.compile(r'^import (\{.*?\}|\* as \w+) from "(.*?)";\n', re.MULTILINE | re.DOTALL)
 _EXPORT: Final = re.compile(r"^export (?=(?:async )?(?:function|const|class) (\w+))", re.MULTILINE)
 _VENDOR: Final = "../vendor/maplibre-gl.mjs"
-_PACKED: Final = ("maplibre-gl.mjs", "maplibre-gl-worker.mjs")
+_PACKED: Final = ("vendor/maplibre-gl.mjs", "vendor/maplibre-gl-worker.mjs", "page/kernel.wasm")
 
 # MapLibre and its workers are modules, which need URLs: of the unpacked blobs.
 _BEGIN: Final = """\
@@ -75,6 +75,7 @@ def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], s
         "tracks": base64.b64encode(tracks).decode(),
         "shapes": shapes,
         "pairs": pairs,
+        "pieces": base64.b64encode(what_if.packed(*store.read_scene(conn, scene))).decode(),
         "land": json.loads(land.geojson(land.COARSE, land.WORLD, near)),
         "near_land": near and json.loads(land.geojson(land.FINE, near)),
     }, left_out
@@ -117,8 +118,8 @@ def _parts(facts: dict[str, Any]) -> Iterator[str]:
     """Yield the file in parts, with all scripts and styles of the served page inline."""
     script, style = _script(), "\n".join(_text(name) for name in ("vendor/maplibre-gl.css", "page/style.css"))
     policy = (
-        f"default-src 'none'; script-src '{_hash(script)}' blob:; style-src '{_hash(style)}'; worker-src blob: data:; "
-        "connect-src blob:; img-src data: blob:; base-uri 'none'; form-action 'none'"
+        f"default-src 'none'; script-src '{_hash(script)}' 'wasm-unsafe-eval' blob:; style-src '{_hash(style)}'; "
+        "worker-src blob: data:; connect-src blob:; img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
     icon = base64.b64encode(_text("page/icon.svg").encode()).decode()
     html = _text("page/index.html")
@@ -130,7 +131,7 @@ def _parts(facts: dict[str, Any]) -> Iterator[str]:
     yield f'<link rel="icon" href="data:image/svg+xml;base64,{icon}">\n'
     yield f"<style>{style}</style>\n</head>{before}"
     for name in _PACKED:
-        yield _packed(name, (_ROOT / "vendor" / name).read_bytes())
+        yield _packed(name.rsplit("/", 1)[1], (_ROOT / name).read_bytes())
     yield _packed("scene-data", to_json(facts))
     notices = "\n\n".join(_text(f"vendor/{name}") for name in ("maplibre-gl.LICENSE.txt", "world-atlas.LICENSE.txt"))
     notices = notices.replace("--", "- -")

@@ -32,7 +32,7 @@ _One = TypeVar("_One", Area, Track)
 _AREA: Final = tuple(field.name for field in fields(Area))
 _STEADY: Final = (0.0, None, None, None)  # a haven that neither grows nor changes, heights of no leg
 _ONCE: Final = (None, None)  # neither several activations nor a schedule
-_AS_PLANNED: Final = (None, *_ONCE)  # no tolerances either
+_AS_PLANNED: Final = (None, *_ONCE, None)  # no tolerances either, and lines as in the scene
 _TRACK: Final = tuple(field.name for field in fields(Track))
 
 
@@ -105,8 +105,7 @@ def tracks(
                 rest,
                 *_STEADY,
                 *of,
-                None,
-                *_ONCE,
+                *_AS_PLANNED,
             ),
         )
         if fits and _are_heights(*heights)

@@ -272,6 +272,8 @@ class Track:
         expansion
     schedule : JSON of `model.schedules`, instead: the voyage departs at each start of an activation, whose end has no
         meaning; expanded for the scene's horizon
+    legs : the lines that its legs follow, if its source says so: a scene of another motion refuses the track. It is not
+        stored. None: those of the scene
     max_speed_kn : a track that is faster on a leg, over the shortest way, is refused: 2,000 knots unless given here.
         math.inf takes every speed. It is not kept
     """
@@ -293,6 +295,7 @@ class Track:
     tolerances: Mapping[str, Any] | None = None
     departures_us: tuple[int, ...] | None = None
     schedule: Any = None
+    legs: Motion | None = None
     max_speed_kn: InitVar[float] = MAX_SPEED_KN
 
     if TYPE_CHECKING:  # accepted types; __post_init__ converts them to the stored ones
@@ -316,6 +319,7 @@ class Track:
             tolerances: Mapping[str, Any] | None = None,
             departures_us: inputs.Instants | None = None,
             schedule: Any = None,
+            legs: Motion | None = None,
             max_speed_kn: float = MAX_SPEED_KN,
         ) -> None: ...
 
@@ -347,6 +351,10 @@ class Track:
         if self.schedule is not None:
             with refusals:
                 check_schedule(who, self.schedule)
+        legs: Any = self.legs
+        if not isinstance(legs, Motion | None):
+            with refusals:
+                raise InvalidInput(who, "legs", f"must be a Motion, or absent; got {legs!r:.60}")
         with refusals:
             _check_outline(who, "outline_m", self.outline_m)
             if self.grow_mps != 0.0:

@@ -239,7 +239,6 @@ def _refused(settings: Scene, plan: Plan, source: str, checked: Callable[[int], 
     tracks = [track for track in plan.tracks if plan.source_of[track.key] == source]
     plane = plane_of(settings)
     try:
-        plan.require_lines(settings.motion, source)
         for first in range(0, len(areas), _CHECKED_AT_ONCE):
             check_plane(plane, areas[first : first + _CHECKED_AT_ONCE], [])
             checked(min(first + _CHECKED_AT_ONCE, len(areas)))

@@ -75,7 +75,8 @@ TABLE area (
     class text,
     owner text,
     activations tstzmultirange,
-    schedule jsonb
+    schedule jsonb,
+    schedule_error text
 );
 
 TABLE attached_change (
@@ -407,7 +408,8 @@ TABLE track (
     class text,
     owner text,
     departures timestamp with time zone[],
-    schedule jsonb
+    schedule jsonb,
+    schedule_error text
 );
 
 VIEW _accessible (
@@ -1264,6 +1266,9 @@ FUNCTION _grown_outline(p_outline geometry, p_by_m double precision)
 FUNCTION _half_open(p_span tstzrange)
     RETURNS tstzrange LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _half_open(p_spans tstzmultirange)
+    RETURNS tstzmultirange LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
 FUNCTION _has_grown(p_periods tstzmultirange, p_verdict text, p_time_error_s double precision, p_closest_m double precision, p_closest_error_m double precision, p_known_periods tstzmultirange, p_known_verdict text, p_known_time_error_s double precision, p_known_closest_m double precision, p_known_closest_error_m double precision, p_tolerance_m double precision)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1718,7 +1723,7 @@ FUNCTION _scenes()
     RETURNS TABLE(scene_id bigint, settings jsonb, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text, is_current boolean) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _scheduled(p_scene_id bigint, p_only_waiting boolean)
-    RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, key text, schedule jsonb, starts_us bigint, ends_us bigint, box bytea) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, key text, schedule text, starts_us bigint, ends_us bigint, box bytea) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _schedules_wait(p_scene_id bigint)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
@@ -1738,7 +1743,7 @@ FUNCTION _series(p_angle double precision, p_coefficients double precision[])
 FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
     RETURNS record LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
-FUNCTION _set_activations(p_scene_id bigint, p_kinds smallint[], p_ids bigint[], p_versions bigint[], p_counts integer[], p_instants_us bigint[])
+FUNCTION _set_activations(p_scene_id bigint, p_kinds smallint[], p_ids bigint[], p_versions bigint[], p_counts integer[], p_starts_us bigint[], p_ends_us bigint[], p_errors text[])
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _set_columns(p_name text, p_settings jsonb)
@@ -1797,9 +1802,6 @@ FUNCTION _some_areas(p_scene_id bigint, p_area_ids bigint[], OUT area_id bigint,
 
 FUNCTION _some_tracks(p_scene_id bigint, p_track_ids bigint[], OUT track_id bigint, OUT version bigint, OUT floor_m double precision, OUT ceiling_m double precision, OUT grow_mps double precision, OUT class_number bigint, OUT owner_number bigint, OUT path bytea, OUT outline bytea, OUT outlines bytea, OUT floors bytea, OUT ceilings bytea, OUT departures bytea, OUT tolerances text)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
-
-FUNCTION _spans_of(p_ends timestamp with time zone[])
-    RETURNS tstzmultirange LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _sphere_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "a0887a3651eeb19eb55dadaa788725d04747a520c751b5282fcd3780c5c2c105"
+routines_sha256 = "fa9c499aacb48fc9fb9c4646fd7bf0325212524e7df8bb59ed9f3235e3120a66"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -139,9 +139,9 @@ ALTER TABLE conflictdb.conflict_event ADD COLUMN IF NOT EXISTS proposal_id bigin
 # When an area is active, and a track departs, several times; the schedule that says so, and how far it is expanded.
 ACTIVATIONS = """
 ALTER TABLE conflictdb.area ADD COLUMN IF NOT EXISTS activations tstzmultirange,
-    ADD COLUMN IF NOT EXISTS schedule jsonb;
+    ADD COLUMN IF NOT EXISTS schedule jsonb, ADD COLUMN IF NOT EXISTS schedule_error text;
 ALTER TABLE conflictdb.track ADD COLUMN IF NOT EXISTS departures timestamptz[],
-    ADD COLUMN IF NOT EXISTS schedule jsonb;
+    ADD COLUMN IF NOT EXISTS schedule jsonb, ADD COLUMN IF NOT EXISTS schedule_error text;
 CREATE INDEX IF NOT EXISTS area_scene_id_scheduled_btree ON conflictdb.area (scene_id) WHERE schedule IS NOT NULL;
 CREATE INDEX IF NOT EXISTS track_scene_id_scheduled_btree ON conflictdb.track (scene_id) WHERE schedule IS NOT NULL;
 ALTER TABLE conflictdb.scene

@@ -171,11 +171,18 @@ def _gone_and_asked(page: Page, stop: Callable[[], None]) -> None:
     _conflict(page, stop)
 
 
+def _what_if(page: Page, stop: Callable[[], None]) -> None:
+    page.get_by_role("button", name="FERRY and TOW").click()
+    page.get_by_role("button", name="What if FERRY departs earlier or later").click()
+    page.get_by_role("slider", name="Departure").press("PageUp")
+
+
 STATES: Final[dict[str, tuple[str, Callable[[Page, Callable[[], None]], None]]]] = {
     "first": ("strait", _first),
     "conflict": ("strait", _conflict),
     "filters": ("strait", _filters),
     "object": ("strait", _object),
+    "what-if": ("strait", _what_if),
     "empty": ("empty", _first),
     "not-detected": ("not detected", _first),
     "behind": ("behind", _first),

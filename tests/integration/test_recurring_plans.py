@@ -135,9 +135,9 @@ def test_the_horizon_advances_and_marks_only_what_changed(conn: psycopg.Connecti
     window = conn.execute("SELECT lower(expanded), upper(expanded) FROM conflictdb.scene").fetchone()
     conn.commit()
     now_us = round(window[1].timestamp() * 1e6)  # type: ignore[index]
-    expansion.expand(conn, "plans", now_us - 29 * DAY_US)
+    expansion.expand(conn, "plans", print, now_us - 29 * DAY_US)
     assert pending(conn) == 0
-    expansion.expand(conn, "plans", now_us)
+    expansion.expand(conn, "plans", print, now_us)
     assert pending(conn) == 1
     marked = conn.execute("SELECT DISTINCT object_kind, object_id FROM conflictdb.change").fetchall()
     key = conn.execute("SELECT key FROM conflictdb.area WHERE area_id = %s", [marked[0][1]]).fetchone()
@@ -181,14 +181,6 @@ def test_sql_stores_schedules_which_the_next_detection_reads(conn: psycopg.Conne
     sails = "SELECT conflictdb.haven_at('plans', 'T', %s) IS NOT NULL"
     for at, there in (("2026-06-01 06:45+00", True), ("2026-06-02 06:45+00", True), ("2026-06-03 06:45+00", False)):
         assert conn.execute(sails, [at]).fetchone() == (there,)
-    conn.commit()
-    # What is not understood is refused by name, and stays pending.
-    conn.execute(put, [Jsonb({"days": ["SOMEDAY"]})])
-    conn.commit()
-    with pytest.raises(InvalidInput, match=r"area 'A': schedule\.days\[0\]: must be a day"):
-        detect(conn, "plans")
-    assert pending(conn) == 1
-    assert "SOMEDAY" in conn.execute("SELECT last_error FROM conflictdb.scenes").fetchone()[0]  # type: ignore[index]
     conn.commit()
     with pytest.raises(psycopg.Error, match="before the voyage before it has ended"):
         conn.execute("UPDATE conflictdb.track SET departures = '{2026-06-01 06:30+00, 2026-06-01 06:40+00}'")
@@ -343,3 +335,103 @@ def test_speeds_and_resolve_refuse_repeated_voyages_by_name(conn: psycopg.Connec
             scene.speeds("T")
         with pytest.raises(InvalidInput, match="resolve: tracks: is for one voyage: track 'T' has departures"):
             scene.resolve()
+
+
+# Each reached the database without Python: by SQL, or by a restore.
+UNREAD = {
+    "a day that is none": '{"days": ["X"]}',
+    "a holiday": '{"notam": "HOL 0800-1000"}',
+    "an unknown zone": '{"timezone": "Mars/Olympus"}',
+    "a number": "7",
+    "a text": '"H24"',
+    "an empty list": "[]",
+    "lists in lists": "[" * 99 + "]" * 99,
+    "a number of 300 digits": '{"days": [' + "1" * 300 + "]}",
+    "no date": '{"from": "2026-02-30"}',
+    "too many": '{"rrule": "DTSTART:00010101T000000Z\\nRRULE:FREQ=HOURLY", "duration": "PT5M"}',
+}
+
+
+def verdicts(conn: psycopg.Connection[Any]) -> dict[tuple[str, str], str]:
+    found = conn.execute("SELECT a_key, b_key, verdict FROM conflictdb.conflicts WHERE scene = 'plans'").fetchall()
+    conn.commit()
+    return {(a, b): verdict for a, b, verdict in found}
+
+
+def spoil(conn: psycopg.Connection[Any], table: str, key: str, schedule: str) -> None:
+    conn.execute(f"UPDATE conflictdb.{table} SET schedule = %s WHERE key = %s".encode(), [schedule, key])
+    conn.commit()
+
+
+@pytest.mark.parametrize("schedule", ["[" * 3000 + "]" * 3000, '{"days": [' + "1" * 5000 + "]}"])
+def test_schedules_that_programs_cannot_read_are_refused(conn: psycopg.Connection[Any], schedule: str) -> None:
+    conn.execute("SELECT conflictdb.create_scene('plans')")
+    put = "SELECT conflictdb.put_area('plans', 'A', ST_MakeEnvelope(0, 0, 1, 1, 4326), p_schedule => %s::jsonb)"
+    with pytest.raises(psycopg.Error, match="schedule: must be nested at most 99 deep"):
+        conn.execute(put, [schedule])
+    conn.rollback()
+
+
+@pytest.mark.parametrize("name", UNREAD)
+def test_pairs_of_an_unread_schedule_are_unresolved(
+    conn: psycopg.Connection[Any], tmp_path: Path, name: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    with conflictdb.connect(conn) as db:
+        days = 36500 if name == "too many" else 366
+        db.load(scene_file(tmp_path, feature("A"), feature("B"), voyage("T"), horizon_days=days))
+        spoil(conn, "area", "A", UNREAD[name])
+        db.scene("plans").detect()
+        assert verdicts(conn) == {("A", "B"): "unresolved", ("A", "T"): "unresolved", ("B", "T"): "conflict"}
+        assert "area 'A': schedule" in caplog.text
+        assert "its pairs are unresolved" in caplog.text
+        with pytest.raises(InvalidInput, match="area 'A': schedule"):
+            db.scene("plans").explain("A", "T")
+        conn.rollback()
+        why = conn.execute("SELECT conflictdb.explain_conflict('plans', 'A', 'T') ->> 'why'").fetchone()
+        conn.commit()
+        assert why is not None
+        assert why[0].startswith("the schedule of \"A\" is not understood: area 'A': schedule")
+        # It waits for nothing: further detections have nothing to do.
+        assert not db.scene("plans").detect().candidate_pairs
+        spoil(conn, "area", "A", '{"dates": ["2026-06-03"]}')
+        db.scene("plans").detect()
+        assert verdicts(conn) == {("A", "B"): "conflict", ("B", "T"): "conflict"}
+    assert conn.execute("SELECT count(*) FROM conflictdb.area WHERE schedule_error IS NOT NULL").fetchone() == (0,)
+
+
+def test_a_track_of_unknown_departures_is_unresolved_where_it_may_sail(
+    conn: psycopg.Connection[Any], tmp_path: Path
+) -> None:
+    """At any time, within its own hull only; other objects are detected."""
+    late = feature("late", spans=[["2150-01-01T00:00:00Z", "2150-01-02T00:00:00Z"]])
+    far = feature("far")
+    far["geometry"]["coordinates"] = [[[2, 2], [3, 2], [3, 3], [2, 2]]]
+    with conflictdb.connect(conn) as db:
+        db.load(scene_file(tmp_path, late, far, voyage("T"), voyage("other"), separation_m=10, time_separation_s=60))
+        spoil(conn, "track", "T", '{"notam": "WHENEVER"}')
+        db.scene("plans").detect()
+        assert verdicts(conn) == {("late", "T"): "unresolved", ("T", "other"): "unresolved"}
+        # The objects themselves cannot be read.
+        with pytest.raises(InvalidInput, match=r"track 'T': schedule\.notam: is not understood at 'WHENEVER'"):
+            db.scene("plans").delays("other")
+        conn.rollback()
+        conn.execute("DELETE FROM conflictdb.track WHERE key = 'T'")
+        conn.commit()
+        db.scene("plans").detect()
+        assert not verdicts(conn)
+
+
+def test_spans_with_inclusive_ends_keep_their_last_instant(conn: psycopg.Connection[Any]) -> None:
+    conn.execute("SELECT conflictdb.create_scene('plans')")
+    conn.execute(
+        "SELECT conflictdb.put_area('plans', 'A', ST_MakeEnvelope(0, 0, 1, 1, 4326), p_activations => "
+        "'{[2026-06-01 08:00+00, 2026-06-01 08:00+00], (2026-06-02 08:00+00, 2026-06-02 09:00+00], "
+        "[2026-06-03, infinity)}'::tstzmultirange)"
+    )
+    found = conn.execute(
+        "SELECT count(*), count(*) FILTER (WHERE lower_inc(s) AND NOT upper_inc(s)), "
+        "count(*) FILTER (WHERE upper_inf(s)), "
+        "(array_agg(upper(s)))[1] - '2026-06-01 08:00+00', (array_agg(lower(s)))[2] - '2026-06-02 08:00+00' "
+        "FROM conflictdb.area a, unnest(a.activations) s"
+    ).fetchone()
+    assert found == (3, 3, 1, timedelta(microseconds=1), timedelta(microseconds=1))

@@ -37,6 +37,16 @@ def test_rhumb_legs_are_refused_by_name_in_a_scene_of_great_circles(
                 db.load_files([file], "circles")
             with pytest.raises(InvalidInput, match=r"holds no area and no track[^\n]*\n.*track 'R': legs: are rhumb"):
                 db.load_files([file], "circles", skip_invalid=True)
+            [track] = conflictdb.read(file).tracks
+            for refuses in (
+                lambda track=track: conflictdb.solve([track], [area], Scene("s", motion=Motion.GREAT_CIRCLE)),
+                lambda track=track: db.scene("circles").put(track),
+                lambda track=track: db.scene("circles").admit(track),
+                lambda track=track: db.scene("circles").probe(track),
+                lambda track=track: conflictdb.Index(Scene("s", motion=Motion.GREAT_CIRCLE)).put(track),
+            ):
+                with pytest.raises(InvalidInput, match=r"track 'R': legs: are rhumb lines, .* motion rhumb"):
+                    refuses()
             db.load_files([file], "rhumb")
             assert main(["--dsn", dsn, "probe", str(file), "--scene", "circles"]) == 4
             assert "track 'R': legs: are rhumb lines" in capsys.readouterr().err

@@ -21,9 +21,13 @@ def check(seed: int, n: int, width_deg: float, **settings: Any) -> tuple[int, in
     expected, allowed = {}, 0
     groups: dict[Scene, set[tuple[str, str]]] = {}
     objects: list[Area | Track] = [*areas, *tracks]
+    known: dict[Any, Scene | None] = {}
+    types = [(isinstance(one, Area), one.object_class, one.owner) for one in objects]
     for i, one in enumerate(objects):
-        for other in objects[i + 1 :]:
-            own = settings_of(scene, one, other)
+        for j, other in enumerate(objects[i + 1 :], i + 1):
+            if (types[i], types[j]) not in known:
+                known[types[i], types[j]] = settings_of(scene, one, other)
+            own = known[types[i], types[j]]
             if own is None:
                 allowed += 1
             else:
@@ -60,8 +64,8 @@ def test_each_pair_has_the_answer_of_its_own_settings(seed: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_each_pair_of_a_large_scene_has_the_answer_of_its_own_settings(seed: int) -> None:
-    found, _ = check(100 + seed, 2000, 3.0, separation_m=300.0)
-    assert found > 2000
+    found, _ = check(100 + seed, 2000, 1.5, separation_m=300.0)
+    assert found > 1000
 
 
 def test_rules_apply_on_great_circles() -> None:

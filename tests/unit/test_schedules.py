@@ -107,6 +107,23 @@ def test_rules_of_calendars_equal_their_library() -> None:
         assert found.tolist() == wanted, rule
 
 
+@pytest.mark.parametrize("start", [datetime(1, 1, 1, 3, 30), datetime(1999, 12, 31, 3, 30), datetime(2027, 6, 1, 3)])
+def test_rules_that_began_long_ago_are_found_at_once(start: datetime) -> None:
+    """The library would look at every hour since, and for a rule that never matches until the year 9999."""
+    for rule in ("FREQ=HOURLY;INTERVAL=7", "FREQ=DAILY;INTERVAL=11", "FREQ=WEEKLY;INTERVAL=3;BYDAY=MO,FR;WKST=SU"):
+        text = f"DTSTART:{start.year:04}{start:%m%dT%H%M%SZ}\nRRULE:{rule}"
+        found = rrule_schedule("area 'A'", text, "PT1H")
+        starts = found.departures(us("2027-01-01"), us("2027-12-01"))
+        recent = start + timedelta(days=7 * 11 * 3 * (max((datetime(2026, 12, 1) - start).days, 0) // (7 * 11 * 3)))
+        every = rrule.rrulestr(rule, dtstart=recent).between(datetime(2027, 1, 1), datetime(2027, 12, 1))
+        wanted = {int(at.replace(tzinfo=UTC).timestamp()) * 1_000_000 for at in every}
+        # DTSTART is an occurrence, whatever the rule says.
+        assert set(starts.tolist()) - {us(start.isoformat())} == wanted - {us(start.isoformat())}, rule
+    for never in ("FREQ=MONTHLY;BYDAY=MO;BYSETPOS=31", "FREQ=YEARLY;BYWEEKNO=53;BYMONTH=6"):
+        schedule = rrule_schedule("area 'A'", f"DTSTART:20200101T080000Z\nRRULE:{never}", "PT1H")
+        assert not len(schedule.departures(us("2027-01-01"), us("2028-01-01")))
+
+
 def test_rdate_exdate_and_dtend() -> None:
     text = "DTSTART:20260601T080000Z\nDTEND:20260601T093000Z\n"
     text += "RDATE:20260603T080000Z,20260605T080000Z\nEXDATE:20260605T080000Z"

@@ -19,7 +19,7 @@ REMEDIES: Final = {
     "scene_changeable": "Its owner may run `conflictdb admin share ROLE --scene NAME --access write`.",
     "scene_branch": "`conflictdb branch create BRANCH --scene NAME` makes one.",
     "scene_known": "`conflictdb load FILE --scene NAME` creates one.",
-    "scene_whole": "`conflictdb copy NEW --scene BRANCH` makes one; `conflictdb branch merge BRANCH` takes its edits over.",
+    "scene_whole": "`conflictdb copy NEW --scene BRANCH` makes one; or merge it: `conflictdb branch merge BRANCH`.",
     "scene_without_attachments": "`conflictdb admin detach --scene NAME --table TABLE` detaches each.",
     "scenes_owned": "`conflictdb admin share ROLE --scene NAME --access own` gives one to a role.",
     "scenes_protected": "The owner of schema conflictdb may run `conflictdb admin protect`.",

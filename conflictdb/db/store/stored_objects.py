@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any, cast
 
@@ -17,7 +17,7 @@ from conflictdb.arrays.objects import Activations, TrackBatch, outer_spans
 from conflictdb.arrays.ragged import offsets
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_many, require_writable, transaction
-from conflictdb.errors import InvalidInput, StoreError
+from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import Phase, unwatched
 from conflictdb.model.activations import Spans
 from conflictdb.model.inputs import EPOCH, MICROSECOND, all_certain, certain
@@ -358,12 +358,11 @@ def decode_instants(sent: bytes) -> NDArray[np.int64]:
 
 
 def decode_activations(sent: Sequence[bytes], once: NDArray[np.int64]) -> Activations:
-    """Return spans or departures from array_send format; no bytes: that of `once`. Raises StoreError if one waits."""
-    # Rows whose schedule is not expanded send one zero byte.
-    if any(one == b"\0" for one in sent):
-        raise StoreError("a schedule of the scene is not expanded yet: detect the scene first")
+    """Return spans or departures from array_send format; no bytes: that of `once`; a zero byte: unknown ones."""
+    is_unknown = np.array([one == b"\0" for one in sent], np.bool_)
     shape = (-1, *once.shape[1:])
-    return Activations.of([decode_instants(one).reshape(shape).tolist() if one else None for one in sent], once)
+    given = [decode_instants(one).reshape(shape).tolist() if len(one) > 1 else None for one in sent]
+    return replace(Activations.of(given, once), is_unknown=is_unknown)
 
 
 def decode_paths(

@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.db.store.connection import call, call_many
+from conflictdb.db.store.copy_binary import array, fixed
 from conflictdb.model.results import Kind
 
 # Objects that are stored by one call.
@@ -35,6 +36,7 @@ class Horizon:
 class Scheduled:
     """An object with a schedule.
 
+    schedule : JSON, as stored
     span_us : start and end of an area, None if unbounded; the first and last time of a track
     box : box of an area, or the first waypoint of a track, degrees
     """
@@ -43,7 +45,7 @@ class Scheduled:
     object_id: int
     version: int
     key: str
-    schedule: Any
+    schedule: str
     span_us: tuple[int | None, int | None]
     box: shapely.Geometry
 
@@ -73,11 +75,19 @@ def scheduled(conn: psycopg.Connection[Any], scene_id: int, *, only_waiting: boo
 
 
 def store_activations(
-    conn: psycopg.Connection[Any], scene_id: int, objects: Sequence[Scheduled], instants_us: Sequence[NDArray[np.int64]]
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    objects: Sequence[Scheduled],
+    instants_us: Sequence[NDArray[np.int64]],
+    errors: Sequence[str | None],
 ) -> None:
-    """Store spans (n, 2) or departures (n,) of objects, which marks those that differ."""
+    """Store spans (n, 2) or departures (n,) of objects, which marks those that differ.
+
+    errors : why the schedule of an object is not understood, or None; the object then has none of them
+    """
     for first in range(0, len(objects), _AT_ONCE):
         some, of_some = objects[first : first + _AT_ONCE], instants_us[first : first + _AT_ONCE]
+        ends = np.concatenate([one if one.ndim > 1 else np.stack([one, one], axis=1) for one in of_some])
         call(
             conn,
             "_set_activations",
@@ -85,8 +95,9 @@ def store_activations(
             [one.kind.code for one in some],
             [one.object_id for one in some],
             [one.version for one in some],
-            [one.size for one in of_some],
-            np.concatenate([one.reshape(-1) for one in of_some]).tolist(),
+            [len(one) for one in of_some],
+            *(array([fixed(column, "i8")], "bigint") for column in ends.T),
+            list(errors[first : first + _AT_ONCE]),
         )
 
 

@@ -2,6 +2,7 @@
 // or filtered, only the player what plays; methods here change one of them, and then tell those that draw.
 
 import { byId } from "./dom.js";
+import { Departure } from "./departure.js";
 import { Detail } from "./detail.js";
 import { EmbeddedSource } from "./embedded.js";
 import { clock, counted, day, instantOf, printable } from "./format.js";
@@ -19,6 +20,7 @@ import { theme } from "./theme.js";
 import { Timeline } from "./timeline.js";
 
 const MARKS_MS = 120; // how often the map hears what is on, while the time moves
+const REST_MS = 250; // after the last move of a plan the map hears of it: it draws all of its layers again
 const MARKS_SHARE = 0.2; // of the time, at most, that this takes
 const POLAR_LAT = 75; // degrees: what is chosen beyond is shown about the pole
 const POLE_LAT = 60; // scenes that reach beyond can be
@@ -47,9 +49,13 @@ class Page {
       (t) => { this.player.pause(); this.moveTo(t); }, choose,
     );
     this.detail = new Detail(byId("detail"), {
-      back: () => this.unchoose(), goTo: moveTo, acknowledge: (conflict, reason) => this.acknowledge(conflict, reason),
+      whatIf: (track) => this.askWhatIf(track), back: () => this.unchoose(), goTo: moveTo, acknowledge: (conflict, reason) => this.acknowledge(conflict, reason),
+    });
+    this.departure = new Departure(byId("what-if"), this.source, {
+      range: (track, s) => this.state.model.spareSpan([track.start - s, track.end + s]), change: (plan) => this.replan(plan), close: () => this.planClosed(),
     });
     this.marks = new Paced(() => this.mark(), MARKS_MS, MARKS_SHARE);
+    this.resting = null; // the timer of a plan that is being moved
     this.filtering = null; // the timer of a filter that waits
     this.readings = new Readings((what) => this.readAgain(what), (error) => this.failed(error));
     // Made when the scene is read: view, havens, polar.
@@ -126,6 +132,11 @@ class Page {
       if (state.chosen) this.showDetail();
       else this.unchoose();
     }
+    if (this.departure.isOpen) {
+      const track = state.model.objects.get(this.departure.key);
+      if (track?.kind === "track") await this.departure.readAgain(track);
+      else this.departure.close();
+    }
     this.applyFilter();
     this.moveTo(state.t);
   }
@@ -141,6 +152,7 @@ class Page {
     state.forget(why);
     this.player.pause();
     if (state.chosen) this.unchoose();
+    this.departure.close();
     byId("detail").replaceChildren();
     this.draw("objects");
     this.view.reveal(false);
@@ -190,8 +202,8 @@ class Page {
     byId("open-choice").hidden = !scene.may_acknowledge && !model.conflicts.some((c) => c.acknowledged_by !== null);
   }
 
-  // What the filter leaves: in the list, on the timeline and on the map.
-  applyFilter() {
+  // What the filter leaves: in the list, on the timeline and on the map, there later if `isQuick`.
+  applyFilter(isQuick = false) {
     const { state } = this;
     const { model, filter } = state;
     state.applyFilter();
@@ -202,7 +214,9 @@ class Page {
     byId("count").textContent = !isKnown ? "" : filter.isNothing() ? counted(left.length, "conflict")
       : `${left.length.toLocaleString("en")} of ${counted(model.conflicts.length, "conflict")}`;
     this.havens.marks.hidden = state.hiddenObjects;
-    this.marks.now();
+    clearTimeout(this.resting);
+    if (isQuick) this.resting = setTimeout(() => this.marks.now(), REST_MS);
+    else this.marks.now();
   }
 
   filterSoon() {
@@ -238,8 +252,15 @@ class Page {
   // --- the instant ---------------------------------------------------------------------------------------------------
 
   moveTo(at) {
+    this.state.moveTo(at);
+    this.showInstant();
+    this.marks.soon();
+    if (this.state.filter.now) this.filterSoon();
+  }
+
+  // All but the layers of the map.
+  showInstant() {
     const { state, havens, polar } = this;
-    state.moveTo(at);
     const { t, chosen } = state;
     byId("clock").textContent = clock(t);
     byId("clock").dateTime = new Date(t * 1000).toISOString();
@@ -251,8 +272,6 @@ class Page {
     havens.marks.pair = chosen ? [chosen.a, chosen.b] : [];
     havens.draw();
     polar.draw();
-    this.marks.soon();
-    if (state.filter.now) this.filterSoon();
   }
 
   // --- the conflict that is chosen -----------------------------------------------------------------------------------
@@ -260,6 +279,10 @@ class Page {
   choose(conflict) {
     const { state, view } = this;
     this.player.pause();
+    if (conflict.change && conflict.change !== "gone") { // of a moved plan: nothing more is known
+      this.moveTo(conflict.start);
+      return;
+    }
     state.choose(conflict);
     byId("all").hidden = true;
     byId("detail").hidden = false;
@@ -285,6 +308,31 @@ class Page {
     this.moveTo(state.t);
     const n = this.list.reveal(id);
     this.list.focus(n);
+  }
+
+  // --- a track that departs at another time --------------------------------------------------------------------------
+
+  askWhatIf(track) {
+    if (this.state.chosen) this.unchoose();
+    const { model } = this.state;
+    byId("words").value = printable(track.key);
+    this.readFilter();
+    return this.departure.open(track, model.scene.scene);
+  }
+
+  // Shows the conflicts and the haven of a moved plan; null: as planned.
+  replan(plan) {
+    const { state, havens } = this;
+    state.plan = havens.plan = plan;
+    this.applyFilter(plan !== null);
+    this.showInstant();
+  }
+
+  planClosed() {
+    this.state.model.spareSpan(null);
+    this.replan(null);
+    this.moveTo(this.state.t);
+    byId("words").focus();
   }
 
   chooseNeighbour(by) {
@@ -358,6 +406,10 @@ class Page {
     const object = on.at(place);
     if (object) {
       if (state.chosen) this.unchoose();
+      if (object.kind === "track") {
+        this.askWhatIf(object);
+        return;
+      }
       byId("words").value = printable(object.key);
       this.readFilter();
     }
@@ -405,7 +457,7 @@ class Page {
     const does = isMap ? null : {
       j: () => this.chooseNeighbour(1), k: () => this.chooseNeighbour(-1),
       "/": () => { if (state.chosen) this.unchoose(); byId("words").focus(); },
-      Escape: () => (state.chosen ? this.unchoose() : event.target.blur()),
+      Escape: () => (state.chosen ? this.unchoose() : this.departure.isOpen ? this.departure.close() : event.target.blur()),
       "+": () => timeline.zoom(0.5), "=": () => timeline.zoom(0.5), "-": () => timeline.zoom(2), 0: () => timeline.showAll(),
       " ": event.target.closest("button, summary, a, input:not([type=range])") ? null : () => this.player.toggle(),
     }[event.key];

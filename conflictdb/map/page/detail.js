@@ -15,7 +15,7 @@ const fact = (name, hue, ...values) => (
   [element("dt", {}, element("bdi", { class: hue }, printable(name))), element("dd", {}, ...values)]);
 
 export class Detail {
-  // `on`: back(), goTo(t), acknowledge(conflict, reason or null)
+  // `on`: back(), goTo(t), whatIf(track), acknowledge(conflict, reason or null)
   constructor(container, on) {
     this.container = container;
     this.on = on;
@@ -84,7 +84,10 @@ export class Detail {
       const hue = `key-${"ab"[i]}`;
       if (!object) return fact(key, hue, "is no more");
       return fact(key, hue, object.name ? element("bdi", {}, printable(object.name)) : null, object.name ? ", " : null,
-        `${object.kind}, ${heights(object.floor, object.ceiling)}`);
+        `${object.kind}, ${heights(object.floor, object.ceiling)}`,
+        object.kind === "track" ? element("div", {}, element("button", {
+          type: "button", class: "link", "aria-label": `What if ${printable(key)} departs earlier or later`, click: () => this.on.whatIf(object),
+        }, "What if it departs earlier or later?")) : null);
     });
     return conflict.is_current ? found
       : [...found, ...fact("State", null, "one of them has changed since: the region is that of the last detection, and hatched")];

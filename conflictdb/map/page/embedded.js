@@ -49,6 +49,15 @@ export class EmbeddedSource {
     };
   }
 
+  async kernel() {
+    return (await unpacked("kernel.wasm")).arrayBuffer();
+  }
+
+  // Pieces of all objects.
+  async pieces() {
+    return bytes((await this.content).pieces);
+  }
+
   // Shapes as MapLibre takes them, each layer a source; and land: the coarser one, and the finer one of some places.
   async sources() {
     const { shapes, land, near_land: near } = await this.content;

@@ -29,6 +29,7 @@ export class Havens {
     this.areas = [];
     this.shown = []; // of each track that was drawn: x, y, reach in pixels
     this.t = 0;
+    this.plan = null; // of a track that departs later, { key, laterUs }
     this.isStill = false; // while it is printed
     this.marks = { hidden: new Set(), inConflict: new Set(), pair: [] };
     view.map.on("render", () => this.draw());
@@ -111,7 +112,37 @@ export class Havens {
       context.fillStyle = context.strokeStyle = colour(TONES[kind]);
       this.drawAll(some, frame, kind);
     }
+    if (this.plan) this.drawPlan(frame);
     this.drawNames(frame);
+  }
+
+  // The path of a moved plan and its haven, dashed.
+  drawPlan(frame) {
+    const { context } = this;
+    const track = this.tracks.find(({ key }) => key === this.plan.key);
+    if (!track) return;
+    const middle = frame.left + frame.width / frame.size / 2;
+    context.strokeStyle = context.fillStyle = colour("a");
+    context.lineWidth = 2;
+    context.setLineDash([6, 4]);
+    const draw = (line, isClosed) => {
+      const turn = Math.round(middle - line[0]);
+      context.beginPath();
+      for (let i = 0; i < line.length; i += 2) {
+        context.lineTo((line[i] + turn - frame.left) * frame.size, (line[i + 1] - frame.top) * frame.size);
+      }
+      if (isClosed) context.closePath();
+      context.stroke();
+    };
+    draw(lineOf(track, 1 / frame.size), false);
+    const ring = track.motion.haven(this.t - this.plan.laterUs / 1e6);
+    if (ring) {
+      draw(ring.flatMap(([lon, lat]) => [mercatorX(lon), mercatorY(lat)]), true);
+      context.globalAlpha = 0.15;
+      context.fill();
+      context.globalAlpha = 1;
+    }
+    context.setLineDash([]);
   }
 
   drawAll(some, frame, kind) {

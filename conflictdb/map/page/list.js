@@ -128,6 +128,7 @@ export class List {
         element("span", { class: "facts" }, facts),
         element("span", { class: "tags" },
           conflict.isBeyond ? element("span", { class: "tag" }, "near the pole") : null,
+          conflict.change ? element("span", { class: `tag ${conflict.change}` }, conflict.change) : null,
           conflict.is_current ? null : element("span", { class: "tag" }, "changed since"),
           conflict.acknowledged_by === null ? null : element("span", { class: "tag" }, "acknowledged"))));
     row.style.transform = `translateY(${n * ROW}px)`;
@@ -142,7 +143,8 @@ export class List {
   }
 
   mark(row, conflict) {
-    const isOn = conflict.periods.some(([a, b]) => this.t >= a && this.t <= b);
+    row.classList.toggle("gone", conflict.change === "gone");
+    const isOn = conflict.change !== "gone" && conflict.periods.some(([a, b]) => this.t >= a && this.t <= b);
     row.classList.toggle("on", isOn);
     const button = row.firstElementChild;
     if (this.chosen === conflict.id) button.setAttribute("aria-current", "true");

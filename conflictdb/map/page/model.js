@@ -5,6 +5,11 @@ import { Motion } from "./motion.js";
 import { shorter } from "./world.js";
 
 export const MERCATOR_END = 85.051129; // degrees of latitude at which Web Mercator ends
+// What is not known of a conflict of a moved plan.
+const UNKNOWN = {
+  is_current: true, lon: null, lat: null, west: null, south: null, east: null, north: null, isBeyond: false,
+  acknowledged_by: null, acknowledged_for: null, acknowledged_until: null,
+};
 export const VERDICTS = ["conflict", "grazing", "unresolved"];
 
 const decoder = new TextDecoder();
@@ -149,6 +154,7 @@ export class Model {
     this.objects = new Map();
     this.conflicts = [];
     this.beyond = 0;
+    this.spare = null; // a span that the timeline shows, too
     this.refused = null; // why the scene is not there any more, of one of which nothing may be shown
   }
 
@@ -180,9 +186,16 @@ export class Model {
       take(track.end);
     }
     for (const { periods } of this.conflicts) for (const [a, b] of periods) { take(a); take(b); }
+    if (this.spare) this.spare.forEach(take);
     if (from > to) for (const area of this.areas) { take(area.start); take(area.end); }
     if (from > to) [from, to] = [Date.now() / 1000 - 43200, Date.now() / 1000 + 43200];
     return to - from < 60 ? [from - 1800, to + 1800] : [from, to];
+  }
+
+  // Shows a span, too, or no other one.
+  spareSpan(span) {
+    this.spare = span;
+    this.span = this.spanOfAll();
   }
 
   // The box that holds all there is, as narrow as it can be: it may reach across the date line (east > 180).
@@ -208,6 +221,27 @@ export class Model {
     if (!spans.length) return [-170, -60, 170, 75];
     const [west, east] = narrowest(spans);
     return [west, south, east, north];
+  }
+
+  // The conflicts if a track departs at another time: those that would be gone, moved or new have a `change`.
+  withPlan({ key, conflicts }) {
+    const known = new Map(conflicts.map((one) => [one.other, one]));
+    const changed = this.conflicts.map((conflict) => {
+      if (conflict.a !== key && conflict.b !== key) return conflict;
+      const other = conflict.a === key ? conflict.b : conflict.a;
+      const now = known.get(other);
+      known.delete(other);
+      return now ? this.planned(conflict, now, "moved") : { ...conflict, change: "gone" };
+    });
+    const added = [...known.values()].map((now, n) => {
+      const [a, b] = this.objects.get(now.other)?.kind === "area" || now.other < key ? [now.other, key] : [key, now.other];
+      return this.planned({ ...UNKNOWN, id: -1 - n, a, b }, now, "new");
+    });
+    return [...changed, ...added].sort((one, other) => one.start - other.start || one.id - other.id);
+  }
+
+  planned(conflict, { verdict, periods, error_s }, change) {
+    return { ...conflict, ...UNKNOWN, verdict: verdict ?? "unresolved", periods, error_s, start: periods[0][0], end: periods[periods.length - 1][1], change };
   }
 
   // The heights where both objects of a conflict may be: [floor, ceiling], metres.

@@ -79,6 +79,16 @@ export class ServerSource {
     return (await answered(fetch(`/api/pair?${new URLSearchParams({ a, b })}`))).json();
   }
 
+  // The kernel as WebAssembly.
+  async kernel() {
+    return (await answered(fetch("/page/kernel.wasm"))).arrayBuffer();
+  }
+
+  // Pieces of a track, and of what it may meet if it departs that much earlier or later.
+  async pieces(key, withinS) {
+    return (await answered(fetch(`/api/pieces?${new URLSearchParams({ key, within_s: withinS })}`))).arrayBuffer();
+  }
+
   async acknowledge(a, b, reason) {
     await answered(fetch("/api/acknowledge", {
       method: "POST",

@@ -12,6 +12,7 @@ export class State {
     this.hiddenObjects = new Set(); // keys of those that it does not leave
     this.hiddenConflicts = new Set(); // ids
     this.chosen = null; // a conflict
+    this.plan = null; // of a track that departs at another time: { key, laterUs, conflicts } (what_if.js)
   }
 
   // --- the scene -----------------------------------------------------------------------------------------------------
@@ -55,8 +56,8 @@ export class State {
   }
 
   // Whether a conflict is on.
-  isOn({ periods }) {
-    return periods.some(([a, b]) => this.t >= a && this.t <= b);
+  isOn({ periods, change }) {
+    return change !== "gone" && periods.some(([a, b]) => this.t >= a && this.t <= b);
   }
 
   // The keys of all objects that are in a conflict that the filter leaves.
@@ -68,12 +69,14 @@ export class State {
 
   applyFilter() {
     const { filter, model } = this;
-    this.left = model.conflicts.filter((conflict) => filter.leaves(conflict, model, this.t));
+    const conflicts = this.plan ? model.withPlan(this.plan) : model.conflicts;
+    this.left = conflicts.filter((conflict) => filter.leaves(conflict, model, this.t));
     const kept = new Set(this.left.flatMap(({ a, b }) => [a, b]));
     const isHidden = (object) => (
       !filter.leavesObject(object) || (filter.text.trim() !== "" && !filter.names(object) && !kept.has(object.key)));
     this.hiddenObjects = new Set([...model.areas, ...model.tracks].filter(isHidden).map(({ key }) => key));
-    const ids = new Set(this.left.map(({ id }) => id));
+    // Regions of conflicts that a moved plan changes are not where it would meet.
+    const ids = new Set(this.left.filter(({ change }) => change === undefined).map(({ id }) => id));
     this.hiddenConflicts = new Set(model.conflicts.filter(({ id }) => !ids.has(id)).map(({ id }) => id));
   }
 

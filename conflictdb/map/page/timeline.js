@@ -297,17 +297,18 @@ export class Timeline {
   drawBars(context) {
     const thick = Math.max(2, this.lane - 3);
     for (const { conflict, pieces, lane } of this.bars) {
-      const isOn = conflict.periods.some(([a, b]) => this.t >= a && this.t <= b);
+      const isGone = conflict.change === "gone"; // by a moved plan
+      const isOn = !isGone && conflict.periods.some(([a, b]) => this.t >= a && this.t <= b);
       const isChosen = this.chosen === conflict.id;
       const y = 4 + lane * this.lane;
       context.globalAlpha = isOn || isChosen ? 1 : 0.5;
-      context.fillStyle = context.strokeStyle = colour("conflict");
+      context.fillStyle = context.strokeStyle = colour(isGone ? "ink-soft" : "conflict");
       if (pieces.length > 1) context.fillRect(pieces[0][0], y + thick / 2 - 0.5, pieces[pieces.length - 1][1] - pieces[0][0], 1);
       for (const [x0, x1] of pieces) {
-        if (conflict.verdict === "conflict") context.fillRect(x0, y, x1 - x0, thick);
+        if (conflict.verdict === "conflict" && !isGone) context.fillRect(x0, y, x1 - x0, thick);
         else { // hollow: not decided to be one
           context.lineWidth = 1;
-          context.setLineDash(conflict.verdict === "unresolved" ? [3, 2] : []);
+          context.setLineDash(isGone || conflict.verdict === "unresolved" ? [3, 2] : []);
           context.strokeRect(x0 + 0.5, y + 0.5, Math.max(1, x1 - x0 - 1), thick - 1);
           context.setLineDash([]);
         }

@@ -37,7 +37,7 @@ _NOTATIONS: Final = {
     "ed318": {"ed318", "timezone"},
     "periods": {"periods", "days", "dates", "except", "timezone"},
 }
-_MOST_PARTS: Final = 1_000
+_MOST_PARTS: Final = 366
 
 
 def schedule_of(who: str, source: Any) -> Schedule:

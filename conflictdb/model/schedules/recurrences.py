@@ -4,7 +4,6 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
-from itertools import takewhile
 from typing import Any, Final
 
 from dateutil import rrule
@@ -23,9 +22,13 @@ _MICROSECOND: Final = timedelta(microseconds=1)
 # More often is not a plan, and a rule that never matches would be searched for hours.
 _OFTEN: Final = {"MINUTELY", "SECONDLY"}
 # Parts that only pick from years or months: with other frequencies a rule can be impossible, and is searched for long.
-_YEARLY_ONLY: Final = {"BYYEARDAY", "BYWEEKNO", "BYEASTER"}
+_YEARLY_ONLY: Final = {"BYYEARDAY", "BYWEEKNO"}
 _LONGEST: Final = {2: 29, 4: 30, 6: 30, 9: 30, 11: 30}
 _MOST_DATES: Final = 100_000
+_MOST_TEXT: Final = 10_000
+_STEPS: Final = {rrule.HOURLY: timedelta(hours=1), rrule.DAILY: timedelta(days=1), rrule.WEEKLY: timedelta(weeks=1)}
+_YEARS_400: Final = timedelta(days=146_097)
+_LAST_YEAR: Final = 9998
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +80,28 @@ class Recurrence:
                 seen.add(local)
                 yield local
         for rule, until in self.rules:
-            for local in takewhile(lambda one: one <= last, rule.xafter(first, inc=True)):
+            for local in _found(rule, self.start, first, last):
                 if until is not None and local.replace(tzinfo=self.zone) > until:
                     break
                 if local not in seen and local not in self.except_:
                     seen.add(local)
                     yield local
+
+
+def _found(rule: rrule.rrule, start: datetime, first: datetime, last: datetime) -> Iterator[datetime]:
+    """Yield the times of a rule in [first, last], without the library's search of all hours up to the year 9999."""
+    begin = start
+    if (step := _STEPS.get(rule._freq)) and rule._count is None and first > start:
+        # The rule repeats itself: begin just before the request.
+        begin += (first - start) // (step * rule._interval) * (step * rule._interval)
+    if begin > last:
+        return
+    # Calendars repeat every 400 years: the rule is the same late in the library's time.
+    later = max((_LAST_YEAR - last.year) // 400, 0) * _YEARS_400
+    for local in rule.replace(dtstart=begin + later).xafter(first + later, inc=True):
+        if local > last + later:
+            return
+        yield local - later
 
 
 def rrule_schedule(who: str, text: str, duration: str | None = None) -> Schedule:
@@ -115,6 +134,8 @@ def rrule_schedule(who: str, text: str, duration: str | None = None) -> Schedule
 def _lines(who: str, text: str) -> dict[str, list[tuple[dict[str, str], str]]]:
     if not isinstance(text, str):
         raise InvalidInput(who, _FIELD, f"must be text of RFC 5545; got {text!r:.60}")
+    if len(text) > _MOST_TEXT:
+        raise InvalidInput(who, _FIELD, f"must have at most {_MOST_TEXT:,} characters; got {len(text):,}")
     found: dict[str, list[tuple[dict[str, str], str]]] = {}
     # A line that begins with a space continues the one before.
     for line in re.sub(r"\r?\n[ \t]", "", text.strip()).split("\n"):
@@ -126,8 +147,8 @@ def _lines(who: str, text: str) -> dict[str, list[tuple[dict[str, str], str]]]:
         if unknown := set(parameters) - {"TZID", "VALUE"}:
             raise InvalidInput(who, _FIELD, f"has parameters TZID and VALUE only; got {min(unknown)!r:.60}")
         found.setdefault(name, []).append((parameters, matched[3].upper()))
-        if name in ("DTSTART", "DTEND", "DURATION") and len(found[name]) > 1:
-            raise InvalidInput(who, _FIELD, f"must have one line {name}")
+        if name in ("DTSTART", "DTEND", "DURATION", "RRULE") and len(found[name]) > 1:
+            raise InvalidInput(who, _FIELD, f"must have one line {name}; a schedule may be a list")
     return found
 
 
@@ -190,6 +211,10 @@ def _check_search(who: str, parts: dict[str, str]) -> None:
         raise InvalidInput(
             who, _FIELD, f"RRULE needs FREQ: YEARLY, MONTHLY, WEEKLY, DAILY or HOURLY; got {every!r:.60}"
         )
+    if "BYEASTER" in parts:  # which the library knows
+        raise InvalidInput(who, _FIELD, "BYEASTER is not known to RFC 5545: give the dates as RDATE")
+    if every == "DAILY" and "BYSETPOS" in parts:
+        raise InvalidInput(who, _FIELD, "BYSETPOS needs a FREQ of WEEKLY or rarer")
     if (wrong := _YEARLY_ONLY & set(parts)) and every != "YEARLY":
         raise InvalidInput(who, _FIELD, f"{min(wrong)} needs FREQ=YEARLY")
     if every == "HOURLY" and (wrong := {p for p in parts if p.startswith("BY")} - {"BYDAY", "BYHOUR", "BYMINUTE"}):
@@ -202,7 +227,7 @@ def _check_search(who: str, parts: dict[str, str]) -> None:
         days = [int(one) for one in parts.get("BYMONTHDAY", "").split(",") if one]
     except ValueError:
         raise InvalidInput(who, _FIELD, "RRULE has whole numbers in COUNT, INTERVAL, BYMONTH and BYMONTHDAY") from None
-    if not (count > 0 and 0 < interval <= _MOST_DATES):
+    if not (0 < count <= _MOST_DATES and 0 < interval <= _MOST_DATES):
         raise InvalidInput(who, _FIELD, f"COUNT and INTERVAL must be 1 or more, at most {_MOST_DATES:,}")
     if days and months and not any(abs(day) <= _LONGEST.get(month, 31) for day in days for month in months):
         raise InvalidInput(who, _FIELD, "RRULE never happens: no such day in these months")

@@ -8,6 +8,7 @@ later one at an end; times of the sun begin before and end after all that their 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
+from functools import lru_cache
 from typing import Final, Protocol
 
 import numpy as np
@@ -114,11 +115,11 @@ class Daily:
 
     def _on(self, first: date, last: date) -> Iterator[date]:
         first, last = max(first, self.first or first), min(last, self.last or last)
-        every = (first + i * _DAY for i in range((last - first).days + 1))
+        on = (set(range(7)) if self.days is None else self.days) - self.excepted_days
+        # Ordinal 1 is a Monday.
+        every = (date.fromordinal(n) for n in range(first.toordinal(), last.toordinal() + 1) if (n - 1) % 7 in on)
         for day in every if self.dates is None else sorted(d for d in self.dates if first <= d <= last):
-            weekday = day.weekday()
-            is_excepted = day in self.excepted or weekday in self.excepted_days
-            if not is_excepted and (self.days is None or weekday in self.days):
+            if day not in self.excepted and day.weekday() in on:
                 yield day
 
 
@@ -271,6 +272,7 @@ def _span(zone: tzinfo, day: date, period: Period) -> Occurrence:
     )
 
 
+@lru_cache(10_000)
 def _instant_s(zone: tzinfo, day: date, clock_s: int, is_end: bool) -> int:
     """Return the Unix time of a clock; where clocks change, the earlier one of a start, and the later one of an end."""
     if zone is UTC:

@@ -3,7 +3,8 @@
 A cover is one piece as wide as the plane, during all of the object's time and at all of its heights, with part number
 COVER. It is a candidate with everything, and is not solved: its pairs are `unresolved` while they share time and
 height. It is replaced like other pieces when the object changes. (A polygon that merely cannot be triangulated is
-replaced by its hull instead, see `convex_parts`.)
+replaced by its hull instead, see `convex_parts`.) The pieces of an object whose times are unknown are covers, too, as
+wide as they are.
 """
 
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces, level_m
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.plane import Plane
-from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, Intervals, Scene
+from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, MAX_INSTANT_US, MIN_INSTANT_US, Intervals, Scene
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.cutting import area_pieces, track_pieces
 from conflictdb.stages.separations import Separations, to_nanometres, with_closed_heights
@@ -90,13 +91,13 @@ def _pieces(
     kind = "area" if isinstance(batch, AreaBatch) else "track"
     # An object that is never active has no pieces.
     activations = batch.active if isinstance(batch, AreaBatch) else batch.departs
-    every = np.flatnonzero(np.diff(activations.offset))
+    every, unknown = np.flatnonzero(np.diff(activations.offset)), ids[activations.is_unknown]
 
     def cut_some(rows: NDArray[np.int64]) -> Pieces:
-        return cut(scene, plane, batch if len(rows) == len(batch) else batch.take(rows))
+        return _of_any_time(cut(scene, plane, batch if len(rows) == len(batch) else batch.take(rows)), unknown)
 
     def cover(rows: NDArray[np.int64]) -> Pieces:
-        return covers(plane, batch.take(rows))
+        return _of_any_time(covers(plane, batch.take(rows)), unknown)
 
     found = []
     for rows, pieces in isolated(every, cut_some, cover, f"{kind} in row"):
@@ -107,6 +108,18 @@ def _pieces(
         else:
             found.append(pieces)
     return found
+
+
+def _of_any_time(pieces: Pieces, unknown: NDArray[np.int64]) -> Pieces:
+    """Return pieces with those of objects (k,) whose times are unknown as covers: a track may be there at any time."""
+    if not unknown.size:
+        return pieces
+    rows = np.isin(pieces.object_id, unknown)
+    at_us = {name: getattr(pieces, name) for name in ("start_us", "end_us", "leg_start_us", "leg_end_us")}
+    moves = rows & (pieces.kind == Kind.TRACK.code)
+    for name, times_us in at_us.items():
+        at_us[name] = np.where(moves, MIN_INSTANT_US if "start" in name else MAX_INSTANT_US, times_us)
+    return replace(pieces, part=np.where(rows, COVER, pieces.part).astype(np.int32), **at_us)
 
 
 def _sound(pieces: Pieces, ids: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -22,7 +22,7 @@ from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import shorter_way_deg
 from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M, Plane
 from conflictdb.errors import InvalidInput
-from conflictdb.model.plans import MINUS_INFINITY_US, Area, Scene, Track
+from conflictdb.model.plans import MINUS_INFINITY_US, Area, Motion, Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.convex_parts import convex_parts, is_thread
 from conflictdb.stages.pieces.ribbons import with_ribbons
@@ -40,6 +40,8 @@ MAX_DEVIATION_SHARE: Final = 0.25
 MAX_SLICES_FOR_DEVIATION: Final = 1024
 # An object with more pieces is not cut: they would take a gigabyte; real tracks have some thousands.
 MAX_PIECES: Final = 1_000_000
+# As the planes name them.
+_LINES: Final = {Motion.RHUMB: "rhumb lines", Motion.GREAT_CIRCLE: "great circles"}
 
 
 def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) -> None:
@@ -58,6 +60,10 @@ def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) ->
             )
     if not tracks:
         return
+    for track in tracks:
+        if track.legs is not None and _LINES[track.legs] != plane.lines:
+            rule = f"are {_LINES[track.legs]}, and the scene follows {plane.lines}"
+            raise InvalidInput(f"track {track.key!r}", "legs", f"{rule}: use a scene with motion {track.legs.value}")
     batch = TrackBatch.of(tracks, once=True)
     outside = np.flatnonzero(~plane.holds(*batch.positions_deg.T))
     if outside.size:

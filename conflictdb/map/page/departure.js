@@ -1,0 +1,211 @@
+// What if a track departed earlier or later: which departures are clear, what forbids the others, and what a slider changes.
+
+import { element } from "./dom.js";
+import { counted, duration, printable } from "./format.js";
+import { Kernel } from "./kernel.js";
+import { moved, statement } from "./moved_plan.js";
+import { DepartureStrip } from "./strip.js";
+import { union, unpackPieces, WhatIf } from "./what_if.js";
+
+const RANGES = [900, 3600, 10800, 43200, 86400]; // seconds to choose from
+const MOST_STRETCHES = 60;
+
+// "1 h 4 min 10 s later", of microseconds, to the last one: a departure that is read out is the very same.
+export function laterBy(us) {
+  if (us === 0) return "as planned";
+  const by = Math.abs(us);
+  const parts = [[Math.floor(by / 3600e6), "h"], [Math.floor(by / 60e6) % 60, "min"], [(by % 60e6) / 1e6, "s"]];
+  const said = parts.filter(([n]) => n > 0).map(([n, unit]) => `${Number(n.toFixed(6))} ${unit}`);
+  return `${said.join(" ")} ${us > 0 ? "later" : "earlier"}`;
+}
+
+const SECOND = 1e6;
+const seconds = (us) => Math.round(us / SECOND) * SECOND;
+
+// The nearest clear departure from one on, 1: later, -1: earlier; at a whole second, if that one is clear.
+function clearFrom(spans, us, way) {
+  const whole = way > 0 ? Math.ceil(us / SECOND) * SECOND : Math.floor(us / SECOND) * SECOND;
+  return spans.some(([low, high]) => low <= whole && high >= whole) ? us : whole;
+}
+
+// What forbids departures from one end of the range to the other, in order: [{ from, to, keys }], microseconds.
+export function stretchesOf(forbidden) {
+  const ends = [...forbidden.values()].flat().flatMap(([low, high]) => [low, high + 1]);
+  const cuts = [...new Set(ends)].sort((a, b) => a - b);
+  return cuts.slice(0, -1).map((from, n) => ({
+    from, to: cuts[n + 1] - 1,
+    keys: [...forbidden].filter(([, spans]) => spans.some(([low, high]) => low <= from && high >= from)).map(([key]) => key),
+  })).filter(({ keys }) => keys.length > 0);
+}
+
+export class Departure {
+  // `on`: range(track, s) hears by how much it may be moved, change(plan) of a moved plan (null: as planned), close().
+  constructor(container, source, on) {
+    this.container = container;
+    this.canvas = element("canvas", { role: "img", "aria-label": "Departures in conflict, by what they meet" });
+    this.strip = new DepartureStrip(this.canvas, (us) => this.moveTo(seconds(us)));
+    this.source = source;
+    this.on = on;
+    this.kernel = null; // a promise of it, once it is needed
+    this.key = null;
+    this.rangeS = 3600;
+    this.laterUs = 0;
+    this.asked = 0; // which answer is awaited
+  }
+
+  get isOpen() {
+    return this.key !== null;
+  }
+
+  // Asks about a track of a scene.
+  async open(track, scene) {
+    const { container } = this;
+    this.scene = scene;
+    this.key = track.key;
+    this.track = track;
+    this.laterUs = 0;
+    this.summary = element("p", { class: "said", role: "status" });
+    this.slider = element("input", { type: "range", step: "any", "aria-label": "Departure", input: () => this.moveTo(seconds(1e6 * this.slider.value)), keydown: (event) => this.pressed(event) });
+    this.range = element("select", { "aria-label": "Range", change: () => { this.rangeS = Number(this.range.value); this.read(); } },
+      ...RANGES.map((s) => new Option(`± ${duration(s).replace(/ 00 (s|min)/, "")}`, s, s === this.rangeS, s === this.rangeS)));
+    this.buttons = {
+      earlier: element("button", { type: "button", click: () => this.moveTo(this.clear.earlier) }),
+      planned: element("button", { type: "button", click: () => this.moveTo(0) }, "As planned"),
+      later: element("button", { type: "button", click: () => this.moveTo(this.clear.later) }),
+    };
+    this.stretches = element("ol");
+    this.copied = element("p", { class: "soft", role: "status" });
+    this.text = element("textarea", { "aria-label": "The moved plan", readonly: true, hidden: true, spellcheck: "false" });
+    this.more = element("div", { hidden: true },
+      this.canvas, this.slider,
+      element("div", { class: "clear" }, this.buttons.earlier, this.buttons.planned, this.buttons.later),
+      element("details", {}, element("summary", {}, "What forbids which departures"), this.stretches),
+      element("div", { class: "copies" },
+        element("button", { type: "button", class: "plain", click: () => this.copy("SQL", (plan) => statement(this.scene, plan, this.laterUs)) }, "Copy as SQL"),
+        element("button", { type: "button", class: "plain", click: () => this.copy("GeoJSON", (plan) => JSON.stringify(moved(plan, this.laterUs), null, 1)) }, "Copy as GeoJSON")),
+      this.copied, this.text);
+    container.replaceChildren(
+      element("header", {},
+        element("h2", { tabindex: "-1" }, "What if ", element("bdi", { class: "key-a" }, printable(track.key)), " departs"),
+        this.range, element("button", { type: "button", class: "plain", "aria-label": "Close", click: () => this.close() }, "✕")),
+      this.summary, this.more);
+    container.hidden = false;
+    container.querySelector("h2").focus({ preventScroll: true });
+    await this.read();
+  }
+
+  close() {
+    if (!this.isOpen) return;
+    this.key = null;
+    this.asked += 1;
+    this.container.hidden = true;
+    this.container.replaceChildren();
+    this.on.close();
+  }
+
+  // Of a scene that has changed.
+  readAgain(track) {
+    this.track = track;
+    return this.read();
+  }
+
+  // Reads the pieces, and computes which departures are in conflict; the plan stays moved as it is.
+  async read() {
+    const asked = ++this.asked;
+    this.summary.textContent = "Computing …";
+    let whatIf;
+    try {
+      this.kernel ??= this.source.kernel().then((bytes) => Kernel.of(bytes));
+      const [kernel, pieces] = await Promise.all([this.kernel, this.source.pieces(this.key, this.rangeS)]);
+      if (asked !== this.asked) return;
+      whatIf = new WhatIf(kernel, unpackPieces(pieces), this.key);
+    } catch (error) {
+      if (asked === this.asked) this.say(`Not known: ${printable(error.message)}.`);
+      return;
+    }
+    if (whatIf.refusal !== null) {
+      this.say(`Not shown: ${printable(whatIf.refusal)}.`);
+      return;
+    }
+    this.whatIf = whatIf;
+    const forbidden = whatIf.forbidden(1e6 * this.rangeS);
+    const all = union([...forbidden.values()].flat());
+    const now = all.find(([low, high]) => low <= 0 && high >= 0);
+    const within = (us) => (Math.abs(us) <= 1e6 * this.rangeS ? us : null);
+    this.clear = { earlier: now ? within(clearFrom(all, now[0] - 1, -1)) : null, later: now ? within(clearFrom(all, now[1] + 1, 1)) : null };
+    this.planned = new Set(whatIf.conflicts(0).map(({ other }) => other));
+    for (const [name, us] of Object.entries(this.clear)) {
+      this.buttons[name].disabled = us === null;
+      this.buttons[name].textContent = us !== null ? laterBy(us) : now ? `none ${name}` : "–";
+      this.buttons[name].setAttribute("aria-label", us !== null ? `Clear ${laterBy(us)}` : `No clear departure ${name}`);
+    }
+    this.strip.take(forbidden, 1e6 * this.rangeS);
+    [this.slider.min, this.slider.max] = [-this.rangeS, this.rangeS];
+    this.list(stretchesOf(forbidden));
+    this.on.range(this.track, this.rangeS);
+    this.more.hidden = false;
+    this.moveTo(Math.min(1e6 * this.rangeS, Math.max(-1e6 * this.rangeS, this.laterUs)));
+  }
+
+  say(text) {
+    this.summary.textContent = text;
+    this.more.hidden = true;
+    this.on.change(null);
+  }
+
+  list(stretches) {
+    this.stretches.replaceChildren(...stretches.slice(0, MOST_STRETCHES).map(({ from, to, keys }) => element("li", {},
+      element("button", { type: "button", class: "link", click: () => this.moveTo(to - from < SECOND ? from : seconds((from + to) / 2)) },
+        `${laterBy(Math.floor(from / SECOND) * SECOND)} to ${laterBy(Math.ceil(to / SECOND) * SECOND)}`),
+      " ", ...keys.flatMap((key, n) => [n > 0 ? ", " : "", element("bdi", {}, printable(key))]))));
+    if (stretches.length > MOST_STRETCHES) this.stretches.append(element("li", {}, `and ${stretches.length - MOST_STRETCHES} more`));
+    if (!stretches.length) this.stretches.append(element("li", {}, "Nothing: all are clear."));
+  }
+
+  moveTo(us) {
+    this.laterUs = us;
+    this.slider.value = us / 1e6;
+    this.slider.setAttribute("aria-valuetext", laterBy(us));
+    this.strip.mark(us);
+    const conflicts = this.whatIf.conflicts(us);
+    this.summary.textContent = this.told(conflicts);
+    this.copied.textContent = "";
+    this.text.hidden = true;
+    this.on.change(us === 0 ? null : { key: this.key, laterUs: us, conflicts });
+  }
+
+  // "4 min 10 s later: 2 fewer, none new; 1 left."
+  told(conflicts) {
+    const by = laterBy(this.laterUs);
+    const said = by.charAt(0).toUpperCase() + by.slice(1);
+    if (this.laterUs === 0) return `${said}: ${conflicts.length ? counted(conflicts.length, "conflict") : "clear"}.`;
+    const now = new Set(conflicts.map(({ other }) => other));
+    const gone = [...this.planned].filter((key) => !now.has(key)).length;
+    const come = [...now].filter((key) => !this.planned.has(key)).length;
+    if (!gone && !come && now.size) return `${said}: the same ${counted(now.size, "conflict")}.`;
+    return `${said}: ${gone ? `${gone} fewer` : "none fewer"}, ${come ? `${come} new` : "none new"}${now.size ? `; ${now.size} in all` : "; clear"}.`;
+  }
+
+  pressed(event) {
+    const step = 1e6 * Math.max(1, this.rangeS / 240);
+    const by = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }[event.key];
+    const to = by !== undefined ? this.laterUs + by * step : { Home: -1e6 * this.rangeS, End: 1e6 * this.rangeS }[event.key];
+    if (to === undefined) return;
+    event.preventDefault();
+    this.moveTo(seconds(Math.min(1e6 * this.rangeS, Math.max(-1e6 * this.rangeS, to))));
+  }
+
+  // Where the browser does not let the page copy, the text is there to be copied.
+  async copy(what, textOf) {
+    const text = textOf(this.whatIf.plan);
+    try {
+      await navigator.clipboard.writeText(text);
+      this.copied.textContent = `Copied as ${what}: ${laterBy(this.laterUs)}.`;
+    } catch {
+      this.text.value = text;
+      this.text.hidden = false;
+      this.text.focus();
+      this.text.select();
+    }
+  }
+}

@@ -1,0 +1,30 @@
+// A moved plan as text: a feature of a scene file, and SQL that moves the stored track.
+
+const INSTANT = /^(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,6}))?Z$/;
+
+// An instant of a scene file, so many microseconds later.
+function later(text, us) {
+  const [, seconds, fraction] = INSTANT.exec(text);
+  const at = BigInt(Date.parse(`${seconds}Z`)) * 1000n + BigInt((fraction ?? "").padEnd(6, "0")) + BigInt(us);
+  const micros = ((at % 1000000n) + 1000000n) % 1000000n;
+  const whole = new Date(Number((at - micros) / 1000n)).toISOString().slice(0, 19);
+  return `${whole}${micros === 0n ? "" : `.${String(micros).padStart(6, "0").replace(/0+$/, "")}`}Z`;
+}
+
+// The feature of a track that departs so many microseconds later.
+export function moved(feature, us) {
+  const { times, ...properties } = feature.properties;
+  return { ...feature, properties: { ...properties, times: times.map((text) => later(text, us)) } };
+}
+
+const quoted = (text) => (/\\/.test(text) ? `E'${text.replace(/\\/g, "\\\\").replace(/'/g, "''")}'` : `'${text.replace(/'/g, "''")}'`);
+
+// The statement that moves the track of a scene.
+export function statement(scene, { id }, us) {
+  return `UPDATE conflictdb.track AS t
+SET path = (SELECT ST_MakeLine(ST_SetSRID(ST_MakePointM(ST_X(p.geom), ST_Y(p.geom), ST_M(p.geom) + ${(us / 1e6).toFixed(6)}), 4326) ORDER BY p.path)
+            FROM ST_DumpPoints(t.path) AS p)
+FROM conflictdb.scene AS s
+WHERE s.scene_id = t.scene_id AND s.name = ${quoted(scene)} AND t.key = ${quoted(id)};
+`;
+}

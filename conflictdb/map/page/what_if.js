@@ -1,0 +1,270 @@
+// What a track would meet if it departed earlier or later: the stages of a detection (conflictdb/stages), on the pieces that
+// conflictdb/map/what_if.py packs. Instants are microseconds since the base of the pack.
+
+import { CONTACT, DIFFERENCE } from "./kernel.js";
+
+const TYPES = { i1: Int8Array, u1: Uint8Array, i2: Int16Array, i4: Int32Array, i8: BigInt64Array, f8: Float64Array };
+const UNBOUNDED_US = 2 ** 52; // instants of the pack that far away
+const BEYOND_US = 10; // differences are asked for this much beyond the horizon
+const ROUNDING_US = 0.1; // more than times of pieces are rounded by
+const LOOSE_S = 1; // where more stays open between outer and inner interval, times are halved
+const MOST_SPLITS = 6;
+
+// The arrays of a pack, and its head.
+export function unpackPieces(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  const arrays = Object.fromEntries(head.arrays.map(([name, type, at, count]) => [name, new TYPES[type](buffer, 4 + length + at, count)]));
+  return { ...head, ...arrays };
+}
+
+// The spacing of doubles at a number of 0 or more.
+function spacing(x) {
+  const bits = new DataView(new ArrayBuffer(8));
+  bits.setFloat64(0, x);
+  bits.setBigInt64(0, bits.getBigInt64(0) + 1n);
+  return bits.getFloat64(0) - x;
+}
+
+const unbounded = (us) => (us <= -UNBOUNDED_US ? -Infinity : us >= UNBOUNDED_US ? Infinity : us);
+
+// The pieces of some rows, as the kernel takes them.
+function taken(pack, rows) {
+  const every = (name) => pack[name].constructor.from(rows, (row) => pack[name][row]);
+  const twice = (name) => Float64Array.from(rows.flatMap((row) => [pack[name][2 * row], pack[name][2 * row + 1]]));
+  const ends = rows.map((row) => [Number(pack.shape_offset[row]), Number(pack.shape_offset[row + 1])]);
+  let offset = 0;
+  const vertices = (name) => Float64Array.from(ends.flatMap(([from, to]) => [...pack[name].subarray(2 * from, 2 * to)]));
+  return {
+    plane: pack.plane,
+    ...Object.fromEntries(["moves", "turn", "start_us", "end_us", "leg_start_us", "leg_end_us", "bearing_deg", "floor_m", "ceiling_m",
+      "object", "owner", "is_cover", "end_inclusive"].map((name) => [name, every(name)])),
+    leg_start_deg: twice("leg_start_deg"), leg_end_deg: twice("leg_end_deg"),
+    shape_offset: BigInt64Array.from([0, ...ends.map(([from, to]) => (offset += to - from))], BigInt),
+    shape: vertices("shape"), ...(pack.shape_to && { shape_to: vertices("shape_to") }),
+  };
+}
+
+// The box of each hull: [west, south, east, north].
+function boxes({ xy, offset }) {
+  return Array.from({ length: offset.length - 1 }, (_, row) => {
+    const box = [Infinity, Infinity, -Infinity, -Infinity];
+    for (let n = Number(offset[row]); n < Number(offset[row + 1]); n += 1) {
+      const [x, y] = [xy[2 * n], xy[2 * n + 1]];
+      box[0] = Math.min(box[0], x);
+      box[1] = Math.min(box[1], y);
+      box[2] = Math.max(box[2], x);
+      box[3] = Math.max(box[3], y);
+    }
+    return box;
+  });
+}
+
+const overlap = (a, b) => a[0] <= b[2] && b[0] <= a[2] && a[1] <= b[3] && b[1] <= a[3];
+
+export class WhatIf {
+  // A track of a pack by its key. `refusal` says why nothing is known, or is null.
+  constructor(kernel, pack, key) {
+    this.kernel = kernel;
+    this.key = key;
+    this.refusal = pack.refusal ?? (pack.plans[key] === null ? "its voyages repeat" : pack.objects.includes(key) ? null : "it is never under way");
+    if (this.refusal !== null) return;
+    this.plan = pack.plans[key];
+    this.pack = pack;
+    this.baseUs = BigInt(pack.base_us);
+    this.object = pack.objects.indexOf(key);
+    const [mine, others] = [[], []];
+    pack.object.forEach((object, row) => (object === this.object ? mine : others).push(row));
+    const hulls = kernel.hulls(pack, pack.reach_m);
+    const box = boxes(hulls);
+    const [a, b] = [[], []];
+    const whole = mine.reduce((all, row) => [
+      Math.min(all[0], box[row][0]), Math.min(all[1], box[row][1]), Math.max(all[2], box[row][2]), Math.max(all[3], box[row][3]),
+    ], [Infinity, Infinity, -Infinity, -Infinity]);
+    const isNear = (row) => overlap(whole, box[row]) && !(pack.owner[row] !== 0 && pack.owner[row] === pack.owner[mine[0]]);
+    // Pairs in the order of a detection: by the pieces of the earlier object, then of the later one.
+    for (const other of others.filter(isNear)) {
+      for (const row of mine) {
+        if ((pack.turn[row] === 0 || pack.turn[other] === 0) && overlap(box[row], box[other])
+          && pack.floor_m[row] < pack.ceiling_m[other] && pack.floor_m[other] < pack.ceiling_m[row]) {
+          a.push(row);
+          b.push(other);
+        }
+      }
+    }
+    const isApart = kernel.apart(hulls, BigInt64Array.from(a, BigInt), BigInt64Array.from(b, BigInt));
+    const kept = a.flatMap((row, n) => (isApart[n] ? [] : [[row, b[n]]]));
+    const rows = [...new Set(kept.flat())].sort((one, other) => one - other);
+    if (kept.flat().some((row) => pack.is_cover[row])) this.refusal = "one of the objects there could not be cut into pieces";
+    else if (pack.climb_m && rows.some((row) => pack.climb_m[4 * row] !== pack.climb_m[4 * row + 1] || pack.climb_m[4 * row + 2] !== pack.climb_m[4 * row + 3])) {
+      this.refusal = "heights change along a leg there";
+    }
+    if (this.refusal !== null) return;
+    const place = new Map(rows.map((row, n) => [row, n]));
+    this.pieces = taken(pack, rows);
+    this.start = Array.from(this.pieces.start_us, (us) => unbounded(Number(us)));
+    this.end = Array.from(this.pieces.end_us, (us) => unbounded(Number(us)));
+    this.isMine = Array.from(this.pieces.object, (object) => object === this.object);
+    this.pairs = kept.map(([row, other]) => ({ mine: place.get(row), other: place.get(other) }));
+  }
+
+  // The keys of the objects that it may meet.
+  get others() {
+    return [...new Set(this.pairs.map(({ other }) => this.keyOf(other)))];
+  }
+
+  keyOf(row) {
+    return this.pack.objects[this.pieces.object[row]];
+  }
+
+  // Departures that are in conflict, later by [low, high] microseconds, with each object by its key: at no other one within the
+  // horizon it comes within the separation and the tolerance of it.
+  forbidden(horizonUs) {
+    const { pieces, pairs, start, end } = this;
+    const asked = pairs.map(({ mine, other }) => {
+      const isStill = pieces.moves[other] === 0;
+      const [zero, first] = [start[mine], start[other]];
+      const last = isStill ? end[other] : first;
+      return {
+        mine, other, zero, first, last, bZero: isStill ? zero : first, aStart: 0, aEnd: (end[mine] - zero) / 1e6, bStart: 0,
+        bEnd: isStill ? 0 : (end[other] - first) / 1e6,
+        least: (-(horizonUs + BEYOND_US) - (last - zero)) / 1e6, most: (horizonUs + BEYOND_US - (first - zero)) / 1e6,
+      };
+    }).filter(({ least, most }) => least <= most);
+    const byKey = new Map();
+    for (const { pair, outer: [low, high] } of this.solved(asked)) {
+      const key = this.keyOf(pair.other);
+      const from = pair.first - pair.zero + Math.floor(1e6 * low - ROUNDING_US);
+      const to = pair.last - pair.zero + Math.ceil(1e6 * high + ROUNDING_US);
+      if (from > horizonUs || to < -horizonUs) continue;
+      if (!byKey.has(key)) byKey.set(key, []);
+      byKey.get(key).push([Math.max(from, -horizonUs), Math.min(to, horizonUs)]);
+    }
+    return new Map([...byKey].map(([key, spans]) => [key, union(spans)]));
+  }
+
+  // What brings pairs into contact, of those that something does; several answers where times are halved.
+  solved(asked) {
+    const done = [];
+    let open = asked;
+    this.kernel.withScene(this.pieces, null, (scene) => {
+      for (let split = 0; open.length; split += 1) {
+        const numbers = (name) => Float64Array.from(open, (pair) => pair[name]);
+        const instants = (name) => BigInt64Array.from(open, (pair) => BigInt(pair[name]));
+        const found = this.kernel.differences(scene, {
+          a: instants("mine"), b: instants("other"), aZero: instants("zero"), bZero: instants("bZero"), aStart: numbers("aStart"),
+          aEnd: numbers("aEnd"), bStart: numbers("bStart"), bEnd: numbers("bEnd"), least: numbers("least"), most: numbers("most"),
+        }, this.pack.separation_m + this.pack.tolerance_m);
+        const loose = [];
+        found.forEach(({ state, outer, inner }, n) => {
+          if (state === DIFFERENCE.NONE) return;
+          const open_s = outer[1] - outer[0];
+          const isKnown = state === DIFFERENCE.UNKNOWN || open_s <= Math.max(0, inner[1] - inner[0]) + LOOSE_S || split === MOST_SPLITS;
+          if (isKnown) done.push({ pair: open[n], outer });
+          else loose.push(open[n]);
+        });
+        open = loose.flatMap(halved);
+      }
+    });
+    return done;
+  }
+
+  // The conflicts of the track if it departs so much later, microseconds: in the order of the other objects, with their
+  // periods in Unix seconds, and as `us` in microseconds since the base. A verdict of null: conflict or grazing.
+  conflicts(laterUs) {
+    const { pieces, pack } = this;
+    const mineIs = (row, by) => (this.isMine[row] ? by : 0);
+    const starts = this.start.map((us, row) => us + mineIs(row, laterUs));
+    const ends = this.end.map((us, row) => us + mineIs(row, laterUs));
+    const isLast = (row, end) => ends[row] > end || pieces.end_inclusive[row] !== 0;
+    const together = this.pairs.flatMap(({ mine, other }) => {
+      const [from, to] = [Math.max(starts[mine], starts[other]), Math.min(ends[mine], ends[other])];
+      const hasEnd = isLast(mine, to) && isLast(other, to);
+      if (!(from < to || (from === to && hasEnd))) return [];
+      const isFirst = pieces.object[mine] < pieces.object[other];
+      return [{ other, a: isFirst ? mine : other, b: isFirst ? other : mine, from, to, hasEnd }];
+    });
+    if (!together.length) return [];
+    const company = new Map();
+    for (const { other } of together) company.set(pieces.object[other], (company.get(pieces.object[other]) ?? 0) + 1);
+    const moved = (name) => BigInt64Array.from(pieces[name], (us, row) => us + BigInt(mineIs(row, laterUs)));
+    const now = { ...pieces, ...Object.fromEntries(["start_us", "end_us", "leg_start_us", "leg_end_us"].map((name) => [name, moved(name)])) };
+    const used = new Int8Array(pieces.moves.length);
+    for (const { a, b } of together) used[a] = used[b] = 1;
+    const integers = (of) => BigInt64Array.from(together, (pair) => BigInt(of(pair)));
+    const seconds = (of) => Float64Array.from(together, of);
+    const span = ({ from, to }) => (to - from) / 1e6;
+    const found = this.kernel.withScene(now, used, (scene) => this.kernel.contacts(scene, {
+      a: integers(({ a }) => a), b: integers(({ b }) => b), zero: integers(({ from }) => from),
+      low: seconds(() => 0), high: seconds(span), beyond: seconds((pair) => (pair.hasEnd ? Infinity : span(pair))),
+      ofObjects: integers(({ other }) => company.get(pieces.object[other])),
+    }, pack));
+    const byObject = new Map();
+    for (const contact of found) {
+      const { other, from, to } = together[contact.pair];
+      const [start, end] = instants(contact, from, to);
+      if (!byObject.has(pieces.object[other])) byObject.set(pieces.object[other], []);
+      byObject.get(pieces.object[other]).push({ ...contact, start, end, lasts: contact.end - contact.start, other });
+    }
+    return [...byObject].sort(([a], [b]) => a - b).map(([object, contacts]) => this.merged(object, contacts));
+  }
+
+  // One conflict of the contacts of two objects, as conflictdb/stages/merge.py merges them.
+  merged(object, contacts) {
+    const doMeet = contacts.some(({ touches }) => touches);
+    const told = contacts.filter(({ touches, verdict }) => touches || !doMeet || verdict === CONTACT.UNRESOLVED)
+      .sort((a, b) => a.start - b.start || a.end - b.end);
+    const periods = [];
+    for (const contact of told) {
+      const last = periods[periods.length - 1];
+      if (last && contact.start <= last.end) {
+        last.end = Math.max(last.end, contact.end);
+        last.contacts.push(contact);
+      } else {
+        periods.push({ start: contact.start, end: contact.end, contacts: [contact] });
+      }
+    }
+    const parts = new Set(contacts.map(({ other }) => other)).size;
+    const isOfParts = doMeet && parts > 1 && this.pieces.moves[contacts[0].other] === 0;
+    const verdict = told.some((one) => one.verdict === CONTACT.CONFLICT) ? "conflict"
+      : told.some((one) => one.verdict === CONTACT.UNRESOLVED) ? "unresolved" : isOfParts ? null : "grazing";
+    const base = Number(this.baseUs) / 1e6;
+    return {
+      other: this.pack.objects[object], verdict, us: periods.map(({ start, end }) => [start, end]),
+      periods: periods.map(({ start, end }) => [base + start / 1e6, base + end / 1e6]), error_s: Math.max(...periods.map(errorOf)),
+    };
+  }
+}
+
+// The ends of a contact as instants, rounded outward to the microsecond within the span that a pair shares.
+function instants({ start, end }, from, to) {
+  const since = start <= 0 ? from : from + Math.floor((start - 2 * spacing(start)) * 1e6);
+  const until = end >= (to - from) / 1e6 ? to : Math.min(from + Math.ceil((end + 2 * spacing(end)) * 1e6), to);
+  return [Math.max(since, from), until];
+}
+
+// How much longer than the contact a period may be at either end, seconds.
+function errorOf({ start, end, contacts }) {
+  const length = (end - start) / 1e6;
+  const sure = contacts.filter((one) => (one.end - one.start) / 1e6 > 2 * one.error || contacts.length === 1);
+  const least = (of) => Math.min(Infinity, ...sure.map((one) => of(one) / 1e6 + one.error));
+  return Math.min(Math.max(least((one) => one.start - start), least((one) => end - one.end)), length);
+}
+
+// The two halves of the longer time of a pair.
+function halved(pair) {
+  const name = pair.aEnd - pair.aStart >= pair.bEnd - pair.bStart ? "a" : "b";
+  const middle = (pair[`${name}Start`] + pair[`${name}End`]) / 2;
+  return [{ ...pair, [`${name}End`]: middle }, { ...pair, [`${name}Start`]: middle }];
+}
+
+// The union of closed intervals of whole numbers.
+export function union(spans) {
+  const joined = [];
+  for (const [low, high] of [...spans].sort((a, b) => a[0] - b[0])) {
+    const last = joined[joined.length - 1];
+    if (last && low <= last[1] + 1) last[1] = Math.max(last[1], high);
+    else joined.push([low, high]);
+  }
+  return joined;
+}

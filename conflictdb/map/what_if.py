@@ -1,0 +1,128 @@
+"""Pack the pieces of a scene for the page, whose kernel computes what moved plans would meet.
+
+The page compares pieces as a detection does (`stages.run`), for scenes that need no more than the kernel; `refusal`
+says why others are not shown.
+"""
+
+import struct
+from collections.abc import Container
+from typing import Any, Final
+
+import numpy as np
+import psycopg
+from numpy.typing import NDArray
+
+from conflictdb.db.free_departures import read_departing
+from conflictdb.errors import InvalidInput
+from conflictdb.formats.scene_file import feature_of
+from conflictdb.in_memory import numbered
+from conflictdb.map.content import to_json
+from conflictdb.model.methods import METHODS, Solver
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.stages.object_pairs import object_numbers
+from conflictdb.stages.pieces.covers import COVER
+
+_LENGTH: Final = struct.Struct("<I")
+# Arrays begin at multiples of this, as typed arrays must.
+_ALIGNED: Final = 8
+# The page computes with doubles: instants this far from the first one and beyond count as unbounded, microseconds.
+_UNBOUNDED_US: Final = 2**52
+_INSTANTS: Final = ("start_us", "end_us", "leg_start_us", "leg_end_us")
+
+
+def pieces(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float) -> bytes:
+    """Pack the pieces of a track, and of what it may meet if it departs at most `within_s` earlier or later.
+
+    Raises InvalidInput if the scene or the track does not exist.
+    """
+    settings, areas, tracks = read_departing(conn, scene, key, within_s)
+    if all(track.key != key for track in tracks):
+        raise InvalidInput(f"scene {scene!r}", "track", f"{key!r} is not known")
+    return packed(settings, areas, tracks, {key})
+
+
+def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Container[str] | None = None) -> bytes:
+    """Pack all pieces of some objects: length of a JSON head (little-endian), head, arrays.
+
+    The head has the settings that the kernel takes, `objects` (keys, in the order of a detection), `base_us` (the
+    instant that others count from, as text), `refusal` (why moved plans are not shown, or null), `plans` (features of
+    the tracks that may be moved, by key; null: its voyages repeat), and `arrays`: name, type of typed arrays, place in
+    the packed bytes, and number of elements of each array.
+
+    moved : keys of the tracks that may be moved; None: all
+    """
+    refusal = _refusal(scene)
+    if refusal is not None:
+        return _with_head({"refusal": refusal}, {})
+    scene, plane, pieces, keys, _, _ = numbered("what if", tracks, areas, scene)
+    number = object_numbers(pieces)
+    pieces = pieces.take(np.lexsort((-pieces.turn, pieces.part, number)))
+    numbers, owner = np.unique(pieces.owner_number, return_inverse=True)
+    objects, which = np.unique(object_numbers(pieces), return_inverse=True)
+    base_us = min((int(track.times_us[0]) for track in tracks), default=0)
+    arrays: dict[str, NDArray[Any]] = {
+        "plane": np.frombuffer(bytes(plane.kernel_plane), np.uint8),
+        "object": which.astype("<i4"),
+        # 0 stays 0: no owner.
+        "owner": (owner + (0 not in numbers)).astype("<i4"),
+        "is_cover": (pieces.part == COVER).astype(np.uint8),
+        "end_inclusive": pieces.end_inclusive.astype(np.uint8),
+        "floor_m": pieces.floor_m.astype("<f8"),
+        "ceiling_m": pieces.ceiling_m.astype("<f8"),
+        "moves": pieces.kind,
+        "turn": pieces.turn.astype("<i2"),
+        **{name: _since(getattr(pieces, name), base_us) for name in _INSTANTS},
+        "leg_start_deg": pieces.leg_start_deg.astype("<f8").ravel(),
+        "leg_end_deg": pieces.leg_end_deg.astype("<f8").ravel(),
+        "bearing_deg": pieces.bearing_deg.astype("<f8"),
+        "shape_offset": pieces.shape_offset.astype("<i8"),
+        "shape": pieces.shape_xy.astype("<f8").ravel(),
+    }
+    if pieces.changes:
+        arrays["shape_to"] = pieces.shape_to_xy.astype("<f8").ravel()
+    if pieces.climbs().any():
+        arrays["climb_m"] = pieces.climb_m.astype("<f8").ravel()
+    head = {
+        "refusal": None,
+        "base_us": str(base_us),
+        "separation_m": scene.separation_m,
+        "tolerance_m": scene.tolerance_m,
+        "reach_m": scene.reach_m,
+        "objects": [keys[one] for one in objects.tolist()],
+        "plans": {
+            track.key: None if track.departures_us or track.schedule else feature_of(track)
+            for track in tracks
+            if moved is None or track.key in moved
+        },
+    }
+    return _with_head(head, arrays)
+
+
+def _refusal(scene: Scene) -> str | None:
+    """Return what the page does not compute in a scene; None if it computes all."""
+    if METHODS[scene.method].solver is not Solver.CERTIFIED:
+        return f"the method of the scene is {scene.method}"
+    if scene.longest_time_us:
+        return "the scene has a separation in time"
+    if scene.rules:
+        return "the scene has separation rules"
+    return None
+
+
+def _since(at_us: NDArray[np.int64], base_us: int) -> NDArray[np.int64]:
+    """Return instants (n,) as microseconds since another one; those far away are unbounded."""
+    clipped = np.clip(at_us, base_us - _UNBOUNDED_US, base_us + _UNBOUNDED_US)
+    return (clipped - base_us).astype("<i8")
+
+
+def _with_head(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> bytes:
+    placed, parts, at = [], [], 0
+    for name, values in arrays.items():
+        data = np.ascontiguousarray(values).tobytes()
+        placed.append([name, values.dtype.str.lstrip("<|"), at, len(values)])
+        padding = -len(data) % _ALIGNED
+        parts += [data, bytes(padding)]
+        at += len(data) + padding
+    text = to_json({**head, "arrays": placed})
+    text += b" " * (-(_LENGTH.size + len(text)) % _ALIGNED)
+    return b"".join([_LENGTH.pack(len(text)), text, *parts])

@@ -1,0 +1,163 @@
+"""The page of `conflictdb map` in a browser: what a track would meet that departs at another time."""
+
+import gzip
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+from browsing import Open, rows
+from commands import runner
+from map_page import Serve
+from piecework import load
+from playwright.sync_api import Page, expect
+from workloads import HARBOUR, throw
+
+import conflictdb
+from conflictdb.db.detect import detect
+from conflictdb.model.plans import Scene, Track, rectangle_outline_m
+
+AXE = Path(__file__).parent / "axe-core-4.14.1.min.js.gz"
+Conn = psycopg.Connection[Any]
+COPIES = {"permissions": ["clipboard-read", "clipboard-write"]}
+HOUR_US = 3_600_000_000
+T0_US = 1_780_272_000_000_000  # 2026-06-01 00:00 UTC
+LEAST_PICTURES_PER_S = 30.0
+# Drags for two seconds, a step with each picture, and counts pictures.
+PACE = """async () => {
+    const slider = document.querySelector('.what-if input');
+    const next = () => new Promise((shown) => requestAnimationFrame(shown));
+    await next();
+    const begun = performance.now();
+    let [n, worked] = [0, 0];
+    for (; performance.now() - begun < 2000; n += 1) {
+        slider.value = Math.sin(n / 20) * 1800;
+        const before = performance.now();
+        slider.dispatchEvent(new Event('input', {bubbles: true}));
+        worked += performance.now() - before;
+        await next();
+    }
+    return [1000 * n / (performance.now() - begun), worked / n];
+}"""
+
+
+@pytest.fixture
+def strait(dsn: str, serve: Serve) -> str:
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+        db.scene("strait").detect()
+    return serve(dsn, "strait")
+
+
+def ask(page: Page, conflict: str, key: str) -> None:
+    page.get_by_role("button", name=conflict).click()
+    page.get_by_role("button", name=f"What if {key} departs earlier or later").click()
+
+
+def said(page: Page, text: str) -> None:
+    expect(page.locator(".what-if .said")).to_have_text(text)
+
+
+def copied(page: Page, what: str) -> str:
+    page.get_by_role("button", name=f"Copy as {what}").click()
+    expect(page.locator(".what-if")).to_contain_text(f"Copied as {what}")
+    return str(page.evaluate("navigator.clipboard.readText()"))
+
+
+def test_moved_track_shows_what_goes_and_what_comes(strait: str, conn: Conn, dsn: str, open_page: Open) -> None:
+    """By keys and by the strip; the copied SQL moves the track, and a detection finds what the page showed."""
+    page = open_page(strait, **COPIES)
+    ask(page, "FERRY and TOW", "FERRY")
+    said(page, "As planned: 3 conflicts.")
+    slider = page.get_by_role("slider", name="Departure")
+    for _ in range(4):
+        slider.press("PageUp")
+    said(page, "10 min later: 1 fewer, none new; 2 in all.")
+    expect(page.locator("li.gone .keys")).to_have_text("FERRY and TOW")
+    assert page.evaluate("conflictdbPage.havens.plan.laterUs") == 600_000_000
+    page.get_by_role("combobox", name="Range").select_option("10800")
+    said(page, "10 min later: 1 fewer, none new; 2 in all.")
+    page.get_by_text("What forbids which departures").click()
+    expect(page.locator(".what-if ol")).to_contain_text("DIVING, FIRING")
+    # Departures that are clear are those of `delays` (docs/how-to/find-a-free-departure.md).
+    page.get_by_role("button", name="Clear 1 h 7 min 24 s earlier").click()
+    said(page, "1 h 7 min 24 s earlier: 3 fewer, none new; clear.")
+    assert page.evaluate("conflictdbPage.havens.plan.laterUs") == -4_044_000_000
+    box = page.locator(".what-if canvas").bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + 10 + (box["width"] - 20) * 0.75, box["y"] + 10)
+    by_us = int(page.evaluate("conflictdbPage.havens.plan.laterUs"))
+    assert abs(by_us - 1.5 * HOUR_US) < 0.02 * HOUR_US
+    shown = dict(zip(rows(page), page.locator(".row .when").all_text_contents(), strict=True))
+    gone = page.locator("li.gone .keys").all_text_contents()
+    feature = json.loads(copied(page, "GeoJSON"))
+    assert feature["id"] == "FERRY"
+    conn.execute(copied(page, "SQL").encode())
+    conn.commit()
+    with conflictdb.connect(dsn) as db:
+        scene = db.scene("strait")
+        scene.detect()
+        found = {f"{one.a_key} and {one.b_key}": one for one in scene.conflicts() if "FERRY" in (one.a_key, one.b_key)}
+        _, _, [track] = scene._read(["FERRY"])
+    assert set(found) == set(shown) - set(gone)
+    for pair, one in found.items():
+        assert one.periods[0][0] is not None
+        assert f"{one.periods[0][0]:%H:%M:%S}" == shown[pair]
+    times = [at.removesuffix("Z") for at in feature["properties"]["times"]]
+    moved_us = np.array(times, "datetime64[us]").astype(np.int64)
+    assert np.abs(moved_us - track.times_us).max() <= 1  # the database has seconds, as doubles
+
+
+def test_a_file_computes_it_without_a_server(
+    dsn: str, tmp_path: Path, strait: str, open_page: Open, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also the keyboard closes it, and the scene is as it was."""
+    assert strait
+    file = tmp_path / "strait.html"
+    assert runner(dsn, capsys)("map", "--html", file).code == 0
+    page = open_page(file.as_uri(), offline=True)
+    before = page.locator("#list").text_content()
+    ask(page, "FERRY and TOW", "TOW")
+    said(page, "As planned: 1 conflict.")
+    page.get_by_role("slider", name="Departure").press("End")
+    said(page, "1 h later: 1 fewer, none new; clear.")
+    expect(page.locator("li.gone .keys")).to_have_text("FERRY and TOW")
+    page.evaluate(gzip.decompress(AXE.read_bytes()).decode())
+    violations = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+    assert [one["id"] for one in violations if one["impact"] in ("serious", "critical")] == []
+    page.keyboard.press("Escape")
+    expect(page.locator("#what-if")).to_be_hidden()
+    page.get_by_label("Object").fill("")
+    expect(page.locator("li.gone")).to_have_count(0)
+    assert page.locator("#list").text_content() == before
+
+
+def test_what_the_page_does_not_compute_is_not_shown(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
+    times = np.array([T0_US, T0_US + 10 * HOUR_US])
+    outline = rectangle_outline_m(500, 500, 500, 500)
+    ways = {"A": [(9.0, 57.0), (10.0, 58.0)], "B": [(9.0, 58.0), (10.0, 57.0)]}
+    tracks = [Track(key, way, times, outline) for key, way in ways.items()]
+    load(conn, Scene("s", time_separation_s=60.0), [], tracks)
+    detect(conn, "s", jobs=1)
+    page = open_page(serve(dsn, "s"))
+    ask(page, "A and B", "A")
+    said(page, "Not shown: the scene has a separation in time.")
+    expect(page.get_by_role("slider", name="Departure")).to_have_count(0)
+
+
+@pytest.mark.slow
+def test_the_page_follows_the_pointer_among_300_objects(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
+    """On a quiet machine."""
+    scene, areas, tracks = throw(HARBOUR, 3, 100, 200)
+    load(conn, scene, areas, tracks)
+    detect(conn, scene.name, jobs=1)
+    page = open_page(serve(dsn, scene.name), size=(1440, 900))
+    page.get_by_label("Object").fill("T5")
+    page.locator(".row", has_text="T5").first.click()
+    page.get_by_role("button", name="departs earlier or later").first.click()
+    expect(page.locator(".what-if .said")).to_contain_text("As planned")
+    rate, step_ms = page.evaluate(PACE)
+    print(f"{rate:.0f} pictures a second, {step_ms:.1f} ms of work for each")  # noqa: T201
+    assert rate >= LEAST_PICTURES_PER_S

@@ -1,0 +1,158 @@
+"""The page computes what a track would meet that departs at another time: as a detection of a copy does."""
+
+import base64
+import json
+import shutil
+import subprocess
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pytest
+from workloads import (
+    EQUATOR,
+    GROWING,
+    GROWING_CIRCLES,
+    HARBOUR,
+    HIGH_LATITUDE,
+    LOW_LATITUDE,
+    OCEAN,
+    SEAM,
+    Workload,
+    throw,
+)
+
+import conflictdb
+from conflictdb.map import what_if
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.results import Conflict
+
+PAGE: Final = Path(conflictdb.__file__).parent / "map" / "page"
+EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+HORIZON_US: Final = 3_600_000_000
+# Reads scenes: [pack, [[key, delays], …]] each; prints the conflicts of each delay, and what is forbidden to each key.
+DRIVER: Final = """
+import { readFileSync } from "node:fs";
+import { Kernel } from "./kernel.mjs";
+import { unpackPieces, WhatIf } from "./what_if.mjs";
+const kernel = await Kernel.of(readFileSync("kernel.wasm"));
+const { horizon, scenes } = JSON.parse(readFileSync(0));
+const answers = scenes.map(([text, asked]) => {
+  const pack = unpackPieces(new Uint8Array(Buffer.from(text, "base64")).buffer);
+  return asked.map(([key, delays]) => {
+    const one = new WhatIf(kernel, pack, key);
+    if (one.refusal !== null) return { refusal: one.refusal };
+    const conflicts = delays.map((us) => one.conflicts(us));
+    return { conflicts, forbidden: [...one.forbidden(horizon)], base: pack.base_us };
+  });
+});
+console.log(JSON.stringify(answers));
+"""
+Asked = list[tuple[str, list[int]]]
+Plans = tuple[Scene, list[Area], list[Track]]
+WORKLOADS: Final = (LOW_LATITUDE, HIGH_LATITUDE, SEAM, EQUATOR, HARBOUR, OCEAN, GROWING, GROWING_CIRCLES)
+
+pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="did not run: no node here")
+
+
+def on_page(tmp_path: Path, scenes: list[tuple[bytes, Asked]]) -> Any:
+    for name in ("kernel", "what_if"):
+        text = (PAGE / f"{name}.js").read_text().replace('"./kernel.js"', '"./kernel.mjs"')
+        (tmp_path / f"{name}.mjs").write_text(text)
+    shutil.copy(PAGE / "kernel.wasm", tmp_path)
+    (tmp_path / "driver.mjs").write_text(DRIVER)
+    given = {"horizon": HORIZON_US, "scenes": [[base64.b64encode(pack).decode(), asked] for pack, asked in scenes]}
+    command = [str(shutil.which("node")), "driver.mjs"]
+    done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def later(track: Track, by_us: int) -> Track:
+    return replace(track, times_us=track.times_us + by_us)
+
+
+def of_copy(scene: Scene, areas: list[Area], tracks: list[Track], key: str, by_us: int) -> dict[str, Any]:
+    """The conflicts of a track in a copy of the scene in which it departs so much later, by the other object."""
+    moved = [later(one, by_us) if one.key == key else one for one in tracks]
+    return {
+        one.b_key if one.a_key == key else one.a_key: one
+        for one in conflictdb.solve(moved, areas, scene)
+        if key in (one.a_key, one.b_key)
+    }
+
+
+def scenes_of(workload: Workload, seed: int) -> tuple[Scene, list[Area], list[Track]]:
+    return throw(workload, seed, 8, 12, separation_m=[0.0, 500.0][seed % 2])
+
+
+def unlike(page: dict[str, Any], copy: Conflict, base_us: int) -> list[str]:
+    """What differs between two answers on one pair; the sines of two C libraries differ in their last digits."""
+    periods = [[base_us + int(us) for us in period] for period in page["us"]]
+    there = [[instant_us(at) for at in period if at is not None] for period in copy.periods]
+    if len(periods) != len(there) or max(abs(np.array(periods) - there).flat, default=0) > 1:
+        return [f"{periods}, copy {there}"]
+    if page["verdict"] not in (copy.verdict, None):
+        return [f"{page['verdict']}, copy {copy.verdict}"]
+    if not abs(page["error_s"] - copy.time_error_s) <= 1e-6:
+        return [f"error {page['error_s']}, copy {copy.time_error_s}"]
+    return []
+
+
+def instant_us(at: datetime) -> int:
+    return round((at - EPOCH) / timedelta(microseconds=1))
+
+
+def differing(answer: Any, plans: Plans, key: str, delays: list[int]) -> list[str]:
+    """What differs between the answers of the page and of copies: pairs, verdicts, periods beyond a microsecond."""
+    scene, areas, tracks = plans
+    found, base_us = [], int(answer["base"])
+    for by_us, conflicts in zip(delays, answer["conflicts"], strict=True):
+        copy = of_copy(scene, areas, tracks, key, by_us)
+        here = {one["other"]: one for one in conflicts}
+        if here.keys() != copy.keys():
+            found.append(f"{scene.name} {key} {by_us}: {here.keys() ^ copy.keys()}")
+        for other in here.keys() & copy.keys():
+            unlikes = unlike(here[other], copy[other], base_us)
+            found += [f"{scene.name} {key} {by_us} {other}: {text}" for text in unlikes]
+        for other in copy:
+            spans = dict(answer["forbidden"]).get(other, [])
+            if abs(by_us) <= HORIZON_US and not any(low <= by_us <= high for low, high in spans):
+                found.append(f"{scene.name} {key} {by_us}: {other} is met, and allowed by {spans}")
+    return found
+
+
+def check(tmp_path: Path, count: int, scenes: list[Plans], each: int) -> None:
+    """A number of random (track, delay) over scenes."""
+    rng = np.random.default_rng(7)
+    asked: list[tuple[bytes, Asked]] = []
+    for scene, areas, tracks in scenes:
+        chosen = rng.choice(len(tracks), each, replace=False)
+        delays = [[0, *rng.integers(-HORIZON_US, HORIZON_US, count - 1).tolist()] for _ in chosen]
+        asked.append(
+            (
+                what_if.packed(scene, areas, tracks),
+                [(tracks[n].key, some) for n, some in zip(chosen, delays, strict=True)],
+            )
+        )
+    found, met = [], 0
+    for (scene, areas, tracks), (_, own), answers in zip(scenes, asked, on_page(tmp_path, asked), strict=True):
+        for (key, delays), answer in zip(own, answers, strict=True):
+            assert "refusal" not in answer, (scene.name, key, answer)
+            found += differing(answer, (scene, areas, tracks), key, delays)
+            met += sum(map(len, answer["conflicts"]))
+    assert found == []
+    assert met > len(scenes)
+
+
+def test_moved_track_meets_what_a_detection_of_its_copy_finds(tmp_path: Path) -> None:
+    """Few delays of each workload."""
+    check(tmp_path, 3, [scenes_of(workload, seed) for seed, workload in enumerate(WORKLOADS)], 2)
+
+
+@pytest.mark.slow
+def test_many_moved_tracks_meet_what_detections_of_copies_find(tmp_path: Path) -> None:
+    """A thousand."""
+    check(tmp_path, 12, [scenes_of(workload, seed) for workload in WORKLOADS for seed in range(2, 5)], 4)
