@@ -9,25 +9,31 @@ are asked for until so many are accepted, then 40 more.
 - box: the flight's bounding box in space and time, the algorithm of a UTM server's own engine (openutm/flight-blender)
 - index: `Index.probe` and `put`
 - solve: `solve` of all accepted volumes and the new ones
-- stored: `scene.admit`, in the embedded database, of 40 flights among the accepted ones, which a detection has seen
+- stored: `scene.admit` and the function admit of SQL, in the embedded database, of 40 flights among the accepted ones,
+  which a detection has seen
 
 Brute force compares every pair of a flight with all accepted ones by separating axes on a plane of the same scale, true
 to a millimetre here. Times are processor milliseconds of this process, of `stored` elapsed ones, median and 95 %.
 """
 
 import argparse
+import json
 import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import shapely
 
 import conflictdb
 from conflictdb import Area, Index, Scene, Track, rectangle_outline_m, solve
+from conflictdb.model.inputs import EPOCH, MICROSECOND
+
+if TYPE_CHECKING:
+    import psycopg
 
 T0_US = 1_906_520_400_000_000
 LAT, LON, M_LAT = 47.0, 8.0, 111_195.0
@@ -35,6 +41,7 @@ M_LON = M_LAT * math.cos(math.radians(LAT))
 CITY_M, HOURS, SPEED_MPS = 20_000.0, 4.0, 15.0
 HALF_WIDTH_M, LATE_S, BAND_M, LEG_M = 50.0, 10.0, 10.0, 1000.0
 ASKED_MORE = 40
+ANSWERS = (True, "admitted"), (False, "refused"), (None, "undecided")
 
 
 class Box(NamedTuple):
@@ -198,7 +205,39 @@ def in_database(scene: Scene, there: list[Flight], rng: np.random.Generator, for
                     lambda plans=plans, k=k, name=name: city.admit(plans, owner=f"{name} {k}"), took, time.perf_counter
                 )
             print(f"    stored, {name}: admit {spread(took)}", flush=True)
+        in_sql(db.connection, rng, form)
         city.delete()
+
+
+def in_sql(conn: "psycopg.Connection[Any]", rng: np.random.Generator, form: str) -> None:
+    """Admit flights by the function of SQL; those that a worker must decide count as undecided."""
+    took: list[float] = []
+    rows: list[Any] = []
+    for k in range(ASKED_MORE):
+        plans = json.dumps([as_plan(plan) for plan in flight(rng, f"sql {k}", form).plans])
+        given = ("benchmark of admissions", plans, f"sql {k}")
+
+        def ask(given: tuple[str, str, str] = given) -> None:
+            rows.append(conn.execute("SELECT admitted FROM conflictdb.admit(%s, %s, %s)", given).fetchone())
+            conn.commit()
+
+        timed(ask, took, time.perf_counter)
+    said = [row[0] for row in rows]
+    counts = ", ".join(f"{said.count(one)} {name}" for one, name in ANSWERS)
+    print(f"    stored, in SQL: admit {spread(took)}; {counts}", flush=True)
+
+
+def as_plan(plan: Area | Track) -> dict[str, Any]:
+    """Return a flight's plan as the function of SQL takes it."""
+    heights = {"key": plan.key, "floor_m": plan.floor_m, "ceiling_m": plan.ceiling_m}
+    if isinstance(plan, Area):
+        start, end = (EPOCH + (us or 0) * MICROSECOND for us in (plan.start_us, plan.end_us))
+        return heights | {"footprint": plan.footprint.wkt, "active_span": f"[{start},{end})"}
+    return heights | {
+        "path": shapely.LineString(plan.positions_deg).wkt,
+        "times": [str(EPOCH + us * MICROSECOND) for us in plan.times_us.tolist()],
+        "outline": shapely.Polygon(plan.outline_m).wkt,
+    }
 
 
 def main() -> None:

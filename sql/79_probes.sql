@@ -144,11 +144,19 @@ DECLARE
     -- Per role: more would delay others and fill the table.
     c_most_waiting CONSTANT integer := 1000;
 BEGIN
-    IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error, NEW.delays) > 0 OR NEW.failures <> 0 THEN
+    IF num_nonnulls(NEW.answered_at, NEW.is_current, NEW.error, NEW.delays, NEW.admission) > 0
+       OR NEW.failures <> 0 THEN
         FOUND := _raise('ZC013', c_who, 'answered_at', 'can be set by workers only', 'probe_unanswered');
     END IF;
     NEW.asked_at := now();
-    IF NEW.horizon IS NOT NULL THEN
+    IF NEW.plans IS NOT NULL THEN
+        -- A worker puts them.
+        IF NOT _may_admit(NEW.asked_by, NEW.scene_id) THEN
+            FOUND := _raise('42501', c_who, 'plans', format('role %I may not change this scene', NEW.asked_by),
+                            'admission_permitted', 'GRANT conflictdb_editor, or share the scene for writing.');
+        END IF;
+        PERFORM _check_plans(NEW.plans), _check_word(c_who, 'owner', NEW.owner);
+    ELSIF NEW.horizon IS NOT NULL THEN
         PERFORM _check_delays_request(NEW.scene_id, NEW.key, NEW.horizon, lower(NEW.active_span));
         NEW.active_span := tstzrange(lower(NEW.active_span), NULL);
     ELSIF NEW.object_kind = 0 THEN
@@ -274,6 +282,10 @@ RETURNS TABLE (
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
+    IF EXISTS (SELECT FROM probe_request p WHERE p.probe_id = p_probe_id AND p.plans IS NOT NULL) THEN
+        FOUND := _raise('ZC011', format('probe %s', p_probe_id), 'probe_id', 'is an admission', 'probe_known',
+                        'Use wait_for_admission.');
+    END IF;
     IF NOT _await_answer(p_probe_id, p_timeout, false) THEN
         RAISE NOTICE 'probe %: changes of the scene waited for detection: the answer may not be complete', p_probe_id;
     END IF;
@@ -331,12 +343,13 @@ COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS
 
 -- For workers.
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._next_probe() RETURNS TABLE (probe_id bigint, scene_id bigint)
+CREATE OR REPLACE FUNCTION conflictdb_internal._next_probe(p_passed_over bigint[])
+RETURNS TABLE (probe_id bigint, scene_id bigint)
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     RETURN QUERY
         SELECT p.probe_id, p.scene_id FROM probe_request p
-        WHERE p.answered_at IS NULL
+        WHERE p.answered_at IS NULL AND p.probe_id <> ALL (p_passed_over)
         -- Failed requests last; then the scene and the role that have waited longest for a reply.
         ORDER BY p.failures,
                  (SELECT max(q.answered_at) FROM probe_request q WHERE q.scene_id = p.scene_id) NULLS FIRST,
@@ -344,8 +357,9 @@ BEGIN
         LIMIT 1 FOR UPDATE SKIP LOCKED;
 END
 $$;
-COMMENT ON FUNCTION _next_probe() IS
-'The next request that no other session works on, locked until the transaction ends; no row if there is none.';
+COMMENT ON FUNCTION _next_probe(bigint[]) IS
+'The next request that no other session works on, without some, locked until the transaction ends; no row if there is '
+'none.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._probe_request(
     p_probe_id bigint, OUT object_kind smallint, OUT key text, OUT footprint bytea,
@@ -416,8 +430,8 @@ DROP POLICY IF EXISTS probe_reply_worker ON probe_reply;
 CREATE POLICY probe_reply_worker ON probe_reply TO conflictdb_worker USING (true) WITH CHECK (true);
 
 COMMENT ON TABLE probe_request IS
-'Requests to the workers: about a plan (request_probe, request_track_probe), or the departures of a track '
-'(request_delays). Visible to the role that asked and to workers; deleted after an hour.';
+'Requests to the workers: about a plan (request_probe, request_track_probe), the departures of a track '
+'(request_delays), or to admit plans (admit). Visible to the role that asked and to workers; deleted after an hour.';
 COMMENT ON COLUMN probe_request.probe_id IS 'Id of the request.';
 COMMENT ON COLUMN probe_request.scene_id IS 'Scene.';
 COMMENT ON COLUMN probe_request.asked_by IS 'Role that asked.';

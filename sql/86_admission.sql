@@ -155,42 +155,108 @@ COMMENT ON FUNCTION _objects_near(
 'Objects of a scene that given pieces might meet: those with a piece whose box, time and heights overlap, and those '
 'whose pieces are still to be made and that may reach one of some boxes in degrees during the time of all pieces.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._put_plans(p_scene text, p_removed text[], p_plans jsonb) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._plans_of(p_plans jsonb) RETURNS TABLE (
+    key text, name text, footprint geometry, active_span tstzrange, path geometry, times timestamptz[],
+    outline geometry, outlines geometry, floor_m double precision, ceiling_m double precision,
+    floors_m double precision[], ceilings_m double precision[], grow_mps double precision, properties jsonb,
+    class text, owner text, activations tstzmultirange, departures timestamptz[], schedule jsonb, tolerances jsonb
+)
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+#variable_conflict use_column
+DECLARE
+    v_given jsonb;
+    v_who text;
+BEGIN
+    FOR v_given IN SELECT g FROM jsonb_array_elements(p_plans) g LOOP
+        v_who := format('plan %L', v_given ->> 'key');
+        BEGIN
+            SELECT p.* INTO key, name, footprint, active_span, path, times, outline, outlines, floor_m, ceiling_m,
+                            floors_m, ceilings_m, grow_mps, properties, class, owner, activations, departures, schedule,
+                            tolerances
+                FROM jsonb_to_record(v_given) p (
+                    key text, name text, footprint geometry, active_span tstzrange, path geometry, times timestamptz[],
+                    outline geometry, outlines geometry, floor_m double precision, ceiling_m double precision,
+                    floors_m double precision[], ceilings_m double precision[], grow_mps double precision,
+                    properties jsonb, class text, owner text, activations tstzmultirange, departures timestamptz[],
+                    schedule jsonb, tolerances jsonb);
+        EXCEPTION WHEN OTHERS THEN
+            FOUND := _raise('ZC016', v_who, 'plan', format('cannot be read: %s', SQLERRM), 'plan_readable');
+        END;
+        -- Texts of geometries need no SRID.
+        IF ST_SRID(footprint) = 0 THEN
+            footprint := ST_SetSRID(footprint, 4326);
+        END IF;
+        IF ST_SRID(path) = 0 THEN
+            path := ST_SetSRID(path, 4326);
+        END IF;
+        IF ST_SRID(footprint) <> 4326 OR ST_SRID(path) <> 4326 THEN
+            FOUND := _raise('ZC001', v_who, 'footprint', format('must have SRID 4326; got %s',
+                            coalesce(ST_SRID(footprint), ST_SRID(path))), 'footprint_srid');
+        END IF;
+        IF GeometryType(footprint) NOT IN ('POLYGON', 'MULTIPOLYGON') THEN
+            FOUND := _raise('ZC001', v_who, 'footprint', format('must be a Polygon or MultiPolygon; got %s',
+                            GeometryType(footprint)), 'footprint_polygon');
+        END IF;
+        IF num_nonnulls(activations, coalesce(schedule::text, active_span::text)) = 2
+           AND footprint IS NOT NULL THEN
+            FOUND := _raise('ZC003', v_who, 'activations',
+                            'must not be given together with active_span or schedule', 'activations_once');
+        END IF;
+        IF times IS NOT NULL THEN
+            path := track_path(path, times);
+        END IF;
+        outline := ST_SetSRID(outline, 0);
+        outlines := ST_SetSRID(outlines, 0);
+        RETURN NEXT;
+    END LOOP;
+END
+$$;
+COMMENT ON FUNCTION _plans_of(jsonb) IS
+'Plans as rows, from a JSON array of objects with the parameters of put_area or put_track; geometries as GeoJSON or '
+'text, times make a track_path. Raises ZC016, with the plan''s key, for what cannot be read.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._put_plans(
+    p_scene text, p_removed text[], p_plans jsonb, p_are_checked boolean
+) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_max_speed_kn text := current_setting('conflictdb.max_speed_kn', true);
-    v_key text;
+    v_scene_id bigint := _scene_to_change(p_scene);
     v_plan record;
 BEGIN
-    -- conflictdb.model has already checked speeds, under the limit of the plan.
-    PERFORM set_config('conflictdb.max_speed_kn', 'infinity', true);
-    FOREACH v_key IN ARRAY p_removed LOOP
-        PERFORM remove_object(p_scene, v_key);
-    END LOOP;
-    FOR v_plan IN
-        SELECT * FROM jsonb_to_recordset(p_plans) p (
-            key text, name text, footprint text, active_span tstzrange, path text, outline text, outlines text,
-            floor_m double precision, ceiling_m double precision, floors_m double precision[],
-            ceilings_m double precision[], grow_mps double precision, properties jsonb, class text, owner text,
-            activations tstzmultirange, departures timestamptz[], schedule jsonb, tolerances jsonb) LOOP
-        IF v_plan.footprint IS NOT NULL THEN
-            PERFORM put_area(
-                p_scene, v_plan.key, ST_GeomFromWKB(decode(v_plan.footprint, 'hex'), 4326), v_plan.active_span,
-                v_plan.floor_m, v_plan.ceiling_m, v_plan.name, v_plan.properties, p_class => v_plan.class,
-                p_owner => v_plan.owner, p_activations => v_plan.activations, p_schedule => v_plan.schedule);
-        ELSE
-            PERFORM put_track(
-                p_scene, v_plan.key, ST_GeomFromWKB(decode(v_plan.path, 'hex'), 4326),
-                ST_GeomFromWKB(decode(v_plan.outline, 'hex')), v_plan.floor_m, v_plan.ceiling_m, v_plan.name,
-                v_plan.properties, v_plan.grow_mps, ST_GeomFromWKB(decode(v_plan.outlines, 'hex')), v_plan.floors_m,
-                v_plan.ceilings_m, p_class => v_plan.class, p_owner => v_plan.owner,
-                p_departures => v_plan.departures, p_schedule => v_plan.schedule,
-                p_tolerances => v_plan.tolerances);
-        END IF;
+    IF p_are_checked THEN
+        PERFORM set_config('conflictdb.max_speed_kn', 'infinity', true);
+    END IF;
+    PERFORM remove_object(p_scene, k) FROM unnest(p_removed) k;
+    -- One statement for all areas, whose triggers run once; otherwise as put_area.
+    INSERT INTO area AS a (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner,
+                           activations, schedule)
+        SELECT v_scene_id, p.key, p.name, ST_Multi(ST_Force2D(p.footprint)),
+               coalesce(p.active_span, CASE WHEN NOT isempty(p.activations) THEN range_merge(p.activations) END),
+               p.floor_m, p.ceiling_m, p.properties, p.class, p.owner, p.activations, p.schedule
+        FROM _plans_of((SELECT jsonb_agg(g) FROM jsonb_array_elements(p_plans) g
+                        WHERE g ->> 'footprint' IS NOT NULL)) p
+        ON CONFLICT (scene_id, key) DO UPDATE
+            SET name = excluded.name, footprint = excluded.footprint, active_span = excluded.active_span,
+                floor_m = excluded.floor_m, ceiling_m = excluded.ceiling_m, properties = excluded.properties,
+                class = excluded.class, owner = excluded.owner, activations = excluded.activations,
+                schedule = excluded.schedule
+            WHERE (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class, a.owner,
+                   CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule)
+                  IS DISTINCT FROM
+                  (excluded.name, excluded.footprint, excluded.active_span, excluded.floor_m, excluded.ceiling_m,
+                   excluded.properties, excluded.class, excluded.owner, excluded.activations, excluded.schedule);
+    FOR v_plan IN SELECT p.* FROM _plans_of((SELECT jsonb_agg(g) FROM jsonb_array_elements(p_plans) g
+                                             WHERE g ->> 'footprint' IS NULL)) p LOOP
+        PERFORM put_track(
+            p_scene, v_plan.key, v_plan.path, v_plan.outline, v_plan.floor_m, v_plan.ceiling_m, v_plan.name,
+            v_plan.properties, v_plan.grow_mps, v_plan.outlines, v_plan.floors_m, v_plan.ceilings_m,
+            p_class => v_plan.class, p_owner => v_plan.owner, p_departures => v_plan.departures,
+            p_schedule => v_plan.schedule, p_tolerances => v_plan.tolerances);
     END LOOP;
     PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);
 END
 $$;
-COMMENT ON FUNCTION _put_plans(text, text[], jsonb) IS
-'Removes objects by key, then puts plans: the arguments of put_area (with a footprint) and put_track; geometries as '
-'WKB in hexadecimal digits.';
+COMMENT ON FUNCTION _put_plans(text, text[], jsonb, boolean) IS
+'Removes objects by key, then puts plans (_plans_of). p_are_checked: conflictdb.model has checked speeds, under the '
+'limit of each plan.';

@@ -20,11 +20,11 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db import store
-from conflictdb.db.admission import members_near
+from conflictdb.db.admission import admit, members_near
 from conflictdb.db.free_departures import delays
 from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
 from conflictdb.earth.registry import centred, plane_of
-from conflictdb.errors import InvalidInput
+from conflictdb.errors import InvalidInput, LockTimeout
 from conflictdb.in_memory import solve
 from conflictdb.index import Members, by_kind, conflicts_between
 from conflictdb.model.inputs import EPOCH, MICROSECOND, certain
@@ -41,6 +41,8 @@ _log = logging.getLogger(__name__)
 
 # Object number of the plan; the database counts from 1.
 _PLAN: Final = 0
+# Longest wait for another admission of a scene, seconds: scenes must not wait for each other.
+_WAITS_FOR_ADMISSION_S: Final = 0.05
 # Seconds that a worker answers before it checks for detections again, so that probes do not delay editors.
 _ANSWERING_S: Final = 1.0
 
@@ -140,19 +142,25 @@ def answer(conn: psycopg.Connection[Any], *, jobs: int = 1, memory_mb: int = MEM
     conn : without an open transaction
     """
     until_s = time.monotonic() + _ANSWERING_S
+    passed_over: list[int] = []
     while time.monotonic() < until_s:
-        if not _answer_one(conn, jobs, Memory.of(memory_mb)):
+        if not _answer_one(conn, jobs, Memory.of(memory_mb), passed_over):
             return False
     return True
 
 
-def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory) -> bool:
-    """Answer the next request; return whether there was one."""
+def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory, passed_over: list[int]) -> bool:
+    """Answer the next request; return whether there was one.
+
+    passed_over : requests that wait for another session, which this appends to
+    """
     number = None
     try:
         store.begin_snapshot(conn)
-        number = store.next_probe(conn)
-        if number is not None:
+        number = store.next_probe(conn, passed_over)
+        if number is not None and (asked := store.requested_admission(conn, number[0])) is not None:
+            _admit(conn, number, *asked)
+        elif number is not None:
             request = store.read_probe(conn, *number)
             if request.horizon_s is None:
                 plan = store.plan_of(request)
@@ -169,9 +177,12 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory) -> boo
             raise
         conn.rollback()
         if isinstance(error.__cause__, psycopg.errors.SerializationFailure):
-            return True  # another worker answered it
+            return True  # another worker answered it, or another session admitted plans
         if number is None:
             raise
+        if isinstance(error, LockTimeout):
+            passed_over.append(number[0])
+            return True
         with store.transaction(conn):
             if isinstance(error, InvalidInput):
                 store.refuse_probe(conn, number[0], str(error))
@@ -179,6 +190,18 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory) -> boo
                 _log.warning("probe %d failed: %s", number[0], error)
                 store.probe_failed(conn, number[0], str(error))
     return number is not None
+
+
+def _admit(conn: psycopg.Connection[Any], number: tuple[int, int], owner: str | None, allow_known: bool) -> None:
+    """Admit the plans of a request, in the open transaction."""
+    probe_id, scene_id = number
+    scene = store.read_settings(conn, scene_id).name
+    plans = store.requested_plans(conn, probe_id, scene)
+    store.answer_admission(
+        conn,
+        probe_id,
+        admit(conn, scene, plans, owner, allow_known=allow_known, lock_timeout_s=_WAITS_FOR_ADMISSION_S),
+    )
 
 
 class _PlanSource:

@@ -271,7 +271,11 @@ TABLE probe_request (
     error text,
     failures smallint NOT NULL DEFAULT 0,
     horizon interval,
-    delays jsonb
+    delays jsonb,
+    plans jsonb,
+    owner text,
+    allow_known boolean NOT NULL DEFAULT false,
+    admission jsonb
 );
 
 TABLE proposal (
@@ -738,6 +742,7 @@ CONSTRAINT probe_request_kind_known ON probe_request: CHECK ((object_kind = ANY 
 CONSTRAINT probe_request_pkey ON probe_request: PRIMARY KEY (probe_id);
 CONSTRAINT probe_request_plan_given ON probe_request: CHECK (
 CASE
+    WHEN (plans IS NOT NULL) THEN (num_nonnulls(key, footprint, path, horizon) = 0)
     WHEN (horizon IS NOT NULL) THEN ((object_kind = 1) AND (key IS NOT NULL) AND (path IS NULL))
     WHEN (object_kind = 0) THEN (num_nonnulls(footprint, active_span) = 2)
     ELSE (num_nonnulls(path, outline) = 2)
@@ -903,11 +908,17 @@ FUNCTION _after_scene_resettled()
 FUNCTION _allowed_types(p_scene_id bigint, OUT classes bigint[], OUT pairs text[])
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
 
+FUNCTION _answer_admission(p_probe_id bigint, p_admission jsonb)
+    RETURNS void LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _answer_probe(p_probe_id bigint, p_error text, p_found jsonb, p_delays jsonb)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _approaches(p_scene text, p_only_near boolean, p_keys text[])
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, a_lon_deg double precision, a_lat_deg double precision, b_lon_deg double precision, b_lat_deg double precision, verdict text, is_current boolean, run_id bigint, found_at timestamp with time zone, scene_is_current boolean, method text, time_error_s double precision, a_name text, b_name text, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _are_above(p_floor_m double precision, p_ceiling_m double precision, p_apart_m double precision, p_is_closed boolean)
+    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _are_compared(p_a_kind smallint, p_a_class bigint, p_a_owner bigint, p_b_kind smallint, p_b_class bigint, p_b_owner bigint, p_classes bigint[], p_allowed text[])
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -995,6 +1006,9 @@ FUNCTION _begin_run(p_scene_id bigint, p_run jsonb)
 
 FUNCTION _beyond_horizon(p_scene text, p_span tstzrange)
     RETURNS text LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _box_deg(p_place geometry, p_reach_m double precision, OUT west double precision, OUT south double precision, OUT east double precision, OUT north double precision)
+    RETURNS record LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _boxes_meet(p_a geometry, p_b geometry)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1089,10 +1103,16 @@ FUNCTION _check_outline(p_who text, p_outline geometry, p_field text DEFAULT 'ou
 FUNCTION _check_owner(p_who text, p_owner name, p_new_owner name, p_is_new boolean)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
+FUNCTION _check_owners_of(p_scene_id bigint, p_plans jsonb, p_owner text)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _check_place(p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_planar(p_who text, p_footprint geometry, p_plane text)
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _check_plans(p_plans jsonb)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_role(p_who text, p_role text)
@@ -1142,6 +1162,9 @@ FUNCTION _combined_hash(p_sum numeric)
 
 FUNCTION _compare_pieces(p_scene_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _conflict_as_json(p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_period tstzrange)
+    RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _conflict_events(p_scene text, p_key text, p_other_key text, p_after bigint, p_most bigint)
     RETURNS TABLE(event bigint, kind text, at timestamp with time zone, run_id bigint, conflict_id bigint, a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, time_error_s double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, opened_at timestamp with time zone, closed_at timestamp with time zone, proposal_id bigint) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1449,8 +1472,14 @@ FUNCTION _marked_objects(p_scene_id bigint, p_kind smallint)
 FUNCTION _max_speed_kn()
     RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
+FUNCTION _may_admit(p_role name, p_scene_id bigint)
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _may_change(p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _meetings(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
+    RETURNS TABLE(a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, period tstzrange) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET plan_cache_mode=force_generic_plan SET jit=off;
 
 FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1485,7 +1514,7 @@ FUNCTION _near_centre(p_geometry geometry, p_centre_lon double precision, p_cent
 FUNCTION _next_owner(p_kind smallint, p_id bigint, p_version bigint)
     RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE;
 
-FUNCTION _next_probe()
+FUNCTION _next_probe(p_passed_over bigint[])
     RETURNS TABLE(probe_id bigint, scene_id bigint) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _not_tiny(p_m double precision)
@@ -1566,11 +1595,17 @@ FUNCTION _pieces_near(p_scene_id bigint, p_numbers bigint[], p_horizon_us bigint
 FUNCTION _pieces_of(p_part integer, p_hull geometry, p_span tstzrange, p_shape geometry, p_parts integer[], p_hulls geometry, p_shapes geometry, p_cuts timestamp with time zone[])
     RETURNS TABLE(part integer, hull geometry, span tstzrange, shape geometry) LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _places_of(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
+    RETURNS TABLE(kind smallint, id bigint, place geometry, span tstzrange, floor_m double precision, ceiling_m double precision) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
+
 FUNCTION _plane(p_motion text, p_earth text, p_centre_lon double precision, p_centre_lat double precision)
     RETURNS text LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _plane_srid(p_plane text)
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _plans_of(p_plans jsonb)
+    RETURNS TABLE(key text, name text, footprint geometry, active_span tstzrange, path geometry, times timestamp with time zone[], outline geometry, outlines geometry, floor_m double precision, ceiling_m double precision, floors_m double precision[], ceilings_m double precision[], grow_mps double precision, properties jsonb, class text, owner text, activations tstzmultirange, departures timestamp with time zone[], schedule jsonb, tolerances jsonb) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _probe_failed(p_probe_id bigint, p_error text)
     RETURNS void LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
@@ -1608,11 +1643,14 @@ FUNCTION _put_attached_by_halves(p_attachment attachment, p_items bigint)
 FUNCTION _put_pieces(p_scene_id bigint, p_most bigint, p_most_compared bigint, p_object_kind smallint[], p_object_id bigint[], p_version bigint[], p_pieces integer[], p_part integer[], p_turn smallint[], p_hull bytea[], p_span tstzrange[], p_floor_m double precision[], p_ceiling_m double precision[], p_shape bytea[], p_shape_to bytea[], p_leg_start timestamp with time zone[], p_leg_end timestamp with time zone[], p_start_lon_deg double precision[], p_start_lat_deg double precision[], p_end_lon_deg double precision[], p_end_lat_deg double precision[], p_bearing_deg double precision[], p_class_number bigint[], p_owner_number bigint[], p_first integer[], p_hulls bytea[], p_shapes bytea[], p_parts integer[], p_starts timestamp with time zone[], p_leg_times timestamp with time zone[], p_legs double precision[], p_climbs boolean[], p_climb double precision[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea, OUT met bytea, OUT own_parts bytea, OUT met_parts bytea, OUT candidate_pairs bigint, OUT stage2_us bigint)
     RETURNS SETOF record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
-FUNCTION _put_plans(p_scene text, p_removed text[], p_plans jsonb)
+FUNCTION _put_plans(p_scene text, p_removed text[], p_plans jsonb, p_are_checked boolean)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _put_proposal(p_scene_id bigint, p_basis jsonb, p_goal text, p_objective_s double precision, p_bound_s double precision, p_is_least boolean, p_moves jsonb, p_left jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _put_requested(p_probe_id bigint)
+    RETURNS text[] LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _put_rules(p_scene_id bigint, p_rules jsonb, p_is_all boolean)
     RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
@@ -1658,6 +1696,9 @@ FUNCTION _replaced_objects(p_scene_id bigint, p_keys text[], p_owner text)
 
 FUNCTION _request_probe(p_scene text, p_key text, p_kind integer, p_footprint bytea, p_start_us bigint, p_end_us bigint, p_path bytea, p_outline bytea, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+
+FUNCTION _requested_admission(p_probe_id bigint)
+    RETURNS TABLE(owner text, allow_known boolean) LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
 
 FUNCTION _require_snapshot()
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1926,6 +1967,9 @@ FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last b
 FUNCTION acknowledge(p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamp with time zone DEFAULT NULL::timestamp with time zone, p_by text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION admit(p_scene text, p_plans jsonb, p_owner text DEFAULT NULL::text, p_allow_known boolean DEFAULT false, OUT admitted boolean, OUT conflicts jsonb, OUT request_id bigint)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION apply_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false)
     RETURNS bigint LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -2096,6 +2140,9 @@ FUNCTION undo_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false)
 
 FUNCTION unshare_scene(p_scene text, p_role text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION wait_for_admission(p_request_id bigint, p_timeout interval DEFAULT '00:01:00'::interval, OUT admitted boolean, OUT conflicts jsonb)
+    RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION wait_for_delays(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval, OUT key text, OUT least_later_s double precision, OUT least_earlier_s double precision, OUT blocked_by text[], OUT forbidden jsonb, OUT waits boolean, OUT has_departed boolean, OUT earliest_s double precision, OUT latest_s double precision)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "fa9c499aacb48fc9fb9c4646fd7bf0325212524e7df8bb59ed9f3235e3120a66"
+routines_sha256 = "89ca8b23924090f0ee033a6cd6b2afa6b1f55512e5e49b4377ed7f46e74a9df3"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -43,6 +43,18 @@ CREATE TABLE IF NOT EXISTS conflictdb.admission_lock (
     scene_id bigint NOT NULL CONSTRAINT admission_lock_pkey PRIMARY KEY,
     taken bigint NOT NULL
 );
+ALTER TABLE conflictdb.probe_request
+    ADD COLUMN IF NOT EXISTS plans jsonb,
+    ADD COLUMN IF NOT EXISTS owner text,
+    ADD COLUMN IF NOT EXISTS allow_known boolean NOT NULL DEFAULT false,
+    ADD COLUMN IF NOT EXISTS admission jsonb,
+    DROP CONSTRAINT IF EXISTS probe_request_plan_given,
+    ADD CONSTRAINT probe_request_plan_given CHECK (
+        CASE WHEN plans IS NOT NULL THEN num_nonnulls(key, footprint, path, horizon) = 0
+             WHEN horizon IS NOT NULL THEN object_kind = 1 AND key IS NOT NULL AND path IS NULL
+             WHEN object_kind = 0 THEN num_nonnulls(footprint, active_span) = 2
+             ELSE num_nonnulls(path, outline) = 2 END);
+DROP FUNCTION IF EXISTS conflictdb_internal._next_probe();
 CREATE INDEX IF NOT EXISTS area_scene_id_owner_btree ON conflictdb.area (scene_id, owner) WHERE owner IS NOT NULL;
 CREATE INDEX IF NOT EXISTS track_scene_id_owner_btree ON conflictdb.track (scene_id, owner) WHERE owner IS NOT NULL;
 """

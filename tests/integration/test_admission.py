@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import psycopg
 import pytest
+from city import CITY, HOUR_US, T0_US, asked, flight, keys, square
 from hypothesis import HealthCheck, given, settings
 from scene_strategies import STORABLE_INSTANT, assert_same, scenes
 from workloads import GROWING, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
@@ -29,26 +30,9 @@ from conflictdb import (
     StoreError,
     Track,
     connect,
-    rectangle_outline_m,
     solve,
 )
-from conflictdb.db import store
-
-HOUR_US = 3_600_000_000
-T0_US = 1_900_000_000_000_000
-CITY = Scene("city", tolerance_m=0.005)
-
-
-def square(key: str, lon: float, hours: tuple[float, float] = (0.0, 1.0), **fields: object) -> Area:
-    ring = [(lon, 0.0), (lon + 0.01, 0.0), (lon + 0.01, 0.01), (lon, 0.01)]
-    start, end = (T0_US + round(h * HOUR_US) for h in hours)
-    return Area(key, ring, start_us=start, end_us=end, **fields)  # type: ignore[arg-type]
-
-
-def flight(key: str, lon: float, hour: float = 0.0, **fields: object) -> Track:
-    """A drone that crosses the squares about that longitude, from south to north within six minutes."""
-    times = [T0_US + round(h * HOUR_US) for h in (hour, hour + 0.1)]
-    return Track(key, [(lon, -0.01), (lon, 0.02)], times, rectangle_outline_m(50, 50, 50, 50), **fields)  # type: ignore[arg-type]
+from conflictdb.db import probes, store
 
 
 @pytest.fixture
@@ -61,10 +45,6 @@ def db(dsn: str) -> Iterator[Database]:
 @pytest.fixture
 def city(db: Database) -> StoredScene:
     return db.scene("city")
-
-
-def keys(scene: StoredScene) -> list[str]:
-    return [one.key for one in scene.objects()]
 
 
 def test_what_meets_nobody_is_put(city: StoredScene) -> None:
@@ -230,8 +210,14 @@ def test_an_object_that_cannot_be_cut_stops_nobody_else(city: StoredScene, monke
     assert city.admit(square("x", 0.005, (2.0, 3.0)))
 
 
+ANSWER = """
+SELECT error IS NULL AND (admission ->> 'admitted')::boolean FROM conflictdb.probe_request
+WHERE probe_id = %s AND answered_at IS NOT NULL
+"""
+
+
 def rounds(dsn: str, count: int, seed: int) -> tuple[int, int]:
-    """Let 2 to 8 sessions admit plans that exclude each other at once, and kill some of them.
+    """Let 2 to 8 sessions admit plans that exclude each other at once, in Python or SQL, and kill some of them.
 
     Returns how many were admitted, and how many sessions were killed.
     """
@@ -248,25 +234,41 @@ def rounds(dsn: str, count: int, seed: int) -> tuple[int, int]:
             ]
             if rng.random() < 0.2:
                 plans = [replace(plans[0], key=f"{turn}-same")] * n  # the same plan from all of them
+            in_sql = rng.random(n) < 0.5
             begin, pids = threading.Barrier(n + 1), dict[int, int]()
 
             def work(
-                k: int, plans: list[Area | Track] = plans, begin: threading.Barrier = begin, pids: dict[int, int] = pids
+                k: int,
+                plans: list[Area | Track] = plans,
+                in_sql: Any = in_sql,
+                begin: threading.Barrier = begin,
+                pids: dict[int, int] = pids,
             ) -> bool | None:
-                with suppress(ConflictDBError), connect(dsn) as mine:
+                owner = f"{plans[k].key} of {k}"
+                with suppress(ConflictDBError, psycopg.Error), connect(dsn) as mine:
                     pids[k] = mine.connection.info.backend_pid
                     begin.wait()
-                    return bool(mine.scene("city").admit(plans[k], owner=f"{plans[k].key} of {k}"))
+                    if not in_sql[k]:
+                        return bool(mine.scene("city").admit(plans[k], owner=owner))
+                    admitted, _, request = asked(mine.connection, plans[k], p_owner=owner)
+                    mine.connection.commit()
+                    while admitted is None:
+                        probes.answer(mine.connection)  # each session is a worker, too
+                        (admitted,) = mine.connection.execute(ANSWER, [request]).fetchone() or (None,)
+                        mine.connection.commit()
+                    return bool(admitted)
                 return None
 
             with ThreadPoolExecutor(n) as threads:
-                asked = [threads.submit(work, k) for k in range(n)]
+                working = [threads.submit(work, k) for k in range(n)]
                 begin.wait()
                 for k in rng.choice(n, int(kills) * int(rng.integers(1, n)), replace=False).tolist():
                     threading.Event().wait(float(rng.uniform(0.0, 0.03)))
                     with psycopg.connect(dsn, autocommit=True) as other:
                         other.execute("SELECT pg_terminate_backend(%s)", [pids[k]])
-                answers = [one.result() for one in asked]
+                answers = [one.result() for one in working]
+            while probes.answer(db.connection):  # what killed sessions asked
+                pass
             _, areas_there, tracks_there = store.read_scene(db.connection, "city")
             db.connection.commit()
             there = {one.owner: one for one in [*areas_there, *tracks_there] if one.key != "fixed"}

@@ -1,7 +1,16 @@
 """Run SQL. No other module does: each statement calls one routine of sql/, or is a COPY to or from one."""
 
 from conflictdb.db.store.acknowledging import acknowledge, counted_conflicts, unacknowledge
-from conflictdb.db.store.admissions import StoredObject, admission, objects_near, read_objects, replaced_objects
+from conflictdb.db.store.admissions import (
+    StoredObject,
+    admission,
+    answer_admission,
+    objects_near,
+    read_objects,
+    replaced_objects,
+    requested_admission,
+    requested_plans,
+)
 from conflictdb.db.store.attached import (
     READ_WITHIN_S,
     Attachment,

@@ -149,7 +149,7 @@ def put_plans(
                 column = cast("copy_binary.Ragged", columns[name])
                 row[name] = column.data[column.offset[k] : column.offset[k + 1]].tobytes().hex() or None
             rows.append(row | (_track_fields(one) if isinstance(one, Track) else _area_fields(one)))
-    call(conn, "_put_plans", scene, list(removed), json.dumps(rows))
+    call(conn, "_put_plans", scene, list(removed), json.dumps(rows), True)
 
 
 def _track_fields(track: Track) -> dict[str, Any]:

@@ -97,9 +97,9 @@ def names_of(
     }
 
 
-def next_probe(conn: psycopg.Connection[Any]) -> tuple[int, int] | None:
+def next_probe(conn: psycopg.Connection[Any], passed_over: Sequence[int]) -> tuple[int, int] | None:
     """Return number and scene of the next request to answer, None if there is none; locks it in the transaction."""
-    rows = call_many(conn, "_next_probe")
+    rows = call_many(conn, "_next_probe", list(passed_over))
     return (rows[0][0], rows[0][1]) if rows else None
 
 

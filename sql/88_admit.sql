@@ -1,0 +1,462 @@
+-- Admission in SQL: stages 1 and 2 decide most requests. Workers answer the others, if the role that asked may.
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_plans(p_plans jsonb) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_most CONSTANT integer := 1000;
+    c_members CONSTANT text[] := ARRAY[
+        'key', 'name', 'footprint', 'active_span', 'path', 'times', 'outline', 'outlines', 'floor_m', 'ceiling_m',
+        'floors_m', 'ceilings_m', 'grow_mps', 'properties', 'class', 'owner', 'activations', 'departures',
+        'tolerances'];
+    v_plan jsonb;
+    v_who text;
+    v_member text;
+BEGIN
+    IF (jsonb_typeof(p_plans) = 'array' AND jsonb_array_length(p_plans) BETWEEN 1 AND c_most) IS NOT TRUE THEN
+        FOUND := _raise('ZC016', 'plans', 'plans', format('must be a JSON array of 1 to %s plans', c_most),
+                        'plans_array');
+    END IF;
+    FOR v_plan IN SELECT p FROM jsonb_array_elements(p_plans) p LOOP
+        IF jsonb_typeof(v_plan) <> 'object' OR jsonb_typeof(v_plan -> 'key') IS DISTINCT FROM 'string' THEN
+            FOUND := _raise('ZC016', 'plans', 'key', format('must be text, in a JSON object; got %s',
+                                                            left(v_plan::text, 60)), 'plan_object');
+        END IF;
+        v_who := format('plan %L', v_plan ->> 'key');
+        -- Null is as if absent.
+        IF num_nonnulls(v_plan ->> 'footprint', v_plan ->> 'path') <> 1 THEN
+            FOUND := _raise('ZC016', v_who, 'footprint', 'must be given, or path, and not both', 'plan_kind');
+        END IF;
+        -- A misspelt member would be ignored, and conflicts missed.
+        SELECT k INTO v_member FROM jsonb_object_keys(v_plan) k WHERE k <> ALL (c_members) LIMIT 1;
+        IF FOUND THEN
+            FOUND := _raise('ZC016', v_who, v_member, 'is not a member of a plan', 'plan_members',
+                            format('Known: %s.', array_to_string(c_members, ', ')));
+        END IF;
+        SELECT k INTO v_member FROM jsonb_object_keys(v_plan) k
+            WHERE jsonb_typeof(v_plan -> k) <> 'null'
+              AND k = ANY (CASE WHEN v_plan ->> 'footprint' IS NULL THEN ARRAY['active_span', 'activations']
+                                ELSE ARRAY['times', 'outline', 'outlines', 'floors_m', 'ceilings_m', 'grow_mps',
+                                           'departures', 'tolerances'] END) LIMIT 1;
+        IF FOUND THEN
+            FOUND := _raise('ZC016', v_who, v_member,
+                            format('is not a member of %s', CASE WHEN v_plan ->> 'footprint' IS NULL THEN 'a track'
+                                                                 ELSE 'an area' END), 'plan_members');
+        END IF;
+    END LOOP;
+    SELECT p ->> 'key' INTO v_member FROM jsonb_array_elements(p_plans) p
+        GROUP BY p ->> 'key' HAVING count(*) > 1 LIMIT 1;
+    IF FOUND THEN
+        FOUND := _raise('ZC007', format('plan %L', v_member), 'key', 'occurs more than once: keys must be unique',
+                        'plan_key_unique');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_plans(jsonb) IS 'Raises ZC016 or ZC007 for plans that admit could not read.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._box_deg(
+    p_place geometry, p_reach_m double precision, OUT west double precision, OUT south double precision,
+    OUT east double precision, OUT north double precision
+)
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    -- As _box_deg of conflictdb/db/store/admissions.py.
+    v_up double precision := 0.002 + p_reach_m / 110000;
+    v_highest double precision := greatest(abs(ST_YMin(p_place)), abs(ST_YMax(p_place))) + v_up;
+    v_across double precision;
+    v_home double precision := 360 * round((ST_XMin(p_place) + ST_XMax(p_place)) / 720);
+BEGIN
+    IF ST_XMax(p_place) - ST_XMin(p_place) > 1 OR v_highest > 85 THEN
+        west := '-infinity';
+        south := '-infinity';
+        east := 'infinity';
+        north := 'infinity';
+        RETURN;
+    END IF;
+    v_across := v_up / cosd(v_highest);
+    west := ST_XMin(p_place) - v_across - v_home;
+    south := ST_YMin(p_place) - v_up;
+    east := ST_XMax(p_place) + v_across - v_home;
+    north := ST_YMax(p_place) + v_up;
+END
+$$;
+COMMENT ON FUNCTION _box_deg(geometry, double precision) IS
+'Degrees within which a place and p_reach_m metres around it lie, whatever its lines are; infinite for places that are '
+'wide, or near a pole.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._places_of(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
+RETURNS TABLE (
+    kind smallint, id bigint, place geometry, span tstzrange, floor_m double precision, ceiling_m double precision
+)
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
+SET enable_seqscan = off SET jit = off AS $$
+BEGIN
+    RETURN QUERY
+        SELECT 0::smallint, a.area_id, a.footprint::geometry, a.active_span, a.floor_m, a.ceiling_m
+        FROM unnest(p_area_ids) n JOIN area a ON a.area_id = n AND a.scene_id + 0 = p_scene_id;
+    RETURN QUERY
+        -- A box of degrees per leg. No place is known of legs that are wide, and of tracks with more than a path.
+        SELECT 1::smallint, t.track_id,
+               CASE WHEN b.west > '-infinity' AND num_nonnulls(t.outlines, t.tolerances, t.departures, t.schedule) = 0
+                         AND t.grow_mps = 0 AND t.floors_m IS NULL AND t.ceilings_m IS NULL
+                    THEN ST_MakeEnvelope(b.west, b.south, b.east, b.north, 4326) END,
+               tstzrange(to_timestamp(ST_M(l.start)) - interval '1 s', to_timestamp(ST_M(l.finish)) + interval '1 s'),
+               t.floor_m, t.ceiling_m
+        FROM unnest(p_track_ids) n JOIN track t ON t.track_id = n AND t.scene_id + 0 = p_scene_id
+        CROSS JOIN LATERAL (SELECT ST_PointN(t.path, k) AS start, ST_PointN(t.path, k + 1) AS finish
+                            FROM generate_series(1, ST_NPoints(t.path) - 1) k) l
+        CROSS JOIN LATERAL _box_deg(ST_MakeLine(l.start, l.finish),
+                                    ST_MaxDistance(ST_MakePoint(0, 0), t.outline)) b;
+END
+$$;
+COMMENT ON FUNCTION _places_of(bigint, bigint[], bigint[]) IS
+'Where and when objects of a scene are: areas as they are, and for each leg of a track a box that contains it, null if '
+'it is not known.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._are_above(
+    p_floor_m double precision, p_ceiling_m double precision, p_apart_m double precision, p_is_closed boolean
+) RETURNS boolean
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN p_floor_m IS NULL OR p_ceiling_m IS NULL THEN false
+                WHEN p_apart_m > 0 THEN p_floor_m - p_ceiling_m > p_apart_m + 1e-5
+                WHEN p_is_closed THEN p_floor_m > p_ceiling_m
+                ELSE p_floor_m >= p_ceiling_m END;
+END;
+COMMENT ON FUNCTION _are_above(double precision, double precision, double precision, boolean) IS
+'Whether heights from a floor are certainly above a ceiling, by a vertical separation if one is required; null: no '
+'limit. Inlined into queries.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._meetings(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
+RETURNS TABLE (a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, period tstzrange)
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
+SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
+-- Planning takes as long as the rest: once per session.
+SET plan_cache_mode = force_generic_plan SET jit = off AS $$
+DECLARE
+    v_scene record;
+    v_kinds smallint[];
+    v_ids bigint[];
+    v_places geometry[];
+    v_spans tstzrange[];
+    v_floors_m double precision[];
+    v_ceilings_m double precision[];
+    v_allowed record := _allowed_types(p_scene_id);
+BEGIN
+    SELECT s.*, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane,
+           2 * pi() * _radius_m(s.earth) AS turn_m, s.intervals = 'closed' AS is_closed,
+           s.tolerance_m + greatest(s.separation_m, r.separation_m) AS wanted_m,
+           greatest(s.vertical_separation_m, r.vertical_m) AS apart_m, _longest_time_s(p_scene_id) AS within_s
+        INTO v_scene
+        FROM scene s
+        CROSS JOIN (SELECT max(r.separation_m) AS separation_m, max(r.vertical_m) AS vertical_m FROM rule r
+                    WHERE r.scene_id = p_scene_id) r
+        WHERE s.scene_id = p_scene_id;
+    SELECT array_agg(p.kind), array_agg(p.id), array_agg(p.place), array_agg(p.span), array_agg(p.floor_m),
+           array_agg(p.ceiling_m)
+        INTO v_kinds, v_ids, v_places, v_spans, v_floors_m, v_ceilings_m
+        FROM _places_of(p_scene_id, p_area_ids, p_track_ids) p;
+    IF array_position(v_places, NULL) IS NOT NULL THEN
+        -- It may meet anything.
+        RETURN QUERY SELECT v_kinds[1], v_ids[1], NULL::smallint, NULL::bigint, NULL::tstzrange;
+        RETURN;
+    END IF;
+    RETURN QUERY
+        WITH given AS MATERIALIZED (
+            SELECT u.kind, u.id, u.place, u.floor_m, u.ceiling_m, u.span,
+                   tstzrange(lower(u.span), upper(u.span), '[]') AS closed_span,
+                   _to_plane(u.place, v_scene.plane) AS shape
+            FROM unnest(v_kinds, v_ids, v_places, v_spans, v_floors_m, v_ceilings_m)
+                 u (kind, id, place, span, floor_m, ceiling_m)
+        ), scaled AS MATERIALIZED (
+            -- Metres of the plane per metre, at most.
+            SELECT g.*, CASE v_scene.motion
+                       WHEN 'rhumb' THEN 1.01 * cosh(2 * pi() * greatest(abs(ST_YMin(g.shape)), abs(ST_YMax(g.shape)))
+                                                     / v_scene.turn_m)
+                       ELSE 1 + (2 * pi() * ST_MaxDistance(ST_MakePoint(0, 0), g.shape) / v_scene.turn_m) ^ 2 END
+                       AS scale
+            FROM given g
+        ), box AS MATERIALIZED (
+            SELECT array_agg(b.west) AS west, array_agg(b.south) AS south, array_agg(b.east) AS east,
+                   array_agg(b.north) AS north,
+                   range_merge(range_agg(_widened(g.closed_span, v_scene.within_s))) AS span
+            FROM given g CROSS JOIN LATERAL _box_deg(g.place, v_scene.wanted_m) b
+        ), detected AS (
+            SELECT DISTINCT g.kind, g.id, p.object_kind, p.object_id
+            FROM given g
+            CROSS JOIN LATERAL _pieces_near(p_scene_id, g.place, g.span, g.floor_m, g.ceiling_m) p
+            -- Of most objects the last detection knows the present pieces.
+            WHERE NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = p.object_kind
+                              AND c.object_id = p.object_id AND NOT c.is_covered)
+        ), pending AS MATERIALIZED (
+            SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id AND NOT c.is_covered
+        ), pending_area AS MATERIALIZED (
+            SELECT n.object_id
+            FROM box b CROSS JOIN pending n
+            JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
+            WHERE n.object_kind = 0
+              AND (a.schedule IS NOT NULL
+                   OR tstzrange(lower(a.active_span), upper(a.active_span), '[]') && b.span)
+              AND _lies_near(a.footprint, 0, b.west, b.south, b.east, b.north)
+        ), pending_track AS MATERIALIZED (
+            SELECT n.object_id
+            FROM box b CROSS JOIN pending n
+            JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id
+            WHERE n.object_kind = 1
+              AND (t.tolerances IS NOT NULL OR t.schedule IS NOT NULL OR t.departures IS NOT NULL
+                   OR tstzrange(to_timestamp(ST_M(ST_StartPoint(t.path)) - 1),
+                                to_timestamp(ST_M(ST_EndPoint(t.path)) + 1)) && b.span
+                      AND _lies_near(t.path, ST_MaxDistance(ST_MakePoint(0, 0), coalesce(t.outlines, t.outline))
+                                             + 115 * t.grow_mps
+                                               * (ST_M(ST_EndPoint(t.path)) - ST_M(ST_StartPoint(t.path))),
+                                     b.west, b.south, b.east, b.north))
+        ), near_area AS (
+            SELECT n.kind, n.id, n.object_id, false AS is_pending FROM detected n WHERE n.object_kind = 0
+            UNION ALL
+            SELECT DISTINCT g.kind, g.id, n.object_id, true FROM pending_area n CROSS JOIN given g
+        ), near_track AS (
+            SELECT n.kind, n.id, n.object_id FROM detected n WHERE n.object_kind = 1
+            UNION
+            SELECT g.kind, g.id, n.object_id FROM pending_track n CROSS JOIN given g
+        ), mine AS (
+            SELECT 0::smallint AS kind, a.area_id AS id, _word_number(a.class) AS class, _word_number(a.owner) AS owner
+            FROM unnest(p_area_ids) n JOIN area a ON a.area_id = n
+            UNION ALL
+            SELECT 1::smallint, t.track_id, _word_number(t.class), _word_number(t.owner)
+            FROM unnest(p_track_ids) n JOIN track t ON t.track_id = n
+        )
+        SELECT DISTINCT n.kind, n.id, 1::smallint, n.object_id, NULL::tstzrange
+        FROM near_track n JOIN mine m ON m.kind = n.kind AND m.id = n.id
+        JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id
+        WHERE (n.kind <> 1 OR n.object_id <> n.id)
+          AND _are_compared(m.kind, m.class, m.owner, 1::smallint, _word_number(t.class), _word_number(t.owner),
+                            v_allowed.classes, v_allowed.pairs)
+        UNION ALL
+        SELECT n.kind, n.id, 0::smallint, n.object_id, x.period
+        FROM near_area n JOIN mine m ON m.kind = n.kind AND m.id = n.id
+        JOIN scaled g ON g.kind = n.kind AND g.id = n.id
+        JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
+        CROSS JOIN LATERAL (
+            SELECT CASE WHEN s.may_decide AND bool_or(s.is_deep) THEN s.shared END AS period
+            FROM (SELECT g.closed_span * tstzrange(lower(a.active_span), upper(a.active_span), '[]') AS shared,
+                         v_scene.method = 'exact' AND v_scene.within_s = 0 AND n.kind = 0
+                         AND num_nonnulls(a.activations, a.schedule) = 0
+                         AND (v_scene.is_closed OR g.span && a.active_span)
+                         AND NOT _are_above(g.floor_m, a.ceiling_m, 0, v_scene.is_closed)
+                         AND NOT _are_above(a.floor_m, g.ceiling_m, 0, v_scene.is_closed) AS may_decide,
+                         -- A disc of the tolerance's radius fits in what they share: deeper than the tolerance.
+                         ST_Intersects(g.shape, o.shape)
+                         AND NOT ST_IsEmpty(ST_Buffer(ST_Intersection(g.shape, o.shape),
+                                                      -1.02 * g.scale * v_scene.tolerance_m - 1e-5)) AS is_deep,
+                         -- The scale is known for a kilometre around.
+                         v_scene.wanted_m > 1000
+                         OR ST_DWithin(g.shape, o.shape, 1.02 * g.scale * v_scene.wanted_m + 1e-5) AS is_near
+                  FROM (SELECT ST_Translate(_to_plane(a.footprint, v_scene.plane), turn * v_scene.turn_m, 0) AS shape
+                        FROM generate_series(-1, 1) turn WHERE turn = 0 OR v_scene.motion = 'rhumb' OFFSET 0) o
+                  WHERE a.schedule IS NOT NULL OR NOT n.is_pending
+                        OR CASE WHEN v_scene.is_closed OR v_scene.within_s > 0
+                                THEN g.closed_span && _widened(tstzrange(lower(a.active_span), upper(a.active_span),
+                                                                         '[]'), v_scene.within_s)
+                                ELSE g.span && a.active_span END
+                           AND NOT _are_above(g.floor_m, a.ceiling_m, v_scene.apart_m, v_scene.is_closed)
+                           AND NOT _are_above(a.floor_m, g.ceiling_m, v_scene.apart_m, v_scene.is_closed)) s
+            WHERE s.is_near OR NOT n.is_pending
+            GROUP BY s.may_decide, s.shared) x
+        WHERE (n.kind <> 0 OR n.object_id <> n.id)
+          -- Two plans once.
+          AND (n.object_id <> ALL (p_area_ids) OR n.kind = 1 OR n.id < n.object_id)
+          AND _are_compared(m.kind, m.class, m.owner, 0::smallint, _word_number(a.class), _word_number(a.owner),
+                            v_allowed.classes, v_allowed.pairs);
+END
+$$;
+COMMENT ON FUNCTION _meetings(bigint, bigint[], bigint[]) IS
+'Stages 1 and 2 of objects of a scene with all others, as they are stored, detected or not: pairs that may conflict. '
+'period: when they do, where that is certain; null: stages 3 and 4 must decide. b null: it may meet anything.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_owners_of(
+    p_scene_id bigint, p_plans jsonb, p_owner text
+) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_taken record;
+BEGIN
+    SELECT r.key, r.owner, p.owner AS given INTO v_taken
+        FROM (SELECT g ->> 'key' AS key, coalesce(p_owner, g ->> 'owner') AS owner
+              FROM jsonb_array_elements(p_plans) g) p
+        JOIN _replaced_objects(p_scene_id, ARRAY(SELECT g ->> 'key' FROM jsonb_array_elements(p_plans) g), NULL) r
+            ON r.key = p.key
+        WHERE r.owner IS NOT NULL AND r.owner IS DISTINCT FROM p.owner LIMIT 1;
+    IF FOUND THEN
+        FOUND := _raise('ZC007', format('plan %L', v_taken.key), 'key',
+                        format('belongs to owner %L; got owner %s', v_taken.owner, quote_nullable(v_taken.given)),
+                        'plan_key_owned', 'Choose another key.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_owners_of(bigint, jsonb, text) IS
+'Raises ZC007 for a plan with the key of an object of another owner.';
+
+CREATE OR REPLACE FUNCTION admit(
+    p_scene text, p_plans jsonb, p_owner text DEFAULT NULL, p_allow_known boolean DEFAULT false,
+    OUT admitted boolean, OUT conflicts jsonb, OUT request_id bigint
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    c_refused CONSTANT text := 'ZCR00';
+    v_scene_id bigint;
+    v_keys text[];
+    v_replaced text[];
+    v_plans jsonb;
+    v_are_known boolean;
+BEGIN
+    v_scene_id := (_begin_admission(p_scene, NULL)).scene_id;
+    PERFORM _check_plans(p_plans);
+    PERFORM _check_word('plans', 'owner', p_owner);
+    SELECT jsonb_agg(CASE WHEN p_owner IS NULL THEN g ELSE g || jsonb_build_object('owner', p_owner) END ORDER BY n),
+           array_agg(g ->> 'key')
+        INTO v_plans, v_keys FROM jsonb_array_elements(p_plans) WITH ORDINALITY p (g, n);
+    PERFORM _check_owners_of(v_scene_id, v_plans, NULL);
+    SELECT coalesce(array_agg(r.key), '{}') INTO v_replaced FROM _replaced_objects(v_scene_id, v_keys, p_owner) r;
+    BEGIN
+        -- Put first, so that rows are checked and compared as they are stored. An object that stays of its kind is
+        -- updated in place.
+        PERFORM _put_plans(p_scene, ARRAY(
+            SELECT r.key FROM _replaced_objects(v_scene_id, v_keys, p_owner) r
+            WHERE NOT EXISTS (SELECT FROM jsonb_array_elements(v_plans) g
+                              WHERE g ->> 'key' = r.key AND (g ->> 'path' IS NOT NULL) = (r.kind = 1))),
+                           v_plans, false);
+        SELECT bool_and(m.period IS NOT NULL),
+               coalesce(jsonb_agg(_conflict_as_json(m.a_kind, m.a_id, m.b_kind, m.b_id, m.period))
+                            FILTER (WHERE m.period IS NOT NULL), '[]')
+            INTO v_are_known, conflicts
+            FROM _meetings(v_scene_id,
+                           ARRAY(SELECT a.area_id FROM area a WHERE a.scene_id = v_scene_id AND a.key = ANY (v_keys)),
+                           ARRAY(SELECT t.track_id FROM track t WHERE t.scene_id = v_scene_id AND t.key = ANY (v_keys)))
+                 m;
+        admitted := v_are_known IS NULL;
+        IF NOT admitted THEN
+            RAISE EXCEPTION USING ERRCODE = c_refused;
+        END IF;
+    EXCEPTION WHEN SQLSTATE 'ZCR00' THEN
+        NULL; -- What was put is undone.
+    END;
+    -- What the objects in their place had before takes stages 3 and 4, too.
+    IF NOT admitted AND (NOT v_are_known OR p_allow_known AND cardinality(v_replaced) > 0) THEN
+        admitted := NULL;
+        conflicts := '[]';
+        PERFORM _prune_probes();
+        INSERT INTO probe_request AS q (scene_id, object_kind, plans, owner, allow_known)
+            VALUES (v_scene_id, 0, v_plans, p_owner, p_allow_known) RETURNING q.probe_id INTO request_id;
+        PERFORM _wake_workers();
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION admit(text, jsonb, text, boolean) IS
+'Puts plans into a scene only if they conflict with nobody, detected or not; admissions of a scene take turns until '
+'their transactions end. p_plans: a JSON array of objects with the parameters of put_area (a footprint) or put_track '
+'(a path, and times if it is a plain line) by their names; geometries as GeoJSON or text. p_owner: the plans belong to '
+'it, take the place of all that it has, and are not compared with each other. p_allow_known: as in Python. admitted: '
+'whether they were put; null: stages 3 and 4 must decide. Then commit, and call wait_for_admission(request_id): a '
+'worker admits them. conflicts: of plans that were not put, a JSON array with members as of the view conflicts.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._conflict_as_json(
+    p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_period tstzrange
+) RETURNS jsonb
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    -- Both are areas: others are never certain.
+    SELECT jsonb_build_object(
+        'a_key', least(a.key, b.key), 'a_kind', 'area', 'b_key', greatest(a.key, b.key), 'b_kind', 'area',
+        'verdict', 'conflict', 'periods', jsonb_build_array(jsonb_build_array(lower(p_period), upper(p_period))),
+        'time_error_s', 0, 'is_new', true)
+    FROM area a CROSS JOIN area b WHERE a.area_id = p_a_id AND b.area_id = p_b_id AND p_a_kind + p_b_kind = 0;
+END;
+COMMENT ON FUNCTION _conflict_as_json(smallint, bigint, smallint, bigint, tstzrange) IS
+'A certain conflict of two areas, as the function admit returns it.';
+
+CREATE OR REPLACE FUNCTION wait_for_admission(
+    p_request_id bigint, p_timeout interval DEFAULT interval '1 minute', OUT admitted boolean, OUT conflicts jsonb
+)
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF NOT EXISTS (SELECT FROM probe_request p WHERE p.probe_id = p_request_id AND p.plans IS NOT NULL) THEN
+        FOUND := _raise('ZC011', format('request %s', coalesce(p_request_id::text, 'null')), 'request_id',
+                        'is not an admission of this role within the last hour', 'admission_known');
+    END IF;
+    PERFORM _await_answer(p_request_id, p_timeout, false);
+    SELECT (p.admission ->> 'admitted')::boolean, p.admission -> 'conflicts' INTO admitted, conflicts
+        FROM probe_request p WHERE p.probe_id = p_request_id;
+END
+$$;
+COMMENT ON FUNCTION wait_for_admission(bigint, interval) IS
+'Waits until a worker has admitted plans of the function admit, or refused them; returns whether, and the conflicts. '
+'Raises ZC015 after p_timeout (null: waits without limit), ZC016 with the reason for invalid plans, and ZC013 in a '
+'transaction that cannot see the reply. The request stays: if nobody waits, it is answered all the same.';
+
+-- For workers.
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._may_admit(p_role name, p_scene_id bigint) RETURNS boolean
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    -- As _may_change, of another role.
+    SELECT EXISTS (
+        SELECT FROM pg_catalog.pg_roles r
+        WHERE r.rolname = p_role AND has_table_privilege(r.oid, 'admission_lock'::regclass::oid, 'UPDATE')
+          AND (NOT _is_protected() OR r.rolsuper OR r.rolbypassrls OR pg_has_role(r.oid, 'conflictdb_worker', 'USAGE')
+               OR pg_has_role(r.oid, (SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = 'scene'::regclass),
+                              'USAGE')
+               OR EXISTS (SELECT FROM scene s JOIN pg_catalog.pg_roles o ON o.rolname = s.owner
+                          WHERE s.scene_id = p_scene_id AND pg_has_role(r.oid, o.oid, 'USAGE'))
+               OR EXISTS (SELECT FROM scene_share h LEFT JOIN pg_catalog.pg_roles o ON o.rolname = h.role
+                          WHERE h.scene_id = p_scene_id AND h.may_write
+                            AND (h.role = 'public' OR pg_has_role(r.oid, o.oid, 'USAGE')))));
+END;
+COMMENT ON FUNCTION _may_admit(name, bigint) IS 'Whether a role may change a scene, at this time.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._requested_admission(p_probe_id bigint)
+RETURNS TABLE (owner text, allow_known boolean)
+LANGUAGE sql STABLE STRICT
+BEGIN ATOMIC
+    SELECT p.owner, p.allow_known FROM probe_request p WHERE p.probe_id = p_probe_id AND p.plans IS NOT NULL;
+END;
+COMMENT ON FUNCTION _requested_admission(bigint) IS 
+'Owner and option of a request of the function admit; no row for others.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._put_requested(p_probe_id bigint) RETURNS text[]
+LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
+DECLARE
+    v_request record;
+    v_keys text[];
+BEGIN
+    SELECT p.asked_by, p.scene_id, s.name AS scene, p.plans INTO v_request
+        FROM probe_request p JOIN scene s USING (scene_id) WHERE p.probe_id = p_probe_id;
+    IF NOT _may_admit(v_request.asked_by, v_request.scene_id) THEN
+        FOUND := _raise('ZC016', format('request %s', p_probe_id), 'asked_by',
+                        format('is role %I, which may not change scene %L', v_request.asked_by, v_request.scene),
+                        'admission_permitted');
+    END IF;
+    v_keys := ARRAY(SELECT g ->> 'key' FROM jsonb_array_elements(v_request.plans) g);
+    PERFORM _put_plans(v_request.scene, v_keys, v_request.plans, false);
+    RETURN v_keys;
+END
+$$;
+COMMENT ON FUNCTION _put_requested(bigint) IS
+'Puts the plans of a request, to be read as they are stored and then rolled back; returns their keys. Raises ZC016 if '
+'the role that asked may not change the scene any more.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._answer_admission(p_probe_id bigint, p_admission jsonb) RETURNS void
+LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
+BEGIN
+    UPDATE probe_request p SET answered_at = clock_timestamp(), is_current = true, admission = p_admission
+        WHERE p.probe_id = p_probe_id;
+    PERFORM _prune_probes();
+END
+$$;
+COMMENT ON FUNCTION _answer_admission(bigint, jsonb) IS
+'Writes the reply to a request of the function admit, in the transaction that put the plans.';
+
+COMMENT ON COLUMN probe_request.plans IS 'Admission: the plans, as in the function admit; null for other requests.';
+COMMENT ON COLUMN probe_request.owner IS 'Admission: the owner of the plans; null: none, or no admission.';
+COMMENT ON COLUMN probe_request.allow_known IS
+'Admission: whether conflicts are allowed that the objects in the place of the plans had before.';
+COMMENT ON COLUMN probe_request.admission IS
+'Admission: the reply, admitted and conflicts; null for other requests, or while it waits.';

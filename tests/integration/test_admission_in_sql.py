@@ -1,0 +1,171 @@
+"""Plans are admitted in SQL as in Python: at once where stages 1 and 2 decide, by a worker where they do not."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import datetime
+from typing import Any
+
+import psycopg
+import pytest
+from city import CITY, asked, flight, keys, pairs, square
+from scene_strategies import assert_same
+from workloads import HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, SEAM, Workload, throw
+
+from conflictdb import Database, StoredScene, connect
+from conflictdb.db import probes, store
+
+
+@pytest.fixture
+def db(dsn: str) -> Iterator[Database]:
+    with connect(dsn) as db:
+        store.set_scene(db.connection, CITY)
+        yield db
+
+
+@pytest.fixture
+def city(db: Database) -> StoredScene:
+    return db.scene("city")
+
+
+def test_sql_alone_decides_about_areas(db: Database, city: StoredScene) -> None:
+    conn = db.connection
+    assert asked(conn, square("a", 0.0)) == (True, [], None)
+    admitted, conflicts, request = asked(conn, square("b", 0.005, (0.5, 2.0)))
+    assert (admitted, request, pairs(conflicts)) == (False, None, [("a", "b")])
+    assert asked(conn, square("b", 0.005, (1.0, 2.0)))[0]
+    assert asked(conn, square("c", 0.0, floor_m=10.0), square("d", 0.0, floor_m=20.0))[0] is False
+    conn.commit()
+    assert keys(city) == ["a", "b"]
+
+
+@pytest.mark.parametrize("settings", [{}, {"intervals": "closed"}, {"motion": "great_circle", "earth": "sphere"}])
+@pytest.mark.parametrize("workload", [LOW_LATITUDE, HIGH_LATITUDE, SEAM, HARBOUR], ids=lambda w: w.name)
+def test_sql_says_what_python_says(db: Database, workload: Workload, settings: dict[str, Any]) -> None:
+    """Of areas and tracks, among objects that are detected, changed or new: the same pairs, verdicts and periods."""
+    scene, areas, tracks = throw(workload, 5, 24, 8)
+    if settings.get("motion") and workload is SEAM:
+        settings = {**settings, "centre": (180.0, areas[0].footprint.centroid.y)}
+    scene = replace(scene, name="city", **settings)
+    plans = [p for one in zip(areas[::3], areas[1::3], areas[2::3], tracks, strict=True) for p in one]
+    stored, candidates = plans[::2], plans[1::2]
+    city = db.scene("city")
+    city.put([replace(one, floor_m=5000.0) for one in stored[:4]] + stored[4:9], scene)
+    city.detect()
+    city.put([*stored[:4], *stored[9:]])
+    decided = refused = 0
+    conn = db.connection
+    for one in candidates:
+        for owner in (None, "somebody"):
+            with conn.transaction(force_rollback=True):
+                expected = city.admit(one, owner)
+                there = sorted(keys(city))
+            with conn.transaction(force_rollback=True):
+                admitted, conflicts, request = asked(conn, one, p_owner=owner)
+                assert sorted(keys(city)) == (there if request is None else sorted(p.key for p in stored))
+            if request is not None:
+                continue
+            decided += 1
+            refused += not admitted
+            assert admitted == bool(expected)
+            assert pairs(conflicts) == sorted((c.a_key, c.b_key) for c in expected.conflicts)
+            assert {c["verdict"] for c in conflicts} == {c.verdict for c in expected.conflicts}
+            assert periods(conflicts) == {(c.a_key, c.b_key): c.periods for c in expected.conflicts}
+    assert decided >= 12
+    assert refused >= 4
+
+
+def periods(conflicts: list[dict[str, Any]]) -> dict[tuple[str, str], tuple[tuple[datetime | None, ...], ...]]:
+    return {
+        (one["a_key"], one["b_key"]): tuple(
+            tuple(None if end is None else datetime.fromisoformat(end) for end in period) for period in one["periods"]
+        )
+        for one in conflicts
+    }
+
+
+def answered(dsn: str, request: int, conn: psycopg.Connection[Any]) -> tuple[Any, ...]:
+    """Let a worker answer a request, and return its answer."""
+    conn.commit()
+    with psycopg.connect(dsn) as worker:
+        assert not probes.answer(worker)
+    row = conn.execute("SELECT * FROM conflictdb.wait_for_admission(%s, '1 s')", [request]).fetchone()
+    conn.commit()
+    assert row is not None
+    return row
+
+
+def test_a_worker_decides_the_others(dsn: str, db: Database, city: StoredScene) -> None:
+    """Tracks near others, with the same answer as in Python, and what is put is the same."""
+    conn = db.connection
+    city.put([square("a", 0.0), square("b", 0.3)])
+    assert asked(conn, flight("t", 0.205)) == (True, [], None)
+    with conn.transaction():
+        admitted, conflicts, request = asked(conn, flight("u", 0.005), p_owner="me")
+    assert (admitted, conflicts) == (None, [])
+    admitted, conflicts = answered(dsn, request, conn)
+    assert (admitted, pairs(conflicts)) == (False, [("a", "u")])
+    assert conflicts[0]["is_new"]
+    [expected] = city.admit(flight("u", 0.005), "me").conflicts
+    assert periods(conflicts) == {("a", "u"): expected.periods}
+    # Boxes meet, havens do not.
+    _, _, request = asked(conn, flight("v", 0.2062))
+    assert answered(dsn, request, conn) == (True, [])
+    assert keys(city) == ["a", "b", "t", "v"]
+    [stored] = store.read_scene(conn, "city", ["v"])[2]
+    assert_same(flight("v", 0.2062), stored)
+
+
+def test_known_conflicts_may_be_allowed(dsn: str, db: Database, city: StoredScene) -> None:
+    conn = db.connection
+    city.put([square("a", 0.0), square("b", 0.005), square("c", 0.03)])
+    later = square("a", 0.001, (0.2, 0.9))
+    assert asked(conn, later)[0] is False
+    _, _, request = asked(conn, later, p_allow_known=True)
+    admitted, conflicts = answered(dsn, request, conn)
+    assert (admitted, pairs(conflicts), conflicts[0]["is_new"]) == (True, [("a", "b")], False)
+    _, _, request = asked(conn, square("a", 0.022, (0.2, 0.9)), p_allow_known=True)
+    admitted, conflicts = answered(dsn, request, conn)
+    assert (admitted, [(one["b_key"], one["is_new"]) for one in conflicts]) == (False, [("c", True)])
+
+
+def test_an_owner_replaces_its_plans(db: Database, city: StoredScene) -> None:
+    conn = db.connection
+    assert asked(conn, square("1", 0.0), square("2", 0.005), p_owner="f")[0]
+    assert asked(conn, square("3", 0.0), flight("4", 0.705), p_owner="f")[0]
+    assert keys(city) == ["3", "4"]
+    assert asked(conn, square("1", 0.0), p_owner="g")[0] is False
+    for owner in ("g", None):
+        with pytest.raises(psycopg.Error, match="plan '3': key: belongs to owner 'f'"), conn.transaction():
+            asked(conn, square("3", 0.6), p_owner=owner)
+    assert asked(conn, replace(flight("3", 0.3), owner="f"))[0]
+    assert [(one.key, one.kind) for one in city.objects()] == [("3", "track"), ("4", "track")]
+
+
+@pytest.mark.parametrize(
+    ("plans", "rule"),
+    [
+        ("[]", "array of 1 to 1000 plans"),
+        ("{}", "array of 1 to 1000 plans"),
+        ("null", "array of 1 to 1000 plans"),
+        ("[1]", "key: must be text"),
+        ('[{"key": 1}]', "key: must be text"),
+        ('[{"key": "a"}]', "plan 'a': footprint: must be given, or path"),
+        ('[{"key": "a", "footprint": "POINT(0 0)"}]', "must be a Polygon"),
+        ('[{"key": "a", "footprint": "POLYGON((0 0, 1 0, 1 1"}]', "plan 'a': plan: cannot be read: parse error"),
+        ('[{"key": "a", "footprint": "POLYGON((0 0, 1 0, 1 1, 0 0))", "cieling_m": 3}]', "cieling_m: is not a member"),
+        ('[{"key": "a", "footprint": "POLYGON((0 0, 1 0, 1 1, 0 0))", "schedule": {}}]', "schedule: is not a member"),
+        (
+            '[{"key": "a", "footprint": "POLYGON((0 0, 1 0, 1 1, 0 0))", "times": []}]',
+            "times: is not a member of",
+        ),
+        ('[{"key": "a", "path": "LINESTRING(0 0, 1 0)", "outline": "POLYGON((0 0, 1 0, 1 1, 0 0))"}]', "LineStringM"),
+        ('[{"key": "a", "footprint": "POLYGON((0 0, 1 0, 1 1, 0 0))", "floor_m": "NaN"}]', "floor_m: must be a finite"),
+        ('[{"key": "a", "footprint": "POLYGON((0 0, 1 0, 1 1, 0 0))", "active_span": "[x,)"}]', "cannot be read"),
+    ],
+)
+def test_bad_plans_change_nothing(db: Database, city: StoredScene, plans: str, rule: str) -> None:
+    with pytest.raises(psycopg.Error, match=rule) as caught, db.connection.transaction():
+        db.connection.execute("SELECT conflictdb.admit('city', %s)", [plans])
+    assert caught.value.sqlstate is not None
+    assert caught.value.sqlstate.startswith("ZC")
+    assert keys(city) == []
