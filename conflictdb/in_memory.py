@@ -411,9 +411,8 @@ def counts(scene: Scene, areas: list[Area], tracks: list[Track]) -> Funnel:
 
 
 def _run(scene: Scene, areas: list[Area], tracks: list[Track]) -> Iterator[tuple[Conflicts, Funnel]]:
-    batch, plane = AreaBatch.of(areas), plane_of(scene)
-    pieces = pieces_of(scene, plane, batch, TrackBatch.of(tracks))
-    return run_scene(scene, plane, _InMemory(pieces, batch.footprint, scene.longest_time_us))
+    batches, plane = (AreaBatch.of(areas), TrackBatch.of(tracks)), plane_of(scene)
+    return run_scene(scene, plane, _InMemory(pieces_of(scene, plane, *batches), *batches, scene.longest_time_us))
 
 
 class Objects:
@@ -449,14 +448,14 @@ def _objects(
 
 
 class _InMemory:
-    """Pieces in memory as a source of pairs within a separation in time; areas are numbered as their footprints."""
+    """Pieces in memory as a source of pairs within a separation in time; objects are numbered as in their batches."""
 
-    def __init__(self, pieces: Pieces, footprint: NDArray[np.object_], within_us: int = 0) -> None:
+    def __init__(self, pieces: Pieces, areas: AreaBatch, tracks: TrackBatch, within_us: int = 0) -> None:
         # Put seam copies beside their originals, as every source does: of contacts that begin together the first is
         # reported.
         order = np.lexsort((-pieces.turn, pieces.part, object_numbers(pieces)))
         self._pieces = pieces.take(order) if pieces.turn.any() else pieces
-        self._footprint, self._within_us = footprint, within_us
+        self._areas, self._tracks, self._within_us = areas, tracks, within_us
 
     def candidates(self) -> Iterator[Chunk]:
         a, b = candidates(self._pieces.meeting_within(self._within_us))
@@ -465,7 +464,10 @@ class _InMemory:
             yield Chunk(self._pieces, PieceRows(a[rows]), PieceRows(b[rows]))
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
-        return self._footprint[area_ids]
+        return self._areas.footprint[area_ids]
+
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        return self._tracks.take(track_ids)
 
 
 def each(who: str, name: str, given: Iterable[Object], kind: type[Object]) -> list[Object]:

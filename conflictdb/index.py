@@ -8,6 +8,7 @@ come too close in size are merged. A tree never changes, so questions need no lo
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -233,10 +234,10 @@ class _State:
 
 
 class _Given:
-    """Given pairs as a source; areas are numbered as their footprints."""
+    """Given pairs as a source; objects are numbered as in `members`, by kind."""
 
-    def __init__(self, pieces: Pieces, a: PieceRows, b: PieceRows, footprint: NDArray[np.object_]) -> None:
-        self._pieces, self._a, self._b, self._footprint = pieces, a, b, footprint
+    def __init__(self, pieces: Pieces, a: PieceRows, b: PieceRows, members: "Mapping[Kind, list[Member]]") -> None:
+        self._pieces, self._a, self._b, self._members = pieces, a, b, members
 
     def candidates(self) -> Iterator[Chunk]:
         number = object_numbers(self._pieces)
@@ -244,7 +245,16 @@ class _Given:
             yield Chunk(self._pieces, PieceRows(self._a[rows]), PieceRows(self._b[rows]))
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
-        return self._footprint[area_ids]
+        found = np.empty(len(area_ids), dtype=object)
+        found[:] = [self._members[Kind.AREA][number].footprint for number in area_ids.tolist()]
+        return found
+
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        found = TrackBatch.of([])
+        for number in track_ids.tolist():
+            plan = self._members[Kind.TRACK][number].plan
+            found = found if plan is None else found.followed_by(replace(plan(), track_id=np.array([number])))
+        return found
 
 
 def listed(who: str, plans: Any) -> list[Plan]:
@@ -264,20 +274,21 @@ def by_kind(plans: Sequence[Plan]) -> tuple[list[Area], list[Track]]:
 
 
 class Member(NamedTuple):
-    """One object, as far as conflicts show it; a track has no footprint. None: no owner."""
+    """One object, as far as conflicts show it: an area its footprint, a track its plan. owner : None: no owner."""
 
     kind: Kind
     key: str
     name: str | None
     footprint: Any = None
     owner: str | None = None
+    plan: Callable[[], TrackBatch] | None = None
 
     @classmethod
     def of(cls, plan: Plan) -> Self:
         """Return a plan as a member."""
         if isinstance(plan, Area):
             return cls(Kind.AREA, plan.key, plan.name, plan.footprint, plan.owner)
-        return cls(Kind.TRACK, plan.key, plan.name, None, plan.owner)
+        return cls(Kind.TRACK, plan.key, plan.name, None, plan.owner, partial(TrackBatch.of, [plan]))
 
 
 class Members(NamedTuple):
@@ -301,16 +312,19 @@ class Members(NamedTuple):
     def of_batches(
         cls, scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch, known: Mapping[tuple[int, int], Member]
     ) -> Self:
-        """Return stored objects; those that cannot be cut are covered. known : without footprints, by kind and id."""
+        """Return stored objects; those that cannot be cut are covered.
+
+        known : without footprints and plans, by kind and id
+        """
         pieces = pieces_of(scene, plane, areas, tracks)
         each: list[Member] = []
         place: dict[tuple[int, int], int] = {}
         for k, number in enumerate(areas.area_id.tolist()):
             place[Kind.AREA.code, number] = len(each)
             each.append(known[Kind.AREA.code, number]._replace(footprint=areas.footprint[k]))
-        for number in tracks.track_id.tolist():
+        for k, number in enumerate(tracks.track_id.tolist()):
             place[Kind.TRACK.code, number] = len(each)
-            each.append(known[Kind.TRACK.code, number])
+            each.append(known[Kind.TRACK.code, number]._replace(plan=partial(tracks.take, np.array([k]))))
         ids = zip(pieces.kind.tolist(), pieces.object_id.tolist(), strict=True)
         return cls(pieces, np.array([place[one] for one in ids], np.int64), each)
 
@@ -378,15 +392,14 @@ class _Met:
         # Numbered by key, seam copies beside their originals, and the smaller number first: as `solve` does, whose
         # answer may depend on it in the last digits.
         ids = np.empty(len(self._members), np.int64)
-        footprint = np.empty(len(self._members), dtype=object)
+        members: dict[Kind, list[Member]] = {kind: [] for kind in Kind}
         named: dict[tuple[int, int], tuple[str, str | None]] = {}
         for kind in Kind:
             rows = [k for k, one in enumerate(self._members) if one.kind is kind]
             for number, k in enumerate(sorted(rows, key=lambda k: self._members[k].key.encode())):
                 one = self._members[k]
                 ids[k], named[kind.code, number] = number, (one.key, one.name)
-                if kind is Kind.AREA:
-                    footprint[number] = one.footprint
+                members[kind].append(one)
         pieces = replace(Pieces.concatenate(self._pieces), object_id=ids[of])
         order = np.lexsort((-pieces.turn, pieces.part, object_numbers(pieces)))
         place = np.empty(len(order), np.int64)
@@ -396,7 +409,7 @@ class _Met:
         a, b = np.where(numbers[a] < numbers[b], (a, b), (b, a))
         a, b = pairs_together(pieces.meeting_within(scene.longest_time_us), PieceRows(a), PieceRows(b))
         order = np.lexsort((b, a))
-        source = _Given(pieces, PieceRows(a[order]), PieceRows(b[order]), footprint)
+        source = _Given(pieces, PieceRows(a[order]), PieceRows(b[order]), members)
         parts = [part for part, _ in run_scene(scene, plane, source)]
         return to_results(scene, named, Conflicts.concatenate(parts)) if parts else []
 

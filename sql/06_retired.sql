@@ -40,6 +40,12 @@ DECLARE
         'closest_error_m, closest_a_lon_deg, closest_a_lat_deg, closest_b_lon_deg, closest_b_lat_deg, '
         'scene_is_current, conflict_id, changed_at, acknowledged_by, acknowledged_at, acknowledged_for, '
         'acknowledged_until, a_name, b_name, lacking_s, a_id, a_version, b_id, b_version)',
+        '_conflicts(p_scene, p_at, p_with_region, p_keys, p_key, p_from, p_to, p_since, p_verdict, '
+        'p_acknowledged, p_class, a_key, a_kind, b_key, b_kind, periods, verdict, region, first_contact_lon_deg, '
+        'first_contact_lat_deg, method, time_error_s, is_current, run_id, found_at, closest_at, closest_m, '
+        'closest_error_m, closest_a_lon_deg, closest_a_lat_deg, closest_b_lon_deg, closest_b_lat_deg, '
+        'scene_is_current, conflict_id, changed_at, acknowledged_by, acknowledged_at, acknowledged_for, '
+        'acknowledged_until, a_name, b_name, lacking_s, a_id, a_version, b_id, b_version)',
         '_explained_as_json(p_key, p_kind, p_waits, p_pieces, p_span, p_floor_m, p_ceiling_m)',
         '_explained_object(p_scene_id, p_key, kind, id, key, name, waits, pieces, is_covered, span, low_m, high_m, '
         'box, floor_m, ceiling_m)',
@@ -97,6 +103,12 @@ DECLARE
         'lat_deg, closest_at, closest_m, closest_error_m)',
         '_wait_for_probe(p_probe_id, p_timeout, key, name, kind, verdict, periods, time_error_s, lon_deg, '
         'lat_deg, closest_at, closest_m, closest_error_m)',
+        '_wait_for_probe(p_probe_id, p_timeout, key, name, kind, verdict, periods, time_error_s, lon_deg, '
+        'lat_deg, closest_at, closest_m, closest_error_m, lacking_s)',
+        '_write_run(p_scene_id, p_run_id, p_run, p_is_last, p_a_kind, p_a_id, p_a_version, p_b_kind, p_b_id, '
+        'p_b_version, p_place, p_digest, p_verdict, p_periods, p_region, p_first_contact_point, '
+        'p_time_error_s, p_closest_at, p_closest_m, p_closest_error_m, p_closest_a_point, p_closest_b_point, '
+        'p_lacking_s, run_id, opened, changed, closed, conflicts, unresolved)',
         '_write_run(p_scene_id, p_run_id, p_run, p_is_last, p_a_kind, p_a_id, p_a_version, p_b_kind, p_b_id, '
         'p_b_version, p_place, p_digest, p_verdict, p_periods, p_region, p_first_contact_point, '
         'p_time_error_s, p_closest_at, p_closest_m, p_closest_error_m, p_closest_a_point, p_closest_b_point, '
@@ -113,7 +125,9 @@ DECLARE
         'put_track(p_scene, p_key, p_path, p_outline, p_floor_m, p_ceiling_m, p_name, p_properties, p_grow_mps, '
         'p_outlines, p_floors_m, p_ceilings_m)',
         'wait_for_probe(p_probe_id, p_timeout, key, kind, verdict, periods, first_contact, last_contact, '
-        'time_error_s, first_contact_point, closest_at, closest_m, closest_error_m)'];
+        'time_error_s, first_contact_point, closest_at, closest_m, closest_error_m)',
+        'wait_for_probe(p_probe_id, p_timeout, key, kind, verdict, periods, first_contact, last_contact, '
+        'time_error_s, first_contact_point, closest_at, closest_m, closest_error_m, lacking_s)'];
     v_routine record;
 BEGIN
     FOR v_routine IN

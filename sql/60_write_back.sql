@@ -305,7 +305,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._write_run(
     p_b_version bigint[], p_place tid[], p_digest bigint[], p_verdict text[], p_periods tstzmultirange[],
     p_region bytea[], p_first_contact_point bytea[], p_time_error_s double precision[], p_closest_at timestamptz[],
     p_closest_m double precision[], p_closest_error_m double precision[], p_closest_a_point bytea[],
-    p_closest_b_point bytea[], p_lacking_s double precision[],
+    p_closest_b_point bytea[], p_lacking_s double precision[], p_certainty text[],
     OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint, OUT conflicts bigint,
     OUT unresolved bigint
 )
@@ -358,7 +358,7 @@ WITH member AS MATERIALIZED (
         -- conflicts. Pairs of an object that was removed meanwhile are dropped: it has a mark of its own, and its id
         -- may belong to another object by now.
         SELECT d.place, d.digest, d.periods, d.verdict, d.old_verdict, d.time_error_s, d.closest_at, d.closest_m,
-               d.closest_error_m, d.lacking_s, d.is_found, e.is_now AND NOT (d.stays AND e.was) AS opens,
+               d.closest_error_m, d.lacking_s, d.certainty, d.is_found, e.is_now AND NOT (d.stays AND e.was) AS opens,
                e.was AND NOT (d.stays AND e.is_now) AS closes, g.changes,
                -- The area first, else the smaller key.
                CASE WHEN d.is_turned THEN d.b_kind ELSE d.a_kind END AS a_kind,
@@ -388,10 +388,11 @@ WITH member AS MATERIALIZED (
                      AND b.first_version <= CASE WHEN i.was_turned THEN o.a_version ELSE o.b_version END AS stays
               FROM unnest(p_a_kind, p_a_id, p_a_version, p_b_kind, p_b_id, p_b_version, p_place, p_digest,
                           p_verdict, p_periods, p_region, p_first_contact_point, p_time_error_s, p_closest_at,
-                          p_closest_m, p_closest_error_m, p_closest_a_point, p_closest_b_point, p_lacking_s)
+                          p_closest_m, p_closest_error_m, p_closest_a_point, p_closest_b_point, p_lacking_s,
+                          p_certainty)
                    f (a_kind, a_id, a_version, b_kind, b_id, b_version, place, digest, verdict, periods, region,
                       first_contact_point, time_error_s, closest_at, closest_m, closest_error_m, closest_a_point,
-                      closest_b_point, lacking_s)
+                      closest_b_point, lacking_s, certainty)
               -- One lookup per row, by its place.
               LEFT JOIN LATERAL (SELECT c.* FROM conflict c
                                  WHERE c.ctid = f.place AND c.scene_id + 0 = p_scene_id OFFSET 0) o ON true
@@ -449,17 +450,17 @@ WITH member AS MATERIALIZED (
                 closest_at = o.closest_at, closest_m = o.closest_m, closest_error_m = o.closest_error_m,
                 closest_a_point = o.closest_a_point, closest_b_point = o.closest_b_point, found_at = o.found_at,
                 digest = o.digest, conflict_id = o.conflict_id, changed_at = o.changed_at,
-                told_periods = o.told_periods, lacking_s = o.lacking_s
+                told_periods = o.told_periods, lacking_s = o.lacking_s, certainty = o.certainty
             FROM located o WHERE c.ctid = o.place AND c.ctid = ANY (p_place)
     ), added AS (
         INSERT INTO conflict (scene_id, run_id, a_kind, a_id, a_version, a_key, b_kind, b_id, b_version, b_key,
                               periods, verdict, region, first_contact_point, method, time_error_s, found_at, closest_at,
                               closest_m, closest_error_m, closest_a_point, closest_b_point, digest, conflict_id,
-                              lacking_s)
+                              lacking_s, certainty)
             SELECT p_scene_id, _write_run.run_id, o.a_kind, o.a_id, o.a_version, o.a_key, o.b_kind, o.b_id,
                    o.b_version, o.b_key, o.periods, o.verdict, o.known_region, o.first_contact_point, v_method,
                    o.time_error_s, o.found_at, o.closest_at, o.closest_m, o.closest_error_m, o.closest_a_point,
-                   o.closest_b_point, o.digest, o.conflict_id, o.lacking_s
+                   o.closest_b_point, o.digest, o.conflict_id, o.lacking_s, o.certainty
             FROM located o WHERE o.place IS NULL
     )
     SELECT count(*) FILTER (WHERE p.opens), count(*) FILTER (WHERE p.changes), count(*) FILTER (WHERE p.closes),
@@ -511,7 +512,7 @@ $$;
 COMMENT ON FUNCTION _write_run(
     bigint, bigint, jsonb, boolean, smallint[], bigint[], bigint[], smallint[], bigint[], bigint[], tid[], bigint[],
     text[], tstzmultirange[], bytea[], bytea[], double precision[], timestamptz[], double precision[],
-    double precision[], bytea[], bytea[], double precision[]) IS
+    double precision[], bytea[], bytea[], double precision[], text[]) IS
 'Writes some of the pairs whose result differs from the stored one; each pair once, the smaller kind and id first. '
 'p_place: place of the stored row (_known_conflicts), null if there is none; a null verdict deletes the row. p_run_id '
 'null: starts a run (p_run: columns of run). p_is_last: completes the run, deletes covered marks, notifies channel '

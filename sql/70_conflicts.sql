@@ -29,7 +29,7 @@ SELECT s.name AS scene,
                      ELSE (SELECT o.name FROM track o WHERE o.track_id = c.a_id) END AS a_name,
        CASE c.b_kind WHEN 0 THEN (SELECT o.name FROM area o WHERE o.area_id = c.b_id)
                      ELSE (SELECT o.name FROM track o WHERE o.track_id = c.b_id) END AS b_name,
-       c.lacking_s
+       c.lacking_s, c.certainty
 -- OFFSET 0: evaluate once per scene, not per conflict.
 FROM scene s CROSS JOIN LATERAL (SELECT _is_current(s.scene_id) AS scene_is_current OFFSET 0) n
 -- A branch also has the conflicts of its parent's objects that it has not edited.
@@ -104,6 +104,9 @@ COMMENT ON COLUMN conflicts.b_name IS 'Name of the second object; null if it has
 COMMENT ON COLUMN conflicts.lacking_s IS
 'Separation in time: seconds by which it is missed, within time_error_s; null if none is required, or if the verdict '
 'is unresolved.';
+COMMENT ON COLUMN conflicts.certainty IS
+'must: all voyages within the tolerances of both objects conflict; may: it is not proven that all do; null if neither '
+'has tolerances, or if the verdict is unresolved.';
 
 CREATE OR REPLACE VIEW approaches WITH (security_invoker = true) AS
 SELECT s.name AS scene,

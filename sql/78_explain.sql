@@ -195,7 +195,9 @@ BEGIN
                       ORDER BY m.span, m.a_part, m.b_part) FILTER (WHERE m.meets)) AS pieces,
            coalesce(bool_or(m.climbs), false) AS climb
         INTO v_left
-        FROM (SELECT m.part AS a_part, n.part AS b_part, _shared_span(m.span, n.span, v_within_s) AS span,
+        -- Pieces of tracks with tolerances count from 2^30.
+        FROM (SELECT m.part % (1 << 30) AS a_part, n.part % (1 << 30) AS b_part,
+                     _shared_span(m.span, n.span, v_within_s) AS span,
                      _hulls_meet(m.hull, n.hull) AS meets, num_nonnulls(o.climb, p.climb) > 0 AS climbs
               FROM piece o JOIN piece p ON p.hull && o.hull AND p.span && _widened(o.span, v_within_s)
               CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) m
@@ -213,6 +215,9 @@ BEGIN
             WHEN 'conflict' THEN CASE WHEN v_within_s > 0 THEN _shown_lack(v_within_s, v_conflict.lacking_s)
                                       WHEN v_scene.separation_m > 0
                                       THEN 'they come closer than the required separation' ELSE 'they meet' END
+                 || CASE v_conflict.certainty WHEN 'must' THEN ', on every voyage within the tolerances'
+                                              WHEN 'may' THEN ', perhaps not on every voyage within the tolerances'
+                                              ELSE '' END
             WHEN 'grazing' THEN 'they are within the tolerance of the limit: too close to call'
             WHEN 'near' THEN 'they do not meet, but come within nearest_m'
             ELSE CASE WHEN a.is_covered OR b.is_covered
@@ -307,6 +312,7 @@ BEGIN
              FROM unnest(v_conflict.periods) r) END,
         'time_error_s', v_conflict.time_error_s,
         'lacking_s', v_conflict.lacking_s,
+        'certainty', v_conflict.certainty,
         'closest', CASE WHEN v_conflict.closest_m IS NOT NULL THEN jsonb_build_object(
             'at', v_conflict.closest_at, 'm', v_conflict.closest_m, 'error_m', v_conflict.closest_error_m,
             'a', ST_AsGeoJSON(v_conflict.closest_a_point, 9)::jsonb -> 'coordinates',

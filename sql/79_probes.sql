@@ -278,7 +278,7 @@ CREATE OR REPLACE FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval 
 RETURNS TABLE (
     key text, kind text, verdict text, periods tstzmultirange, first_contact timestamptz, last_contact timestamptz,
     time_error_s double precision, first_contact_point geometry, closest_at timestamptz, closest_m double precision,
-    closest_error_m double precision, lacking_s double precision
+    closest_error_m double precision, lacking_s double precision, certainty text
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -294,7 +294,7 @@ BEGIN
     RETURN QUERY
         SELECT r.key, CASE r.object_kind WHEN 0 THEN 'area' ELSE 'track' END, r.verdict, r.periods, lower(r.periods),
                upper(r.periods), r.time_error_s, r.first_contact_point, r.closest_at, r.closest_m, r.closest_error_m,
-               r.lacking_s
+               r.lacking_s, r.certainty
         FROM probe_reply r WHERE r.probe_id = p_probe_id ORDER BY lower(r.periods) NULLS FIRST, r.key;
 END
 $$;
@@ -326,13 +326,13 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._wait_for_probe(p_probe_id bigint
 RETURNS TABLE (
     key text, name text, kind text, verdict text, periods bytea, time_error_s double precision,
     lon_deg double precision, lat_deg double precision, closest_at timestamptz, closest_m double precision,
-    closest_error_m double precision, lacking_s double precision
+    closest_error_m double precision, lacking_s double precision, certainty text
 )
 LANGUAGE sql VOLATILE
 BEGIN ATOMIC
     SELECT w.key, coalesce(a.name, t.name), w.kind, w.verdict, multirange_send(w.periods), w.time_error_s,
            ST_X(w.first_contact_point), ST_Y(w.first_contact_point), w.closest_at, w.closest_m, w.closest_error_m,
-           w.lacking_s
+           w.lacking_s, w.certainty
     FROM wait_for_probe(p_probe_id, p_timeout) w
     LEFT JOIN probe_request p ON p.probe_id = p_probe_id
     LEFT JOIN area a ON w.kind = 'area' AND a.scene_id = p.scene_id AND a.key = w.key
@@ -394,16 +394,16 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._answer_probe(
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
     INSERT INTO probe_reply (probe_id, object_kind, key, verdict, periods, time_error_s, first_contact_point,
-                             closest_at, closest_m, closest_error_m, lacking_s)
+                             closest_at, closest_m, closest_error_m, lacking_s, certainty)
         SELECT p_probe_id, f.kind, f.key, f.verdict,
                (SELECT coalesce(range_agg(tstzrange((d ->> 0)::timestamptz, (d ->> 1)::timestamptz, '[]')),
                                 '{}') FROM jsonb_array_elements(f.periods) d),
                f.time_error_s, ST_SetSRID(ST_MakePoint(f.lon_deg, f.lat_deg), 4326), f.closest_at, f.closest_m,
-               f.closest_error_m, f.lacking_s
+               f.closest_error_m, f.lacking_s, f.certainty
         FROM jsonb_to_recordset(p_found) f (
             kind smallint, key text, verdict text, periods jsonb, time_error_s double precision,
             lon_deg double precision, lat_deg double precision, closest_at timestamptz, closest_m double precision,
-            closest_error_m double precision, lacking_s double precision);
+            closest_error_m double precision, lacking_s double precision, certainty text);
     UPDATE probe_request p SET answered_at = clock_timestamp(), is_current = _is_current(p.scene_id), error = p_error,
                                delays = p_delays
         WHERE p.probe_id = p_probe_id;
@@ -475,3 +475,6 @@ COMMENT ON COLUMN probe_reply.closest_error_m IS
 'Closest approach: error bound of closest_m, metres; null if not computed.';
 COMMENT ON COLUMN probe_reply.lacking_s IS
 'Separation in time: seconds by which it is missed; null if none is required, or if the verdict is unresolved.';
+COMMENT ON COLUMN probe_reply.certainty IS
+'must: all voyages within the tolerances of both conflict; may: it is not proven that all do; null if neither has '
+'tolerances, or if the verdict is unresolved or near.';

@@ -23,7 +23,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._conflicts(
     closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision,
     scene_is_current boolean, conflict_id bigint, changed_at timestamptz, acknowledged_by text,
     acknowledged_at timestamptz, acknowledged_for text, acknowledged_until timestamptz, a_name text, b_name text,
-    lacking_s double precision, a_id bigint, a_version bigint, b_id bigint, b_version bigint
+    lacking_s double precision, certainty text, a_id bigint, a_version bigint, b_id bigint, b_version bigint
 )
 LANGUAGE sql STABLE
 BEGIN ATOMIC
@@ -35,7 +35,8 @@ BEGIN ATOMIC
            c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.closest_a_point),
            ST_Y(c.closest_a_point), ST_X(c.closest_b_point), ST_Y(c.closest_b_point), c.scene_is_current,
            c.conflict_id, c.changed_at, c.acknowledged_by, c.acknowledged_at, c.acknowledged_for,
-           c.acknowledged_until, c.a_name, c.b_name, c.lacking_s, k.a_id, k.a_version, k.b_id, k.b_version
+           c.acknowledged_until, c.a_name, c.b_name, c.lacking_s, c.certainty, k.a_id, k.a_version, k.b_id,
+           k.b_version
     FROM conflicts c
     LEFT JOIN conflict k ON p_with_region AND k.scene_id = ANY ((SELECT _layers(_scene_or_branch(p_scene)))::bigint[])
                             AND k.conflict_id = c.conflict_id

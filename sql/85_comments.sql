@@ -193,6 +193,9 @@ COMMENT ON COLUMN conflict.b_key IS 'Second object: key.';
 COMMENT ON COLUMN conflict.lacking_s IS
 'Separation in time: seconds by which it is missed, within time_error_s; null if none is required, or if the verdict '
 'is unresolved.';
+COMMENT ON COLUMN conflict.certainty IS
+'must: all voyages within the tolerances of both objects conflict; may: it is not proven that all do; null if neither '
+'has tolerances, or if the verdict is unresolved or near.';
 COMMENT ON COLUMN conflict.periods IS 'When they conflict, bounds inclusive; empty for pairs that are only near.';
 COMMENT ON COLUMN conflict.verdict IS
 'conflict: they meet; grazing: within the tolerance of the limit; unresolved: neither proven apart nor decided; '

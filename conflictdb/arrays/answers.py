@@ -84,6 +84,7 @@ class Conflicts:
     closest_a_deg, closest_b_deg : (n, 2) float64   longitude and latitude of the nearest points then; NaN if not
         computed
     lacking_s : (n,) float64       seconds by which the separation in time is missed; NaN if none is required or known
+    certainty : (n,) int8          Certainty.code; -1 if neither has tolerances, or the verdict is unresolved or near
     where : computes the regions of some rows (k,)
     """
 
@@ -104,6 +105,7 @@ class Conflicts:
     closest_a_deg: NDArray[np.float64]
     closest_b_deg: NDArray[np.float64]
     lacking_s: NDArray[np.float64]
+    certainty: NDArray[np.int8]
     where: Callable[[NDArray[np.int64]], Polygons] = _unknown
 
     def __len__(self) -> int:
@@ -123,6 +125,7 @@ class Conflicts:
             "closest_a_deg": nowhere,
             "closest_b_deg": nowhere,
             "lacking_s": nothing,
+            "certainty": np.full(n, -1, np.int8),
         }
         (a_kind, a_id, a_version), (b_kind, b_id, b_version) = a, b
         return cls(a_kind, a_id, a_version, b_kind, b_id, b_version, *periods, verdict, **unknown | measured)

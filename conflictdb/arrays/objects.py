@@ -200,6 +200,19 @@ class TrackBatch:
             self.departs.take(rows),
         )
 
+    def followed_by(self, other: "TrackBatch") -> "TrackBatch":
+        """Return these tracks, then others."""
+        columns: dict[str, Any] = {}
+        for column in fields(self):
+            first, second = getattr(self, column.name), getattr(other, column.name)
+            if isinstance(first, Activations):
+                columns[column.name] = first.followed_by(second)
+            elif column.name.endswith("_offset"):
+                columns[column.name] = np.concatenate([first, second[1:] + first[-1]])
+            else:
+                columns[column.name] = np.concatenate([first, second])
+        return TrackBatch(**columns)
+
     @classmethod
     def of(cls, tracks: Sequence[Track], *, once: bool = False) -> "TrackBatch":
         """Return the batch of some tracks, numbered from 0.

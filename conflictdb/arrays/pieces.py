@@ -20,6 +20,8 @@ PieceRows = NewType("PieceRows", np.ndarray[Any, np.dtype[np.int64]])
 # How far heights of a piece may be beyond those of its object, metres: with a vertical separation they are rounded, and
 # in a scene with closed intervals those of climbs are extended by this.
 HEIGHT_ROUNDING_M: Final = 1e-9
+# Numbers of the pieces of tracks with tolerances count from here; no object has as many.
+OF_TOLERANCES: Final = 2**30
 
 
 def halves(within_us: int) -> tuple[int, int]:
@@ -44,7 +46,8 @@ class Pieces:
     piece_id : (n,) int64         database id; -1 before it has one
     kind : (n,) int8              Kind of the object: 0 area, 1 track
     object_id, version : (n,) int64
-    part : (n,) int32             number of the piece within its object, from 0; the seam copy shares it
+    part : (n,) int32             number of the piece within its object, from 0, or with tolerances from OF_TOLERANCES;
+        the seam copy shares it
     turn : (n,) int16             0, or -1, -2, ... for a seam copy: shifted by this many whole turns of longitude
     start_us, end_us : (n,) int64 MINUS_INFINITY_US, INFINITY_US where unbounded
     end_inclusive : (n,) bool     whether the instant end_us belongs to the piece (inner slices: yes, the object's

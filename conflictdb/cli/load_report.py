@@ -131,6 +131,8 @@ def conflict_table(conflicts: Sequence[Conflict], more: Sequence[MoreColumn] = (
     ]
     if any(one.lacking_s is not None for one in conflicts):
         columns.append(("LACKING S", lambda one: None if one.lacking_s is None else f"{one.lacking_s:.1f}"))
+    if any(one.certainty is not None for one in conflicts):
+        columns.append(("CERTAINTY", lambda one: one.certainty))
     if "position" in shown.more:
         columns += [("LATITUDE", lambda one: _degrees(one, 1)), ("LONGITUDE", lambda one: _degrees(one, 0))]
     if "acknowledged" in shown.more:

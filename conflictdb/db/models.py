@@ -161,6 +161,7 @@ class Conflict(Base):
     a_name: Mapped[str | None]
     b_name: Mapped[str | None]
     lacking_s: Mapped[float | None]
+    certainty: Mapped[str | None]
 
 
 class Approach(Base):

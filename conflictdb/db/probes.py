@@ -253,6 +253,12 @@ class _PlanSource:
             found[area_ids == _PLAN] = self._plan.footprint
         return found
 
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        found = store.some_tracks(self._conn, self._scene_id, track_ids[track_ids != _PLAN].tolist())
+        if isinstance(self._plan, Area) or self._plan.tolerances is None:
+            return found
+        return found.followed_by(replace(TrackBatch.of([self._plan]), track_id=np.array([_PLAN])))
+
 
 def _probed_together(
     conn: psycopg.Connection[Any], scene_id: int, scene: Scene, plans: Sequence[Area | Track]

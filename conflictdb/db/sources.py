@@ -13,6 +13,7 @@ import psycopg
 from numpy.typing import NDArray
 
 from conflictdb.arrays.object_numbers import kinds_and_ids
+from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
 from conflictdb.db import store
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
@@ -106,6 +107,10 @@ class SceneSource:
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         """Implement `PairSource`."""
         return store.footprints(self._conn, area_ids)
+
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        """Implement `PairSource`."""
+        return store.some_tracks(self._conn, self.scene_id, track_ids.tolist())
 
 
 class FewSource(SceneSource):

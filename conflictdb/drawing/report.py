@@ -166,6 +166,8 @@ def _verdict(one: Conflict) -> str:
         marks.append("acknowledged")
     if one.lacking_s is not None:
         marks.append(f"{one.lacking_s:.6g} s lacking")
+    if one.certainty is not None:
+        marks.append(f"{one.certainty} happen")
     return f"{one.verdict} ({', '.join(marks)})" if marks else str(one.verdict)
 
 

@@ -35,7 +35,8 @@ class Column:
     required : whether every conflict has a value, also without a database
     field : the attribute of a `Conflict`; empty: the name
     array : the field of the arrays `Conflicts` that it is computed from: its type says how, and unknown is NaN, for an
-        instant MINUS_INFINITY_US; empty: it follows from other columns, from the scene, or a database alone knows it
+        instant MINUS_INFINITY_US, for a name, of which arrays have codes, -1; empty: it follows from other columns,
+        from the scene, or a database alone knows it
     """
 
     name: str
@@ -181,6 +182,13 @@ COLUMNS: Final = (
         "verdict is unresolved.",
         "s",
         array="lacking_s",
+    ),
+    Column(
+        "certainty",
+        ColumnType.NAME,
+        "must: all voyages within the tolerances of both objects conflict; may: it is not proven that all do; null if "
+        "neither has tolerances, or if the verdict is unresolved.",
+        array="certainty",
     ),
 )
 # The objects, and their states, that it was found of: columns of Arrow and GeoParquet only.

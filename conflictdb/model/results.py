@@ -57,6 +57,23 @@ class Verdict(StrEnum):
         return _VERDICTS[code]
 
 
+class Certainty(StrEnum):
+    """Whether all voyages within the tolerances of two plans conflict."""
+
+    MUST = "must"  # they do
+    MAY = "may"  # some do, or might; it is not proven that all do
+
+    @property
+    def code(self) -> int:
+        """Its code in arrays, where -1 is none."""
+        return _CERTAINTY_CODES[self]
+
+    @classmethod
+    def of_code(cls, code: int) -> "Certainty | None":
+        """Return the certainty of a code."""
+        return _CERTAINTIES.get(code)
+
+
 class Kind(StrEnum):
     """Kind of an object."""
 
@@ -77,6 +94,8 @@ class Kind(StrEnum):
 # Explicit, so that codes do not depend on the order of the names.
 _VERDICT_CODES: Final = {Verdict.CONFLICT: 0, Verdict.GRAZING: 1, Verdict.UNRESOLVED: 2, Verdict.NEAR: 3}
 _VERDICTS: Final = {code: verdict for verdict, code in _VERDICT_CODES.items()}
+_CERTAINTY_CODES: Final = {Certainty.MAY: 0, Certainty.MUST: 1}
+_CERTAINTIES: Final = {code: certainty for certainty, code in _CERTAINTY_CODES.items()}
 _KIND_CODES: Final = {Kind.AREA: 0, Kind.TRACK: 1}  # areas come first in a pair
 _KINDS: Final = {code: kind for kind, code in _KIND_CODES.items()}
 
@@ -175,6 +194,8 @@ class Conflict(Drawable):
     closest_a_deg, closest_b_deg : the nearest points then
     lacking_s : seconds by which the scene's separation in time is missed, within time_error_s; None if the scene wants
         none, if the verdict is unresolved, and for near pairs
+    certainty : whether all voyages within the tolerances of both conflict; None if neither has tolerances, if the
+        verdict is unresolved, and for near pairs
 
     Without a database these are None:
 
@@ -201,6 +222,7 @@ class Conflict(Drawable):
     acknowledged_for: str | None = None
     acknowledged_until: datetime | None = None
     lacking_s: float | None = None
+    certainty: Certainty | None = None
 
     @property
     def opened_at(self) -> datetime | None:

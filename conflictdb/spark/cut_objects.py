@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import shapely
 
-from conflictdb.arrays.arrow.object_rows import OBJECTS, to_objects
+from conflictdb.arrays.arrow.object_rows import OBJECTS, of_objects, to_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.packed import WORD, packed
 from conflictdb.arrays.pieces import Bundles
@@ -22,7 +22,7 @@ from conflictdb.earth.registry import plane_of
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats.track_times import within_speed
 from conflictdb.kernel.bundles import boxes_of
-from conflictdb.model.plans import Scene
+from conflictdb.model.plans import Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.bundling import bundles_of
 from conflictdb.stages.pieces.covers import pieces_of
@@ -37,7 +37,8 @@ NO_NUMBER: Final = -1
 _MOST_CARRIED: Final = 2_000
 
 # Rows of pieces: their object, the box of their hulls (metres of the plane), span and heights, the packed pieces
-# (`arrays.packed`), and the area's outline (WKB, degrees), which regions may need. Each object also has a row of its
+# (`arrays.packed`), and the area's outline (WKB, degrees), which regions may need, or the plan of a track with
+# tolerances. Each object also has a row of its
 # own, with kind, key, number, version and digest (`stages.pieces.digests`), and its outline if that is large. A
 # refused object is a row with only `refused`: JSON with key, field and rule.
 SCHEMA: Final = pa.schema(
@@ -122,9 +123,10 @@ def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterato
     # Pieces number their objects within the batch.
     row = pieces.object_id + np.where(pieces.kind == Kind.TRACK.code, len(areas), 0)
     number = np.concatenate([numbers[Kind.AREA], numbers[Kind.TRACK]])
-    outline = pa.array(shapely.to_wkb([area.footprint for area in areas]), pa.binary())
+    outlines = shapely.to_wkb([area.footprint for area in areas])
+    outline = pa.array([*outlines, *map(_plan, tracks)], pa.binary())
     is_carried = pc.less_equal(pc.binary_length(outline), _MOST_CARRIED)
-    carried = pa.concat_arrays([pc.if_else(is_carried, outline, None), pa.nulls(len(tracks), pa.binary())])
+    carried = pc.if_else(is_carried, outline, None)
     key, of = pa.array([*keys[Kind.AREA], *keys[Kind.TRACK]], pa.string()), pa.array(row[bundles.offset[:-1]])
     bundles = replace(bundles, pieces=replace(pieces, object_id=number[row]))
     yield rows_of(bundles, key.take(of), carried.take(of), scene.longest_time_us)
@@ -134,11 +136,21 @@ def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterato
             np.repeat([kind.code for kind in keys], [len(of_kind) for of_kind in keys.values()]).astype("i1")
         ),
         key=key,
-        outline=pa.concat_arrays([large, pa.nulls(len(tracks), pa.binary())]),
+        outline=large,
         object_id=pa.array(number),
         version=pa.array(np.concatenate([of_areas.version, of_tracks.version])),
         digest=pa.array(np.concatenate([area_digests(of_areas), track_digests(of_tracks)])),
     )
+
+
+def _plan(track: Track) -> bytes | None:
+    """Return the plan of a track with tolerances, for `read_plan`; None: it has none."""
+    return None if track.tolerances is None else of_objects([], [track]).serialize().to_pybytes()
+
+
+def read_plan(plan: bytes) -> Track:
+    """Return the track that `_plan` has written."""
+    return to_objects(pa.ipc.read_record_batch(pa.py_buffer(plan), OBJECTS.schema))[1][0]
 
 
 def rows_of(bundles: Bundles, key: pa.Array, outline: pa.Array, within_us: int = 0) -> pa.RecordBatch:

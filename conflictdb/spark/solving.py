@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays.arrow.found import FOUND, of_found
 from conflictdb.arrays.object_numbers import numbers_of
+from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.packed import PART, TURN, WORD, begins_in, unpacked
 from conflictdb.arrays.pieces import Bundles, PieceRows
 from conflictdb.arrays.ragged import ragged_rows
@@ -30,7 +31,7 @@ from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
 from conflictdb.kernel.bundles import bundled_pairs
 from conflictdb.model.plans import Scene
 from conflictdb.spark.crowding import Cells, two_blocks
-from conflictdb.spark.cut_objects import NO_NUMBER
+from conflictdb.spark.cut_objects import NO_NUMBER, read_plan
 from conflictdb.spark.cut_objects import SCHEMA as PIECES
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.run import run_scene
@@ -251,10 +252,17 @@ class _Group:
             yield Chunk(self._pieces, PieceRows(self._a[rows]), PieceRows(self._b[rows]))
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
+        return np.asarray(shapely.from_wkb(self._carried(area_ids)))
+
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        tracks = [read_plan(plan) for plan in self._carried(track_ids)]
+        return replace(TrackBatch.of(tracks), track_id=track_ids)
+
+    def _carried(self, ids: NDArray[np.int64]) -> list[bytes]:
         carried = self._table.filter(self._table.column("outline").is_valid())
         carried = dict(zip(*(carried.column(name).to_pylist() for name in ("key", "outline")), strict=True))
         known = ChainMap(carried, self._outlines())  # type: ignore[arg-type]  # read only
-        return np.asarray(shapely.from_wkb([known[key] for key in self.keys.take(pa.array(area_ids)).to_pylist()]))
+        return [known[key] for key in self.keys.take(pa.array(ids)).to_pylist()]
 
 
 def _distinct(

@@ -19,6 +19,7 @@ from conflictdb.earth.plane import Plane
 from conflictdb.model.methods import METHODS
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.results import Kind, Verdict
+from conflictdb.stages.certainty import with_certainty
 from conflictdb.stages.climbs import overlap_at_one_time, sharing_heights
 from conflictdb.stages.closest_approaches import with_closest_approaches
 from conflictdb.stages.conflict_regions import Meetings
@@ -82,6 +83,9 @@ def run_scene(
                 jobs=jobs,
                 progress=_after(decided, share, progress),
             )
+            clock = time.perf_counter()
+            found = with_certainty(settings, plane, own, found, source.plans)
+            funnel.stage4_s += time.perf_counter() - clock
             funnel.intersecting_pairs, funnel.settings = len(pairs), settings
             funnel.add(counted)
             counted = Funnel()

@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 
 
@@ -38,6 +39,12 @@ class PairSource(Protocol):
 
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         """Return the footprints (n,) of whole areas, shapely geometries in degrees; empty if an area was removed.
+
+        Called while a chunk is solved.
+        """
+
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        """Return tracks with tolerances by id, in any order, without those that were removed.
 
         Called while a chunk is solved.
         """

@@ -11,7 +11,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.record import MEASURED, ColumnType
-from conflictdb.model.results import Conflict, Kind, Position, Verdict
+from conflictdb.model.results import Certainty, Conflict, Kind, Position, Verdict
 
 
 def to_results(
@@ -72,4 +72,5 @@ _VALUE: Final[dict[ColumnType, Callable[[Any], Any]]] = {
     ColumnType.INSTANT: _instant,
     ColumnType.NUMBER: _number,
     ColumnType.POINT: _position,
+    ColumnType.NAME: lambda code: Certainty.of_code(int(code)),
 }

@@ -160,7 +160,8 @@ TABLE conflict (
     conflict_id bigint NOT NULL,
     changed_at timestamp with time zone,
     told_periods tstzmultirange,
-    lacking_s double precision
+    lacking_s double precision,
+    certainty text
 );
 
 TABLE conflict_event (
@@ -249,7 +250,8 @@ TABLE probe_reply (
     closest_at timestamp with time zone,
     closest_m double precision,
     closest_error_m double precision,
-    lacking_s double precision
+    lacking_s double precision,
+    certainty text
 );
 
 TABLE probe_request (
@@ -543,7 +545,8 @@ VIEW conflicts (
     first_contact_lat_deg double precision,
     a_name text,
     b_name text,
-    lacking_s double precision
+    lacking_s double precision,
+    certainty text
 );
 
 VIEW map_areas (
@@ -704,6 +707,7 @@ CONSTRAINT branch_edit_scene_fkey ON branch_edit: FOREIGN KEY (scene_id) REFEREN
 CONSTRAINT change_kind_known ON change: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT change_object_id_in_range ON change: CHECK (((object_id >= 1) AND (object_id <= '4611686018427387903'::bigint)));
 CONSTRAINT change_scene_fkey ON change: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
+CONSTRAINT conflict_certainty_known ON conflict: CHECK ((certainty = ANY (ARRAY['must'::text, 'may'::text])));
 CONSTRAINT conflict_closest_complete ON conflict: CHECK (((num_nulls(closest_m, closest_error_m, closest_a_point, closest_b_point) = ANY (ARRAY[0, 4])) AND ((closest_at IS NULL) OR (closest_m IS NOT NULL)) AND ((verdict <> 'near'::text) OR (closest_m IS NOT NULL))));
 CONSTRAINT conflict_closest_positive ON conflict: CHECK (((closest_m >= (0)::double precision) AND (closest_error_m >= (0)::double precision)));
 CONSTRAINT conflict_kinds_known ON conflict: CHECK (((a_kind = ANY (ARRAY[0, 1])) AND (b_kind = ANY (ARRAY[0, 1]))));
@@ -1173,7 +1177,7 @@ FUNCTION _conflict_region(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p
     RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan;
 
 FUNCTION _conflicts(p_scene text, p_at timestamp with time zone, p_with_region boolean, p_keys text[], p_key text, p_from timestamp with time zone, p_to timestamp with time zone, p_since timestamp with time zone, p_verdict text, p_acknowledged boolean, p_class text)
-    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean, conflict_id bigint, changed_at timestamp with time zone, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone, a_name text, b_name text, lacking_s double precision, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
+    RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text, first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text, time_error_s double precision, is_current boolean, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision, closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision, scene_is_current boolean, conflict_id bigint, changed_at timestamp with time zone, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone, a_name text, b_name text, lacking_s double precision, certainty text, a_id bigint, a_version bigint, b_id bigint, b_version bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _conflicts_known_at(p_scene text, p_instant timestamp with time zone)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, method text, time_error_s double precision, run_id bigint, found_at timestamp with time zone, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, conflict_id bigint, acknowledged_by text, acknowledged_at timestamp with time zone, acknowledged_for text, acknowledged_until timestamp with time zone) LANGUAGE sql STABLE PARALLEL UNSAFE;
@@ -1917,7 +1921,7 @@ FUNCTION _voyages(p_path geometry, p_departures timestamp with time zone[])
     RETURNS TABLE(later interval) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _wait_for_probe(p_probe_id bigint, p_timeout interval)
-    RETURNS TABLE(key text, name text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision, lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, lacking_s double precision) LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+    RETURNS TABLE(key text, name text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision, lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, lacking_s double precision, certainty text) LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
 FUNCTION _waiting_scenes()
     RETURNS TABLE(scene text, waited_s double precision) LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1961,7 +1965,7 @@ FUNCTION _writable_scenes()
 FUNCTION _write_differences(p_scene_id bigint, p_track_id bigint[], p_other_kind smallint[], p_other_id bigint[], p_forbidden_us int8multirange[], p_proven_us int8multirange[])
     RETURNS void LANGUAGE sql VOLATILE PARALLEL UNSAFE;
 
-FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean, p_a_kind smallint[], p_a_id bigint[], p_a_version bigint[], p_b_kind smallint[], p_b_id bigint[], p_b_version bigint[], p_place tid[], p_digest bigint[], p_verdict text[], p_periods tstzmultirange[], p_region bytea[], p_first_contact_point bytea[], p_time_error_s double precision[], p_closest_at timestamp with time zone[], p_closest_m double precision[], p_closest_error_m double precision[], p_closest_a_point bytea[], p_closest_b_point bytea[], p_lacking_s double precision[], OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint, OUT conflicts bigint, OUT unresolved bigint)
+FUNCTION _write_run(p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean, p_a_kind smallint[], p_a_id bigint[], p_a_version bigint[], p_b_kind smallint[], p_b_id bigint[], p_b_version bigint[], p_place tid[], p_digest bigint[], p_verdict text[], p_periods tstzmultirange[], p_region bytea[], p_first_contact_point bytea[], p_time_error_s double precision[], p_closest_at timestamp with time zone[], p_closest_m double precision[], p_closest_error_m double precision[], p_closest_a_point bytea[], p_closest_b_point bytea[], p_lacking_s double precision[], p_certainty text[], OUT run_id bigint, OUT opened bigint, OUT changed bigint, OUT closed bigint, OUT conflicts bigint, OUT unresolved bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET enable_nestloop=off SET jit=off;
 
 FUNCTION acknowledge(p_scene text, p_a_key text, p_b_key text, p_reason text, p_until timestamp with time zone DEFAULT NULL::timestamp with time zone, p_by text DEFAULT NULL::text)
@@ -2148,7 +2152,7 @@ FUNCTION wait_for_delays(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION wait_for_probe(p_probe_id bigint, p_timeout interval DEFAULT '00:01:00'::interval)
-    RETURNS TABLE(key text, kind text, verdict text, periods tstzmultirange, first_contact timestamp with time zone, last_contact timestamp with time zone, time_error_s double precision, first_contact_point geometry, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, lacking_s double precision) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS TABLE(key text, kind text, verdict text, periods tstzmultirange, first_contact timestamp with time zone, last_contact timestamp with time zone, time_error_s double precision, first_contact_point geometry, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, lacking_s double precision, certainty text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION wait_until_current(p_scene text, p_timeout interval DEFAULT '00:01:00'::interval)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "89ca8b23924090f0ee033a6cd6b2afa6b1f55512e5e49b4377ed7f46e74a9df3"
+routines_sha256 = "82d702a557c10f845255d97d86b2b3820e0495b58b6d8d1985498296ac18771d"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -178,11 +178,19 @@ CREATE TABLE IF NOT EXISTS conflictdb.branch_edit (
     version bigint,
     CONSTRAINT branch_edit_pkey PRIMARY KEY (scene_id, key)
 );
+# Whether all voyages within tolerances conflict.
+CERTAINTY = """
+ALTER TABLE conflictdb.conflict
+    ADD COLUMN IF NOT EXISTS certainty text,
+    DROP CONSTRAINT IF EXISTS conflict_certainty_known,
+    ADD CONSTRAINT conflict_certainty_known CHECK (certainty IN ('must', 'may'));
+ALTER TABLE conflictdb.probe_reply ADD COLUMN IF NOT EXISTS certainty text;
 """
 
 
 def upgrade() -> None:
     for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES, ACTIVATIONS, BRANCHES):
+    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES, ACTIVATIONS, CERTAINTY):
         op.execute(statement)
 
 

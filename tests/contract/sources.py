@@ -34,9 +34,8 @@ class InMemory(_InMemory):
     @classmethod
     def of(cls, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Self:
         scene = centred(scene, areas, tracks)
-        batch, plane = AreaBatch.of(areas), plane_of(scene)
-        pieces = pieces_of(scene, plane, batch, TrackBatch.of(tracks))
-        source = cls(pieces, batch.footprint, scene.time_separation_us)
+        batches, plane = (AreaBatch.of(areas), TrackBatch.of(tracks)), plane_of(scene)
+        source = cls(pieces_of(scene, plane, *batches), *batches, scene.time_separation_us)
         source.plane = plane
         return source
 

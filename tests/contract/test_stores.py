@@ -12,7 +12,7 @@ from stores import STORES, Answer, Member, Store
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track, rectangle_outline_m
-from conflictdb.model.results import Conflict, Kind, Position, Verdict
+from conflictdb.model.results import Certainty, Conflict, Kind, Position, Verdict
 
 SCENE: Final = Scene("s", nearest_m=1e5)
 T0: Final = datetime(2026, 3, 1, 9, 10, 11, 123_457, tzinfo=UTC)
@@ -65,9 +65,18 @@ ROWS: Final = [
         periods=((T0, T0 + MICROSECOND), (T0 + 3 * MICROSECOND, T0 + 4 * MICROSECOND), (LAST, LAST)),
         time_error_s=1.0 / 3.0,
         first_contact_deg=(0.1, 50.0 + 1e-14),
+        certainty=Certainty.MUST,
         **closest(T0, 0.0, (0.1, 50.0 + 1e-14), (1.0 / 3.0, 50.0)),
     ),
-    row("a", "T", Verdict.GRAZING, periods=((FIRST, LAST),), first_contact_deg=(-180.0, -90.0), lacking_s=1.0 / 3.0),
+    row(
+        "a",
+        "T",
+        Verdict.GRAZING,
+        periods=((FIRST, LAST),),
+        first_contact_deg=(-180.0, -90.0),
+        lacking_s=1.0 / 3.0,
+        certainty=Certainty.MAY,
+    ),
     row("Ä", "T", Verdict.UNRESOLVED, periods=((FIRST, None),), time_error_s=1e9),
     row("B", "U", Verdict.NEAR, **closest(None, 5e-324, (0.0, 0.0), (-0.5, 90.0))),
     row("T", "U", Verdict.NEAR, **closest(LAST, 12_345.678_9, (179.5, 1e-9), (-179.5, -1e-9))),
@@ -112,6 +121,7 @@ def answer(rows: Sequence[Conflict], *, swapped: bool = False) -> Answer:
             closest_a_deg=places([one.closest_a_deg for one in rows]),
             closest_b_deg=places([one.closest_b_deg for one in rows]),
             lacking_s=np.array([one.lacking_s for one in rows], np.float64),
+            certainty=np.array([-1 if one.certainty is None else one.certainty.code for one in rows], np.int8),
         )
 
     return numbered
@@ -172,7 +182,7 @@ def test_rows_of_pairs_that_are_not_marked_stay(store: Store) -> None:
     }
     changed = [
         replace(ROWS[1], verdict=Verdict.CONFLICT),
-        replace(ROWS[2], verdict=Verdict.NEAR, periods=(), time_error_s=0.0, first_contact_deg=None),
+        replace(ROWS[2], verdict=Verdict.NEAR, periods=(), time_error_s=0.0, first_contact_deg=None, certainty=None),
         replace(ROWS[5], verdict=Verdict.GRAZING, periods=((T0, T0),), time_error_s=0.5),
     ]
     assert store.write(answer(changed)) == (1, 1, 2)

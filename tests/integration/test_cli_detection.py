@@ -33,6 +33,7 @@ COLUMNS = [
     *("scene_is_current", "conflict_id", "opened_at", "changed_at"),
     *("acknowledged_by", "acknowledged_at", "acknowledged_for", "acknowledged_until"),
     *("first_contact_lon_deg", "first_contact_lat_deg", "a_name", "b_name", "lacking_s"),
+    "certainty",
 ]
 INSTANT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z")
 

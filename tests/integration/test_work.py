@@ -153,7 +153,7 @@ ONE_CHANGE = {
         "written": 6,
         "statements": 6,
         "commits": 1,
-        "sent": 4361,
+        "sent": 4606,
         "received": 4536,
     },
     "sea": {

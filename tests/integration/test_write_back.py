@@ -49,6 +49,9 @@ class Elsewhere:
         found[:] = [self._footprint[i] for i in ids.tolist()]
         return found
 
+    def plans(self, ids: np.ndarray) -> TrackBatch:
+        raise AssertionError("no track has tolerances")
+
 
 def computed(objects: Path, directory: Path, scene: Scene) -> Path:
     """Compute the conflicts of an exported scene, and write them as `conflictdb spark detect` does."""

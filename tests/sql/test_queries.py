@@ -87,6 +87,7 @@ def test_view_holds_every_pair(conn_with_conflicts: Conn) -> None:
         *("scene_is_current", "conflict_id", "opened_at", "changed_at"),
         *("acknowledged_by", "acknowledged_at", "acknowledged_for", "acknowledged_until"),
         *("first_contact_lon_deg", "first_contact_lat_deg", "a_name", "b_name", "lacking_s"),
+        "certainty",
     ]
 
 

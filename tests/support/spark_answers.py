@@ -71,9 +71,8 @@ def answer_of_one_machine(scene: Scene, areas: Sequence[Area], tracks: Sequence[
     """The conflicts in the form FOUND, in the order of their keys, as `solve` finds them, and where they are."""
     scene = centred(scene, areas, tracks)
     areas, tracks = (sorted(some, key=lambda one: one.key.encode()) for some in (areas, tracks))
-    batch = AreaBatch.of(areas)
-    pieces = pieces_of(scene, plane_of(scene), batch, TrackBatch.of(tracks))
-    source = _InMemory(pieces, batch.footprint, scene.time_separation_us)
+    batches = AreaBatch.of(areas), TrackBatch.of(tracks)
+    source = _InMemory(pieces_of(scene, plane_of(scene), *batches), *batches, scene.time_separation_us)
     keys = {Kind.AREA.code: [one.key for one in areas], Kind.TRACK.code: [one.key for one in tracks]}
     parts = []
     for found, _ in run_scene(scene, plane_of(scene), source):

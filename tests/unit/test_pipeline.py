@@ -46,6 +46,9 @@ class Chunked:
     def footprints(self, area_ids: NDArray[np.int64]) -> NDArray[np.object_]:
         return self.footprint[area_ids]
 
+    def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
+        raise AssertionError("no track has tolerances")
+
 
 def source(chunks: int) -> PairSource:
     batch = AreaBatch.of(AREAS)
@@ -104,6 +107,9 @@ def test_progress_of_a_chunk_extrapolates_to_all_pairs_from_its_share(share: flo
 
         def footprints(self, area_ids: Any) -> Any:
             return source(1).footprints(area_ids)
+
+        def plans(self, track_ids: Any) -> Any:
+            return source(1).plans(track_ids)
 
     told: list[tuple[int, int]] = []
     _, funnel = run(SCENE, Part(), progress=lambda *done: told.append(done))

@@ -31,7 +31,7 @@ from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import settings_of as settings_as_json
 from conflictdb.in_memory import solve
 from conflictdb.model.methods import Method
-from conflictdb.model.plans import Area, EarthModel, Scene, Track
+from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
 from conflictdb.spark import crowding, cut_objects, solving
 from conflictdb.spark.crowding import Cells, two_blocks
 from conflictdb.stages.pieces.covers import pieces_of
@@ -263,6 +263,24 @@ def test_workers_answer_as_one_machine(method: Method) -> None:
     for seed, (scene, areas, tracks) in enumerate(OBJECTS[:: SOME_OF[method]]):
         objects = (replace(scene, method=method), areas, tracks)
         assert answer_of_workers(objects, seed).to_pylist() == answer_of_one_machine(*objects).to_pylist(), scene.name
+
+
+def test_workers_know_the_plans_of_tracks_with_tolerances() -> None:
+    """Certainties too are those of one machine: of areas, and of tracks with and without tolerances."""
+    at = 1_772_323_200_000_000
+    way, times = np.array([[4.0, 57.0], [5.0, 57.0]]), at + np.array([0, 7_200_000_000])
+    late = {"departure_window": [np.datetime64(at, "us"), np.datetime64(at + 60_000_000, "us")]}
+    ship = rectangle_outline_m(150.0, 150.0, 20.0, 20.0)
+    tracks = [
+        Track("A", way, times, ship, tolerances=late),
+        Track("B", way[::-1], times, ship, tolerances={**late, "xtd_port_m": 5_000.0}),
+        Track("C", way, times, ship),
+    ]
+    areas = [Area("D", shapely.MultiPolygon([shapely.box(4.5, 56.99, 4.6, 57.01)]))]
+    objects = (Scene("tolerances", separation_m=900.0), areas, tracks)
+    expected = answer_of_one_machine(*objects)
+    assert set(expected["certainty"].to_pylist()) == {None, "may", "must"}
+    assert answer_of_workers(objects, 1).to_pylist() == expected.to_pylist()
 
 
 def test_workers_find_what_is_near() -> None:

@@ -324,9 +324,8 @@ def test_regions_contain_all_places_that_are_shared(workload: Workload) -> None:
 def regions_of(scene: Scene, tracks: list[Track], areas: list[Area]) -> list[tuple[shapely.Geometry, np.ndarray]]:
     """The region and the first contact of each conflict."""
     scene = centred(scene, areas, tracks)
-    plane, batch = plane_of(scene), AreaBatch.of(areas)
-    pieces = pieces_of(scene, plane, batch, TrackBatch.of(tracks))
-    source = _InMemory(pieces, batch.footprint, scene.time_separation_us)
+    plane, batches = plane_of(scene), (AreaBatch.of(areas), TrackBatch.of(tracks))
+    source = _InMemory(pieces_of(scene, plane, *batches), *batches, scene.time_separation_us)
     found = []
     for conflicts, _ in run_scene(scene, plane, source):
         regions = conflicts.where(np.arange(len(conflicts))).geometries()

@@ -31,7 +31,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.record import COLUMNS, MEASURED, STATES, Column, ColumnType
-from conflictdb.model.results import Conflict, Kind, Position, Verdict
+from conflictdb.model.results import Certainty, Conflict, Kind, Position, Verdict
 
 _PERIOD: Final = pa.struct([pa.field("start", INSTANT), pa.field("end", INSTANT)])
 _TYPES: Final = {
@@ -72,6 +72,7 @@ COMPUTED: Final = Form.of(
 _WHO: Final = f"Arrow form {FOUND.name!r}"
 _KINDS: Final = pa.array([Kind.of_code(code).value for code in range(len(Kind))])
 _VERDICTS: Final = pa.array([Verdict.of_code(code).value for code in range(len(Verdict))])
+_CERTAINTIES: Final = pa.array([name.value for name in sorted(Certainty, key=lambda one: one.code)])
 # A point as WKB: little-endian, type 1, two doubles.
 _POINT: Final = np.dtype([("order", "u1"), ("type", "<u4"), ("lon", "<f8"), ("lat", "<f8")])
 
@@ -190,7 +191,17 @@ def _array(column: Column, stored: Array) -> NDArray[Any]:
         return _places(stored, column.name)
     if column.type is ColumnType.INSTANT:
         return instants(stored, MINUS_INFINITY_US)
+    if column.type is ColumnType.NAME:
+        known = _codes({column.name: stored.drop_null()}, column.name, _CERTAINTIES)
+        codes = np.full(len(stored), -1, np.int8)
+        codes[np.asarray(stored.is_valid())] = known
+        return codes
     return measures(stored, np.nan) if column.type is ColumnType.NUMBER else numbers(stored)
+
+
+def _of_names(codes: NDArray[np.int8]) -> Array:
+    """Return codes of certainties (n,) as a column of names, null for -1."""
+    return _CERTAINTIES.take(pa.array(codes, mask=codes < 0))
 
 
 def _places(column: Array, name: str) -> NDArray[np.float64]:
@@ -230,4 +241,5 @@ _OF_ARRAY: Final[dict[ColumnType, Callable[[NDArray[Any]], Array]]] = {
     ColumnType.INSTANT: lambda values_us: of_instants(values_us, MINUS_INFINITY_US),
     ColumnType.WHOLE: of_numbers,
     ColumnType.POINT: _of_points,
+    ColumnType.NAME: _of_names,
 }

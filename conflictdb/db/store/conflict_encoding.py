@@ -10,10 +10,13 @@ from conflictdb.arrays.polygons import SRID, Polygons
 from conflictdb.db.store import copy_binary
 from conflictdb.model.plans import MINUS_INFINITY_US
 from conflictdb.model.record import MEASURED, STATES, Column, ColumnType
-from conflictdb.model.results import Verdict
+from conflictdb.model.results import Certainty, Verdict
 
 Columns = dict[str, copy_binary.Column]
 _VERDICT_NAMES = copy_binary.Ragged.of([Verdict.of_code(code).encode() for code in range(len(Verdict))])
+
+# By code, from -1 on.
+_CERTAINTIES = copy_binary.Ragged.of([None, *(one.encode() for one in sorted(Certainty, key=lambda one: one.code))])
 
 
 def columns_of(found: Conflicts, region: Polygons) -> Columns:
@@ -34,6 +37,8 @@ def _column(column: Column, values: NDArray[Any]) -> copy_binary.Column:
         return copy_binary.points(values, SRID)
     if column.type is ColumnType.INSTANT:
         return copy_binary.nullable(copy_binary.instants(values), values == MINUS_INFINITY_US)
+    if column.type is ColumnType.NAME:
+        return _CERTAINTIES.take(values.astype(np.int64) + 1)
     if column.type is ColumnType.WHOLE:
         return copy_binary.fixed(values, "i8")
     stored = copy_binary.fixed(values, "f8")

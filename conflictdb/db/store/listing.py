@@ -13,13 +13,28 @@ from psycopg.types.range import TimestamptzRange
 
 from conflictdb.db.store.connection import call, call_by_name, call_each_by_name, call_many, transaction
 from conflictdb.model.methods import Method
-from conflictdb.model.results import Approach, Conflict, ConflictEvent, Kind, Listing, Period, SceneState, Verdict
+from conflictdb.model.results import (
+    Approach,
+    Certainty,
+    Conflict,
+    ConflictEvent,
+    Kind,
+    Listing,
+    Period,
+    SceneState,
+    Verdict,
+)
 
 # How columns become fields. Lookup by name: calling an enum takes ten times as long, which matters in long lists.
 _KINDS: Final = {kind.value: kind for kind in Kind}
 _VERDICTS: Final = {verdict.value: verdict for verdict in Verdict}
 _METHODS: Final = {method.value: method for method in Method}
-_WORDS: Final = (("a_kind", _KINDS), ("b_kind", _KINDS), ("verdict", _VERDICTS), ("method", _METHODS))
+_CERTAINTIES: Final[dict[str | None, Certainty | None]] = {certainty.value: certainty for certainty in Certainty}
+_CERTAINTIES[None] = None
+_WORDS: Final = (
+    *(("a_kind", _KINDS), ("b_kind", _KINDS), ("verdict", _VERDICTS), ("method", _METHODS)),
+    ("certainty", _CERTAINTIES),
+)
 _POINTS: Final = tuple(
     (f"{name}_lon_deg", f"{name}_lat_deg", field)
     for name, field in (

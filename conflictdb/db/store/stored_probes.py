@@ -23,7 +23,7 @@ from conflictdb.db.store.stored_pairs import Candidates, Parts
 from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import all_certain, certain
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.results import Conflict, Delays, Kind, Verdict
+from conflictdb.model.results import Certainty, Conflict, Delays, Kind, Verdict
 from conflictdb.stages.stage1_broad_phase import hulls_of
 
 # Key of a plan without one; never shown.
@@ -206,6 +206,7 @@ def wait_for_probe(
                 closest_m=row["closest_m"],
                 closest_error_m=row["closest_error_m"],
                 lacking_s=row["lacking_s"],
+                certainty=None if row["certainty"] is None else Certainty(row["certainty"]),
             )
         )
     return sorted(answer, key=lambda one: (one.a_kind.code, one.a_key.encode(), one.b_key.encode()))
@@ -232,6 +233,7 @@ def answer_probe(
                 "closest_m": one.closest_m,
                 "closest_error_m": one.closest_error_m,
                 "lacking_s": one.lacking_s,
+                "certainty": one.certainty,
             }
         )
     call(conn, "_answer_probe", request.probe_id, None, json.dumps(rows), None)

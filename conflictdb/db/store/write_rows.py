@@ -40,7 +40,12 @@ from conflictdb.stages.conflict_regions import EDITION
 _ROWS_AT_ONCE: Final = 5_000
 # From this many new rows on, COPY pays for its four statements.
 _MANY_NEW: Final = 300
-_SENT_AS: Final = {ColumnType.POINT: "bytea", ColumnType.NUMBER: "double precision", ColumnType.INSTANT: "timestamptz"}
+_SENT_AS: Final = {
+    ColumnType.POINT: "bytea",
+    ColumnType.NUMBER: "double precision",
+    ColumnType.INSTANT: "timestamptz",
+    ColumnType.NAME: "text",
+}
 # What _write_run takes of a row, in its order.
 _TYPES: Final = {
     "a_kind": "smallint",
@@ -282,8 +287,10 @@ def _digests(found: Conflicts, key: bytes) -> NDArray[np.int64]:
 
     The region is left out: it follows from the rest, namely both objects at their versions, the times, and the key.
     """
+    # With a certainty in the verdict's place, so that digests of other conflicts stay as they are.
+    verdict = found.verdict + len(Verdict) * (found.certainty + 1)
     columns: list[copy_binary.Column] = [
-        copy_binary.fixed(kind, "i2") for kind in (found.a_kind, found.b_kind, found.verdict)
+        copy_binary.fixed(kind, "i2") for kind in (found.a_kind, found.b_kind, verdict)
     ]
     # By type: the order of columns is part of the digests that databases hold.
     of_type = {kind: [getattr(found, one.array) for one in MEASURED if one.type is kind] for kind in ColumnType}

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
-from conflictdb.arrays.pieces import Pieces, level_m
+from conflictdb.arrays.pieces import OF_TOLERANCES, Pieces, level_m
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import shorter_way_deg
 from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M, Plane
@@ -140,6 +140,8 @@ def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
 
 def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
     """Return the pieces of some tracks: time slices of their legs, and seam copies."""
+    has_tolerances = np.array([one is not None for one in tracks.tolerances], np.bool_)
+    of_tolerances = tracks.track_id[has_tolerances]
     tracks = with_ribbons(plane, tracks)
     legs = _legs(plane, tracks)
     count = _slice_counts(legs, scene.reach_m)
@@ -169,7 +171,9 @@ def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
         leg_start_deg=pieces.leg_start_deg - away,
         leg_end_deg=pieces.leg_end_deg - away,
     )
-    return _departing(_with_seam_copies(plane, pieces), tracks)
+    pieces = _departing(_with_seam_copies(plane, pieces), tracks)
+    part = pieces.part + np.where(np.isin(pieces.object_id, of_tolerances), OF_TOLERANCES, 0)
+    return replace(pieces, part=part.astype(np.int32))
 
 
 def _active(pieces: Pieces, areas: AreaBatch) -> Pieces:

@@ -9,8 +9,8 @@ the turn. An object therefore has several convex parts at one time.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import shapely
@@ -47,8 +47,12 @@ class _Ribbon:
     ceiling_m: Floats
 
 
+# Earliest and latest begin and end of a step, seconds after the plan departs.
+Span = tuple[float, float, float, float]
+
+
 @dataclass(frozen=True, slots=True)
-class _Step:
+class Step:
     """A part of a voyage: along a leg from one distance to another, or a turn or stop at a waypoint (leg -1).
 
     shortest_s, longest_s : how long it may take
@@ -60,6 +64,62 @@ class _Step:
     end_m: float
     shortest_s: float
     longest_s: float
+
+    @property
+    def way_m(self) -> float:
+        """The length of the part of a leg."""
+        return self.end_m - self.begin_m
+
+    @property
+    def speeds_mps(self) -> tuple[float, float]:
+        """The least and the most mean speed."""
+        return self.way_m / self.longest_s, self.way_m / max(self.shortest_s, 1e-9)
+
+    def gone_m(self, t: Floats, span: Span) -> tuple[Floats, Floats]:
+        """Return the least and the most way (n,) that a voyage may have gone from the step's begin at times t (n,)."""
+        slowest, fastest = self.speeds_mps
+        begin_first, begin_last, end_first, end_last = span
+        low = np.maximum(np.maximum(slowest * (t - begin_last), self.way_m - fastest * (end_last - t)), 0.0)
+        high = np.minimum(np.minimum(fastest * (t - begin_first), self.way_m - slowest * (end_first - t)), self.way_m)
+        return low, high
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """How voyages within the tolerances of a track may go on.
+
+    positions_deg : (n, 2) of waypoints, longitudes unwrapped
+    length_m, first_deg, last_deg : (n - 1,) of legs: length, bearing at the start and at the end
+    steps : (m,) in order
+    earliest_s, latest_s : (m + 1,) when a voyage may be between them, seconds after the plan departs
+    """
+
+    positions_deg: Floats
+    length_m: Floats
+    first_deg: Floats
+    last_deg: Floats
+    limits: Tolerances
+    steps: list[Step]
+    earliest_s: Floats
+    latest_s: Floats
+
+    @classmethod
+    def of(cls, plane: Plane, track: TrackBatch) -> "Passage":
+        """Return the passage of a track, the only one of a batch; without tolerances it is the plan."""
+        times_us = track.times_us
+        # Ways that cross the antimeridian are the shorter ones; only whole turns are added.
+        lon = track.positions_deg[:, 0]
+        gone = lon[0] + np.append(0.0, np.cumsum(shorter_way_deg(np.diff(lon))))
+        positions = np.column_stack([lon + 360.0 * np.round((gone - lon) / 360.0), track.positions_deg[:, 1]])
+        courses = plane.courses(positions[:-1], positions[1:])
+        limits = tolerances_of("track", track.tolerances[0] or {}, times_us)
+        steps = list(_steps(limits, positions, *courses, times_us))
+        return cls(positions, *courses, limits, steps, *_windows(steps, limits, int(times_us[0])))
+
+    def span(self, i: int) -> Span:
+        """Return earliest and latest begin and end of a step."""
+        begin, end = self.earliest_s[i : i + 2].tolist(), self.latest_s[i : i + 2].tolist()
+        return begin[0], end[0], begin[1], end[1]
 
 
 def with_ribbons(plane: Plane, tracks: TrackBatch) -> TrackBatch:
@@ -92,37 +152,17 @@ def with_ribbons(plane: Plane, tracks: TrackBatch) -> TrackBatch:
         owner_number=tracks.owner_number[of],
         departs=Activations.once(np.array([one.times_us[0] for one in ribbons], np.int64)),
     )
-    return _concatenated(tracks.take(plain), derived).take(np.argsort(np.concatenate([plain, of]), kind="stable"))
-
-
-def _concatenated(one: TrackBatch, other: TrackBatch) -> TrackBatch:
-    columns: dict[str, Any] = {}
-    for column in fields(TrackBatch):
-        first, second = getattr(one, column.name), getattr(other, column.name)
-        if isinstance(first, Activations):
-            columns[column.name] = first.followed_by(second)
-            continue
-        columns[column.name] = np.concatenate(
-            [first, second[1:] + first[-1]] if column.name.endswith("_offset") else [first, second]
-        )
-    return TrackBatch(**columns)
+    return tracks.take(plain).followed_by(derived).take(np.argsort(np.concatenate([plain, of]), kind="stable"))
 
 
 def _ribbons(plane: Plane, track: TrackBatch) -> Iterator[_Ribbon]:
     """Yield the ribbons of a track, the only one of a batch."""
     times_us, outline_m = track.times_us, track.outline_m
-    # Ways that cross the antimeridian are the shorter ones; only whole turns are added.
-    lon = track.positions_deg[:, 0]
-    gone = lon[0] + np.append(0.0, np.cumsum(shorter_way_deg(np.diff(lon))))
-    positions = np.column_stack([lon + 360.0 * np.round((gone - lon) / 360.0), track.positions_deg[:, 1]])
-    start, end = positions[:-1], positions[1:]
-    length_m, first_deg, last_deg = plane.courses(start, end)
-    limits = tolerances_of("track", track.tolerances[0], times_us)
-    steps = list(_steps(plane, limits, positions, length_m, first_deg, last_deg, times_us))
-    earliest, latest = _windows(steps, limits, int(times_us[0]))
+    passage = Passage.of(plane, track)
+    limits, positions, length_m = passage.limits, passage.positions_deg, passage.length_m
     floor_m, ceiling_m = track.floor_m, track.ceiling_m
-    for i, step in enumerate(steps):
-        span = earliest[i], latest[i], earliest[i + 1], latest[i + 1]
+    for i, step in enumerate(passage.steps):
+        span = passage.span(i)
         near = (
             [step.leg] if step.leg >= 0 else [k for k in (step.waypoint - 1, step.waypoint) if 0 <= k < len(length_m)]
         )
@@ -133,7 +173,7 @@ def _ribbons(plane: Plane, track: TrackBatch) -> Iterator[_Ribbon]:
             sides = float(limits.port_m[k]), float(limits.starboard_m[k])
             yield _along(plane, leg, step, span, int(times_us[0]), outline_m, sides, *band)
         else:
-            headings = _headings_at(step.waypoint, length_m, first_deg, last_deg)
+            headings = _headings_at(step.waypoint, length_m, passage.first_deg, passage.last_deg)
             radius_m = 0.5 * (step.end_m - step.begin_m)
             sides = float(limits.port_m[near].max()), float(limits.starboard_m[near].max())
             polygon = _turned(outline_m, headings, radius_m, *sides, abs(float(positions[step.waypoint, 1])))
@@ -144,14 +184,13 @@ def _ribbons(plane: Plane, track: TrackBatch) -> Iterator[_Ribbon]:
 
 
 def _steps(
-    plane: Plane,
     limits: Tolerances,
     positions: Floats,
     length_m: Floats,
     first_deg: Floats,
     last_deg: Floats,
     times_us: _Ints,
-) -> Iterator[_Step]:
+) -> Iterator[Step]:
     """Yield the parts of a voyage in order: legs, cut so that their sides are nearly straight, turns, and stops."""
     legs = len(length_m)
     planned_s = np.diff(times_us) / 1e6
@@ -164,7 +203,7 @@ def _steps(
             cut_m[w] = min(limits.turn_radius_m[w - 1] * np.tan(0.5 * min(turn[w], 3.0)), most_m)
     for k in range(legs):
         if length_m[k] < 2.0 * _LEAST_WAY_M:
-            yield _Step(-1, k, 0.0, 2.0 * float(length_m[k]), float(planned_s[k]), float(planned_s[k]))
+            yield Step(-1, k, 0.0, 2.0 * float(length_m[k]), float(planned_s[k]), float(planned_s[k]))
             continue
         speed = length_m[k] / planned_s[k]
         slowest = np.fmin(limits.min_speed_mps[k], speed) if np.isfinite(limits.min_speed_mps[k]) else speed
@@ -177,7 +216,7 @@ def _steps(
             ends = np.linspace(begin, end, parts + 1)
             for one, other in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
                 longest = (other - one) / slowest if slowest > 0.0 else np.inf
-                yield _Step(k, k + 1, one, other, (other - one) / fastest, longest)
+                yield Step(k, k + 1, one, other, (other - one) / fastest, longest)
         if k + 1 < legs and turn[k + 1] > 0.0:
             radius_m, arc_m = cut_m[k + 1], 0.0
             if radius_m > 0.0:
@@ -187,7 +226,7 @@ def _steps(
             # Along the arc, or round the corner: whatever is shorter or longer.
             shortest = min(arc_m, 2.0 * radius_m) / high
             longest = max(arc_m, 2.0 * radius_m) / low if low > 0.0 else np.inf if radius_m > 0.0 else 0.0
-            yield _Step(-1, k + 1, -radius_m, radius_m, shortest, longest)
+            yield Step(-1, k + 1, -radius_m, radius_m, shortest, longest)
 
 
 def _speeds(limits: Tolerances, leg: int, planned: float) -> tuple[float, float]:
@@ -195,7 +234,7 @@ def _speeds(limits: Tolerances, leg: int, planned: float) -> tuple[float, float]
     return float(np.fmin(low, planned) if np.isfinite(low) else planned), float(np.fmax(high, planned))
 
 
-def _windows(steps: list[_Step], limits: Tolerances, zero_us: int) -> tuple[Floats, Floats]:
+def _windows(steps: list[Step], limits: Tolerances, zero_us: int) -> tuple[Floats, Floats]:
     """Return when a voyage may be between its steps, earliest and latest (m + 1,), seconds after the plan departs."""
     earliest, latest = np.full(len(steps) + 1, -np.inf), np.full(len(steps) + 1, np.inf)
     earliest[0], latest[0] = (limits.departure_us - zero_us) / 1e6
@@ -215,8 +254,8 @@ def _windows(steps: list[_Step], limits: Tolerances, zero_us: int) -> tuple[Floa
 def _along(
     plane: Plane,
     leg: tuple[Floats, Floats, float],
-    step: _Step,
-    span: tuple[float, float, float, float],
+    step: Step,
+    span: Span,
     zero_us: int,
     outline_m: Floats,
     sides: tuple[float, float],
@@ -226,18 +265,10 @@ def _along(
     """Return the ribbon of a part of a leg.
 
     leg : its ends, degrees, and its length
-    span : earliest and latest begin and end of the part, seconds after zero
     """
     begin_first, begin_last, end_first, end_last = span
-    way = step.end_m - step.begin_m
-    fastest, slowest = way / max(step.shortest_s, 1e-9), way / step.longest_s
-
-    def low(t: Floats) -> Floats:
-        return np.maximum(np.maximum(slowest * (t - begin_last), way - fastest * (end_last - t)), 0.0)
-
-    def high(t: Floats) -> Floats:
-        return np.minimum(np.minimum(fastest * (t - begin_first), way - slowest * (end_first - t)), way)
-
+    way = step.way_m
+    slowest, fastest = step.speeds_mps
     bends = [begin_first, begin_last, end_first, end_last]
     # Where two of the three lines cross.
     lines_low = [(slowest, -slowest * begin_last), (fastest, way - fastest * end_last), (0.0, 0.0)]
@@ -256,7 +287,7 @@ def _along(
     # A breakpoint that is rounded by half a microsecond is passed at the fastest speed.
     rounding = _ROUNDING_M + 1e-6 * fastest
     pad = rounding + _curvature_m(outline_m, sides, max(abs(leg[0][1]), abs(leg[1][1])))
-    back, ahead = np.maximum(low(t), 0.0), np.minimum(high(t), way)
+    back, ahead = step.gone_m(t, span)
     back = np.minimum(back, ahead)
     middle = 0.5 * (back + ahead)
     for i in range(1, len(middle)):
