@@ -178,6 +178,8 @@ CREATE TABLE IF NOT EXISTS conflictdb.branch_edit (
     version bigint,
     CONSTRAINT branch_edit_pkey PRIMARY KEY (scene_id, key)
 );
+"""
+
 # Whether all voyages within tolerances conflict.
 CERTAINTY = """
 ALTER TABLE conflictdb.conflict
@@ -189,8 +191,8 @@ ALTER TABLE conflictdb.probe_reply ADD COLUMN IF NOT EXISTS certainty text;
 
 
 def upgrade() -> None:
-    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES, ACTIVATIONS, BRANCHES):
-    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, RULES, ACTIVATIONS, CERTAINTY):
+    more = (INTERVALS, PROPOSALS, RULES, ACTIVATIONS, CERTAINTY, BRANCHES)
+    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, *more):
         op.execute(statement)
 
 
