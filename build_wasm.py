@@ -18,7 +18,7 @@ OUTPUT: Final = Path(__file__).resolve().parent / "conflictdb" / "map" / "page" 
 # The functions that the page calls.
 EXPORTS: Final = (
     "kernel_fingerprint", "kernel_scene_make", "kernel_scene_free", "kernel_contacts", "kernel_contacts_free",
-    "kernel_differences", "kernel_hulls", "kernel_apart", "malloc", "free",
+    "kernel_differences", "kernel_hulls", "kernel_apart", "kernel_distances", "malloc", "free",
 )  # fmt: skip
 
 

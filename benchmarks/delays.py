@@ -152,9 +152,9 @@ class Ends:
 
     def __call__(self, *arguments: Any, **more: Any) -> Any:
         """Call the stage."""
-        rows, found = self.call(*arguments, **more)
+        rows, shifts, found = self.call(*arguments, **more)
         self.found.append(found)
-        return rows, found
+        return rows, shifts, found
 
 
 def _row(name: str, made: Made, within_s: float) -> str:

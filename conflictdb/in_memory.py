@@ -43,9 +43,8 @@ Object = TypeVar("Object", Area, Track)
 
 # Speeds are at most this many times faster or slower: instants of ten days stay sharper than a microsecond.
 MOST_FACTOR: Final = 100.0
-# Limits of uncertain delays, seconds; and how far beyond those of a speed its conflicts are computed, relative.
+# Limit of uncertain delays, seconds.
 _LATEST_S: Final = 1e9
-_BEYOND: Final = 1e-6
 
 
 def solve(
@@ -290,12 +289,14 @@ def chances(
     departures: Mapping[str, Any] | None = None,
     speeds: Mapping[str, Any] | None = None,
 ) -> Chances:
-    """Return how likely conflicts are if departures, or the speed of a track, are uncertain: bounds on either side.
+    """Return how likely conflicts are if departures and speeds are uncertain: bounds on either side.
 
-    Conflicts are those of tracks, with each other and with areas. Departures are independent of each other, and the
-    method is `exact`. A departure shifts a whole plan: nothing of it is there before, and nothing after.
+    Conflicts are those of tracks, with each other and with areas. All departures and speeds are independent of each
+    other, and the method is `exact`. A departure shifts a whole plan: nothing of it is there before, and nothing after.
+    A speed is that of a whole plan, as for `speeds`.
 
-    Raises the errors of `solve`, and InvalidInput for an unknown track or another distribution.
+    Raises the errors of `solve`, and InvalidInput for an unknown track or another distribution, and, with uncertain
+    speeds, for a scene with a separation in time.
 
     Parameters
     ----------
@@ -303,16 +304,14 @@ def chances(
         Delays in seconds by the keys of tracks: ``scipy.stats.norm(60, 300)``, ``scipy.stats.uniform(-300, 900)``, or a
         sequence of delays, each as likely. All other tracks depart as planned.
     speeds : mapping, optional
-        By the key of one track, factors of its planned speed on all legs: ``scipy.stats.norm(1, 0.05)``. It departs as
-        planned, and everything else goes as planned: give no `departures`.
+        Factors of planned speeds on all legs by the keys of tracks: ``scipy.stats.norm(1, 0.05)``, and so on. All other
+        tracks are as fast as planned.
     """
     from conflictdb.stages import chances as stage  # not above: it brings scipy
+    from conflictdb.stages.chances_at_speeds import UncertainPlan, chances_at_speeds
 
     scene, plane, pieces, keys, numbers, plans = numbered("chances", tracks, areas, scene)
-    if speeds and (departures or len(speeds) > 1):
-        rule = "must have one track, without departures: no other may be uncertain, too"
-        raise InvalidInput("chances", "speeds", f"{rule}; got {len(speeds)}, and {len(departures or ())} departures")
-    known: dict[int, stage.Uncertain] = {}
+    known: dict[str, dict[int, stage.Uncertain]] = {"departures": {}, "speeds": {}}
     for name, each_of, unit, least, most in (
         ("departures", departures, "delays in seconds", -_LATEST_S, _LATEST_S),
         ("speeds", speeds, "factors", 1.0 / MOST_FACTOR, MOST_FACTOR),
@@ -320,44 +319,36 @@ def chances(
         for key, given in (each_of or {}).items():
             [number] = _known(scene, keys, numbers, [key]).tolist()
             try:
-                known[number] = stage.Uncertain.of(given, least, most)
+                known[name][number] = stage.Uncertain.of(given, least, most)
             except (TypeError, ValueError):
                 rule = f"must be norm or uniform of scipy.stats, with their parameters, or finite {unit}"
                 limits = f"from {least:g} to {most:g}"
                 raise InvalidInput("chances", f"{name}[{key!r}]", f"{rule}, {limits}; got {given!r:.60}") from None
-    placed, tail, slow = AnyTime.of(pieces), sum(one.tail for one in known.values()), None
-    if speeds:
+    tail = sum(one.tail for some in known.values() for one in some.values())
+    placed = AnyTime.of(pieces)
+    if known["speeds"]:
         _require_one_time("chances", scene)
-        slow, speed = known.popitem()
-        times_us = plans[numbers.tolist().index(slow)].times_us
-        factors = min(speed.low, 1.0) * (1.0 - _BEYOND), max(speed.high, 1.0) * (1.0 + _BEYOND)
-        ends_us = int(times_us[0]), int(times_us[-1])
-        met = stage_of_speeds.speeds_of_track(scene, plane, placed, slow, *ends_us, *factors)
-    most_s = max([0.0, *(one.high for one in known.values())]) - min([0.0, *(one.low for one in known.values())])
-    horizon_us = int(np.ceil(1e6 * most_s)) + 1
-    movable = set(numbers.tolist())
-    pairs, any_of = {}, {keys[number]: (0.0, tail) for number in numbers.tolist()}
-    every = differences_of(scene, plane, placed, numbers, horizon_us, waits=False)
-    if slow is not None:
-        every = every.take(np.flatnonzero((every.track != slow) & (every.other != slow)))
-    for number, own in every.of_each_track():
-        departure = known.get(number, stage.PLANNED)
-        rivals = stage.rivals_of(own, horizon_us, lambda other: known.get(other, stage.PLANNED))
-        any_of[keys[number]] = stage.chance_of_any(departure, list(rivals.values()), tail)
-        for other, rival in rivals.items():
-            if other not in movable or other > number:
-                pairs[keys[number], keys[other]] = stage.chance_of_pair(departure, rival)
-    if slow is not None:
-        any_of[keys[slow]] = stage.chance_at_speed(speed, met)
-        for other in np.unique(met.other).tolist():
-            chance = stage.chance_at_speed(speed, met.take(np.flatnonzero(met.other == other)))
-            if chance[1] > tail + stage.ROUNDING:
-                first, second = (other, slow) if other in movable and other < slow else (slow, other)
-                pairs[keys[first], keys[second]] = chance
-            if other in movable:
-                any_of[keys[other]] = stage.either(any_of[keys[other]], chance)
+        require_one_voyage("chances", "speeds", [track for track in plans if track.key in (speeds or {})])
+        for track in plans:
+            if track.key in (speeds or {}):
+                _require_exact("speeds", track)
+        made = {
+            number: UncertainPlan(
+                known["departures"].get(number, stage.PLANNED), known["speeds"].get(number, stage.AS_FAST)
+            )
+            for number in numbers.tolist()
+        }
+        of_number = dict(zip(numbers.tolist(), plans, strict=True))
+        of_number = dict(zip(numbers.tolist(), plans, strict=True))
+        pairs, any_of = chances_at_speeds(scene, plane, placed, of_number, made, tail)
+    else:
+        pairs, any_of = stage.chances_of_departures(scene, plane, placed, numbers, known["departures"], tail)
     least, most = (float(sum(bound[k] for bound in pairs.values())) for k in (0, 1))
-    return Chances(pairs, (least, most + tail * len(keys)), any_of)
+    return Chances(
+        {(keys[a], keys[b]): bounds for (a, b), bounds in pairs.items()},
+        (least, most + tail * len(keys)),
+        {keys[number]: any_of.get(number, (0.0, tail)) for number in numbers.tolist()},
+    )
 
 
 def numbered(

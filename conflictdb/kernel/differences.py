@@ -1,6 +1,7 @@
 """Differences of departure, and factors of time, that bring pairs of pieces into contact, from the kernel."""
 
 import ctypes
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from typing import Any, Final
@@ -39,6 +40,7 @@ class Shifts:
     a_start_s, a_end_s, b_start_s, b_end_s : (n,) times within the slices; [0, 0] for pieces that stand still
     least, most : (n,) goals asked about: differences, seconds, infinite for all; or factors, positive and finite
     is_factor : whether the goal is a factor of time: seconds of b by seconds of a, with one zero for both
+    weight : (n,) of the seconds of a in a difference, positive; None: 1
     """
 
     a: _Ints
@@ -52,17 +54,27 @@ class Shifts:
     least: Floats
     most: Floats
     is_factor: bool = False
+    weight: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.a)
 
     def take(self, rows: _Ints) -> "Shifts":
         """Return some pairs."""
-        return replace(self, **{name: column[rows] for name, column in self.columns().items()})
+        some: dict[str, Any] = {name: column[rows] for name, column in self.columns().items()}
+        return replace(self, **some)
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["Shifts"]) -> "Shifts":
+        """Return the pairs of all parts, which have one goal; at least one part."""
+        columns = [part.columns() for part in parts]
+        every: dict[str, Any] = {name: np.concatenate([some[name] for some in columns]) for name in columns[0]}
+        return replace(parts[0], **every)
 
     def columns(self) -> dict[str, Any]:
         """Return the columns (n,) by name."""
-        return {one.name: getattr(self, one.name) for one in fields(self) if one.name != "is_factor"}
+        columns = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "is_factor"}
+        return {name: column for name, column in columns.items() if column is not None}
 
 
 def differences(scene: KernelScene, shifts: Shifts, reach_m: float, work: Work, threads: int = 1) -> NDArray[Any]:

@@ -38,7 +38,7 @@
 /* ---- Status and limits ------------------------------------------------------------------------------------------ */
 
 /* Raise by one with every change of a structure's layout, of a constant's value, or of a function's arguments. */
-#define KERNEL_ABI 22
+#define KERNEL_ABI 23
 
 /* Contact tolerance, metres on the earth: polygons this close touch. Coordinates are rounded to 1e-8 m, and a touch must
  * not become a miss. Larger: contacts are reported too long. Smaller: rounding decides. */
@@ -299,6 +299,7 @@ typedef struct {
     const double *a_start_s, *a_end_s;        /* (count,) times within the slices of the pieces */
     const double *b_start_s, *b_end_s;
     const double *least, *most;               /* (count,) asked about: differences, infinite: all; or factors */
+    const double *weight;                     /* (count,) of the seconds of a in a difference; NULL: 1 */
 } KernelShifts;
 
 /* What is proven about the differences of a pair. */
@@ -309,11 +310,13 @@ typedef enum {
     KERNEL_DIFFERENCE_UNKNOWN = 3 /* nothing: the outer interval has all that both times allow, or all asked about */
 } KernelDifferenceState;
 
-/* Values of the goal at which the pieces come within reach of each other: seconds of b minus seconds of a; or factors,
- * seconds of b by seconds of a. An empty interval is [INFINITY, -INFINITY]. */
+/* Values of the goal at which the pieces come within reach of each other: seconds of b minus `weight` times seconds of a;
+ * or factors, seconds of b by seconds of a. An empty interval is [INFINITY, -INFINITY]. At an inner interval, the times of
+ * the contacts at both of its ends, which a way of contacts connects. */
 typedef struct {
     double outer_low, inner_low, inner_high, outer_high;
     int32_t state; /* KernelDifferenceState */
+    double low_a_s, low_b_s, high_a_s, high_b_s;
 } KernelDifference;
 
 /* Find the differences of departure, or the factors of time, that bring pairs within reach_m of each other on the earth (0:
@@ -321,7 +324,8 @@ typedef struct {
  *
  * If a departs d later, and b as planned, they meet if and only if d is a difference, plus b_zero_us minus a_zero_us. If all
  * times of a since the instant a_zero_us = b_zero_us take k times as long, they meet if and only if k is a factor: outer
- * intervals hold also if the instants of waypoints are rounded to microseconds, inner ones if they are not. Seconds of a are
+ * intervals hold also if the instants of waypoints are rounded to microseconds, inner ones if they are not. If a and b take
+ * i and k times as long, they meet if and only if the difference of departures is k times one of weight i / k. Seconds of a are
  * not negative then, and factors asked about are positive and finite. The work for a pair is bounded; when its budget is
  * exhausted, its outer interval is larger than need be.
  *

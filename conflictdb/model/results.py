@@ -494,10 +494,10 @@ class Speeds:
 
 @dataclass(frozen=True, slots=True)
 class Chances:
-    """How likely conflicts are if departures are uncertain: what `chances` returns. All are (at least, at most).
+    """How likely conflicts are if plans are uncertain: what `chances` returns. All are (at least, at most).
 
     pairs : probability of each conflict, by the keys of a track and of what it meets; all other pairs together add less
-        than 1e-12 for each track whose departure is normal, times the objects
+        than 1e-12 for each normal distribution, times the objects
     expected : the expected number of conflicts of tracks
     tracks : the probability that each track is in any conflict
     """

@@ -1,29 +1,35 @@
-"""How likely conflicts are if departures, or the speed of a track, are uncertain: bounds from above and below.
+"""How likely conflicts are if departures are uncertain: bounds from above and below.
 
 A track departs X later than planned, whole plan and all. X is normal, uniform or empirical, and independent of those of
 other tracks. Tracks a and b meet if and only if X_a - X_b is in their set of differences (`stages.delays`), whose outer
-intervals give the bound from above and whose inner intervals that from below. If instead the speed of one track is
-uncertain, and all else goes as planned, the same holds for its factor and its forbidden speeds (`stages.speeds`).
+intervals give the bound from above, and whose inner intervals that from below (speeds: `chances_at_speeds`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from conflictdb.arrays import Floats
-from conflictdb.stages.delays import Differences, Spans
-from conflictdb.stages.speeds import UNIT
+from conflictdb.earth.plane import Plane
+from conflictdb.model.plans import Scene
+from conflictdb.stages.at_any_time import AnyTime
+from conflictdb.stages.delays import Differences, Spans, differences_of
 
 Bounds = tuple[float, float]
+# Of pairs, by the numbers of a track and of an area or a later track, and of each track.
+Found = tuple[dict[tuple[int, int], Bounds], dict[int, Bounds]]
 
 # Probability left out on each side of a normal distribution, and more than probabilities are rounded by.
 _TAIL: Final = 1e-12
 ROUNDING: Final = 1e-10
 # Parts of a continuous distribution in which probabilities of several conflicts are bounded. Fewer: looser bounds.
 _CELLS: Final = 4000
+# Values of one distribution, times intervals, whose probabilities are computed at once. More: more memory.
+_AT_ONCE: Final = 1_000_000
 # Largest probability beyond the limits of a distribution.
 _MOST_OUTSIDE: Final = 1e-9
 
@@ -88,16 +94,47 @@ class Uncertain:
         gone, whole = np.maximum(x - self.low, 0.0), self.high - self.low
         return np.where(gone < whole, 0.5 * gone * gone / whole, gone - 0.5 * whole)
 
+    def quantile(self, rank: Floats, *, is_high: bool) -> Floats:
+        """Return the value at each rank from 0 to 1: at a step the one after it, or before it if `is_high`.
 
+        So values between two ranks are from the one of the lower rank to the high one of the upper rank.
+        """
+        if self.atoms is not None:
+            at = rank * len(self.atoms)
+            atom = np.ceil(at) - 1.0 if is_high else np.floor(at)
+            return np.asarray(self.atoms[np.clip(atom, 0, len(self.atoms) - 1).astype(np.int64)])
+        if self.sd > 0.0:
+            return np.clip(self.mean + self.sd * ndtri(rank), self.low, self.high)
+        return self.low + rank * (self.high - self.low)
+
+    def mean_of(self, ranks: Floats) -> Floats:
+        """Return the mean (n,) between two ranks (n, 2), to 1e-15 of the largest value by their difference."""
+        width = np.ptp(ranks, axis=1)
+        if self.atoms is not None:
+            steps = np.arange(len(self.atoms) + 1) / len(self.atoms)
+            below = np.interp(ranks, steps, np.append(0.0, np.cumsum(self.atoms) / len(self.atoms)))
+            return np.asarray(np.ptp(below, axis=1) / width)
+        if self.sd > 0.0:
+            density = np.exp(-0.5 * ndtri(ranks) ** 2) / np.sqrt(2.0 * np.pi)
+            return np.asarray(self.mean + self.sd * (density[:, 0] - density[:, 1]) / width)
+        return np.asarray(self.quantile(ranks.mean(axis=1), is_high=True))
+
+
+# Departures as planned, and speeds.
 PLANNED: Final = Uncertain(0.0, 0.0, atoms=np.zeros(1))
+AS_FAST: Final = Uncertain(1.0, 1.0, atoms=np.ones(1))
 
 
 def difference_within(a: Uncertain, b: Uncertain, low: Floats, high: Floats) -> Floats:
     """Return the probabilities of low <= X_a - X_b <= high, elementwise."""
+    if a.atoms is None and b.atoms is not None:
+        return difference_within(b, a, -high, -low)
     if a.atoms is not None:
-        return np.asarray(b.within(a.atoms[:, None] - high, a.atoms[:, None] - low).mean(axis=0))
-    if b.atoms is not None:
-        return np.asarray(a.within(b.atoms[:, None] + low, b.atoms[:, None] + high).mean(axis=0))
+        found, some = np.empty(len(low)), max(_AT_ONCE // len(a.atoms), 1)
+        for first in range(0, len(low), some):
+            rows = slice(first, first + some)
+            found[rows] = b.within(a.atoms[:, None] - high[rows], a.atoms[:, None] - low[rows]).mean(axis=0)
+        return found
     if b.sd > 0.0 and not a.sd > 0.0:
         return difference_within(b, a, -high, -low)
     if b.sd > 0.0:
@@ -105,6 +142,14 @@ def difference_within(a: Uncertain, b: Uncertain, low: Floats, high: Floats) -> 
         return both.within(low, high)
     ends = [(a.integral(x + b.high) - a.integral(x + b.low)) / (b.high - b.low) for x in (low, high)]
     return np.asarray(ends[1] - ends[0])
+
+
+def bend(a: Uncertain, b: Uncertain) -> float:
+    """Return the largest second derivative of the distribution function of X_a - X_b; infinite if there is none."""
+    sd, widths = float(np.hypot(a.sd, b.sd)), [one.high - one.low for one in (a, b) if one.atoms is None and not one.sd]
+    if sd > 0.0:
+        return float(np.exp(-0.5) / np.sqrt(2.0 * np.pi)) / sd**2
+    return 1.0 / (widths[0] * widths[1]) if len(widths) == 2 else np.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +166,7 @@ def chance_of_pair(departure: Uncertain, rival: Rival) -> Bounds:
     least, most = (
         float(difference_within(departure, rival.departure, *spans).sum()) for spans in (rival.inner, rival.outer)
     )
-    return _outward(least, most, departure.tail + rival.departure.tail)
+    return outward(least, most, departure.tail + rival.departure.tail)
 
 
 def chance_of_any(departure: Uncertain, rivals: list[Rival], tail: float) -> Bounds:
@@ -133,24 +178,8 @@ def chance_of_any(departure: Uncertain, rivals: list[Rival], tail: float) -> Bou
     pairs = [chance_of_pair(departure, one) for one in rivals]
     least = _of_any(departure, [(one.departure, *one.inner) for one in rivals], is_most=False)
     most = _of_any(departure, [(one.departure, *one.outer) for one in rivals], is_most=True)
-    least, most = _outward(least, most, tail)
+    least, most = outward(least, most, tail)
     return max([least, *(low for low, _ in pairs)]), min(most, sum(high for _, high in pairs) + tail)
-
-
-def chance_at_speed(speed: Uncertain, found: Differences) -> Bounds:
-    """Return bounds on the probability that a track meets some objects that go as planned, or any of them.
-
-    found : the forbidden speeds of the track, because of these objects
-    """
-    spans = found.forbidden(int(np.floor(speed.low * UNIT)), int(np.ceil(speed.high * UNIT)))
-    most, least = (float(speed.within(some.low / UNIT, some.high / UNIT).sum()) for some in spans)
-    return _outward(least, most, speed.tail)
-
-
-def either(a: Bounds, b: Bounds) -> Bounds:
-    """Return bounds on the probability of one or both of two independent events."""
-    least, most = (1.0 - (1.0 - a[k]) * (1.0 - b[k]) for k in (0, 1))
-    return least, min(most, 1.0)
 
 
 def _of_any(departure: Uncertain, rivals: list[tuple[Uncertain, Floats, Floats]], *, is_most: bool) -> float:
@@ -177,7 +206,8 @@ def _of_any(departure: Uncertain, rivals: list[tuple[Uncertain, Floats, Floats]]
     return float((mass * (1.0 - free)).sum())
 
 
-def _outward(least: float, most: float, tail: float) -> Bounds:
+def outward(least: float, most: float, tail: float) -> Bounds:
+    """Return bounds with the rounding of probabilities, and what is beyond the limits of distributions."""
     return max(0.0, least - ROUNDING), min(1.0, most + tail + ROUNDING)
 
 
@@ -197,3 +227,27 @@ def rivals_of(found: Differences, horizon_us: int, departure_of: Callable[[int],
 
 def _seconds(spans: Spans) -> tuple[Floats, Floats]:
     return spans.low / 1e6, spans.high / 1e6
+
+
+def chances_of_departures(
+    scene: Scene,
+    plane: Plane,
+    placed: AnyTime,
+    numbers: NDArray[np.int64],
+    known: Mapping[int, Uncertain],
+    tail: float,
+) -> Found:
+    """Return the chances of pairs and tracks; known: uncertain departures by number."""
+    most_s = max([0.0, *(one.high for one in known.values())]) - min([0.0, *(one.low for one in known.values())])
+    horizon_us = int(np.ceil(1e6 * most_s)) + 1
+    movable = set(numbers.tolist())
+    pairs, any_of = {}, {}
+    every = differences_of(scene, plane, placed, numbers, horizon_us, waits=False)
+    for number, own in every.of_each_track():
+        departure = known.get(number, PLANNED)
+        rivals = rivals_of(own, horizon_us, lambda other: known.get(other, PLANNED))
+        any_of[number] = chance_of_any(departure, list(rivals.values()), tail)
+        for other, rival in rivals.items():
+            if other not in movable or other > number:
+                pairs[number, other] = chance_of_pair(departure, rival)
+    return pairs, any_of

@@ -437,7 +437,7 @@ def _of_some_pairs(
     covered = is_covered(pieces, a, b)
     solved = np.flatnonzero(~covered)
     left, own, doubt_s = with_heights(pieces, shifts.take(solved))
-    rows, found = solved_shifts(prepared, own, scene.separation_m + scene.tolerance_m, threads)
+    rows, _, found = solved_shifts(prepared, own, scene.separation_m + scene.tolerance_m, threads)
     found["inner_low"] += doubt_s[rows]
     found["inner_high"] -= doubt_s[rows]
     rows = left[rows]
@@ -483,8 +483,8 @@ def shifts_of(
 
 def solved_shifts(
     prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, threads: int, work: kernel.Work | None = None
-) -> tuple[_Ints, NDArray[Any]]:
-    """Return rows of pairs that something asked about brings into contact, and the answers.
+) -> tuple[_Ints, Shifts, NDArray[Any]]:
+    """Return rows of pairs that something asked about brings into contact, their times, and the answers.
 
     Where a part of an interval is neither proven free nor forbidden, times are halved, so that a pair may have several
     rows: contact sets of havens that change their shape may have several parts.
@@ -498,11 +498,12 @@ def solved_shifts(
         known |= found["outer_high"] - found["outer_low"] <= found["inner_high"] - found["inner_low"] + loose
         known |= (found["outer_high"] - found["outer_low"] <= loose) | (split == _MOST_SPLITS)
         kept = known & (found["state"] != DifferenceState.NONE)
-        done.append((rows[kept], found[kept]))
+        done.append((rows[kept], shifts.take(np.flatnonzero(kept)), found[kept]))
         if known.all():
             break
         rows, shifts = np.repeat(rows[~known], 2), _halved(shifts.take(np.flatnonzero(~known)))
-    return np.concatenate([some for some, _ in done]), np.concatenate([some for _, some in done])
+    rows_of, shifts_of_rows, found_of = zip(*done, strict=True)
+    return np.concatenate(rows_of), Shifts.concatenate(shifts_of_rows), np.concatenate(found_of)
 
 
 def _halved(shifts: Shifts) -> Shifts:

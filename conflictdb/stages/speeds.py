@@ -141,7 +141,7 @@ def _of_stretched(
     asked = np.full(len(rows), least), np.full(len(rows), most)
     shifts = Shifts(a[rows], b[rows], zero[rows], zero[rows], *times, *asked, is_factor=True)
     left, shifts, doubt_s = with_heights(pieces, shifts)
-    row, found = delays.solved_shifts(prepared, shifts, reach_m, threads)
+    row, _, found = delays.solved_shifts(prepared, shifts, reach_m, threads)
     # A factor moves the times of a; a doubt of its ends is one of factors, relative to them.
     doubt = found["inner_high"] * doubt_s[row] / np.maximum(shifts.a_start_s[row], 1e-6)
     doubt = np.where(doubt_s[row] > 0.0, doubt, 0.0)
@@ -157,7 +157,7 @@ def _of_stretched(
         *(a_start_s[rows], a_end_s[rows], nothing[rows], nothing[rows], -ever, ever),
     )
     left, shifts, doubt_s = with_heights(pieces, shifts)
-    row, found = delays.solved_shifts(prepared, shifts, reach_m, threads)
+    row, _, found = delays.solved_shifts(prepared, shifts, reach_m, threads)
     found["inner_low"] += doubt_s[row]
     found["inner_high"] -= doubt_s[row]
     rows = rows[left]

@@ -92,7 +92,7 @@ def _of_reach(
     """Return uses of pairs of tracks (n,) that come within a reach of each other's places; `pair` counts from 0."""
     within_us = scene.time_separation_us
     between_us = shifts.b_zero_us - shifts.a_zero_us
-    row, found = solved_shifts(prepared, shifts, reach_m, threads, work)
+    row, _, found = solved_shifts(prepared, shifts, reach_m, threads, work)
     outer = [
         np.clip(1e6 * found[f"outer_{end}"] + between_us[row] + sign * ROUNDING_US, -within_us, within_us)
         for end, sign in (("low", -1), ("high", 1))

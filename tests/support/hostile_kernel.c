@@ -310,17 +310,18 @@ static void ask_regions(const KernelScene *scene, const KernelPairs *pairs, cons
 static void ask_differences(const KernelScene *scene, const KernelPairs *pairs, double reach, int64_t odd, int64_t calls[16]) {
     const int64_t hour = INT64_C(3600000000), m = pairs->count < 8 ? pairs->count : 8, is_factor = below(2);
     int64_t *zero = block(m, 8);
-    double *low = block(m, 8), *high = block(m, 8), *least = block(m, 8), *most = block(m, 8);
+    double *low = block(m, 8), *high = block(m, 8), *least = block(m, 8), *most = block(m, 8), *weight = block(m, 8);
     KernelDifference *found = block(m, sizeof *found);
     KernelWork work;
     for (int64_t i = 0; i < m; i++) {
         zero[i] = instant(0, hour, odd), low[i] = number(0.0, 1800.0, odd), high[i] = low[i] + number(0.0, 5400.0, odd);
         if (below(4) == 0) low[i] = high[i] = 0.0;
         least[i] = number(-7200.0, 7200.0, odd), most[i] = below(4) == 0 ? INFINITY : number(-7200.0, 7200.0, odd);
+        weight[i] = number(0.01, 100.0, odd);
         if (is_factor) least[i] = number(0.01, 1.0, odd), most[i] = number(1.0, 100.0, odd);
     }
     KernelShifts shifts = {below(50 * odd) ? m : -1, is_factor, pairs->a, pairs->b, pairs->zero_us, zero, pairs->low_s, pairs->high_s,
-                           low, below(50 * odd) ? high : NULL, below(50 * odd) ? least : NULL, most};
+                           low, below(50 * odd) ? high : NULL, below(50 * odd) ? least : NULL, most, below(2) ? weight : NULL};
     KernelStatus status = kernel_differences(scene, &shifts, reach, found, &work);
     calls[status]++;
     for (int64_t i = 0; status == KERNEL_OK && i < m; i++) {
@@ -331,7 +332,7 @@ static void ask_differences(const KernelScene *scene, const KernelPairs *pairs, 
         if (is_inner != (one->inner_low <= one->inner_high)) abort();
         if (is_inner && !(one->outer_low <= one->inner_low && one->inner_high <= one->outer_high)) abort();
     }
-    free(zero), free(low), free(high), free(least), free(most), free(found);
+    free(zero), free(low), free(high), free(least), free(most), free(weight), free(found);
 }
 
 static void play(int64_t calls[16], int64_t outcomes[4]) {

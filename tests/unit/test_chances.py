@@ -9,9 +9,12 @@ import pytest
 import shapely
 from scipy import integrate, stats
 from shifting import stretched
-from workloads import LOW_LATITUDE, throw
+from workloads import GROWING, GROWING_CIRCLES, LOW_LATITUDE, Workload, throw
 
 from conflictdb import Area, InvalidInput, Scene, Track, chances, delays, rectangle_outline_m, solve, speeds
+from conflictdb.in_memory import numbered
+from conflictdb.stages.at_any_time import AnyTime
+from conflictdb.stages.contacts_at_speeds import Pace, meetings_of
 
 T0_US = 1_780_000_000_000_000
 SCENE = Scene("chances")
@@ -146,11 +149,96 @@ def test_an_uncertain_speed_is_as_often_in_conflict_as_computed() -> None:
     assert count > 10
 
 
+def moved(plan: Track, factor: float, delay_s: float) -> Track:
+    """The plan at another speed, departing later."""
+    fast = stretched(plan, factor)
+    return replace(fast, times_us=fast.times_us + round(1e6 * delay_s), max_speed_kn=np.inf)
+
+
+@pytest.mark.parametrize(
+    ("departures", "fast"),
+    [
+        ({}, {"east": stats.norm(1.0, 0.05), "north": stats.norm(1.0, 0.05)}),
+        ({"east": NORMAL, "north": WIDE}, {"east": stats.norm(1.0, 0.05), "north": stats.uniform(0.9, 0.3)}),
+        ({"north": UNIFORM}, {"east": [0.95, 1.0, 1.0, 1.1], "north": [0.9, 1.1]}),
+        ({"north": [-300.0, 0.0, 900.0]}, {"east": stats.norm(1.0, 0.1), "north": stats.norm(1.0, 0.1)}),
+    ],
+)
+def test_speeds_and_departures_are_uncertain_together(departures: dict[str, Any], fast: dict[str, Any]) -> None:
+    """Monte Carlo by `solve`, within four standard errors."""
+    plans = [EAST, NORTH]
+    closed = Area("closed", shapely.box(0.9, -0.1, 1.1, 0.1), None, T0_US + 9_000_000_000, T0_US + 9_500_000_000)
+    found = chances(plans, [closed], SCENE, departures, fast)
+    rng, runs = np.random.default_rng(0), 60
+    seen: Counter[frozenset[str]] = Counter()
+    met: Counter[str] = Counter()
+    for _ in range(runs):
+        flown = [
+            moved(
+                plan,
+                *(_draw(of[plan.key], rng) if plan.key in of else 1.0 - n for n, of in enumerate([fast, departures])),
+            )
+            for plan in plans
+        ]
+        conflicts = {frozenset((row.a_key, row.b_key)) for row in solve(flown, [closed], SCENE)}
+        seen.update(conflicts)
+        met.update({key for both in conflicts for key in both})
+    assert set(found.pairs) == {("east", "north"), ("east", "closed")}
+    for (least, most), count in [
+        *((bounds, seen[frozenset(key)]) for key, bounds in found.pairs.items()),
+        *((bounds, met[key]) for key, bounds in found.tracks.items()),
+    ]:
+        error = 4.0 * np.sqrt(max(least * (1.0 - least), 1.0 / runs) / runs)
+        assert least - error <= count / runs <= most + error
+    assert max(most - least for least, most in found.pairs.values()) < 5e-3
+    assert max(most - least for least, most in found.tracks.values()) < 0.15
+
+
+def test_an_uncertain_speed_and_departure_equal_a_quadrature() -> None:
+    """The mean over speeds of the probability of the forbidden delays of the plan at that speed."""
+    speed, departure, count = stats.norm(1.0, 0.05), stats.norm(100.0, 600.0), 4000
+    least, most = chances([EAST, NORTH], [], SCENE, {"east": departure}, {"east": speed}).pairs["east", "north"]
+    assert 0.0 <= most - least < 1e-6
+    factors = speed.ppf((np.arange(count) + 0.5) / count)
+    nodes = np.linspace(factors[0], factors[-1], 65)
+    ends = np.array([difference(stretched(EAST, float(factor)), NORTH) for factor in nodes])
+    # Ends are smooth, but for a few kinks.
+    low, high = (np.interp(factors, nodes, ends[:, k]) for k in (0, 1))
+    assert np.mean(departure.cdf(high) - departure.cdf(low)) == pytest.approx(0.5 * (least + most), abs=3e-5)
+
+
+@pytest.mark.parametrize("workload", [GROWING, LOW_LATITUDE, GROWING_CIRCLES], ids=lambda workload: workload.name)
+def test_differences_at_any_speeds_are_those_of_plans_at_these(workload: Workload) -> None:
+    """What is proven in contact at some speeds is forbidden by a computation with these, and the other way round."""
+    scene, _, tracks = throw(workload, 3, 0, 8, tolerance_m=1.0, separation_m=200.0)
+    scene, plane, pieces, keys, numbers, tracks = numbered("chances", tracks, [], scene)
+    limits = (0.5, 2.0)
+    paces = {
+        number: Pace(int(one.times_us[0]), float(np.ptp(one.times_us)) / 1e6, (-1e6, 1e6), limits)
+        for number, one in zip(numbers.tolist(), tracks, strict=True)
+    }
+    of_number, rng, compared = dict(zip(numbers.tolist(), tracks, strict=True)), np.random.default_rng(0), 0
+    for (a, b), meeting in meetings_of(scene, plane, AnyTime.of(pieces), paces).items():
+        factors = rng.uniform(*limits, (2, 1, 1))
+        low, high = (
+            np.concatenate(some) for some in zip(meeting.inner(*factors), meeting.outer(*factors), strict=True)
+        )
+        inner, outer = np.split(np.column_stack([low.ravel(), high.ravel()]), 2)
+        plans = [stretched(of_number[n], 1.0 / float(factors[k, 0, 0])) for k, n in enumerate((a, b))]
+        [found] = delays(plans, [], scene, keys[a], 9e5)
+        spans = [(one.from_s, one.to_s) for one in found.forbidden if one.is_proven]
+        for start, end in inner[inner[:, 0] <= inner[:, 1]].tolist():
+            assert any(one.from_s <= start and end <= one.to_s for one in found.forbidden)
+        for start, end in [(one.from_s + one.from_error_s, one.to_s - one.to_error_s) for one in found.forbidden]:
+            for at in np.linspace(start, end, 7):
+                assert ((outer[:, 0] <= at) & (at <= outer[:, 1])).any()
+        compared += len(spans)
+    assert compared > 5
+
+
 @pytest.mark.parametrize(
     ("given", "rule"),
     [
-        ({"departures": {"north": NORMAL}, "speeds": {"east": [1.0]}}, "must have one track, without departures"),
-        ({"speeds": {"north": [1.0], "east": [1.0]}}, "must have one track"),
         ({"speeds": {"east": stats.norm(1.0, 0.5)}}, "finite factors, from 0.01 to 100"),
         ({"speeds": {"east": [0.0]}}, "finite factors"),
         ({"speeds": {"east": stats.norm(0.0, 0.0)}}, "finite factors"),
@@ -210,6 +298,10 @@ def test_200_pairs_are_as_often_in_conflict_as_computed() -> None:
     assert found.expected[0] - error <= np.mean(counts) <= found.expected[1] + error
     assert max(most - least for least, most in found.pairs.values()) < 1e-6
     assert max(most - least for least, most in found.tracks.values()) < 1e-2
+
+
+def _draw(given: Any, rng: np.random.Generator) -> float:
+    return float(rng.choice(given) if isinstance(given, list) else given.rvs(random_state=rng))
 
 
 def _drawn(departure: Any, rng: np.random.Generator) -> int:

@@ -82,6 +82,33 @@ def test_a_pair_and_its_mirror_image_agree() -> None:
     assert (other["inner_high"] <= -one["outer_low"])[known].all()
 
 
+@pytest.mark.parametrize("workload", WORKLOADS, ids=lambda workload: workload.name)
+@pytest.mark.parametrize("reach_m", [0.0, 500.0])
+def test_a_weight_stretches_the_times_of_one_piece(workload: Workload, reach_m: float) -> None:
+    """The weight 1 is none; with another one, contacts are the same, and the ends of proven intervals are contacts."""
+    plane, pieces, pairs = batch(workload)
+    shifts, scene = shifts_of(pieces, *pairs), KernelScene(plane, pieces)
+    plain = differences(scene, shifts, reach_m, Work())
+    one = differences(scene, replace(shifts, weight=np.ones(len(shifts))), reach_m, Work())
+    assert plain.tobytes() == one.tobytes()
+    weight = np.random.default_rng(0).uniform(0.3, 3.0, len(shifts))
+    found = differences(scene, replace(shifts, weight=weight), reach_m, Work())
+    assert ((found["state"] == DifferenceState.NONE) == (plain["state"] == DifferenceState.NONE)).all()
+    known = found["state"] == DifferenceState.INNER
+    assert known.sum() > 5
+    for end in ("low", "high"):
+        value = found[f"{end}_b_s"] - weight * found[f"{end}_a_s"]
+        np.testing.assert_allclose(value[known], found[f"inner_{end}"][known], rtol=0.0, atol=1e-9)
+        # Contacts are so at any weight.
+        other = (plain[f"{end}_b_s"] - weight * plain[f"{end}_a_s"])[known & (plain["state"] == DifferenceState.INNER)]
+        inside = found[known & (plain["state"] == DifferenceState.INNER)]
+        assert (inside["outer_low"] <= other).all()
+        assert (other <= inside["outer_high"]).all()
+    for odd in (0.0, -1.0, np.nan, np.inf):
+        unknown = differences(scene, replace(shifts, weight=np.full(len(shifts), odd)), reach_m, Work())
+        assert (unknown["state"] == DifferenceState.UNKNOWN).all()
+
+
 def test_an_invalid_piece_or_time_leaves_everything_possible() -> None:
     plane, pieces, (a, b) = batch(HIGH_LATITUDE)
     spoilt = int(a[pieces.kind[a] == 1][0])

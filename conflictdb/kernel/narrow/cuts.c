@@ -140,7 +140,7 @@ Passing cuts_by_passing(Cuts *cuts, Box *box, Slack slack, double sign) {
     if (!(cuts->shift.reach_m > 0.0 && hu > 0.0 && hv > 0.0)) return none;
     Vector a = mover_velocity(&pair->a, 0.5 * (box->u0 + box->u1)), b = mover_velocity(&pair->b, 0.5 * (box->v0 + box->v1));
     /* Along v = factor u both times change together. */
-    double factor = cuts->shift.goal.is_factor ? sign * box->bound : 1.0;
+    double factor = cuts->shift.goal.is_factor ? sign * box->bound : cuts->shift.goal.weight;
     Vector way = {factor * b.x - a.x, factor * b.y - a.y};
     double speed = norm(way);
     if (!(speed > 0.0)) return none;
@@ -150,7 +150,7 @@ Passing cuts_by_passing(Cuts *cuts, Box *box, Slack slack, double sign) {
     gap = gap_between(box, slack, ends_along(cuts, turned(axis, along, -(gap.u + factor * gap.v) / speed)));
     part_cut(&box->part, gap.u, gap.v, gap.level);
     double rate = 0.5 * sign * (gap.v - gap.u);
-    if (!(rate > 0.0) || cuts->shift.goal.is_factor) return none;
+    if (!(rate > 0.0) || cuts->shift.goal.is_factor || cuts->shift.goal.weight != 1.0) return none;
     return (Passing){along, along.x * a.x + along.y * a.y, along.x * b.x + along.y * b.y, -gap.level / rate, rate};
 }
 

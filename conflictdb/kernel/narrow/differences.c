@@ -239,40 +239,50 @@ static double highest(Search *search, const Box *whole, double sign, Seen *seen)
     return most(found, seen->value);
 }
 
-static const KernelDifference APART = {INFINITY, INFINITY, -INFINITY, -INFINITY, KERNEL_DIFFERENCE_NONE};
+static KernelDifference outer_alone(double low, double high, KernelDifferenceState state) {
+    return (KernelDifference){
+        .outer_low = low, .inner_low = INFINITY, .inner_high = -INFINITY, .outer_high = high, .state = (int32_t)state};
+}
+
+static KernelDifference apart(void) { return outer_alone(INFINITY, -INFINITY, KERNEL_DIFFERENCE_NONE); }
 
 /* The differences of a pair that is set up, within its box. */
 static KernelDifference differences_of(Search *search, Box *whole) {
     Encounter *pair = search->cuts.shift.pair;
-    if (whole->part.count == 0) return APART;
+    if (whole->part.count == 0) return apart();
     mover_focus(&pair->a, whole->u0, whole->u1), mover_focus(&pair->b, whole->v0, whole->v1);
     cuts_by_all(&search->cuts, whole, cuts_put_ends(&search->cuts, whole));
-    if (whole->part.count == 0) return APART;
+    if (whole->part.count == 0) return apart();
     Seen last = {-INFINITY, {0.0, 0.0}}, first = last;
     int half = search->looks_left / 2;
     search->looks_left -= half;
     double high = highest(search, whole, 1.0, &last);
-    if (high == -INFINITY) return APART;
+    if (high == -INFINITY) return apart();
     search->looks_left += half;
     if (isfinite(last.value)) see(search, &first, -1.0, last.at);
     double low = highest(search, whole, -1.0, &first);
-    if (low == -INFINITY) return APART;
-    KernelDifference found = {-low, INFINITY, -INFINITY, high, KERNEL_DIFFERENCE_OUTER};
+    if (low == -INFINITY) return apart();
+    KernelDifference found = outer_alone(-low, high, KERNEL_DIFFERENCE_OUTER);
     if (isfinite(last.value) && shift_contact_lasts(&search->cuts.shift, &first.at, &last.at, part_middle(&whole->part))) {
         const Goal *goal = &search->cuts.shift.goal;
         double begins = -goal_exactly(goal, -1.0, first.at), ends = goal_exactly(goal, 1.0, last.at);
-        if (begins <= ends) found.state = KERNEL_DIFFERENCE_INNER, found.inner_low = begins, found.inner_high = ends;
+        if (begins <= ends) {
+            found.state = KERNEL_DIFFERENCE_INNER, found.inner_low = begins, found.inner_high = ends;
+            found.low_a_s = first.at.u, found.low_b_s = first.at.v, found.high_a_s = last.at.u, found.high_b_s = last.at.v;
+        }
     }
     return found;
 }
+
+static double weight_of(const KernelShifts *shifts, int64_t i) { return shifts->weight ? shifts->weight[i] : 1.0; }
 
 /* Set up pair i; false if its times or one of its pieces is invalid. */
 static bool begin(const KernelScene *scene, const KernelShifts *shifts, int64_t i, Search *search, Box *whole) {
     Encounter *pair = search->cuts.shift.pair;
     double u0 = shifts->a_start_s[i], u1 = shifts->a_end_s[i], v0 = shifts->b_start_s[i], v1 = shifts->b_end_s[i];
     Vector origin = scene->bodies[shifts->a[i]].origin;
-    Goal goal = {shifts->is_factor, shifts->least[i], shifts->most[i], ROUNDED_S};
-    if (!(u0 <= u1 && v0 <= v1)) return false;
+    Goal goal = {shifts->is_factor, shifts->least[i], shifts->most[i], ROUNDED_S, weight_of(shifts, i)};
+    if (!(u0 <= u1 && v0 <= v1 && goal.weight > 0.0 && goal.weight < INFINITY)) return false;
     if (goal.is_factor && !(u0 >= 0.0 && goal.least > 0.0 && goal.most < INFINITY)) return false;
     if (!border_move(scene, shifts->a[i], shifts->a_zero_us[i], u0, u1, origin, &pair->a)) return false;
     if (!border_move(scene, shifts->b[i], shifts->b_zero_us[i], v0, v1, origin, &pair->b)) return false;
@@ -308,11 +318,12 @@ KernelStatus kernel_differences(const KernelScene *scene, const KernelShifts *sh
     search.cuts.touch_m = 2.0 * KERNEL_TOUCH_M + encounter_distance_error_m(&pair, reach_m);
     for (int64_t i = 0; boxes && halves && i < shifts->count; i++) {
         Box whole;
-        double low = shifts->b_start_s[i] - shifts->a_end_s[i], high = shifts->b_end_s[i] - shifts->a_start_s[i];
+        double weight = weight_of(shifts, i), low = shifts->b_start_s[i] - weight * shifts->a_end_s[i];
+        double high = shifts->b_end_s[i] - weight * shifts->a_start_s[i];
         if (shifts->is_factor) low = shifts->least[i], high = shifts->most[i];
         if (!(low <= high)) low = -INFINITY, high = INFINITY;
-        KernelDifference unknown = {low, INFINITY, -INFINITY, high, KERNEL_DIFFERENCE_UNKNOWN};
-        found[i] = begin(scene, shifts, i, &search, &whole) ? differences_of(&search, &whole) : unknown;
+        bool is_valid = begin(scene, shifts, i, &search, &whole);
+        found[i] = is_valid ? differences_of(&search, &whole) : outer_alone(low, high, KERNEL_DIFFERENCE_UNKNOWN);
     }
     free(memory), free(boxes), free(halves);
     return boxes && halves ? KERNEL_OK : KERNEL_NO_MEMORY;

@@ -1,13 +1,14 @@
 #include "narrow/goal.h"
 
 bool goal_is_asked(const Goal *goal, Times at) {
-    if (!goal->is_factor) return at.v - at.u >= goal->least && at.v - at.u <= goal->most;
+    double difference = at.v - goal->weight * at.u;
+    if (!goal->is_factor) return difference >= goal->least && difference <= goal->most;
     return at.v >= goal->least * at.u && at.v <= goal->most * at.u;
 }
 
 void goal_cut(const Goal *goal, Part *part, double sign, double value) {
     if (goal->is_factor) part_cut(part, value, -sign, -goal->pad_s);
-    else part_cut(part, sign, -sign, value);
+    else part_cut(part, sign * goal->weight, -sign, value);
 }
 
 double goal_exactly(const Goal *goal, double sign, Times at) {

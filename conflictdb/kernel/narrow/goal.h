@@ -7,16 +7,16 @@
 
 #include "narrow/part.h"
 
-/* The difference v - u, or the factor v / u by which the times of a are stretched; asked about from least to most. Of
+/* The difference v - weight u, or the factor v / u by which the times of a are stretched; asked about from least to most. Of
  * factors, v is known to pad_s seconds only: the times of a stretched track are rounded. */
 typedef struct {
     bool is_factor;
-    double least, most, pad_s;
+    double least, most, pad_s, weight;
 } Goal;
 
 /* The goal at a point, if sign is 1, or its negative, if it is -1. At u = 0 each factor is possible. The pad counts outward. */
 static inline double goal_value(const Goal *goal, double sign, Times at) {
-    if (!goal->is_factor) return sign * (at.v - at.u);
+    if (!goal->is_factor) return sign * (at.v - goal->weight * at.u);
     double low = sign > 0.0 ? goal->least : -goal->most, high = sign > 0.0 ? goal->most : -goal->least;
     double value = at.u > 0.0 ? (sign * at.v + goal->pad_s) / at.u : INFINITY;
     return value < low ? low : value > high ? high : value;

@@ -1,6 +1,7 @@
 // The page: joins the state to what draws it, and to what people do. Only the state (state.js) changes what is shown, chosen
 // or filtered, only the player what plays; methods here change one of them, and then tell those that draw.
 
+import { Address } from "./address.js";
 import { byId } from "./dom.js";
 import { Departure } from "./departure.js";
 import { Detail } from "./detail.js";
@@ -11,6 +12,7 @@ import { Havens } from "./havens.js";
 import { List } from "./list.js";
 import { MapView } from "./map.js";
 import { MERCATOR_END } from "./model.js";
+import { distanceAround, kernelOf } from "./pair_distance.js";
 import { Paced, Readings } from "./pace.js";
 import { Player } from "./player.js";
 import { PolarView } from "./polar.js";
@@ -51,13 +53,15 @@ class Page {
     this.detail = new Detail(byId("detail"), {
       whatIf: (track) => this.askWhatIf(track), back: () => this.unchoose(), goTo: moveTo, acknowledge: (conflict, reason) => this.acknowledge(conflict, reason),
     });
-    this.departure = new Departure(byId("what-if"), this.source, {
+    this.kernel = kernelOf(this.source);
+    this.departure = new Departure(byId("what-if"), this.source, this.kernel, {
       range: (track, s) => this.state.model.spareSpan([track.start - s, track.end + s]), change: (plan) => this.replan(plan), close: () => this.planClosed(),
     });
     this.marks = new Paced(() => this.mark(), MARKS_MS, MARKS_SHARE);
     this.resting = null; // the timer of a plan that is being moved
     this.filtering = null; // the timer of a filter that waits
     this.readings = new Readings((what) => this.readAgain(what), (error) => this.failed(error));
+    this.address = new Address(() => this.shown(), (asked) => this.show(asked));
     // Made when the scene is read: view, havens, polar.
   }
 
@@ -90,6 +94,8 @@ class Page {
       view, havens, polar, graticule, timeline, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
     };
     await view.loaded;
+    await this.address.begin();
+    view.map.on("moveend", () => this.address.soon());
     if (view.showsDetail()) this.marks.now();
     performance.mark("shown");
     document.documentElement.dataset.ready = "true";
@@ -260,6 +266,7 @@ class Page {
 
   // All but the layers of the map.
   showInstant() {
+    this.address.soon();
     const { state, havens, polar } = this;
     const { t, chosen } = state;
     byId("clock").textContent = clock(t);
@@ -267,6 +274,7 @@ class Page {
     byId("day").textContent = `UTC, ${day(t)}`;
     this.timeline.mark(t, chosen?.id ?? null);
     this.list.show(t, chosen?.id ?? null);
+    this.detail.mark(t);
     havens.t = polar.t = t;
     havens.marks.inConflict = polar.inConflict = state.inConflict();
     havens.marks.pair = chosen ? [chosen.a, chosen.b] : [];
@@ -279,6 +287,7 @@ class Page {
   choose(conflict) {
     const { state, view } = this;
     this.player.pause();
+    this.address.flush();
     if (conflict.change && conflict.change !== "gone") { // of a moved plan: nothing more is known
       this.moveTo(conflict.start);
       return;
@@ -297,10 +306,12 @@ class Page {
       const { clientWidth, clientHeight } = byId("map");
       view.goTo(box, Math.min(120, clientWidth / 5, clientHeight / 5));
     }
+    this.address.step();
   }
 
-  unchoose() {
+  unchoose(isStep = true) {
     const { state } = this;
+    if (isStep) this.address.flush();
     const id = state.chosen?.id;
     state.choose(null);
     byId("detail").hidden = true;
@@ -308,16 +319,20 @@ class Page {
     this.moveTo(state.t);
     const n = this.list.reveal(id);
     this.list.focus(n);
+    if (isStep) this.address.step();
   }
 
   // --- a track that departs at another time --------------------------------------------------------------------------
 
   askWhatIf(track) {
-    if (this.state.chosen) this.unchoose();
+    this.address.flush();
+    if (this.state.chosen) this.unchoose(false);
     const { model } = this.state;
     byId("words").value = printable(track.key);
     this.readFilter();
-    return this.departure.open(track, model.scene.scene);
+    const opened = this.departure.open(track, model.scene.scene);
+    this.address.step();
+    return opened;
   }
 
   // Shows the conflicts and the haven of a moved plan; null: as planned.
@@ -332,6 +347,7 @@ class Page {
     this.state.model.spareSpan(null);
     this.replan(null);
     this.moveTo(this.state.t);
+    this.address.step();
     byId("words").focus();
   }
 
@@ -342,7 +358,9 @@ class Page {
 
   showDetail() {
     const { chosen, model } = this.state;
-    this.detail.show(chosen, model, this.source.pair(chosen.a, chosen.b), model.scene.may_acknowledge);
+    const track = [chosen.b, chosen.a].find((key) => model.objects.get(key)?.kind === "track");
+    const distance = track === undefined ? null : distanceAround(this.source, this.kernel, chosen, track);
+    this.detail.show(chosen, model, this.source.pair(chosen.a, chosen.b), distance, model.scene.may_acknowledge);
   }
 
   // --- about the pole ------------------------------------------------------------------------------------------------
@@ -376,6 +394,59 @@ class Page {
 
   drawPole() {
     if (this.polar.isShown) this.polar.take(this.state.model).catch((error) => tell(error.message, true));
+  }
+
+  // --- the address ---------------------------------------------------------------------------------------------------
+
+  shown() {
+    const { state, departure } = this;
+    const value = (id) => byId(id).value.trim();
+    return {
+      scene: state.model.scene.scene, t: state.t, view: this.view.place(), chosen: state.chosen,
+      filter: {
+        object: byId("words").value, verdicts: [...state.filter.verdicts], from: value("from"), to: value("to"),
+        floor: value("floor"), ceiling: value("ceiling"), now: state.filter.now, open: state.filter.open,
+      },
+      departure: departure.isOpen ? departure : null,
+    };
+  }
+
+  async show({ scene, t, view, pair, filter, departure }) {
+    const { state } = this;
+    if (scene !== null && scene !== state.model.scene.scene) {
+      tell(`The link is to the scene ${scene}: this page shows another one.`, true);
+      return;
+    }
+    byId("words").value = filter.object;
+    for (const name of ["from", "to", "floor", "ceiling"]) byId(name).value = filter[name];
+    for (const name of ["now", "open"]) byId(name).checked = filter[name];
+    for (const box of document.querySelectorAll("input[name=verdict]")) box.checked = filter.verdicts.includes(box.value);
+    this.readFilter();
+    const track = departure && state.model.objects.get(departure.key);
+    if (track?.kind === "track") {
+      if (this.departure.key !== track.key) await this.askWhatIf(track);
+      await this.departure.moveWithin(1e6 * departure.laterS);
+      byId("words").value = filter.object;
+      this.readFilter();
+    } else {
+      this.departure.close();
+    }
+    const conflict = pair && state.model.conflicts.find(({ a, b }) => a === pair[0] && b === pair[1]);
+    if (conflict) this.choose(conflict);
+    else if (state.chosen) this.unchoose();
+    if (t !== null) this.moveTo(t);
+    if (view) this.view.jumpTo(view);
+  }
+
+  async copyLink() {
+    this.address.write(false);
+    try {
+      await navigator.clipboard.writeText(location.href);
+      byId("link").textContent = "Copied";
+    } catch {
+      byId("link").textContent = "See the address";
+    }
+    setTimeout(() => { byId("link").textContent = "Copy link"; }, 2000);
   }
 
   // --- what people do ------------------------------------------------------------------------------------------------
@@ -418,6 +489,7 @@ class Page {
   listen() {
     const { view, havens, polar, list } = this;
     byId("filter").addEventListener("input", () => this.readFilter());
+    byId("link").addEventListener("click", () => this.copyLink());
     byId("filter").addEventListener("change", checkInstants);
     byId("filter").addEventListener("reset", () => setTimeout(() => { checkInstants(); this.readFilter(); }));
     byId("filter").addEventListener("submit", (event) => event.preventDefault());

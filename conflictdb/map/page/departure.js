@@ -2,7 +2,6 @@
 
 import { element } from "./dom.js";
 import { counted, duration, printable } from "./format.js";
-import { Kernel } from "./kernel.js";
 import { moved, statement } from "./moved_plan.js";
 import { DepartureStrip } from "./strip.js";
 import { union, unpackPieces, WhatIf } from "./what_if.js";
@@ -40,13 +39,13 @@ export function stretchesOf(forbidden) {
 
 export class Departure {
   // `on`: range(track, s) hears by how much it may be moved, change(plan) of a moved plan (null: as planned), close().
-  constructor(container, source, on) {
+  constructor(container, source, kernel, on) {
     this.container = container;
     this.canvas = element("canvas", { role: "img", "aria-label": "Departures in conflict, by what they meet" });
     this.strip = new DepartureStrip(this.canvas, (us) => this.moveTo(seconds(us)));
     this.source = source;
     this.on = on;
-    this.kernel = null; // a promise of it, once it is needed
+    this.kernel = kernel; // loads it
     this.key = null;
     this.rangeS = 3600;
     this.laterUs = 0;
@@ -115,8 +114,7 @@ export class Departure {
     this.summary.textContent = "Computing …";
     let whatIf;
     try {
-      this.kernel ??= this.source.kernel().then((bytes) => Kernel.of(bytes));
-      const [kernel, pieces] = await Promise.all([this.kernel, this.source.pieces(this.key, this.rangeS)]);
+      const [kernel, pieces] = await Promise.all([this.kernel(), this.source.pieces(this.key, this.rangeS)]);
       if (asked !== this.asked) return;
       whatIf = new WhatIf(kernel, unpackPieces(pieces), this.key);
     } catch (error) {
@@ -184,6 +182,18 @@ export class Departure {
     const come = [...now].filter((key) => !this.planned.has(key)).length;
     if (!gone && !come && now.size) return `${said}: the same ${counted(now.size, "conflict")}.`;
     return `${said}: ${gone ? `${gone} fewer` : "none fewer"}, ${come ? `${come} new` : "none new"}${now.size ? `; ${now.size} in all` : "; clear"}.`;
+  }
+
+  // Moves the plan if it is known, and widens the range if need be.
+  moveWithin(us) {
+    if (this.more.hidden) return;
+    const wide = RANGES.find((s) => 1e6 * s >= Math.abs(us)) ?? RANGES[RANGES.length - 1];
+    this.laterUs = Math.sign(us) * Math.min(Math.abs(us), 1e6 * wide);
+    if (wide > this.rangeS) {
+      this.rangeS = this.range.value = wide;
+      return this.read();
+    }
+    this.moveTo(this.laterUs);
   }
 
   pressed(event) {

@@ -1,5 +1,7 @@
 // One conflict: both objects, when, where, how sure, and which stage decided.
 
+import { sentenceOf } from "./card.js";
+import { DistanceChart } from "./distance_chart.js";
 import { element } from "./dom.js";
 import { bound, duration, heights, metres, moment, period, place, printable } from "./format.js";
 import { MERCATOR_END } from "./model.js";
@@ -19,11 +21,37 @@ export class Detail {
   constructor(container, on) {
     this.container = container;
     this.on = on;
+    this.chart = null;
+    this.t = 0;
+  }
+
+  // Shows an instant.
+  mark(t) {
+    this.t = t;
+    this.chart?.mark(t);
+  }
+
+  // Shows how deep they overlap, and when: `distance` (pair_distance.js) brings it, or null.
+  async showDistance(conflict, model, distance, sentence, place) {
+    let found;
+    try {
+      found = await distance;
+    } catch {
+      return; // the sentence is without it
+    }
+    if (this.conflict !== conflict || !found) return;
+    sentence.textContent = sentenceOf(conflict, model, found);
+    this.chart = new DistanceChart(found, this.on.goTo);
+    this.chart.mark(this.t);
+    place.replaceChildren(this.chart.picture, element("figcaption", {}, "Distance over time; below 0, how deep they overlap."));
   }
 
   // Shows at once what the list knows; `pair` brings the rest (explanation and footprints).
-  async show(conflict, model, pair, mayAcknowledge) {
+  async show(conflict, model, pair, distance, mayAcknowledge) {
     this.conflict = conflict;
+    this.chart = null;
+    const card = element("p", { class: "card" }, sentenceOf(conflict, model, null));
+    const chart = element("figure");
     const objects = [conflict.a, conflict.b].map((key) => model.objects.get(key));
     const figure = element("figure", { class: "plan-figure" });
     const why = element("div", { class: "why" });
@@ -36,11 +64,12 @@ export class Detail {
       heading,
       element("p", { class: "verdict" },
         element("span", { class: `mark ${conflict.verdict}`, "aria-hidden": "true" }), SAYS[conflict.verdict]),
-      why, figure, this.periods(conflict),
+      card, chart, why, figure, this.periods(conflict),
       element("dl", {}, ...this.facts(conflict, objects)),
       this.acknowledgement(conflict, mayAcknowledge), stages);
     heading.focus({ preventScroll: true });
     this.container.scrollTop = 0;
+    this.showDistance(conflict, model, distance, card, chart);
     let found;
     try {
       found = await pair;

@@ -144,6 +144,15 @@ export class Kernel {
     });
   }
 
+  // Distances of pairs of a scene at `low`, metres: minus the depth of overlaps.
+  distances(scene, { a, b, zero, low }) {
+    return this.call(() => {
+      const found = this.room(8 * a.length);
+      this.check(this.functions.kernel_distances(scene, this.struct(BigInt(a.length), a, b, zero, low, low), found));
+      return this.read(Float64Array, found, a.length);
+    });
+  }
+
   // Differences of departure that bring pairs of a scene into contact, seconds: { state, outer: [low, high], inner }.
   differences(scene, { a, b, aZero, bZero, aStart, aEnd, bStart, bEnd, least, most }, reachM) {
     return this.call(() => {

@@ -249,6 +249,16 @@ export class MapView {
     this.map.fitBounds([[west, clamp(south)], [east, clamp(north)]], { padding, maxZoom: 15, duration: 600 });
   }
 
+  // The middle and the zoom: longitude, latitude, zoom; and goes there.
+  place() {
+    const { lng, lat } = this.map.getCenter();
+    return [lng.toFixed(5), lat.toFixed(5), this.map.getZoom().toFixed(2)].map(Number);
+  }
+
+  jumpTo([lon, lat, zoom]) {
+    this.map.stop().jumpTo({ center: [lon, clamp(lat)], zoom });
+  }
+
   // The conflicts at a pixel, those on top first.
   conflictsAt(point) {
     if (!this.showsDetail()) return this.overview.conflictsAt(point);

@@ -26,10 +26,10 @@ function spacing(x) {
   return bits.getFloat64(0) - x;
 }
 
-const unbounded = (us) => (us <= -UNBOUNDED_US ? -Infinity : us >= UNBOUNDED_US ? Infinity : us);
+export const unbounded = (us) => (us <= -UNBOUNDED_US ? -Infinity : us >= UNBOUNDED_US ? Infinity : us);
 
 // The pieces of some rows, as the kernel takes them.
-function taken(pack, rows) {
+export function taken(pack, rows) {
   const every = (name) => pack[name].constructor.from(rows, (row) => pack[name][row]);
   const twice = (name) => Float64Array.from(rows.flatMap((row) => [pack[name][2 * row], pack[name][2 * row + 1]]));
   const ends = rows.map((row) => [Number(pack.shape_offset[row]), Number(pack.shape_offset[row + 1])]);

@@ -1,0 +1,97 @@
+// What the page shows, in its address after the #, so that Back, reload and a copied link show it again.
+
+import { instantOf } from "./format.js";
+import { VERDICTS } from "./model.js";
+
+const REST_MS = 400; // after the last change it is written: browsers limit how often
+
+const finite = (text) => (text !== null && text.trim() !== "" && Number.isFinite(Number(text)) ? Number(text) : null);
+
+// Texts of what is shown: absent where it is as at first.
+export function addressOf({ scene, t, view, chosen, filter, departure }) {
+  const given = {
+    scene, t: Number.isFinite(t) ? new Date(Math.round(t) * 1000).toISOString().slice(0, 19).replace("T", " ") : null,
+    view: view?.join(","), a: chosen?.a, b: chosen?.b, object: filter.object || null,
+    verdicts: filter.verdicts.length < VERDICTS.length ? filter.verdicts.join(",") : null,
+    from: filter.from || null, to: filter.to || null, floor: filter.floor || null, ceiling: filter.ceiling || null,
+    now: filter.now ? "1" : null, open: filter.open ? "1" : null, departs: departure?.key,
+    later: departure?.laterUs ? String(departure.laterUs / 1e6) : null,
+  };
+  const known = Object.entries(given).filter(([, value]) => value !== null && value !== undefined);
+  return `#${new URLSearchParams(known)}`;
+}
+
+// What an address asks for; whatever is not understood is as at first.
+export function askedBy(hash) {
+  const asked = new URLSearchParams(hash.replace(/^#/, ""));
+  const text = (name) => asked.get(name) ?? "";
+  const verdicts = asked.has("verdicts") ? text("verdicts").split(",").filter((one) => VERDICTS.includes(one)) : VERDICTS;
+  const view = text("view").split(",").map(finite);
+  const isPlace = view.length === 3 && !view.includes(null) && Math.abs(view[1]) <= 90;
+  const number = (name) => (finite(text(name)) === null ? "" : text(name));
+  const instant = (name) => (instantOf(text(name)) === null ? "" : text(name));
+  return {
+    scene: asked.get("scene"), t: instantOf(text("t")), view: isPlace ? view : null,
+    pair: asked.has("a") && asked.has("b") ? [text("a"), text("b")] : null,
+    filter: {
+      object: text("object").slice(0, 1000), verdicts, from: instant("from"), to: instant("to"), floor: number("floor"), ceiling: number("ceiling"),
+      now: text("now") === "1", open: text("open") === "1",
+    },
+    departure: asked.has("departs") ? { key: text("departs"), laterS: finite(text("later")) ?? 0 } : null,
+  };
+}
+
+export class Address {
+  // `read()` returns what is shown, as addressOf takes it; `show(asked)` shows what an address asks for.
+  constructor(read, show) {
+    this.read = read;
+    this.show = show;
+    this.timer = null;
+    this.isStill = true; // while nothing is written
+  }
+
+  // Shows what the address asks for, and keeps it true from now on.
+  async begin() {
+    if (location.hash.length > 1) await this.show(askedBy(location.hash));
+    this.isStill = false;
+    this.soon();
+    window.addEventListener("popstate", () => this.shown());
+  }
+
+  async shown() {
+    this.isStill = true;
+    clearTimeout(this.timer);
+    try {
+      await this.show(askedBy(location.hash));
+    } finally {
+      this.isStill = false;
+    }
+  }
+
+  // Writes what is shown when it rests.
+  soon() {
+    clearTimeout(this.timer);
+    if (!this.isStill) this.timer = setTimeout(() => this.write(false), REST_MS);
+  }
+
+  // Writes what waits to be written, before a step.
+  flush() {
+    if (this.timer === null) return;
+    clearTimeout(this.timer);
+    if (!this.isStill) this.write(false);
+  }
+
+  // Writes it as a step that Back takes back.
+  step() {
+    clearTimeout(this.timer);
+    if (!this.isStill) this.write(true);
+  }
+
+  write(isStep) {
+    this.timer = null;
+    const hash = addressOf(this.read());
+    if (hash === location.hash) return;
+    if (isStep) history.pushState(null, "", hash);
+    else history.replaceState(null, "", hash);
+  }
+}

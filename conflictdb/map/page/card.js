@@ -1,0 +1,39 @@
+// One sentence on a conflict: what, when, how long, how sure, where, how deep and when most, and at which heights.
+
+import { bound, clock, duration, heights, metres, period, place } from "./format.js";
+
+const VERBS = { conflict: "overlap", grazing: "touch, or nearly", unresolved: "may overlap" };
+const NEAR_VERBS = { conflict: "are", grazing: "are just about", unresolved: "may be" };
+
+function what({ verdict }, { separation_m: separation, time_separation_s: apart }) {
+  if (apart > 0) return `${verdict === "conflict" ? "use" : "may use"} one place within ${duration(apart)}`;
+  return separation > 0 ? `${NEAR_VERBS[verdict]} within ${metres(separation)} of each other` : VERBS[verdict];
+}
+
+function when({ periods, start, end, error_s: error }) {
+  const lasts = periods.reduce((sum, [a, b]) => sum + b - a, 0);
+  const count = periods.length > 1 ? ` in ${periods.length} periods` : "";
+  const long = Number.isFinite(lasts) ? ` for ${duration(lasts)}${count}` : count;
+  return `${long}, ${period(start, end, null)} UTC (each end within ${bound(error, "s")})`;
+}
+
+function deep({ least: [t, m], isOfParts }, { separation_m: separation }) {
+  const at = `at ${clock(t)}`;
+  if (m >= 0 && separation === 0) return "";
+  if (m >= 0) return `, nearest about ${metres(m)} ${at}`;
+  return `, ${isOfParts ? "at least" : "up to about"} ${metres(-m)} deep ${at}`;
+}
+
+function high(conflict, model) {
+  const [floor, ceiling] = model.heightsOf(conflict);
+  const vertical = model.scene.vertical_separation_m;
+  if (floor >= ceiling) return vertical > 0 ? `, with less than ${metres(vertical)} between their heights` : "";
+  const said = heights(Number.isFinite(floor) ? floor : null, Number.isFinite(ceiling) ? ceiling : null);
+  return said === "all heights" ? `, at ${said}` : `, at heights ${said}`;
+}
+
+// Of a conflict of a model; `distance` of the pair (pair_distance.js), or null.
+export function sentenceOf(conflict, model, distance) {
+  const where = conflict.lon === null ? "" : `, first at ${place(conflict.lon, conflict.lat)}`;
+  return `They ${what(conflict, model.scene)}${when(conflict)}${where}${distance ? deep(distance, model.scene) : ""}${high(conflict, model)}.`;
+}

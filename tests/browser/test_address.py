@@ -1,0 +1,98 @@
+"""The address of the page of `conflictdb map`: it says what is shown, and shows it again."""
+
+from pathlib import Path
+
+import pytest
+from browsing import Open, rows, time_of, wait_until
+from commands import runner
+from map_page import Serve
+from playwright.sync_api import Page, expect
+
+import conflictdb
+
+COPIES = {"permissions": ["clipboard-read", "clipboard-write"]}
+PLACE = "conflictdbPage.view.place()"
+
+
+@pytest.fixture
+def strait(dsn: str, serve: Serve) -> str:
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+        db.scene("strait").detect()
+    return serve(dsn, "strait")
+
+
+def ready(page: Page) -> None:
+    page.wait_for_selector("html[data-ready=true]", state="attached")
+
+
+def test_back_reload_and_a_copied_link_show_it_again(strait: str, open_page: Open) -> None:
+    """Time, view, filter, the chosen conflict, and a track that departs at another time."""
+    page = open_page(strait, **COPIES)
+    page.get_by_label("Object").fill("ferry")
+    page.get_by_role("button", name="FERRY and TOW").click()
+    page.get_by_role("slider", name="Time shown").press("PageUp")
+    page.evaluate("void conflictdbPage.view.map.jumpTo({center: [8.5, 57.9], zoom: 9.5})")
+    wait_until(page, "location.hash.includes('view=8.5%2C57.9%2C9.5')")
+    shown = time_of(page), page.evaluate(PLACE)
+    page.reload()
+    ready(page)
+    expect(page.locator("#detail").get_by_role("heading")).to_have_text("FERRY and TOW")
+    assert (round(time_of(page)), page.evaluate(PLACE)) == (round(shown[0]), shown[1])
+    page.go_back()
+    expect(page.locator("#detail")).to_be_hidden()
+    assert len(rows(page)) == 3
+    page.go_forward()
+    expect(page.locator("#detail").get_by_role("heading")).to_have_text("FERRY and TOW")
+
+    page.get_by_role("button", name="What if FERRY departs earlier or later").click()
+    said = page.locator(".what-if .said")
+    expect(said).to_have_text("As planned: 3 conflicts.")
+    page.get_by_role("slider", name="Departure").press("End")
+    told = said.text_content()
+    assert told is not None
+    assert told.startswith("1 h later")
+    page.get_by_role("button", name="Copy link").click()
+    expect(page.locator("#link")).to_have_text("Copied")
+    link = page.evaluate("navigator.clipboard.readText()")
+    other = open_page(link)
+    expect(other.locator(".what-if .said")).to_have_text(told)
+    assert rows(other) == rows(page)
+    assert round(time_of(other)) == round(time_of(page))
+
+
+@pytest.mark.parametrize(
+    "hash_",
+    [
+        "scene=strait&t=NaN&view=1,2&a=x&b=<b>&verdicts=none&departs=FIRING&later=1e99&from=never&floor=deep",
+        "scene=another&a=FERRY&b=TOW",
+        "%F0%28&=&&a&t=2026-99-99 00:00&view=1e999,91,5&later=NaN&departs=",
+    ],
+)
+def test_an_address_that_is_not_understood_changes_nothing(strait: str, open_page: Open, hash_: str) -> None:
+    page = open_page(f"{strait}#{hash_}")
+    expect(page.locator("#what-if")).to_be_hidden()
+    expect(page.locator("#detail")).to_be_hidden()
+    assert page.locator("#from").input_value() == ""
+    assert page.locator("#floor").input_value() == ""
+    if "another" in hash_:
+        expect(page.locator("#state")).to_contain_text("another")
+        assert len(rows(page)) == 7
+
+
+def test_a_file_has_an_address_too(
+    dsn: str, strait: str, tmp_path: Path, open_page: Open, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert strait
+    file = tmp_path / "strait.html"
+    assert runner(dsn, capsys)("map", "--html", file).code == 0
+    page = open_page(file.as_uri(), offline=True)
+    page.get_by_role("button", name="FERRY and TOW").click()
+    expect(page.locator(".card")).to_contain_text("deep at 09:4")
+    expect(page.locator("svg.chart")).to_be_visible()
+    wait_until(page, "location.hash.includes('b=TOW')")
+    page.reload()
+    ready(page)
+    expect(page.locator("#detail").get_by_role("heading")).to_have_text("FERRY and TOW")
+    page.go_back()
+    expect(page.locator("#detail")).to_be_hidden()
