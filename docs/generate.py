@@ -327,7 +327,7 @@ ROLES: Final = {
             *("run", "conflict", "piece", "change", "object_key", "scene_lock"),
             *("attachment", "attached_change", "attached_object", "probe_request", "probe_reply"),
             *("difference", "conflict_event", "acknowledgement", "history", "scene_share"),
-            *("proposal", "proposal_move", "proposal_left", "admission_lock", "rule"),
+            *("proposal", "proposal_move", "proposal_left", "admission_lock", "rule", "branch_edit"),
         ],
     ),
 }

@@ -8,6 +8,7 @@
 -- ZC014 not_current (within the time limit)   ZC015 not_answered (within the time limit)
 -- ZC016 invalid_plan             ZC017 too_large
 -- ZC018 out_of_date (a proposal, since its scene changed)   ZC019 invalid_rule
+-- ZC020 is_branch
 --
 -- Functions called by SECURITY DEFINER routines set search_path to the schemas of conflictdb: in another schema a user
 -- could define a better-matching function or operator.
@@ -35,7 +36,7 @@ COMMENT ON FUNCTION _raise(text, text, text, text, text, text) IS
 'Raises SQLSTATE p_state, so it never returns. For programs, TABLE names the object, COLUMN the field and CONSTRAINT '
 'the rule.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._scene_id(p_scene text) RETURNS bigint
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_or_branch(p_scene text) RETURNS bigint
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_scene_id bigint := (SELECT s.scene_id FROM scene s WHERE s.name = p_scene);
@@ -51,7 +52,28 @@ BEGIN
     RETURN v_scene_id;
 END
 $$;
-COMMENT ON FUNCTION _scene_id(text) IS 'Returns the scene''s id; raises ZC010 for an unknown name.';
+COMMENT ON FUNCTION _scene_or_branch(text) IS
+'Returns the id of a scene, also of a branch, for queries that read its parent, too (10_branches.sql); raises ZC010 '
+'for an unknown name.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_id(p_scene text) RETURNS bigint
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+DECLARE
+    v_scene_id bigint;
+    v_parent_id bigint;
+BEGIN
+    SELECT s.scene_id, s.parent_scene_id INTO v_scene_id, v_parent_id FROM scene s WHERE s.name = p_scene;
+    IF v_parent_id IS NOT NULL THEN
+        FOUND := _raise('ZC020', format('scene %L', p_scene), 'name',
+                        format('is a branch of %L, and this needs a whole scene',
+                               (SELECT s.name FROM scene s WHERE s.scene_id = v_parent_id)), 'scene_whole',
+                        'copy_scene(branch, name) makes one of it; merge_branch(branch) takes its edits over.');
+    END IF;
+    RETURN coalesce(v_scene_id, _scene_or_branch(p_scene));
+END
+$$;
+COMMENT ON FUNCTION _scene_id(text) IS
+'Returns the scene''s id; raises ZC010 for an unknown name, ZC020 for a branch (_scene_or_branch).';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._require_snapshot() RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$

@@ -6,12 +6,12 @@
 CREATE OR REPLACE FUNCTION conflictdb_internal._settings_of(p_scene anyelement) RETURNS jsonb
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
 BEGIN
-    RETURN to_jsonb(p_scene) - '{scene_id,history_kept,owner,expanded}'::text[];
+    RETURN to_jsonb(p_scene) - '{scene_id,history_kept,owner,expanded,parent_scene_id}'::text[];
 END
 $$;
 COMMENT ON FUNCTION _settings_of(anyelement) IS
 'Name and settings of a scene by the columns of its row: all but its id, the age of its history, its '
-'owner, and how far schedules are expanded.';
+'owner, its parent, and how far schedules are expanded.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._half_open(p_span tstzrange) RETURNS tstzrange
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE

@@ -373,6 +373,41 @@ COMMENT ON FUNCTION _check_may_prune(text, name) IS
 'Raises insufficient_privilege unless the current role owns the protected scene, or is a worker: only they may change '
 'how long its history is kept.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._as_branch(p_new scene, p_old scene) RETURNS scene
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT SET search_path FROM CURRENT AS $$
+DECLARE
+    c_own CONSTANT text[] := '{name,delays_within_s}';
+    v_who text := format('scene %L', p_new.name);
+    v_parent scene%ROWTYPE;
+    v_is_new boolean := p_old.scene_id IS NULL;
+BEGIN
+    IF NOT v_is_new AND p_new.parent_scene_id IS DISTINCT FROM p_old.parent_scene_id THEN
+        FOUND := _raise('ZC020', v_who, 'parent_scene_id', 'cannot change', 'branch_stays');
+    END IF;
+    IF p_new.parent_scene_id IS NULL THEN
+        RETURN p_new;
+    END IF;
+    SELECT * INTO v_parent FROM scene s WHERE s.scene_id = p_new.parent_scene_id;
+    IF NOT FOUND THEN
+        FOUND := _raise('ZC020', v_who, 'parent_scene_id', 'is no scene that the role may read', 'branch_of_scene');
+    END IF;
+    IF v_parent.parent_scene_id IS NOT NULL THEN
+        FOUND := _raise('ZC020', v_who, 'parent_scene_id', format('is the branch %L, and branches have none',
+                        v_parent.name), 'branch_of_whole');
+    END IF;
+    IF NOT v_is_new AND _settings_of(p_new) - c_own <> _settings_of(v_parent) - c_own
+       AND _settings_of(p_new) - c_own <> _settings_of(p_old) - c_own OR p_new.delays_within_s <> 0 AND NOT v_is_new
+    THEN
+        FOUND := _raise('ZC020', v_who, 'settings', format('are those of %L, of which it is a branch', v_parent.name),
+                        'branch_settings', 'Change those of the parent: its branches follow.');
+    END IF;
+    RETURN jsonb_populate_record(p_new, _settings_of(v_parent) - c_own || '{"delays_within_s": 0}');
+END
+$$;
+COMMENT ON FUNCTION _as_branch(scene, scene) IS
+'A row of scene as it is stored: a branch with the settings of its parent, and no stored delays. Raises ZC020 for '
+'other settings, another parent, or a branch of a branch.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._scene_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -389,6 +424,7 @@ BEGIN
         FOUND := _raise('ZC008', v_who, 'scene_id', 'cannot change: remove the scene and create it again',
                         'scene_stays');
     END IF;
+    NEW := _as_branch(NEW, CASE TG_OP WHEN 'UPDATE' THEN OLD END);
     PERFORM _check_owner(v_who, CASE TG_OP WHEN 'UPDATE' THEN OLD.owner ELSE NEW.owner END, NEW.owner,
                          TG_OP = 'INSERT');
     IF TG_OP = 'UPDATE' AND NEW.history_kept IS DISTINCT FROM OLD.history_kept THEN

@@ -72,6 +72,19 @@ BEGIN
                                 'is taken by another object of the scene', 'object_key_unique');
             END IF;
         END IF;
+        -- A branch no longer reads these keys from its parent.
+        IF EXISTS (SELECT FROM scene s WHERE s.parent_scene_id IS NOT NULL) THEN
+            EXECUTE format('INSERT INTO branch_edit (scene_id, key) SELECT n.scene_id, n.key FROM new_rows n '
+                           'JOIN scene b ON b.scene_id = n.scene_id AND b.parent_scene_id IS NOT NULL %s '
+                           'WHERE NOT _is_edited(n.scene_id, n.key) ON CONFLICT DO NOTHING', v_renamed);
+            EXECUTE 'SELECT n.key FROM new_rows n JOIN scene b ON b.scene_id = n.scene_id '
+                    'WHERE b.parent_scene_id IS NOT NULL AND n.schedule IS NOT NULL LIMIT 1' INTO v_taken;
+            IF v_taken IS NOT NULL THEN
+                FOUND := _raise('ZC020', format('%s %L', TG_TABLE_NAME, v_taken), 'schedule',
+                                'cannot be edited in a branch', 'branch_without_schedules',
+                                'Give its activations or departures, or edit the parent.');
+            END IF;
+        END IF;
         EXECUTE format('INSERT INTO change (scene_id, object_kind, object_id, version) '
                        'SELECT n.scene_id, $1, n.%1$I, n.version FROM new_rows n'
                        || CASE TG_OP WHEN 'UPDATE' THEN ' JOIN old_rows o ON o.%1$I = n.%1$I AND o.version <> n.version'
@@ -120,6 +133,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._after_scene_change() RETURNS tri
 LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     PERFORM _mark_all(NEW.scene_id);
+    -- Its branches follow (_as_branch).
+    UPDATE scene b SET name = b.name WHERE b.parent_scene_id = NEW.scene_id;
     PERFORM _wake_workers();
     RETURN NULL;
 END
@@ -169,6 +184,7 @@ BEGIN
     DELETE FROM piece p WHERE p.scene_id = OLD.scene_id;
     DELETE FROM change m WHERE m.scene_id = OLD.scene_id;
     DELETE FROM object_key k WHERE k.scene_id = OLD.scene_id;
+    DELETE FROM branch_edit e WHERE e.scene_id = OLD.scene_id;
     DELETE FROM scene_lock l WHERE l.scene_id = OLD.scene_id;
     DELETE FROM admission_lock l WHERE l.scene_id = OLD.scene_id;
     RETURN NULL;

@@ -112,7 +112,7 @@ CREATE OR REPLACE FUNCTION put_area(
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _scene_to_change(p_scene);
+    v_scene_id bigint := _scene_or_branch_to_change(p_scene);
     v_who text := format('area %L', p_key);
     v_area_id bigint;
 BEGIN
@@ -166,7 +166,7 @@ CREATE OR REPLACE FUNCTION put_track(
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _scene_to_change(p_scene);
+    v_scene_id bigint := _scene_or_branch_to_change(p_scene);
     v_who text := format('track %L', p_key);
     v_track_id bigint;
 BEGIN
@@ -231,13 +231,17 @@ COMMENT ON FUNCTION put_track(
 CREATE OR REPLACE FUNCTION remove_object(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _scene_to_change(p_scene);
+    v_scene_id bigint := _scene_or_branch_to_change(p_scene);
 BEGIN
     DELETE FROM area a WHERE a.scene_id = v_scene_id AND a.key = p_key;
     IF FOUND THEN
         RETURN true;
     END IF;
     DELETE FROM track t WHERE t.scene_id = v_scene_id AND t.key = p_key;
+    IF NOT FOUND AND _parent_of(v_scene_id) IS NOT NULL AND _has_key(v_scene_id, p_key) THEN
+        INSERT INTO branch_edit (scene_id, key) VALUES (v_scene_id, p_key);
+        RETURN true;
+    END IF;
     RETURN FOUND;
 END
 $$;
@@ -287,7 +291,7 @@ COMMENT ON FUNCTION track_path(geometry, timestamptz[]) IS
 CREATE OR REPLACE FUNCTION request_detection(p_scene text, p_full boolean DEFAULT false) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
-    v_scene_id bigint := _scene_to_change(p_scene);
+    v_scene_id bigint := _scene_or_branch_to_change(p_scene);
 BEGIN
     IF p_full THEN
         PERFORM _mark_all(v_scene_id);

@@ -81,6 +81,9 @@ DECLARE
     v_key text;
     v_total bigint;
 BEGIN
+    IF NOT p_merge AND _parent_of(v_scene_id) IS NOT NULL THEN
+        PERFORM _scene_id(p_name);
+    END IF;
     -- conflictdb.model has already checked speeds, under the limit of this load.
     PERFORM set_config('conflictdb.max_speed_kn', 'infinity', true);
     -- Serialise loads of one scene.
@@ -173,7 +176,7 @@ BEGIN ATOMIC
            ST_AsBinary(a.footprint, 'NDR'), coalesce(array_send(_ends_of(a.activations)), ''), a.key,
            coalesce(a.name, ''), a.properties::text, coalesce(a.class, ''), coalesce(a.owner, ''),
            coalesce(a.schedule::text, '')
-    FROM area a WHERE a.scene_id = p_scene_id AND (p_keys IS NULL OR a.key = ANY (p_keys))
+    FROM _seen_areas(p_scene_id) a WHERE p_keys IS NULL OR a.key = ANY (p_keys)
     ORDER BY a.area_id;
 END;
 COMMENT ON FUNCTION _read_areas(bigint, text[]) IS
@@ -195,7 +198,7 @@ BEGIN ATOMIC
            coalesce(array_send(t.ceilings_m), ''), coalesce(array_send(t.departures), ''), t.key,
            coalesce(t.name, ''), t.properties::text, coalesce(t.class, ''), coalesce(t.owner, ''),
            coalesce(t.schedule::text, ''), coalesce(t.tolerances::text, '')
-    FROM track t WHERE t.scene_id = p_scene_id AND (p_keys IS NULL OR t.key = ANY (p_keys))
+    FROM _seen_tracks(p_scene_id) t WHERE p_keys IS NULL OR t.key = ANY (p_keys)
     ORDER BY t.track_id;
 END;
 COMMENT ON FUNCTION _read_tracks(bigint, text[]) IS

@@ -10,13 +10,21 @@ COMMENT ON COLUMN _my_role.role IS 'Name of the role.';
 -- Runs with the rights of its owner, to whom row-level security does not apply, because policies query it.
 -- OFFSET 0 keeps UNION ALL intact: otherwise user conditions could be evaluated on rows the user may not see.
 CREATE OR REPLACE VIEW conflictdb_internal._accessible WITH (security_barrier = true) AS
-SELECT s.scene_id, true AS may_write, true AS is_owner
-FROM scene s WHERE s.owner IN (SELECT m.role FROM _my_role m)
-UNION ALL
-SELECT h.scene_id, h.may_write, false
-FROM scene_share h WHERE h.role IN (SELECT m.role FROM _my_role m)
+SELECT a.scene_id, a.may_write, a.is_owner
+FROM (SELECT s.scene_id, true AS may_write, true AS is_owner
+      FROM scene s WHERE s.owner IN (SELECT m.role FROM _my_role m)
+      UNION ALL
+      SELECT h.scene_id, h.may_write, false
+      FROM scene_share h WHERE h.role IN (SELECT m.role FROM _my_role m)) a
+-- A branch that showed no objects of its parent would answer from a part.
+WHERE NOT EXISTS (SELECT FROM scene b JOIN scene p ON p.scene_id = b.parent_scene_id
+                  WHERE b.scene_id = a.scene_id AND NOT (
+                      p.owner IN (SELECT m.role FROM _my_role m)
+                      OR EXISTS (SELECT FROM scene_share h WHERE h.scene_id = p.scene_id
+                                 AND h.role IN (SELECT m.role FROM _my_role m))) IS TRUE)
 OFFSET 0;
-COMMENT ON VIEW _accessible IS 'Scenes that the current role owns or that are shared with it.';
+COMMENT ON VIEW _accessible IS
+'Scenes that the current role owns or that are shared with it; branches if it may read the parent, too.';
 COMMENT ON COLUMN _accessible.scene_id IS 'Scene.';
 COMMENT ON COLUMN _accessible.may_write IS 'Whether the role may change it.';
 COMMENT ON COLUMN _accessible.is_owner IS 'Whether the role owns it.';
@@ -96,8 +104,19 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _scene_to_change(text) IS
-'Returns the scene''s id; raises ZC010 for an unknown name, insufficient_privilege for a scene that the current role '
-'may not change.';
+'Returns the scene''s id; raises ZC010 for an unknown name, ZC020 for a branch, insufficient_privilege for a scene '
+'that the current role may not change.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._scene_or_branch_to_change(p_scene text) RETURNS bigint
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+DECLARE
+    v_scene_id bigint := _scene_or_branch(p_scene);
+BEGIN
+    PERFORM _check_may_change(v_scene_id, p_scene);
+    RETURN v_scene_id;
+END
+$$;
+COMMENT ON FUNCTION _scene_or_branch_to_change(text) IS 'As _scene_to_change, also for a branch.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_owner(
     p_who text, p_owner name, p_new_owner name, p_is_new boolean

@@ -28,10 +28,21 @@ BEGIN
                 -- Voyages that changed may leave the time for which schedules are expanded.
                 OR EXISTS (SELECT FROM change c
                            CROSS JOIN LATERAL (SELECT t.* FROM track t WHERE t.track_id = c.object_id OFFSET 0) t
-                           WHERE c.scene_id = p_scene_id AND c.object_kind = 1 AND t.scene_id = p_scene_id
+                           -- Voyages of branches, too, meet the schedules of their parent.
+                           WHERE c.scene_id IN (SELECT l.seen_by FROM _layer l WHERE l.scene_id = p_scene_id)
+                             AND c.object_kind = 1 AND t.scene_id = c.scene_id
                              AND t.schedule IS NULL
                              AND NOT _at_sea(t.path, t.departures) <@ v_scene.expanded));
 END
 $$;
 COMMENT ON FUNCTION _schedules_wait(bigint) IS
 'Whether schedules of a scene are not expanded yet, or not far enough.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._expanded(p_scene_id bigint) RETURNS tstzrange
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT coalesce(p.expanded, s.expanded)
+    FROM scene s LEFT JOIN scene p ON p.scene_id = s.parent_scene_id WHERE s.scene_id = p_scene_id;
+END;
+COMMENT ON FUNCTION _expanded(bigint) IS
+'How far the schedules of a scene are expanded; those of a branch are its parent''s. Null: it has none.';

@@ -20,7 +20,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._is_all_dirty(p_scene_id bigint) 
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- OFFSET 0 forces index lookups; a hash table of all marks may exceed the memory.
-    SELECT NOT EXISTS (SELECT FROM area a WHERE a.scene_id = p_scene_id
+    SELECT _parent_of(p_scene_id) IS NULL
+       AND NOT EXISTS (SELECT FROM area a WHERE a.scene_id = p_scene_id
                        AND NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = 0
                                        AND c.object_id = a.area_id AND c.is_covered AND c.with_number IS NULL
                                        OFFSET 0))
@@ -30,7 +31,8 @@ BEGIN ATOMIC
                                        OFFSET 0));
 END;
 COMMENT ON FUNCTION _is_all_dirty(bigint) IS
-'Whether every object of a scene has a covered mark for all of its pairs: changed, new pieces stored.';
+'Whether every object of a scene has a covered mark for all of its pairs: changed, new pieces stored. False for a '
+'branch, whose pairs are with its parent.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._candidates_of_all(
     p_scene_id bigint, OUT a_piece_id bigint, OUT b_piece_id bigint, OUT a_pieces integer, OUT b_pieces integer,
@@ -108,6 +110,8 @@ SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     v_within_s double precision := _longest_time_s(p_scene_id);
     v_allowed record := _allowed_types(p_scene_id);
+    v_layers bigint[] := _layers(p_scene_id);
+    v_hidden bigint[] := _hidden_numbers(p_scene_id);
 BEGIN
     -- If both objects are dirty, the pair is found from the first. OFFSET 0 forces the join order: dirty objects, their
     -- pieces, then the index.
@@ -120,9 +124,11 @@ BEGIN
         CROSS JOIN LATERAL (SELECT p.* FROM piece p
                             WHERE p.object_kind = d.object_kind AND p.object_id = d.object_id
                               AND p.scene_id + 0 = p_scene_id OFFSET 0) a
-        JOIN piece b ON b.hull && a.hull AND b.span && _widened(a.span, v_within_s) AND b.scene_id = a.scene_id + 0
+        CROSS JOIN unnest(v_layers) l (scene_id)
+        JOIN piece b ON b.hull && a.hull AND b.span && _widened(a.span, v_within_s) AND b.scene_id = l.scene_id
         WHERE a.floor_m < b.ceiling_m AND b.floor_m < a.ceiling_m
           AND (a.turn = 0 OR b.turn = 0)
+          AND (b.scene_id = a.scene_id OR _object_number(b.object_kind, b.object_id) <> ALL (v_hidden))
           AND _are_compared(a.object_kind, a.class_number, a.owner_number, b.object_kind, b.class_number,
                             b.owner_number, v_allowed.classes, v_allowed.pairs)
           -- Marks of rules concern the pairs with some classes only.
@@ -244,10 +250,12 @@ BEGIN ATOMIC
     FROM unnest(p_piece_ids) wanted (piece_id)
     CROSS JOIN LATERAL (SELECT m.* FROM piece m WHERE m.piece_id = wanted.piece_id OFFSET 0) p
     LEFT JOIN LATERAL (SELECT m.key FROM area m
-                       WHERE p.object_kind = 0 AND m.area_id = p.object_id AND m.scene_id + 0 = p_scene_id
+                       WHERE p.object_kind = 0 AND m.area_id = p.object_id
+                         AND m.scene_id + 0 = ANY ((SELECT _layers(p_scene_id))::bigint[])
                          AND m.first_version <= p.version OFFSET 0) a ON true
     LEFT JOIN LATERAL (SELECT m.key FROM track m
-                       WHERE p.object_kind = 1 AND m.track_id = p.object_id AND m.scene_id + 0 = p_scene_id
+                       WHERE p.object_kind = 1 AND m.track_id = p.object_id
+                         AND m.scene_id + 0 = ANY ((SELECT _layers(p_scene_id))::bigint[])
                          AND m.first_version <= p.version OFFSET 0) t ON true;
 END;
 COMMENT ON FUNCTION _pieces(bigint, bigint[]) IS

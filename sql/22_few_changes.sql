@@ -2,6 +2,25 @@
 -- so that the cost depends neither on the size of the scene nor on dead rows, of which `change` has many after a full
 -- detection.
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._parent_waits(p_scene_id bigint) RETURNS boolean
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_parent_id bigint := _parent_of(p_scene_id);
+BEGIN
+    RETURN v_parent_id IS NOT NULL AND (NOT _is_current(v_parent_id) OR _schedules_wait(v_parent_id));
+END
+$$;
+COMMENT ON FUNCTION _parent_waits(bigint) IS
+'Whether the parent of a branch waits for a detection, which then comes first. False for any other scene.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._parent_name(p_scene_id bigint) RETURNS text
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN (SELECT p.name FROM scene p WHERE p.scene_id = _parent_of(p_scene_id));
+END
+$$;
+COMMENT ON FUNCTION _parent_name(bigint) IS 'Returns the name of the parent of a branch; null for any other scene.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._begin_detection(
     p_scene text, p_wait_s double precision, p_few integer, p_try_again boolean,
     OUT scene_id bigint, OUT taken bigint, OUT is_behind boolean, OUT settings jsonb, OUT srid integer,
@@ -14,7 +33,7 @@ DECLARE
     v_numbers bigint[];
     v_are_new boolean;
 BEGIN
-    scene_id := _scene_id(p_scene);
+    scene_id := _scene_or_branch(p_scene);
     taken := _take_scene(scene_id, p_wait_s);
     IF taken IS NULL THEN
         RETURN;
@@ -22,6 +41,7 @@ BEGIN
     is_behind := p_try_again IS NOT NULL
                  AND EXISTS (SELECT FROM attachment a WHERE a.scene_id = _begin_detection.scene_id)
                  AND EXISTS (SELECT FROM _attachments_to_follow(p_scene, p_try_again))
+                 OR p_try_again IS NOT NULL AND _parent_waits(scene_id)
                  OR _schedules_wait(scene_id);
     SELECT _scene_settings(s.scene_id), _plane_srid(_plane(s.motion, s.earth, s.centre_lon, s.centre_lat))
         INTO settings, srid
@@ -61,7 +81,8 @@ $$;
 COMMENT ON FUNCTION _begin_detection(text, double precision, integer, boolean) IS
 'Takes the lock of a scene as _take_scene does (taken is null if that fails) and returns its settings. Stops there, '
 'with null ids, if attached tables have pending changes (is_behind; p_try_again as in _attachments_to_follow, null: '
-'not checked), if schedules wait to be expanded (is_behind), or if the scene has more than p_few marks (negative: '
+'not checked), if its parent waits (_parent_waits), '
+'if schedules wait to be expanded (is_behind), or if the scene has more than p_few marks (negative: '
 'always). Otherwise returns the ids of the changed objects, deletes their pieces and covers their marks; _put_pieces '
 'must follow in the same transaction. known_objects: how many of them the last detection included; null if unknown.';
 
@@ -137,6 +158,8 @@ DECLARE
     v_stage2_us bigint := 0;
     v_within_s double precision := _longest_time_s(p_scene_id);
     v_allowed record := _allowed_types(p_scene_id);
+    v_layers bigint[] := _layers(p_scene_id);
+    v_hidden bigint[] := _hidden_numbers(p_scene_id);
 BEGIN
     -- The arrays contain the pieces of a bundle from index p_first on; each slice ends where the next one starts.
     WITH made AS (
@@ -170,12 +193,15 @@ BEGIN
     SELECT array_agg(c.a), array_agg(c.b), coalesce(sum(c.pairs), 0) INTO v_a, v_b, v_compared
         FROM (SELECT a.piece_id AS a, b.piece_id AS b, a.pieces::bigint * b.pieces AS pairs
               FROM (SELECT p.* FROM piece p WHERE p.piece_id = ANY (v_made)) a
+              CROSS JOIN unnest(v_layers) l (scene_id)
               CROSS JOIN LATERAL (SELECT p.* FROM piece p
-                                  WHERE p.scene_id = a.scene_id AND p.hull && a.hull
+                                  WHERE p.scene_id = l.scene_id AND p.hull && a.hull
                                     AND p.span && _widened(a.span, v_within_s)
                                     AND a.floor_m < p.ceiling_m AND p.floor_m < a.ceiling_m
                                     AND (a.turn = 0 OR p.turn = 0)
                                     AND (p.object_kind, p.object_id) <> (a.object_kind, a.object_id)
+                                    AND (p.scene_id = a.scene_id
+                                         OR _object_number(p.object_kind, p.object_id) <> ALL (v_hidden))
                                     AND _are_compared(a.object_kind, a.class_number, a.owner_number, p.object_kind,
                                                       p.class_number, p.owner_number, v_allowed.classes,
                                                       v_allowed.pairs) OFFSET 0) b

@@ -102,11 +102,15 @@ COMMENT ON FUNCTION _mark_side(bigint, text, text) IS
 'Marks the objects of one side of a rule, for their pairs with the other side; null: any.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._after_rule_change() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp
+-- JSON keeps all digits.
+SET extra_float_digits = 1 AS $$
 DECLARE
     v_rules rule[] := '{}';
     v_more rule[];
     v_scene_id bigint;
+    v_parent_id bigint;
+    v_all jsonb;
 BEGIN
     IF TG_OP <> 'DELETE' THEN
         EXECUTE 'SELECT array_agg(n::rule) FROM new_rows n' INTO v_more;
@@ -124,6 +128,18 @@ BEGIN
         -- The check sees rules of other sessions, and a proposal is applied under the rules that it was computed with.
         PERFORM FROM scene s WHERE s.scene_id = v_scene_id FOR NO KEY UPDATE;
         PERFORM _check_rules(v_scene_id);
+        SELECT coalesce(jsonb_agg(to_jsonb(r) - '{rule_id,scene_id}'::text[]), '[]') INTO v_all
+            FROM rule r WHERE r.scene_id = v_scene_id;
+        v_parent_id := _parent_of(v_scene_id);
+        IF v_parent_id IS NOT NULL AND NOT (
+            v_all @> (SELECT coalesce(jsonb_agg(to_jsonb(r) - '{rule_id,scene_id}'::text[]), '[]')
+                      FROM rule r WHERE r.scene_id = v_parent_id)
+            AND jsonb_array_length(v_all) = (SELECT count(*) FROM rule r WHERE r.scene_id = v_parent_id))
+        THEN
+            FOUND := _raise('ZC020', format('scene %L', (SELECT s.name FROM scene s WHERE s.scene_id = v_scene_id)),
+                            'rules', 'are those of its parent', 'branch_rules', 'Change those: its branches follow.');
+        END IF;
+        PERFORM _put_rules(b.scene_id, v_all, true) FROM scene b WHERE b.parent_scene_id = v_scene_id;
     END LOOP;
     PERFORM _mark_side(m.scene_id, m.side, m.other)
         FROM (SELECT r.scene_id, r.a_class AS side, r.b_class AS other FROM unnest(v_rules) r

@@ -30,10 +30,11 @@ BEGIN
     SELECT _microseconds(min(lower(v.span))), _microseconds(max(upper(v.span))) INTO starts_us, ends_us
         FROM (SELECT _at_sea(t.path, t.departures) AS span
               FROM track t
-              WHERE t.scene_id = p_scene_id AND t.schedule IS NULL
+              WHERE t.scene_id IN (SELECT l.seen_by FROM _layer l WHERE l.scene_id = p_scene_id)
+                AND t.schedule IS NULL
                 AND (from_us IS NULL
                      OR t.track_id IN (SELECT c.object_id FROM change c
-                                       WHERE c.scene_id = p_scene_id AND c.object_kind = 1))) v;
+                                       WHERE c.scene_id = t.scene_id AND c.object_kind = 1))) v;
 END
 $$;
 COMMENT ON FUNCTION _horizon(bigint) IS

@@ -25,7 +25,8 @@ BEGIN ATOMIC
     SELECT o.turn, p.part, p.hull, p.span, p.shape
     FROM piece o
     CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) p
-    WHERE o.object_kind = p_kind AND o.object_id = p_id AND o.scene_id + 0 = p_scene_id AND o.version < p_until;
+    WHERE o.object_kind = p_kind AND o.object_id = p_id
+      AND o.scene_id + 0 = ANY ((SELECT _layers(p_scene_id))::bigint[]) AND o.version < p_until;
 END;
 COMMENT ON FUNCTION _pieces_before(bigint, smallint, bigint, bigint) IS
 'Pieces of an object of a scene with versions below p_until. Inlined into queries.';
@@ -217,9 +218,60 @@ SET enable_seqscan = off SET enable_indexscan = off SET jit = off AS $$
 BEGIN
     SELECT count(*), count(*) FILTER (WHERE c.verdict = 'unresolved') INTO conflicts, unresolved
         FROM conflict c WHERE c.scene_id = p_scene_id AND c.verdict <> 'near';
+    IF _parent_of(p_scene_id) IS NOT NULL THEN
+        SELECT _count_conflicts.conflicts + n.conflicts - n.gone,
+               _count_conflicts.unresolved + n.unresolved - n.gone_unresolved
+            INTO conflicts, unresolved FROM _count_inherited(p_scene_id) n;
+    END IF;
 END
 $$;
-COMMENT ON FUNCTION _count_conflicts(bigint) IS 'Number of conflicts of a scene, and of unresolved ones among them.';
+COMMENT ON FUNCTION _count_conflicts(bigint) IS
+'Number of conflicts of a scene, and of unresolved ones among them; of a branch, with those of its parent.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._count_inherited(
+    p_scene_id bigint, OUT conflicts bigint, OUT unresolved bigint, OUT gone bigint, OUT gone_unresolved bigint
+)
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET enable_seqscan = off SET jit = off AS $$
+DECLARE
+    v_parent_id bigint := _parent_of(p_scene_id);
+BEGIN
+    -- Its last run has counted them.
+    SELECT r.conflicts, r.unresolved INTO conflicts, unresolved
+        FROM run r WHERE r.scene_id = v_parent_id AND r.error IS NULL ORDER BY r.run_id DESC LIMIT 1;
+    conflicts := coalesce(conflicts, 0);
+    unresolved := coalesce(unresolved, 0);
+    -- DISTINCT: a pair of two edited objects is found from both. OFFSET 0 forces lookups.
+    SELECT count(*), count(*) FILTER (WHERE g.verdict = 'unresolved') INTO gone, gone_unresolved
+        FROM (SELECT DISTINCT c.conflict_id, c.verdict FROM branch_edit e
+              CROSS JOIN LATERAL (SELECT c.conflict_id, c.verdict FROM conflict c
+                                  WHERE c.scene_id = v_parent_id AND c.a_key = e.key
+                                  UNION ALL
+                                  SELECT c.conflict_id, c.verdict FROM conflict c
+                                  WHERE c.scene_id = v_parent_id AND c.b_key = e.key OFFSET 0) c
+              WHERE e.scene_id = p_scene_id AND c.verdict <> 'near') g;
+END
+$$;
+COMMENT ON FUNCTION _count_inherited(bigint) IS
+'Numbers of conflicts, and of unresolved ones, of the parent of a branch, and of those that its edits hide.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._count_objects(p_scene_id bigint) RETURNS bigint
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET enable_seqscan = off SET jit = off AS $$
+DECLARE
+    v_parent_id bigint := _parent_of(p_scene_id);
+    v_own bigint := (SELECT count(*) FROM area a WHERE a.scene_id = p_scene_id)
+                    + (SELECT count(*) FROM track t WHERE t.scene_id = p_scene_id);
+BEGIN
+    IF v_parent_id IS NULL THEN
+        RETURN v_own;
+    END IF;
+    -- Its last run has counted them, unless it waits for another.
+    RETURN v_own + coalesce(CASE WHEN _is_current(v_parent_id)
+                                 THEN (SELECT r.objects FROM run r WHERE r.scene_id = v_parent_id AND r.error IS NULL
+                                       ORDER BY r.run_id DESC LIMIT 1) END, _count_objects(v_parent_id))
+           - cardinality(_hidden_numbers(p_scene_id));
+END
+$$;
+COMMENT ON FUNCTION _count_objects(bigint) IS 'Number of objects of a scene; of a branch, with those of its parent.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._begin_run(p_scene_id bigint, p_run jsonb) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
@@ -231,9 +283,9 @@ BEGIN
                      changed, closed)
         SELECT p_scene_id, r.started_at, clock_timestamp(), r.method, r.settings,
                -- For few changes the caller gives the difference: counting would take longer.
-               coalesce(last.objects + (p_run ->> 'more_objects')::bigint,
-                        (SELECT count(*) FROM area a WHERE a.scene_id = p_scene_id)
-                        + (SELECT count(*) FROM track t WHERE t.scene_id = p_scene_id)),
+               coalesce(CASE WHEN _parent_of(p_scene_id) IS NULL
+                             THEN last.objects + (p_run ->> 'more_objects')::bigint END,
+                        _count_objects(p_scene_id)),
                coalesce(last.conflicts, 0), coalesce(last.unresolved, 0), 0, 0, 0
         FROM jsonb_populate_record(NULL::run, p_run) r
         LEFT JOIN LATERAL (SELECT o.objects, o.conflicts, o.unresolved FROM run o
@@ -278,6 +330,7 @@ DECLARE
     v_closed bigint;
     v_unresolved bigint;
     v_first_event bigint;
+    v_layers bigint[] := _layers(p_scene_id);
 BEGIN
     -- Any user may listen to notifications, so protected scenes are not named.
     SELECT CASE WHEN NOT _is_protected() THEN s.name END, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat),
@@ -296,10 +349,10 @@ WITH member AS MATERIALIZED (
         FROM (SELECT unnest(p_a_kind) AS kind, unnest(p_a_id) AS id
               UNION SELECT unnest(p_b_kind), unnest(p_b_id)) d
         CROSS JOIN LATERAL (SELECT o.key, o.first_version FROM area o
-                            WHERE d.kind = 0 AND o.area_id = d.id AND o.scene_id + 0 = p_scene_id
+                            WHERE d.kind = 0 AND o.area_id = d.id AND o.scene_id + 0 = ANY (v_layers)
                             UNION ALL
                             SELECT o.key, o.first_version FROM track o
-                            WHERE d.kind = 1 AND o.track_id = d.id AND o.scene_id + 0 = p_scene_id OFFSET 0) n
+                            WHERE d.kind = 1 AND o.track_id = d.id AND o.scene_id + 0 = ANY (v_layers) OFFSET 0) n
     ), placed AS MATERIALIZED (
         -- Decide for each pair whether its conflict opens, changes or closes. Pairs that are only near are not
         -- conflicts. Pairs of an object that was removed meanwhile are dropped: it has a mark of its own, and its id
@@ -433,7 +486,11 @@ WITH member AS MATERIALIZED (
     IF NOT v_has_delays THEN
         DELETE FROM difference d WHERE d.scene_id = p_scene_id;
     END IF;
-    IF v_is_first OR v_marks > c_few THEN
+    IF v_marks > 0 THEN
+        -- Its branches compare their objects with the changed ones.
+        PERFORM _mark_all(b.scene_id) FROM scene b WHERE b.parent_scene_id = p_scene_id;
+    END IF;
+    IF v_is_first OR v_marks > c_few OR cardinality(v_layers) > 1 THEN
         SELECT n.conflicts, n.unresolved INTO conflicts, unresolved FROM _count_conflicts(p_scene_id) n;
     END IF;
     UPDATE run r SET finished_at = clock_timestamp(), settings = n.settings, candidate_pairs = n.candidate_pairs,
@@ -510,9 +567,7 @@ BEGIN ATOMIC
     INSERT INTO run (scene_id, started_at, finished_at, method, settings, objects, candidate_pairs, intersecting_pairs,
                      window_pairs, solved_pairs, pieces_s, stage1_s, stage2_s, stage3_s, stage4_s, error)
         SELECT p_scene_id, r.started_at, clock_timestamp(), r.method, r.settings,
-               (SELECT count(*) FROM area a WHERE a.scene_id = p_scene_id)
-               + (SELECT count(*) FROM track t WHERE t.scene_id = p_scene_id),
-               r.candidate_pairs, r.intersecting_pairs, r.window_pairs, r.solved_pairs,
+               _count_objects(p_scene_id), r.candidate_pairs, r.intersecting_pairs, r.window_pairs, r.solved_pairs,
                r.pieces_s, r.stage1_s, r.stage2_s, r.stage3_s, r.stage4_s, p_error
         FROM jsonb_populate_record(NULL::run, p_run) r
         RETURNING run_id;

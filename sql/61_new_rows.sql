@@ -11,6 +11,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._begin_new_rows(
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET enable_seqscan = off SET jit = off AS $$
 #variable_conflict use_column
+DECLARE
+    v_layers bigint[] := _layers(p_scene_id);
 BEGIN
     -- COPY cannot write to a table whose row-level security applies to the caller (93_row_security.sql).
     IF row_security_active('conflict') OR row_security_active('conflict_event') THEN
@@ -28,11 +30,12 @@ BEGIN
     SELECT array_agg(o.key ORDER BY n.nr), array_agg(o.first_version ORDER BY n.nr) INTO keys, first_versions
         FROM unnest(p_numbers) WITH ORDINALITY n (number, nr)
         LEFT JOIN LATERAL (SELECT a.key, a.first_version FROM area a
-                           WHERE n.number < 1::bigint << 62 AND a.area_id = n.number AND a.scene_id + 0 = p_scene_id
+                           WHERE n.number < 1::bigint << 62 AND a.area_id = n.number
+                             AND a.scene_id + 0 = ANY (v_layers)
                            UNION ALL
                            SELECT t.key, t.first_version FROM track t
                            WHERE n.number >= 1::bigint << 62 AND t.track_id = n.number & ((1::bigint << 62) - 1)
-                             AND t.scene_id + 0 = p_scene_id OFFSET 0) o ON true;
+                             AND t.scene_id + 0 = ANY (v_layers) OFFSET 0) o ON true;
 END
 $$;
 COMMENT ON FUNCTION _begin_new_rows(bigint, bigint, jsonb, integer, bigint[]) IS

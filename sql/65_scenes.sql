@@ -6,12 +6,17 @@ LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM 
 -- index entries, so that the next scan skips them. Without jit, as the forced plan has an inflated cost.
 SET enable_seqscan = off SET enable_bitmapscan = off SET jit = off AS $$
 BEGIN
+    IF p_scene_id IS NULL THEN
+        RETURN NULL;
+    END IF;
     -- Every change, also of settings, leaves marks until a detection succeeds.
     RETURN NOT EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id)
            AND NOT EXISTS (SELECT FROM attachment a JOIN attached_change q USING (attachment_id)
                            WHERE a.scene_id = p_scene_id)
            AND NOT EXISTS (SELECT FROM attachment a
                            WHERE a.scene_id = p_scene_id AND _attachment_remark(a) IS NOT NULL)
+           -- A branch reads its parent.
+           AND coalesce(_is_current(_parent_of(p_scene_id)), true)
            AND (EXISTS (SELECT FROM run r WHERE r.scene_id = p_scene_id AND r.error IS NULL)
                 OR NOT EXISTS (SELECT FROM area a WHERE a.scene_id = p_scene_id)
                    AND NOT EXISTS (SELECT FROM track t WHERE t.scene_id = p_scene_id));
@@ -37,21 +42,25 @@ COMMENT ON FUNCTION _attached_waiting(bigint) IS
 CREATE OR REPLACE VIEW scenes WITH (security_invoker = true) AS
 SELECT s.name AS scene, s.motion, s.earth, s.centre_lon, s.centre_lat, s.method, s.tolerance_m, s.separation_m,
        s.nearest_m,
-       (SELECT count(*) FROM area a WHERE a.scene_id = s.scene_id)
-           + (SELECT count(*) FROM track t WHERE t.scene_id = s.scene_id) AS objects,
+       (SELECT count(*) FROM _seen_areas(s.scene_id) a) + (SELECT count(*) FROM _seen_tracks(s.scene_id) t) AS objects,
        (SELECT count(*) FROM (SELECT DISTINCT m.object_kind, m.object_id FROM change m
-                              WHERE m.scene_id = s.scene_id) d)
-           + _attached_waiting(s.scene_id) AS pending,
+                              WHERE m.scene_id IN (s.scene_id, s.parent_scene_id)) d)
+           + _attached_waiting(s.scene_id) + coalesce(_attached_waiting(s.parent_scene_id), 0) AS pending,
        r.run_id AS last_run_id, r.finished_at AS last_run_at, r.error AS last_error,
        _is_current(s.scene_id) AS is_current,
        (SELECT count(*) FROM attachment a JOIN attached_object o USING (attachment_id)
         WHERE a.scene_id = s.scene_id AND o.reason IS NOT NULL) AS unmapped,
        s.vertical_separation_m, s.time_separation_s, s.delays_within_s, s.intervals, s.horizon_days,
-       lower(s.expanded) AS expanded_from, upper(s.expanded) AS expanded_until, s.vertical_datum
+       lower(_expanded(s.scene_id)) AS expanded_from, upper(_expanded(s.scene_id)) AS expanded_until,
+       p.name AS branch_of, s.vertical_datum
 FROM scene s
+LEFT JOIN scene p ON p.scene_id = s.parent_scene_id
 LEFT JOIN LATERAL (SELECT x.run_id, x.finished_at, x.error FROM run x WHERE x.scene_id = s.scene_id
                    ORDER BY x.run_id DESC LIMIT 1) r ON true;
 
+COMMENT ON COLUMN scenes.branch_of IS
+'Name of the scene that this one is a branch of: it has the objects of that scene, but for those it has edited; null: '
+'it is no branch.';
 COMMENT ON VIEW scenes IS 'Scenes with their settings, contents and state.';
 COMMENT ON COLUMN scenes.scene IS 'Name of the scene.';
 COMMENT ON COLUMN scenes.motion IS 'Shape of tracks and edges between their points: rhumb or great_circle.';
@@ -159,8 +168,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._scene_state(
 )
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _scene_id(p_scene);
-    v_attached bigint := _attached_waiting(v_scene_id);
+    v_scene_id bigint := _scene_or_branch(p_scene);
+    v_attached bigint := _attached_waiting(coalesce(_parent_of(v_scene_id), v_scene_id));
     v_waiting bigint;
     v_unmapped bigint;
 BEGIN
@@ -171,12 +180,14 @@ BEGIN
     v_waiting := pending - v_attached;
     remark := nullif(concat_ws('; ',
         CASE WHEN NOT is_current THEN
-            CASE WHEN detected_at IS NULL THEN 'never detected: ' ELSE '' END || v_waiting
+            CASE WHEN detected_at IS NULL AND _parent_of(v_scene_id) IS NULL THEN 'never detected: ' ELSE '' END
+            || v_waiting
             || CASE v_waiting WHEN 1 THEN ' object waits' ELSE ' objects wait' END || ' for detection' END,
         CASE WHEN v_attached > 0 THEN 'changes of an attached table wait to be taken over' END,
         (SELECT string_agg(format('%I.%I: %s', a.table_schema, a.table_name, _attachment_remark(a)), '; '
                            ORDER BY a.attachment_id)
-         FROM attachment a WHERE a.scene_id = v_scene_id AND _attachment_remark(a) IS NOT NULL),
+         FROM attachment a
+         WHERE a.scene_id = ANY ((SELECT _layers(v_scene_id))::bigint[]) AND _attachment_remark(a) IS NOT NULL),
         CASE WHEN v_unmapped > 0 THEN v_unmapped || CASE v_unmapped WHEN 1 THEN ' row of an attached table is' ELSE
             ' rows of attached tables are' END || ' left out (view unmapped)' END,
         'an attached table cannot be read: ' || (SELECT a.error FROM attachment a WHERE a.scene_id = v_scene_id
@@ -197,7 +208,7 @@ DECLARE
     v_who text := format('scene %L', p_scene);
 BEGIN
     -- Each turn sees what other sessions have committed, including removal of the scene.
-    WHILE NOT _is_current(_scene_id(p_scene)) LOOP
+    WHILE NOT _is_current(_scene_or_branch(p_scene)) LOOP
         IF current_setting('transaction_isolation') <> 'read committed' THEN
             FOUND := _raise('ZC013', v_who, 'transaction',
                             format('is %s: it sees one state of the database until it ends, and would wait in vain',

@@ -9,11 +9,11 @@ BEGIN ATOMIC
     SELECT a.key, 'area', a.name, lower(_active_within(a.active_span, a.activations)),
            upper(_active_within(a.active_span, a.activations)), a.floor_m, a.ceiling_m,
            a.class, a.owner
-    FROM area a WHERE a.scene_id = _scene_id(p_scene)
+    FROM _seen_areas(_scene_or_branch(p_scene)) a
     UNION ALL
     SELECT t.key, 'track', t.name, lower(_at_sea(t.path, t.departures)), upper(_at_sea(t.path, t.departures)),
            t.floor_m, t.ceiling_m, t.class, t.owner
-    FROM track t WHERE t.scene_id = _scene_id(p_scene)
+    FROM _seen_tracks(_scene_or_branch(p_scene)) t
     ORDER BY 1;
 END;
 COMMENT ON FUNCTION list_objects(text) IS
@@ -31,7 +31,7 @@ COMMENT ON FUNCTION _refuse_taken(text) IS 'Raises ZC007: the name of a scene is
 CREATE OR REPLACE FUNCTION rename_scene(p_scene text, p_name text) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _scene_to_change(p_scene);
+    v_scene_id bigint := _scene_or_branch_to_change(p_scene);
 BEGIN
     UPDATE scene s SET name = p_name WHERE s.scene_id = v_scene_id;
 EXCEPTION
@@ -45,7 +45,7 @@ COMMENT ON FUNCTION rename_scene(text, text) IS
 CREATE OR REPLACE FUNCTION copy_scene(p_scene text, p_name text) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _scene_id(p_scene);
+    v_scene_id bigint := _scene_or_branch(p_scene);
     v_copy_id bigint;
 BEGIN
     BEGIN
@@ -60,13 +60,13 @@ BEGIN
                       activations, schedule)
         SELECT v_copy_id, a.key, a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class,
                a.owner, CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule
-        FROM area a WHERE a.scene_id = v_scene_id;
+        FROM _seen_areas(v_scene_id) a;
     INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines, floors_m,
                        ceilings_m, class, owner, tolerances, departures, schedule)
         SELECT v_copy_id, t.key, t.name, t.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps,
                t.outlines, t.floors_m, t.ceilings_m, t.class, t.owner, t.tolerances,
                CASE WHEN t.schedule IS NULL THEN t.departures END, t.schedule
-        FROM track t WHERE t.scene_id = v_scene_id;
+        FROM _seen_tracks(v_scene_id) t;
     RETURN v_copy_id;
 END
 $$;
@@ -78,7 +78,7 @@ COMMENT ON FUNCTION copy_scene(text, text) IS
 CREATE OR REPLACE FUNCTION remove_scene(p_scene text) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _scene_to_change(p_scene);
+    v_scene_id bigint := _scene_or_branch_to_change(p_scene);
 BEGIN
     DELETE FROM scene s WHERE s.scene_id = v_scene_id;
     -- Row-level security silently skips a scene of another role.
@@ -89,13 +89,22 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION remove_scene(text) IS
-'Removes a scene with its objects, conflicts and history. A protected scene: only for its owner.';
+'Removes a scene with its objects, conflicts, history and branches. A protected scene: only for its owner.';
 
 CREATE OR REPLACE FUNCTION rename_object(p_scene text, p_key text, p_new_key text) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _scene_to_change(p_scene);
+    v_scene_id bigint := _scene_or_branch_to_change(p_scene);
 BEGIN
+    IF _parent_of(v_scene_id) IS NOT NULL THEN
+        IF _has_key(v_scene_id, p_key) AND (SELECT o.object_id FROM _object_with(v_scene_id, p_key) o) IS NULL THEN
+            FOUND := _raise('ZC020', format('object %L', p_key), 'key', 'is of the parent of a branch', 'object_own',
+                            'Put it under the new key, and remove the former.');
+        END IF;
+        IF p_key <> p_new_key AND _has_key(v_scene_id, p_new_key) THEN
+            RAISE unique_violation;
+        END IF;
+    END IF;
     IF EXISTS (SELECT FROM attachment a JOIN attached_object o USING (attachment_id)
                WHERE a.scene_id = v_scene_id AND o.key = p_key) THEN
         FOUND := _raise('ZC008', format('object %L', p_key), 'key', 'comes from an attached table', 'object_own',

@@ -6,7 +6,7 @@
 CREATE OR REPLACE FUNCTION conflictdb_internal._warn_if_incomplete(p_scene text) RETURNS boolean
 LANGUAGE plpgsql STABLE PARALLEL RESTRICTED SET search_path FROM CURRENT AS $$
 BEGIN
-    IF NOT _is_current(_scene_id(p_scene)) THEN
+    IF NOT _is_current(_scene_or_branch(p_scene)) THEN
         RAISE NOTICE 'scene %: %: the answer may not be complete', quote_literal(p_scene),
                      (SELECT s.remark FROM _scene_state(p_scene) s)
             USING HINT = 'The view scenes says is_current; wait_until_current(scene, timeout) waits for a detection.';
@@ -20,7 +20,7 @@ COMMENT ON FUNCTION _warn_if_incomplete(text) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._beyond_horizon(p_scene text, p_span tstzrange) RETURNS text
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_expanded tstzrange := (SELECT s.expanded FROM scene s WHERE s.scene_id = _scene_id(p_scene));
+    v_expanded tstzrange := _expanded(_scene_or_branch(p_scene));
 BEGIN
     -- An unbounded end means all that is known.
     IF lower(p_span) < lower(v_expanded) OR lower(p_span) >= upper(v_expanded)
@@ -55,7 +55,7 @@ COMMENT ON FUNCTION _warn_if_beyond_horizon(text, tstzrange) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._warn_if_no_object(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL RESTRICTED SET search_path FROM CURRENT AS $$
 BEGIN
-    IF NOT EXISTS (SELECT FROM object_key k WHERE k.scene_id = _scene_id(p_scene) AND k.key = p_key) THEN
+    IF NOT _has_key(_scene_or_branch(p_scene), p_key) THEN
         RAISE NOTICE 'scene %: holds no object %', quote_literal(p_scene), quote_nullable(p_key);
     END IF;
     RETURN true;
@@ -67,10 +67,10 @@ COMMENT ON FUNCTION _warn_if_no_object(text, text) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_key(p_scene text, p_key text) RETURNS boolean
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_scene_id bigint := _scene_id(p_scene);
+    v_scene_id bigint := _scene_or_branch(p_scene);
 BEGIN
     -- A removed object still has its conflicts, until the next detection.
-    IF NOT EXISTS (SELECT FROM object_key k WHERE k.scene_id = v_scene_id AND k.key = p_key)
+    IF NOT _has_key(v_scene_id, p_key)
        AND NOT EXISTS (SELECT FROM conflict c WHERE c.scene_id = v_scene_id AND c.a_key = p_key)
        AND NOT EXISTS (SELECT FROM conflict c WHERE c.scene_id = v_scene_id AND c.b_key = p_key) THEN
         FOUND := _raise('ZC011', format('object %L', p_key), 'key', format('is no object of scene %L', p_scene),

@@ -13,6 +13,11 @@ SELECT s.name AS scene,
                    WHERE m.scene_id = c.scene_id AND m.object_kind = c.a_kind AND m.object_id = c.a_id)
            AND NOT EXISTS (SELECT FROM change m
                            WHERE m.scene_id = c.scene_id AND m.object_kind = c.b_kind AND m.object_id = c.b_id)
+           -- The parent of a branch must be current, too.
+           AND (s.parent_scene_id IS NULL OR n.scene_is_current
+                OR NOT EXISTS (SELECT FROM change m
+                               WHERE m.scene_id = s.parent_scene_id
+                                 AND (m.object_kind, m.object_id) IN ((c.a_kind, c.a_id), (c.b_kind, c.b_id))))
            AS is_current,
        c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, c.closest_a_point, c.closest_b_point,
        n.scene_is_current, c.conflict_id, c.found_at AS opened_at, c.changed_at,
@@ -27,7 +32,11 @@ SELECT s.name AS scene,
        c.lacking_s, c.certainty
 -- OFFSET 0: evaluate once per scene, not per conflict.
 FROM scene s CROSS JOIN LATERAL (SELECT _is_current(s.scene_id) AS scene_is_current OFFSET 0) n
-JOIN conflict c ON c.scene_id = s.scene_id
+-- A branch also has the conflicts of its parent's objects that it has not edited.
+JOIN _layer l ON l.seen_by = s.scene_id
+JOIN conflict c ON c.scene_id = l.scene_id
+                   AND (c.scene_id = s.scene_id
+                        OR NOT _is_edited(s.scene_id, c.a_key) AND NOT _is_edited(s.scene_id, c.b_key))
 -- Only acknowledgements that hold.
 LEFT JOIN acknowledgement k
     ON k.conflict_id = c.conflict_id AND k.ended_at IS NULL AND coalesce(k.until > now(), true)
@@ -110,6 +119,11 @@ SELECT s.name AS scene,
                    WHERE m.scene_id = c.scene_id AND m.object_kind = c.a_kind AND m.object_id = c.a_id)
            AND NOT EXISTS (SELECT FROM change m
                            WHERE m.scene_id = c.scene_id AND m.object_kind = c.b_kind AND m.object_id = c.b_id)
+           -- The parent of a branch must be current, too.
+           AND (s.parent_scene_id IS NULL OR n.scene_is_current
+                OR NOT EXISTS (SELECT FROM change m
+                               WHERE m.scene_id = s.parent_scene_id
+                                 AND (m.object_kind, m.object_id) IN ((c.a_kind, c.a_id), (c.b_kind, c.b_id))))
            AS is_current,
        c.run_id, c.found_at, n.scene_is_current, c.method, c.time_error_s,
        CASE c.a_kind WHEN 0 THEN (SELECT o.name FROM area o WHERE o.area_id = c.a_id)
@@ -117,7 +131,11 @@ SELECT s.name AS scene,
        CASE c.b_kind WHEN 0 THEN (SELECT o.name FROM area o WHERE o.area_id = c.b_id)
                      ELSE (SELECT o.name FROM track o WHERE o.track_id = c.b_id) END AS b_name
 FROM scene s CROSS JOIN LATERAL (SELECT _is_current(s.scene_id) AS scene_is_current OFFSET 0) n
-JOIN conflict c ON c.scene_id = s.scene_id
+-- A branch also has the conflicts of its parent's objects that it has not edited.
+JOIN _layer l ON l.seen_by = s.scene_id
+JOIN conflict c ON c.scene_id = l.scene_id
+                   AND (c.scene_id = s.scene_id
+                        OR NOT _is_edited(s.scene_id, c.a_key) AND NOT _is_edited(s.scene_id, c.b_key))
 WHERE c.closest_m IS NOT NULL;
 
 COMMENT ON VIEW approaches IS
@@ -173,9 +191,9 @@ COMMENT ON FUNCTION conflicts_of(text, text) IS 'Conflicts of one object of a sc
 CREATE OR REPLACE FUNCTION conflictdb_internal._keys_of_class(p_scene text, p_class text) RETURNS SETOF text
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT a.key FROM area a WHERE a.scene_id = _scene_id(p_scene) AND a.class = p_class
+    SELECT a.key FROM _seen_areas(_scene_or_branch(p_scene)) a WHERE a.class = p_class
     UNION ALL
-    SELECT t.key FROM track t WHERE t.scene_id = _scene_id(p_scene) AND t.class = p_class;
+    SELECT t.key FROM _seen_tracks(_scene_or_branch(p_scene)) t WHERE t.class = p_class;
 END;
 COMMENT ON FUNCTION _keys_of_class(text, text) IS 'Keys of the objects of a class.';
 

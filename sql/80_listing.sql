@@ -4,11 +4,11 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._names(p_scene text, p_keys text[
 RETURNS TABLE (key text, name text)
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT a.key, a.name FROM area a
-    WHERE a.scene_id = _scene_id(p_scene) AND a.key = ANY (p_keys) AND a.name IS NOT NULL
+    SELECT a.key, a.name FROM _seen_areas(_scene_or_branch(p_scene)) a
+    WHERE a.key = ANY (p_keys) AND a.name IS NOT NULL
     UNION ALL
-    SELECT t.key, t.name FROM track t
-    WHERE t.scene_id = _scene_id(p_scene) AND t.key = ANY (p_keys) AND t.name IS NOT NULL;
+    SELECT t.key, t.name FROM _seen_tracks(_scene_or_branch(p_scene)) t
+    WHERE t.key = ANY (p_keys) AND t.name IS NOT NULL;
 END;
 COMMENT ON FUNCTION _names(text, text[]) IS 'Names of the objects of a scene that have one, by key.';
 
@@ -38,9 +38,10 @@ BEGIN ATOMIC
            c.acknowledged_until, c.a_name, c.b_name, c.lacking_s, c.certainty, k.a_id, k.a_version, k.b_id,
            k.b_version
     FROM conflicts c
-    LEFT JOIN conflict k ON p_with_region AND k.scene_id = _scene_id(p_scene) AND k.conflict_id = c.conflict_id
+    LEFT JOIN conflict k ON p_with_region AND k.scene_id = ANY ((SELECT _layers(_scene_or_branch(p_scene)))::bigint[])
+                            AND k.conflict_id = c.conflict_id
                             AND k.a_key = c.a_key AND k.b_key = c.b_key
-    WHERE c.scene = p_scene AND _scene_id(p_scene) IS NOT NULL AND (p_at IS NULL OR c.periods @> p_at)
+    WHERE c.scene = p_scene AND _scene_or_branch(p_scene) IS NOT NULL AND (p_at IS NULL OR c.periods @> p_at)
       AND (p_keys IS NULL OR c.a_key = ANY (p_keys) AND c.b_key = ANY (p_keys))
       AND (p_key IS NULL OR _check_key(p_scene, p_key) AND p_key IN (c.a_key, c.b_key))
       AND (num_nulls(p_from, p_to) = 2 OR c.periods && tstzrange(p_from, p_to))
@@ -120,14 +121,15 @@ RETURNS TABLE (
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 BEGIN
-    PERFORM _scene_id(p_scene);
+    PERFORM _scene_or_branch(p_scene);
     RETURN QUERY
         SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.a_point),
                ST_Y(c.a_point), ST_X(c.b_point), ST_Y(c.b_point), c.verdict, c.is_current, c.run_id, c.found_at,
                c.scene_is_current, c.method, c.time_error_s, c.a_name, c.b_name, k.a_id, k.a_version, k.b_id,
                k.b_version
         FROM approaches c
-        LEFT JOIN conflict k ON p_only_near AND k.scene_id = _scene_id(p_scene) AND k.verdict = 'near'
+        LEFT JOIN conflict k ON p_only_near AND k.scene_id = ANY ((SELECT _layers(_scene_or_branch(p_scene)))::bigint[])
+                                AND k.verdict = 'near'
                                 AND k.a_key = c.a_key AND (k.a_kind = 1) = (c.a_kind = 'track')
                                 AND k.b_key = c.b_key AND (k.b_kind = 1) = (c.b_kind = 'track')
         WHERE c.scene = p_scene AND (NOT p_only_near OR c.verdict = 'near')
@@ -146,9 +148,12 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._scenes() RETURNS TABLE (
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     SELECT s.scene_id, _scene_settings(s.scene_id),
-           (SELECT count(*) FROM area a WHERE a.scene_id = s.scene_id),
-           (SELECT count(*) FROM track t WHERE t.scene_id = s.scene_id), v.pending,
-           (SELECT count(*) FROM conflict c WHERE c.scene_id = s.scene_id AND c.verdict <> 'near'),
+           (SELECT count(*) FROM _seen_areas(s.scene_id) a), (SELECT count(*) FROM _seen_tracks(s.scene_id) t),
+           v.pending,
+           (SELECT count(*) FROM _layer l JOIN conflict c ON c.scene_id = l.scene_id
+            WHERE l.seen_by = s.scene_id AND c.verdict <> 'near'
+              AND (c.scene_id = s.scene_id
+                   OR NOT _is_edited(s.scene_id, c.a_key) AND NOT _is_edited(s.scene_id, c.b_key))),
            v.last_run_id, v.last_run_at, v.last_error, v.is_current
     FROM scene s JOIN scenes v ON v.scene = s.name
     ORDER BY s.name;
@@ -159,7 +164,7 @@ COMMENT ON FUNCTION _scenes() IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._runs(p_scene text, p_limit integer) RETURNS SETOF run
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT r.* FROM run r WHERE r.scene_id = _scene_id(p_scene) ORDER BY r.run_id DESC LIMIT p_limit;
+    SELECT r.* FROM run r WHERE r.scene_id = _scene_or_branch(p_scene) ORDER BY r.run_id DESC LIMIT p_limit;
 END;
 COMMENT ON FUNCTION _runs(text, integer) IS 'The last p_limit runs of a scene, newest first.';
 

@@ -71,7 +71,7 @@ BEGIN
     IF scene IS NULL THEN
         FOUND := _raise('ZC009', c_who, 'scene', 'must be given', 'tile_scene_given');
     END IF;
-    scene_id := _scene_id(scene);
+    scene_id := _scene_or_branch(scene);
     SELECT s.motion, s.earth, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) INTO motion, earth, plane
         FROM scene s WHERE s.scene_id = _tile_params.scene_id;
     instant := _tile_time(p_params, 'at');
@@ -177,14 +177,16 @@ LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- OFFSET 0 forces one index search per window.
     SELECT n.object_id FROM _tile_windows(p_z, p_x, p_y, p_plane) w (box)
+    CROSS JOIN unnest(_layers(p_scene_id)) l (scene_id)
     CROSS JOIN LATERAL (SELECT p.object_id FROM piece p
-                        WHERE p.scene_id = p_scene_id AND p.hull && w.box AND p.span && p_span
+                        WHERE p.scene_id = l.scene_id AND p.hull && w.box AND p.span && p_span
                           AND p.object_kind = p_kind OFFSET 0) n
     UNION
-    SELECT m FROM _marked_objects(p_scene_id, p_kind) m;
+    SELECT m FROM unnest(_layers(p_scene_id)) l (scene_id) CROSS JOIN LATERAL _marked_objects(l.scene_id, p_kind) m;
 END;
 COMMENT ON FUNCTION _tile_objects(bigint, smallint, text, integer, integer, integer, tstzrange) IS
-'Ids of objects of a kind that a tile may show: a superset of those active during a span.';
+'Ids of objects of a kind that a tile may show: a superset of those active during a span, with those of its parent '
+'that a branch has edited.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._drawn(p_geometry geometry, p_plane text) RETURNS geometry
 -- Not LANGUAGE sql, nor the next two: inlining would evaluate each step as often as later steps mention it.
@@ -386,7 +388,8 @@ BEGIN
               CROSS JOIN LATERAL (SELECT n.box, _is_plain(n.box, w.plain_deg, w.edge_deg) AS is_plain,
                                          _is_plain(n.box, w.large_deg, w.edge_deg) AS is_small
                                   FROM (SELECT Box2D(a.footprint)::box3d AS box OFFSET 0) n OFFSET 0) b
-              WHERE a.scene_id = v.scene_id AND coalesce(a.activations, tstzmultirange(a.active_span)) && v.span
+              WHERE (a.scene_id = v.scene_id OR NOT _is_edited(v.scene_id, a.key))
+                AND coalesce(a.activations, tstzmultirange(a.active_span)) && v.span
                 AND (a.footprint && w.shown OR NOT b.is_small)
                 AND coalesce(a.floor_m, '-infinity') < coalesce(v.ceiling_m, 'infinity')
                 AND coalesce(v.floor_m, '-infinity') < coalesce(a.ceiling_m, 'infinity')
@@ -418,7 +421,8 @@ BEGIN
               CROSS JOIN LATERAL (SELECT n.box, _is_plain(n.box, w.plain_deg, w.edge_deg) AS is_plain,
                                          _is_plain(n.box, w.large_deg, w.edge_deg) AS is_small
                                   FROM (SELECT Box2D(t.path)::box3d AS box OFFSET 0) n OFFSET 0) b
-              WHERE t.scene_id = v.scene_id AND (t.path && w.shown OR NOT b.is_small)
+              WHERE (t.scene_id = v.scene_id OR NOT _is_edited(v.scene_id, t.key))
+                AND (t.path && w.shown OR NOT b.is_small)
                 AND _at_sea(t.path, t.departures)
                     && v.span
                 AND coalesce(t.floor_m, '-infinity') < coalesce(v.ceiling_m, 'infinity')
@@ -446,7 +450,7 @@ BEGIN
               FROM _tile_objects(v.scene_id, 1::smallint, v.plane, z, x, y, v.span) o (track_id)
               CROSS JOIN LATERAL (SELECT n.* FROM track n WHERE n.track_id = o.track_id OFFSET 0) t
               CROSS JOIN LATERAL heights_at(v.scene, t.key, v.instant) h
-              WHERE t.scene_id = v.scene_id
+              WHERE (t.scene_id = v.scene_id OR NOT _is_edited(v.scene_id, t.key))
                 AND coalesce(h.floor_m, '-infinity') < coalesce(v.ceiling_m, 'infinity')
                 AND coalesce(v.floor_m, '-infinity') < coalesce(h.ceiling_m, 'infinity')
               OFFSET 0) f
@@ -477,11 +481,10 @@ BEGIN
           AND (num_nonnulls(v.floor_m, v.ceiling_m) = 0 OR (
               SELECT coalesce(greatest(max(h.floor_m), v.floor_m), '-infinity')
                      < coalesce(least(min(h.ceiling_m), v.ceiling_m), 'infinity')
-              FROM (SELECT a.floor_m, a.ceiling_m FROM area a
-                    WHERE a.scene_id = v.scene_id AND a.key IN (c.a_key, c.b_key)
+              FROM (SELECT a.floor_m, a.ceiling_m FROM _seen_areas(v.scene_id) a WHERE a.key IN (c.a_key, c.b_key)
                     UNION ALL
-                    SELECT t.floor_m, t.ceiling_m FROM track t
-                    WHERE t.scene_id = v.scene_id AND t.key IN (c.a_key, c.b_key)) h))
+                    SELECT t.floor_m, t.ceiling_m FROM _seen_tracks(v.scene_id) t
+                    WHERE t.key IN (c.a_key, c.b_key)) h))
     ), field AS MATERIALIZED (
         SELECT s.conflict_id, s.a_key, s.a_kind, s.b_key, s.b_kind, s.verdict, s.is_current,
                extract(epoch FROM s.first_contact)::double precision AS start_s,
@@ -518,7 +521,8 @@ SELECT a.area_id, s.name AS scene, a.key, a.name, a.floor_m, a.ceiling_m,
        ST_Multi(_shown(
            a.footprint, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))::geometry(MultiPolygon, 4326)
            AS footprint
-FROM area a JOIN scene s USING (scene_id);
+FROM area a JOIN _layer l USING (scene_id) JOIN scene s ON s.scene_id = l.seen_by
+WHERE a.scene_id = s.scene_id OR NOT _is_edited(s.scene_id, a.key);
 
 COMMENT ON VIEW map_areas IS 'Areas as a layer of map programs such as QGIS.';
 COMMENT ON COLUMN map_areas.area_id IS 'Unique key of the layer.';
@@ -537,7 +541,8 @@ SELECT t.track_id, s.name AS scene, t.key, t.name, t.floor_m, t.ceiling_m,
        lower(_at_sea(t.path, t.departures)) AS starts_at, upper(_at_sea(t.path, t.departures)) AS ends_at,
        ST_Multi(_shown(
            t.path, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat)))::geometry(MultiLineString, 4326) AS path
-FROM track t JOIN scene s USING (scene_id);
+FROM track t JOIN _layer l USING (scene_id) JOIN scene s ON s.scene_id = l.seen_by
+WHERE t.scene_id = s.scene_id OR NOT _is_edited(s.scene_id, t.key);
 
 COMMENT ON VIEW map_tracks IS 'Paths of tracks as a layer of map programs such as QGIS.';
 COMMENT ON COLUMN map_tracks.track_id IS 'Unique key of the layer.';
@@ -557,9 +562,10 @@ SELECT (c.conflict_id << 20) + p.n AS period_id, c.conflict_id,
        c.b_key, CASE c.b_kind WHEN 0 THEN 'area' ELSE 'track' END AS b_kind, c.verdict,
        lower(p.period) AS starts_at, upper(p.period) AS ends_at, c.time_error_s,
        ST_Multi(ST_CollectionExtract(c.region, 3))::geometry(MultiPolygon, 4326) AS region, c.first_contact_point
-FROM scene s JOIN conflict c ON c.scene_id = s.scene_id
+FROM scene s JOIN _layer l ON l.seen_by = s.scene_id JOIN conflict c ON c.scene_id = l.scene_id
 CROSS JOIN LATERAL unnest(c.periods) WITH ORDINALITY p (period, n)
-WHERE c.verdict <> 'near';
+WHERE c.verdict <> 'near'
+  AND (c.scene_id = s.scene_id OR NOT _is_edited(s.scene_id, c.a_key) AND NOT _is_edited(s.scene_id, c.b_key));
 
 COMMENT ON VIEW map_conflicts IS
 'Conflicts as layers of map programs such as QGIS, by regions or first contact points: one row per period.';

@@ -26,7 +26,7 @@ BEGIN ATOMIC
                                 || float8send(coalesce(date_part('epoch', upper(p)), 'infinity')), ''::bytea)
                      FROM unnest(f.periods) p) AS numbers
           FROM conflicts f CROSS JOIN LATERAL (SELECT Box2D(f.region)::box3d AS box) r
-          WHERE f.scene = (SELECT s.name FROM scene s WHERE s.scene_id = _scene_id(p_scene))
+          WHERE f.scene = (SELECT s.name FROM scene s WHERE s.scene_id = _scene_or_branch(p_scene))
           ORDER BY nth) c;
 END;
 COMMENT ON FUNCTION _map_conflicts(text) IS
@@ -46,7 +46,7 @@ LANGUAGE sql STABLE CALLED ON NULL INPUT
 BEGIN ATOMIC
     WITH place AS MATERIALIZED (
         SELECT s.scene_id, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane
-        FROM scene s WHERE s.scene_id = _scene_id(p_scene)
+        FROM scene s WHERE s.scene_id = _scene_or_branch(p_scene)
     )
     SELECT a.area_id, a.key, a.name, a.floor_m, a.ceiling_m,
            nullif(extract(epoch FROM lower(_active_within(a.active_span, a.activations))), '-infinity')
@@ -55,7 +55,7 @@ BEGIN ATOMIC
                ::double precision,
            ST_XMin(a.footprint), ST_YMin(a.footprint), ST_XMax(a.footprint), ST_YMax(a.footprint),
            ST_X(i.place), ST_Y(i.place)
-    FROM place p JOIN area a USING (scene_id)
+    FROM place p CROSS JOIN LATERAL _seen_areas(p.scene_id) a
     -- As drawn: edges of a wide area curve.
     CROSS JOIN LATERAL (
         SELECT CASE WHEN greatest(ST_XMax(a.footprint) - ST_XMin(a.footprint),
@@ -81,7 +81,7 @@ BEGIN ATOMIC
     -- curve by more than that (see _tile_measures).
     WITH place AS MATERIALIZED (
         SELECT s.scene_id, _plane(s.motion, s.earth, s.centre_lon, s.centre_lat) AS plane
-        FROM scene s WHERE s.scene_id = _scene_id(p_scene)
+        FROM scene s WHERE s.scene_id = _scene_or_branch(p_scene)
     ), measure AS MATERIALIZED (
         SELECT p.scene_id, p.plane, m.unit_deg,
                CASE WHEN p.plane IN ('wgs84', 'sphere')
@@ -89,14 +89,14 @@ BEGIN ATOMIC
                    AS plain_deg
         FROM place p CROSS JOIN LATERAL (
             SELECT greatest((max(ST_YMax(a.footprint)) - min(ST_YMin(a.footprint))) / 32768, 1e-7) AS unit_deg
-            FROM area a WHERE a.scene_id = p.scene_id) m
+            FROM _seen_areas(p.scene_id) a) m
     )
     SELECT string_agg(int8send(a.area_id) || ST_AsBinary(ST_Multi(CASE
                WHEN NOT _is_plain(Box2D(a.footprint)::box3d, m.plain_deg, 180)
                    THEN ST_Simplify(_drawn(a.footprint, m.plane), m.unit_deg, true)
                WHEN ST_NPoints(a.footprint) > 16 THEN ST_Simplify(a.footprint, m.unit_deg, true)
                ELSE a.footprint END), 'NDR'), ''::bytea)
-    FROM measure m JOIN area a USING (scene_id);
+    FROM measure m CROSS JOIN LATERAL _seen_areas(m.scene_id) a;
 END;
 COMMENT ON FUNCTION _map_overview(text) IS
 'Simplified outlines of all areas of a scene: for each area_id (8 bytes, big-endian) and a multipolygon, longitude and '
@@ -110,7 +110,7 @@ LANGUAGE sql STABLE CALLED ON NULL INPUT
 BEGIN ATOMIC
     SELECT t.track_id, t.key, t.name, t.floor_m, t.ceiling_m, ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
            t.grow_mps, ST_AsBinary(t.outlines, 'NDR')
-    FROM track t WHERE t.scene_id = _scene_id(p_scene) ORDER BY t.track_id;
+    FROM _seen_tracks(_scene_or_branch(p_scene)) t ORDER BY t.track_id;
 END;
 COMMENT ON FUNCTION _map_tracks(text) IS
 'Tracks of a scene: path (longitude, latitude, Unix seconds) and outlines (metres) as WKB (little-endian).';

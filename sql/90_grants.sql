@@ -100,9 +100,11 @@ GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, put_rule, remove_ru
                           remove_object, request_detection, _set_scene, _put_scene,
                           _ensure_centre, _first_version, _begin_load, _load, _add_staged, _mark_all, share_scene,
                           unshare_scene, give_scene, rename_scene, copy_scene, remove_scene, rename_object,
+                          create_branch, drop_branch, merge_branch,
                           _begin_admission, _admission_holders, _put_plans, admit, wait_for_admission
     TO conflictdb_editor;
--- Row-level security limits it to scenes that the role may change.
+-- Row-level security limits these to scenes that the role may change; a trigger fills in the versions.
+GRANT INSERT (scene_id, key) ON branch_edit TO conflictdb_editor;
 GRANT INSERT, UPDATE ON admission_lock TO conflictdb_editor;
 -- A superfluous mark only causes another detection.
 GRANT INSERT (scene_id, object_kind, object_id, version) ON change TO conflictdb_editor;

@@ -22,7 +22,7 @@ BEGIN
     FOR v_table IN SELECT t FROM conflictdb_internal._protected_tables() t
                    UNION ALL SELECT 'conflictdb.scene_share'::regclass LOOP
         v_readable := CASE v_table::text
-            WHEN 'scene' THEN format(c_mine, 'owner') || ' OR ' || c_readable
+            WHEN 'scene' THEN format(c_mine, 'owner') || ' AND parent_scene_id IS NULL OR ' || c_readable
             WHEN 'scene_share' THEN format(c_mine, 'role') || ' OR ' || c_owned
             WHEN 'attached_change' THEN format(c_attached, 'a.' || c_readable)
             WHEN 'attached_object' THEN format(c_attached, 'a.' || c_readable)

@@ -72,7 +72,7 @@ def _needed_scene(db: Database, args: argparse.Namespace) -> str:
 def _exists(db: Database, scene: str) -> bool:
     try:
         with store.transaction(db.connection):
-            store.scene_id(db.connection, scene)
+            store.scene_or_branch_id(db.connection, scene)
     except InvalidInput:
         return False
     return True

@@ -220,7 +220,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
         with suppress(ConflictDBError, psycopg.Error):
             conn.rollback()
             if isinstance(error, Exception) and not isinstance(error, LockTimeout | _NothingPending):
-                scene_id = store.scene_id(conn, scene) if begun is None else begun.scene_id
+                scene_id = store.scene_or_branch_id(conn, scene) if begun is None else begun.scene_id
                 is_removed = not store.is_scene(conn, scene_id)
                 if not is_removed:
                     store.record_failure(conn, scene_id, record, f"{type(error).__name__}: {error}")
@@ -231,7 +231,7 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
 
 
 def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Options) -> store.Begun:
-    """Follow attached tables and expand schedules, then begin the first transaction."""
+    """Follow attached tables and expand schedules, or detect the parent of a branch; begin the first transaction."""
     few = -1 if full else options.few_objects
     again: bool | None = not options.only_pending
     while True:
@@ -240,9 +240,15 @@ def _begin(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Opti
             return begun
         with store.translated():
             conn.rollback()
-        if again is not None:
-            follow_attached.follow(conn, scene, again=again)
-        expansion.expand(conn, scene, options.say)
+        parent = store.parent_name(conn, begun.scene_id)
+        if parent is None:
+            if again is not None:
+                follow_attached.follow(conn, scene, again=again)
+            expansion.expand(conn, scene, options.say)
+        else:
+            # If its parent changes meanwhile, the branch stays pending.
+            with suppress(_NothingPending):
+                _run(conn, parent, False, replace(options, only_pending=True, progress=None, phase=_silent))
         again = None
 
 

@@ -159,7 +159,7 @@ class Answers:
         key = (self.changes.version, kind, z, x, y)
         with self.connections.one() as connection:
             if (tile := self._tiles.get(key)) is not None:
-                store.scene_id(connection, self._scene)  # raises if the scene is no longer shared
+                store.scene_or_branch_id(connection, self._scene)  # raises if the scene is no longer shared
             else:
                 tile = store.tile(connection, kind, z, x, y, self._scene)
         if key not in self._tiles:

@@ -45,7 +45,7 @@ class Listed:
 def settings(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
     """Return name, settings and state of a scene; InvalidInput if the scene does not exist."""
     with store.transaction(conn):
-        own = store.read_settings(conn, store.scene_id(conn, scene))
+        own = store.read_settings(conn, store.scene_or_branch_id(conn, scene))
         state = store.scene_state(conn, scene)
     return {
         "scene": scene,

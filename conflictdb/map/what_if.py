@@ -57,14 +57,13 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
     scene, plane, pieces, keys, _, _ = numbered("what if", tracks, areas, scene)
     number = object_numbers(pieces)
     pieces = pieces.take(np.lexsort((-pieces.turn, pieces.part, number)))
-    numbers, owner = np.unique(pieces.owner_number, return_inverse=True)
+    _, owner = np.unique(pieces.owner_number, return_inverse=True)
     objects, which = np.unique(object_numbers(pieces), return_inverse=True)
     base_us = min((int(track.times_us[0]) for track in tracks), default=0)
     arrays: dict[str, NDArray[Any]] = {
         "plane": np.frombuffer(bytes(plane.kernel_plane), np.uint8),
         "object": which.astype("<i4"),
-        # 0 stays 0: no owner.
-        "owner": (owner + (0 not in numbers)).astype("<i4"),
+        "owner": np.where(pieces.owner_number == 0, 0, owner + 1).astype("<i4"),  # 0: none
         "is_cover": (pieces.part == COVER).astype(np.uint8),
         "end_inclusive": pieces.end_inclusive.astype(np.uint8),
         "floor_m": pieces.floor_m.astype("<f8"),

@@ -85,7 +85,7 @@ def put(
     areas, tracks = [one for one in plans if isinstance(one, Area)], [one for one in plans if isinstance(one, Track)]
     if settings is None:
         with store.transaction(connection):
-            store.scene_id(connection, name)  # raises InvalidInput for an unknown scene
+            store.scene_or_branch_id(connection, name)  # raises InvalidInput for an unknown scene
     else:
         settings = dataclasses.replace(settings, name=name)
     settings = centred(_own_settings(connection, name, settings), areas, tracks)

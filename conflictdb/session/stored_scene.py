@@ -74,7 +74,7 @@ class StoredScene:
     def settings(self) -> Scene:
         """Return the settings of the scene."""
         with store.transaction(self.connection):
-            return store.read_settings(self.connection, store.scene_id(self.connection, self.name))
+            return store.read_settings(self.connection, store.scene_or_branch_id(self.connection, self.name))
 
     def detect(
         self,
@@ -692,6 +692,39 @@ class StoredScene:
         store.copy_scene(self.connection, self.name, name)
         return StoredScene(name, self._connected)
 
+    def branch(self, name: str) -> "StoredScene":
+        """Make a branch of the scene, and return it: a scene with the same objects, which stores only its edits.
+
+        Objects that the branch has not edited follow the scene. `merge` takes its edits over, `drop` forgets them.
+
+        Raises InvalidInput if the name is taken, or this is a branch.
+        """
+        store.create_branch(self.connection, self.name, name)
+        return StoredScene(name, self._connected)
+
+    def branch_of(self) -> str | None:
+        """Return the name of the scene that this one is a branch of; None: it is no branch."""
+        with store.transaction(self.connection):
+            return store.parent_name(self.connection, store.scene_or_branch_id(self.connection, self.name))
+
+    def drop(self) -> None:
+        """Remove this branch with its edits; raises InvalidInput if it is no branch."""
+        store.drop_branch(self.connection, self.name)
+
+    def diff(self) -> store.BranchDiff:
+        """Return the objects and conflicts in which this branch differs from its parent.
+
+        Raises InvalidInput if the branch or its parent waits for a detection, or this is no branch.
+        """
+        return store.diff_branch(self.connection, self.name)
+
+    def merge(self) -> int:
+        """Take the edits of this branch over into its parent, remove it, and return the number of changed objects.
+
+        Raises InvalidInput, naming them, if objects were changed on both sides; nothing is changed then.
+        """
+        return store.merge_branch(self.connection, self.name)
+
     def delete(self) -> None:
         """Remove the scene with its objects, conflicts and history.
 
@@ -880,7 +913,7 @@ class StoredScene:
         from conflictdb.formats.parquet_writing import write_objects
 
         with store.snapshot(self.connection):
-            number = store.scene_id(self.connection, self.name)
+            number = store.scene_or_branch_id(self.connection, self.name)
             settings = store.read_settings(self.connection, number)
             objects = store.each_object(self.connection, number)
             write_objects(

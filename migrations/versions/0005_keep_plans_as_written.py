@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "784aa35f846e8059aea847f06dc4dcd3439a13d0daa635419b7e9337fff34a15"
+routines_sha256 = "5eeef5c7f86216380025eb82fe0e906f069aad700b3ac0da9d126a723dac2506"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -163,6 +163,23 @@ ALTER TABLE conflictdb.scene
     ADD COLUMN IF NOT EXISTS expanded tstzrange;
 """
 
+# A branch reads its parent's objects, but for the keys that it has edited: with the version that each had then.
+BRANCHES = """
+ALTER TABLE conflictdb.scene ADD COLUMN IF NOT EXISTS parent_scene_id bigint
+    CONSTRAINT scene_parent_fkey REFERENCES conflictdb.scene (scene_id) ON DELETE CASCADE;
+CREATE INDEX IF NOT EXISTS scene_parent_scene_id_btree ON conflictdb.scene (parent_scene_id)
+    WHERE parent_scene_id IS NOT NULL;
+CREATE TABLE IF NOT EXISTS conflictdb.branch_edit (
+    scene_id bigint NOT NULL CONSTRAINT branch_edit_scene_fkey REFERENCES conflictdb.scene (scene_id)
+        ON DELETE CASCADE,
+    key text COLLATE "C" NOT NULL,
+    object_kind smallint,
+    object_id bigint,
+    version bigint,
+    CONSTRAINT branch_edit_pkey PRIMARY KEY (scene_id, key)
+);
+"""
+
 # Whether all voyages within tolerances conflict.
 CERTAINTY = """
 ALTER TABLE conflictdb.conflict
@@ -182,8 +199,8 @@ ALTER TABLE conflictdb.scene
 
 
 def upgrade() -> None:
-    more = (RULES, ACTIVATIONS, CERTAINTY, VERTICAL_DATUM)
-    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, INTERVALS, PROPOSALS, *more):
+    more = (INTERVALS, PROPOSALS, RULES, ACTIVATIONS, CERTAINTY, BRANCHES, VERTICAL_DATUM)
+    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, *more):
         op.execute(statement)
 
 

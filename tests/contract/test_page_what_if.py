@@ -27,7 +27,7 @@ from workloads import (
 
 import conflictdb
 from conflictdb.map import what_if
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, Intervals, Scene, Track
 from conflictdb.model.results import Conflict
 
 # More than objects move in the quarter of a microsecond that instants of the page are rounded to, metres.
@@ -52,7 +52,7 @@ const answers = scenes.map(([text, asked]) => {
     for (const conflict of conflicts[0]) {
       const pair = new PairDistance(kernel, pack, [key, conflict.other]);
       const [start, end] = [conflict.periods[0][0], conflict.periods.at(-1)[1]];
-      conflict.at_ends_m = pair.at(conflict.periods.flat());
+      conflict.inside_m = pair.at(conflict.periods.map(([from, to]) => (from + to) / 2));
       conflict.least_m = pair.around({ start, end, periods: conflict.periods })?.least[1] ?? null;
     }
     return { conflicts, forbidden: [...one.forbidden(horizon)], base: pack.base_us };
@@ -81,7 +81,7 @@ def on_page(tmp_path: Path, scenes: list[tuple[bytes, Asked]]) -> Any:
 
 
 def later(track: Track, by_us: int) -> Track:
-    return replace(track, times_us=track.times_us + by_us)
+    return replace(track, times_us=track.times_us + by_us, max_speed_kn=np.inf)
 
 
 def of_copy(scene: Scene, areas: list[Area], tracks: list[Track], key: str, by_us: int) -> dict[str, Any]:
@@ -90,7 +90,7 @@ def of_copy(scene: Scene, areas: list[Area], tracks: list[Track], key: str, by_u
     return {
         one.b_key if one.a_key == key else one.a_key: one
         for one in conflictdb.solve(moved, areas, scene)
-        if key in (one.a_key, one.b_key)
+        if key in (one.a_key, one.b_key) and one.periods
     }
 
 
@@ -155,10 +155,10 @@ def check(tmp_path: Path, count: int, scenes: list[Plans], each: int) -> None:
             met += sum(map(len, answer["conflicts"]))
             for one in answer["conflicts"][0]:
                 within_m = scene.separation_m + scene.tolerance_m + AN_INSTANT_M
-                ends_m = [at_m for at_m in one["at_ends_m"] if at_m is not None]
-                assert max(ends_m, default=0.0) <= within_m, (scene.name, key, one)
+                inside_m = [at_m for at_m in one["inside_m"] if at_m is not None]
+                assert max(inside_m, default=0.0) <= within_m, (scene.name, key, one)
                 if one["verdict"] == "conflict":
-                    assert one["least_m"] <= min([scene.separation_m, *ends_m]), (scene.name, key, one)
+                    assert one["least_m"] <= min([scene.separation_m, *inside_m]), (scene.name, key, one)
     assert found == []
     assert met > len(scenes)
 
@@ -172,3 +172,23 @@ def test_moved_track_meets_what_a_detection_of_its_copy_finds(tmp_path: Path) ->
 def test_many_moved_tracks_meet_what_detections_of_copies_find(tmp_path: Path) -> None:
     """A thousand."""
     check(tmp_path, 12, [scenes_of(workload, seed) for workload in WORKLOADS for seed in range(2, 5)], 4)
+
+
+def test_owners_heights_and_closed_intervals_count_as_in_a_detection(tmp_path: Path) -> None:
+    """Objects of one owner are not compared, those without an owner are; spans end while tracks are there."""
+    rng, plans = np.random.default_rng(3), []
+    for seed, workload in enumerate((LOW_LATITUDE, SEAM)):
+        scene, areas, tracks = throw(workload, 50 + seed, 8, 10)
+        first_us, last_us = int(tracks[0].times_us[0]), int(tracks[0].times_us[-1])
+        spans = [{"start_us": first_us, "end_us": None}, {"start_us": None, "end_us": last_us}, {}]
+        owned: list[Area | Track] = []
+        for i, one in enumerate([*areas, *tracks]):
+            more: dict[str, Any] = spans[i % 3] if isinstance(one, Area) else {"max_speed_kn": np.inf}
+            floor_m, ceiling_m = float(rng.integers(0, 70)), float(rng.integers(80, 140))
+            owned.append(
+                replace(one, owner=["x", None, "y", None][i % 4], floor_m=floor_m, ceiling_m=ceiling_m, **more)
+            )
+        for settings in ({"vertical_separation_m": 12.3}, {"intervals": Intervals.CLOSED}, {"tolerance_m": 50.0}):
+            own = replace(scene, **settings)
+            plans.append((own, owned[: len(areas)], owned[len(areas) :]))
+    check(tmp_path, 3, plans, 2)

@@ -42,6 +42,8 @@ SELECT conflictdb_internal._put_proposal(s.scene_id, to_jsonb(b), 'total', 60, 6
        "passes": [], "text": "T 1 min later"}]', '[{"key": "U", "blocked_by": ["A"]}]')
 FROM conflictdb.scene s, conflictdb_internal._proposal_basis(s.scene_id) b WHERE s.name = 'hers';
 SELECT conflictdb.remove_object('hers', 'N');
+SELECT conflictdb.create_branch('hers', 'her branch');
+SELECT conflictdb.remove_object('her branch', 'B');
 UPDATE alices.ops SET id = 3 WHERE id = 1;
 """
 EVERYTHING = """
@@ -66,6 +68,7 @@ READS = [
     """SELECT octet_length(conflictdb.tile_tracks(0, 0, 0, '{"scene": "hers"}'))""",
     """SELECT octet_length(conflictdb.tile_conflicts(0, 0, 0, '{"scene": "hers"}'))""",
 ]
+KEYS = "SELECT array_agg(o.key) FROM conflictdb.list_objects('hers') o"
 READS_WITHOUT_ROWS = [
     "SELECT conflictdb.heights_at('hers', 'T', '2026-03-01 12:00Z')",
     "SELECT conflictdb.request_probe('hers', 'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 0))')",
@@ -120,6 +123,7 @@ ADDITIONS = [
        VALUES ({hers}, 0, 'SRID=4326;MULTIPOLYGON(((0 0, 1 0, 1 1, 0 1, 0 0)))')""",
     "INSERT INTO conflictdb.scene (name, owner) VALUES ('new', {alice})",
     "INSERT INTO conflictdb.scene (name, owner) VALUES ('new', NULL)",
+    "INSERT INTO conflictdb.branch_edit (scene_id, key) VALUES ({hers}, 'A')",
 ]
 
 
@@ -229,7 +233,7 @@ def test_nobody_else_sees_a_row_of_anything(protected: Conn, stage: Stage) -> No
         assert {name: count(protected, name) for name in whole if name != "shares"} == {
             name: rows for name, rows in whole.items() if name != "shares"
         }
-    his = {"scene": 1, "scenes": 1, "_accessible": 1, "shares": 1}
+    his = {"scene": 1, "scenes": 1, "_accessible": 1, "_layer": 1, "shares": 1}
     with acting(protected, stage.alice):
         assert {name: count(protected, name) for name in whole} == {
             name: rows - his.get(name, 0) for name, rows in whole.items()
@@ -287,6 +291,43 @@ def test_who_it_is_shared_with_reads_and_who_may_write_changes_it(protected: Con
         assert one(protected, stage.filled(OF_THE_OWNER[1])) == (False,)
     with acting(protected, stage.bob):
         assert count(protected, "conflicts") == 0
+
+
+def test_reader_of_a_scene_branches_it_and_only_its_changer_merges(protected: Conn, stage: Stage) -> None:
+    """A branch of another's scene belongs to its maker, and shows nothing to those who may not read the scene."""
+    branch = "SELECT conflictdb.create_branch('hers', 'bobs')"
+    with acting(protected, stage.bob):
+        refused(protected, branch, "ZC010")
+        refused(
+            protected, f"INSERT INTO conflictdb.scene (name, parent_scene_id) VALUES ('spy', {stage.hers})", "ZC020"
+        )
+    share(protected, stage, stage.bob, "read")
+    objects, conflicts = "SELECT count(*) FROM conflictdb.list_objects('bobs')", "conflicts WHERE scene = 'bobs'"
+    with acting(protected, stage.bob):
+        protected.execute(branch.encode())
+        assert one(protected, objects) == (len(set(one(protected, KEYS)[0])),)
+        assert count(protected, conflicts) == count(protected, "conflicts WHERE scene = 'hers'") > 0
+        assert one(protected, "SELECT conflictdb.remove_object('bobs', 'A')") == (True,)
+        assert count(protected, conflicts) < count(protected, "conflicts WHERE scene = 'hers'")
+        assert "lets role" in refused(protected, "SELECT conflictdb.merge_branch('bobs')", "42501")
+        for statement in ("UPDATE conflictdb.branch_edit SET version = 1", "DELETE FROM conflictdb.branch_edit"):
+            refused(protected, statement, "42501")
+        fake = (
+            "INSERT INTO conflictdb.branch_edit (scene_id, key, version) SELECT scene_id, 'B', 1 FROM conflictdb.scene"
+        )
+        refused(protected, fake, "42501")
+    with acting(protected, stage.carol):
+        refused(protected, objects, "ZC010")
+    with acting(protected, stage.alice):
+        refused(protected, objects, "ZC010")
+        protected.execute(stage.filled(OF_THE_OWNER[1]).encode())
+    with acting(protected, stage.bob):
+        refused(protected, objects, "ZC010")
+        assert count(protected, conflicts) == count(protected, "area") == count(protected, "branch_edit") == 0
+    share(protected, stage, stage.bob, "write")
+    with acting(protected, stage.bob):
+        assert one(protected, "SELECT conflictdb.merge_branch('bobs')") == (1,)
+        assert "A" not in one(protected, KEYS)[0]
 
 
 def test_public_is_everybody_who_reads(protected: Conn, stage: Stage) -> None:

@@ -46,7 +46,15 @@ def test_a_scene_has_the_settings_of_the_table_and_nothing_else(conn: Conn) -> N
     row = conn.execute("SELECT conflictdb_internal._settings_of(s) FROM conflictdb.scene s").fetchone()
     assert row is not None
     assert set(row[0]) == {"name", *COLUMNS}
-    assert set(catalog(conn, "scene")) == {"name", *COLUMNS, "scene_id", "history_kept", "owner", "expanded"}
+    assert set(catalog(conn, "scene")) == {
+        "name",
+        *COLUMNS,
+        "scene_id",
+        "history_kept",
+        "owner",
+        "expanded",
+        "parent_scene_id",
+    }
 
 
 def test_defaults_are_those_of_the_table(conn: Conn) -> None:

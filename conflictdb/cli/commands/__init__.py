@@ -17,7 +17,7 @@ ENVIRONMENT: Final = {
 
 
 GROUPS: Final = (
-    ("plan", ("load", "scenes", "objects", "rename", "copy", "delete", "export")),
+    ("plan", ("load", "scenes", "objects", "rename", "copy", "branch", "delete", "export")),
     (
         "ask",
         (
@@ -47,7 +47,7 @@ def build(prog: str | None = None) -> Parser:
         prog=prog or program(),
         usage="%(prog)s [--dsn DATABASE] [--debug] [--version] COMMAND …",
         description="Find when and where plans interfere, inside PostGIS.",
-        epilog="DATABASE: connection string or URI (default: the embedded one). COMMAND --help shows its options.",
+        epilog="DATABASE: connection string or URI. COMMAND --help shows its options.",
     )
     parser.groups = GROUPS
     parser.add_argument(

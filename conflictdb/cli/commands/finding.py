@@ -55,14 +55,20 @@ def _add_plans(commands: Any) -> None:
     parser.add_argument("new", type=name, metavar="NEW", help="new name or key")
     add_scene(parser)
 
-    parser = command(commands, "copy", "scene_objects:copy", "copy a scene, without its conflicts")
+    parser = command(commands, "copy", "scene_objects:copy", "copy a scene")
     parser.add_argument("new", type=name, metavar="NEW", help="name of the copy")
     add_scene(parser)
+
+    parser = command(commands, "branch", "branching:branch", "try edits in a branch")
+    parser.add_argument("action", choices=("create", "diff", "merge", "drop"), help="to do")
+    parser.add_argument("branch", type=name, metavar="BRANCH", help="its name")
+    add_scene(parser)
+    add_format(parser, "table", "json")
 
     parser = command(commands, "delete", "scene_objects:delete", "delete objects, or a scene")
     parser.add_argument("keys", nargs="*", metavar="KEY", help="keys of objects")
     add_scene(parser)
-    parser.add_argument("--all", action="store_true", help="the whole scene, which --scene must name")
+    parser.add_argument("--all", action="store_true", help="the scene that --scene names")
 
     parser = command(
         commands, "export", "scene_objects:export", "write a scene file", "Loading it gives the same objects."
@@ -171,7 +177,7 @@ def _add_questions(commands: Any) -> None:
     parser.add_argument("--undo", action="store_true", help="restore the former times")
     parser.add_argument("--attached", action="store_true", help="also change rows of attached tables")
 
-    parser = command(commands, "explain", "detecting:explain", "say why two objects are in conflict, or not")
+    parser = command(commands, "explain", "detecting:explain", "say why two objects conflict, or not")
     parser.add_argument("keys", nargs=2, metavar="KEY", help="keys of both objects")
     add_scene(parser)
     add_options(parser, "--wait", "--require-current")

@@ -26,6 +26,16 @@ from conflictdb.db.store.attached import (
     seconds_to_comparison,
     unmapped,
 )
+from conflictdb.db.store.branches import (
+    BranchDiff,
+    ConflictChange,
+    ObjectChange,
+    create_branch,
+    diff_branch,
+    drop_branch,
+    merge_branch,
+    parent_name,
+)
 from conflictdb.db.store.connection import (
     LOCK_WAIT_S,
     ON_OUR_TABLE,
@@ -135,6 +145,7 @@ from conflictdb.db.store.stored_objects import (
     replace_scene,
     replace_scene_by_parts,
     scene_id,
+    scene_or_branch_id,
     scene_settings,
     set_scene,
     waiting_scenes,

@@ -130,7 +130,7 @@ def begin_detection(
 
     def scene_id() -> int:
         with transaction(conn):
-            return int(call(conn, "_scene_id", scene)[0])
+            return int(call(conn, "_scene_or_branch", scene)[0])
 
     return begin_taking(conn, take, scene_id, scene, lock_timeout_s, say)
 

@@ -7,6 +7,7 @@ from psycopg.errors import Diagnostic
 # The hints of sql/ name routines, views and functions of SQL. These replace them, by constraint.
 REMEDIES: Final = {
     "attached_watchable": "Give --every (every in Python), the interval at which to compare all rows instead.",
+    "branch_current": "`conflictdb detect --scene BRANCH` does it.",
     "conflict_known": "`conflictdb conflicts` lists those that are.",
     "delays_stored": "`conflictdb detect --scene NAME --delays-within-s 7200` stores them.",
     "footprint_valid": "shapely.make_valid and most GIS programs repair it.",
@@ -16,7 +17,9 @@ REMEDIES: Final = {
     "proposal_known": "`conflictdb resolve` computes one.",
     "radius_known": "Draw a polygon instead.",
     "scene_changeable": "Its owner may run `conflictdb admin share ROLE --scene NAME --access write`.",
+    "scene_branch": "`conflictdb branch create BRANCH --scene NAME` makes one.",
     "scene_known": "`conflictdb load FILE --scene NAME` creates one.",
+    "scene_whole": "`conflictdb copy NEW --scene BRANCH` makes one; or merge it: `conflictdb branch merge BRANCH`.",
     "scene_without_attachments": "`conflictdb admin detach --scene NAME --table TABLE` detaches each.",
     "scenes_owned": "`conflictdb admin share ROLE --scene NAME --access own` gives one to a role.",
     "scenes_protected": "The owner of schema conflictdb may run `conflictdb admin protect`.",

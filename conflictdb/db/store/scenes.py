@@ -35,7 +35,7 @@ class ObjectSummary:
 def list_objects(conn: psycopg.Connection[Any], scene: str) -> list[ObjectSummary]:
     """Return the objects of a scene, by key; InvalidInput if it does not exist."""
     with transaction(conn):
-        call(conn, "_scene_id", scene)  # also for an empty scene
+        call(conn, "_scene_or_branch", scene)  # also for an empty scene
         rows = call_by_name(conn, "list_objects", scene)
     return [ObjectSummary(kind=Kind(row.pop("kind")), object_class=row.pop("class"), **row) for row in rows]
 

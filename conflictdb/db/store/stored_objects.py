@@ -184,9 +184,18 @@ def set_scene(conn: psycopg.Connection[Any], scene: Scene) -> int:
 
 
 def scene_id(conn: psycopg.Connection[Any], name: str) -> int:
-    """Return the id of a scene; raises InvalidInput, naming the known scenes, if it does not exist."""
+    """Return the id of a scene.
+
+    Raises InvalidInput for an unknown scene, naming the known ones, and for a branch, which most questions cannot read.
+    """
     with transaction(conn):
         return int(call(conn, "_scene_id", name)[0])
+
+
+def scene_or_branch_id(conn: psycopg.Connection[Any], name: str) -> int:
+    """As `scene_id`, also of a branch."""
+    with transaction(conn):
+        return int(call(conn, "_scene_or_branch", name)[0])
 
 
 def list_scenes(conn: psycopg.Connection[Any]) -> list[SceneStatus]:
@@ -210,7 +219,7 @@ def read_scene(
     """
     among = None if keys is None else list(keys)
     with transaction(conn):
-        number = scene_id(conn, name)
+        number = scene_or_branch_id(conn, name)
         areas = areas_of(*copy_binary.receive(conn, "_read_areas", [number, among], *_READ_AREAS))
         tracks = tracks_of(*copy_binary.receive(conn, "_read_tracks", [number, among], *_READ_TRACKS))
         return read_settings(conn, number), areas, tracks

@@ -1,0 +1,85 @@
+"""Make, compare, merge and drop branches of scenes."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import psycopg
+
+from conflictdb.db.store.connection import call, call_by_name, transaction
+from conflictdb.model.results import Kind
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectChange:
+    """An object in which a branch differs from its parent.
+
+    change : added, changed or removed
+    """
+
+    change: str
+    key: str
+    kind: Kind
+    name: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class ConflictChange:
+    """A conflict in which a branch differs from its parent.
+
+    change : gone, new or changed
+    verdict : in the branch; None if it is gone
+    verdict_before : in the parent; None if it is new
+    """
+
+    change: str
+    a_key: str
+    b_key: str
+    verdict: str | None
+    verdict_before: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class BranchDiff:
+    """The objects and conflicts in which a branch differs from its parent."""
+
+    objects: list[ObjectChange]
+    conflicts: list[ConflictChange]
+
+
+def create_branch(conn: psycopg.Connection[Any], scene: str, name: str) -> None:
+    """Make a branch of a scene; InvalidInput if it does not exist, is a branch, or the name is taken."""
+    with transaction(conn):
+        call(conn, "create_branch", scene, name)
+
+
+def drop_branch(conn: psycopg.Connection[Any], branch: str) -> None:
+    """Remove a branch with its edits; InvalidInput for any other scene."""
+    with transaction(conn):
+        call(conn, "drop_branch", branch)
+
+
+def merge_branch(conn: psycopg.Connection[Any], branch: str) -> int:
+    """Take the edits of a branch over into its parent and remove it; return the number of changed objects.
+
+    Raises InvalidInput, naming them, if objects were changed on both sides.
+    """
+    with transaction(conn):
+        return int(call(conn, "merge_branch", branch)[0])
+
+
+def diff_branch(conn: psycopg.Connection[Any], branch: str) -> BranchDiff:
+    """Return how a branch differs from its parent; InvalidInput if one of them waits for a detection."""
+    with transaction(conn):
+        objects = call_by_name(conn, "branch_objects", branch)
+        conflicts = call_by_name(conn, "_branch_conflicts", branch)
+    return BranchDiff(
+        [ObjectChange(kind=Kind(row.pop("kind")), **row) for row in objects],
+        [ConflictChange(**row) for row in conflicts],
+    )
+
+
+def parent_name(conn: psycopg.Connection[Any], scene_id: int) -> str | None:
+    """Return the name of the parent of a branch; None for any other scene."""
+    with transaction(conn):
+        name: str | None = call(conn, "_parent_name", scene_id)[0]
+    return name

@@ -1,0 +1,159 @@
+-- Branches: a branch is a scene that stores only the objects it has edited, and reads all others from its parent.
+--
+-- branch_edit lists the keys that differ: an edited key is read from the branch, or is gone there. A branch of 50,000
+-- objects therefore takes the space of its edits. It follows its parent: what the parent changes, the branch shows,
+-- unless it has edited it too. A question that does not read branches refuses them (_scene_id).
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._parent_of(p_scene_id bigint) RETURNS bigint
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT s.parent_scene_id FROM scene s WHERE s.scene_id = p_scene_id;
+END;
+COMMENT ON FUNCTION _parent_of(bigint) IS 'Returns the parent of a branch; null for any other scene.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._layers(p_scene_id bigint) RETURNS bigint[]
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+BEGIN
+    RETURN array_remove(ARRAY[p_scene_id, _parent_of(p_scene_id)], NULL);
+END
+$$;
+COMMENT ON FUNCTION _layers(bigint) IS
+'Scenes whose rows a scene reads: itself, and the parent of a branch (without _hidden_numbers).';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._hidden_numbers(p_scene_id bigint) RETURNS bigint[]
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp
+SET enable_seqscan = off SET jit = off AS $$
+DECLARE
+    v_parent_id bigint := _parent_of(p_scene_id);
+BEGIN
+    IF v_parent_id IS NULL THEN
+        RETURN '{}';
+    END IF;
+    -- OFFSET 0 forces a lookup per key.
+    RETURN ARRAY(SELECT o.number FROM branch_edit e
+                 CROSS JOIN LATERAL (SELECT _object_number(0::smallint, a.area_id) AS number
+                                     FROM area a WHERE a.scene_id = v_parent_id AND a.key = e.key
+                                     UNION ALL
+                                     SELECT _object_number(1::smallint, t.track_id)
+                                     FROM track t WHERE t.scene_id = v_parent_id AND t.key = e.key OFFSET 0) o
+                 WHERE e.scene_id = p_scene_id);
+END
+$$;
+COMMENT ON FUNCTION _hidden_numbers(bigint) IS
+'Objects of the parent (_object_number) that a branch has edited or removed; empty for any other scene.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._seen_areas(p_scene_id bigint) RETURNS SETOF area
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT a.* FROM area a WHERE a.scene_id = p_scene_id
+    UNION ALL
+    SELECT a.* FROM scene b JOIN area a ON a.scene_id = b.parent_scene_id
+    WHERE b.scene_id = p_scene_id
+      AND NOT EXISTS (SELECT FROM branch_edit e WHERE e.scene_id = b.scene_id AND e.key = a.key);
+END;
+COMMENT ON FUNCTION _seen_areas(bigint) IS
+'Areas of a scene; of a branch also those of its parent. Inlined into queries.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._seen_tracks(p_scene_id bigint) RETURNS SETOF track
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT t.* FROM track t WHERE t.scene_id = p_scene_id
+    UNION ALL
+    SELECT t.* FROM scene b JOIN track t ON t.scene_id = b.parent_scene_id
+    WHERE b.scene_id = p_scene_id
+      AND NOT EXISTS (SELECT FROM branch_edit e WHERE e.scene_id = b.scene_id AND e.key = t.key);
+END;
+COMMENT ON FUNCTION _seen_tracks(bigint) IS
+'Tracks of a scene; of a branch also those of its parent. Inlined into queries.';
+
+CREATE OR REPLACE VIEW conflictdb_internal._layer WITH (security_invoker = true) AS
+SELECT s.scene_id AS seen_by, s.scene_id FROM scene s
+UNION ALL
+SELECT s.scene_id, s.parent_scene_id FROM scene s WHERE s.parent_scene_id IS NOT NULL;
+COMMENT ON VIEW _layer IS
+'Scenes whose rows each scene reads: itself, and the parent of a branch (without edited keys).';
+COMMENT ON COLUMN _layer.seen_by IS 'The scene that reads.';
+COMMENT ON COLUMN _layer.scene_id IS 'The scene that is read.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_edited(p_scene_id bigint, p_key text) RETURNS boolean
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT EXISTS (SELECT FROM branch_edit e WHERE e.scene_id = p_scene_id AND e.key = p_key);
+END;
+COMMENT ON FUNCTION _is_edited(bigint, text) IS 'Whether a branch has edited or removed a key. Inlined into queries.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._has_key(p_scene_id bigint, p_key text) RETURNS boolean
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+BEGIN
+    RETURN EXISTS (SELECT FROM object_key k WHERE k.scene_id = p_scene_id AND k.key = p_key)
+           OR EXISTS (SELECT FROM scene b JOIN object_key k ON k.scene_id = b.parent_scene_id
+                      WHERE b.scene_id = p_scene_id AND k.key = p_key AND NOT _is_edited(b.scene_id, k.key));
+END
+$$;
+COMMENT ON FUNCTION _has_key(bigint, text) IS 'Whether a scene has an object with a key; a branch: also of its parent.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._branch_edit_before() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+DECLARE
+    v_parent_id bigint := _parent_of(NEW.scene_id);
+BEGIN
+    IF current_setting('session_replication_role') = 'replica' THEN
+        RETURN NEW;
+    END IF;
+    -- A restore gives the versions, perhaps after its objects have made the row.
+    IF num_nonnulls(NEW.object_id, NEW.version) > 0 THEN
+        DELETE FROM branch_edit e WHERE e.scene_id = NEW.scene_id AND e.key = NEW.key;
+        RETURN NEW;
+    END IF;
+    SELECT o.* INTO NEW.object_kind, NEW.object_id, NEW.version FROM _object_with(v_parent_id, NEW.key) o;
+    RETURN NEW;
+END
+$$;
+COMMENT ON FUNCTION _branch_edit_before() IS
+'Trigger: stores which object of the parent an edit replaces, and its version. Runs as its owner, as that decides what '
+'a merge refuses. Restricted to the key of the row.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._object_with(
+    p_scene_id bigint, p_key text, OUT object_kind smallint, OUT object_id bigint, OUT version bigint
+)
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+BEGIN
+    SELECT 0, a.area_id, a.version INTO object_kind, object_id, version
+        FROM area a WHERE a.scene_id = p_scene_id AND a.key = p_key;
+    IF NOT FOUND THEN
+        SELECT 1, t.track_id, t.version INTO object_kind, object_id, version
+            FROM track t WHERE t.scene_id = p_scene_id AND t.key = p_key;
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _object_with(bigint, text) IS
+'Kind, id and version of the object with a key; nulls if there is none.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._after_branch_edit() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+BEGIN
+    INSERT INTO change (scene_id, object_kind, object_id, version)
+        SELECT n.scene_id, n.object_kind, n.object_id, nextval('version_seq')
+        FROM new_rows n WHERE n.object_id IS NOT NULL;
+    PERFORM _wake_workers();
+    RETURN NULL;
+END
+$$;
+COMMENT ON FUNCTION _after_branch_edit() IS
+'Trigger: marks the objects of the parent that edits replace, so that their conflicts with objects of the branch '
+'close. Runs as its owner: editors cannot write all marks. Restricted to the inserted edits.';
+
+CREATE OR REPLACE TRIGGER branch_edit_before BEFORE INSERT ON branch_edit
+    FOR EACH ROW EXECUTE FUNCTION _branch_edit_before();
+ALTER TABLE branch_edit ENABLE ALWAYS TRIGGER branch_edit_before;
+CREATE OR REPLACE TRIGGER branch_edit_inserted AFTER INSERT ON branch_edit REFERENCING NEW TABLE AS new_rows
+    FOR EACH STATEMENT EXECUTE FUNCTION _after_branch_edit();
+
+COMMENT ON COLUMN scene.parent_scene_id IS 'The scene that this one is a branch of; null: none.';
+COMMENT ON TABLE branch_edit IS 'Keys that branches have edited or removed.';
+COMMENT ON COLUMN branch_edit.scene_id IS 'The branch.';
+COMMENT ON COLUMN branch_edit.key IS 'Key that the branch no longer reads from its parent.';
+COMMENT ON COLUMN branch_edit.object_kind IS 'Object of the parent at the first edit: 0 area, 1 track; null: none.';
+COMMENT ON COLUMN branch_edit.object_id IS 'Its id; null: none.';
+COMMENT ON COLUMN branch_edit.version IS 'Its version, which a merge must find unchanged; null: none.';

@@ -1,0 +1,262 @@
+"""Branches: scenes that store their edits only, and answer as full copies do."""
+
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import pytest
+from psycopg import sql
+from tiles import decode
+from workloads import ARCTIC, LOW_LATITUDE, Workload, throw
+
+from conflictdb import Area, InvalidInput, Rule, Track, connect
+from conflictdb.db import store
+from conflictdb.session.database import Database
+from conflictdb.session.stored_scene import StoredScene
+
+WORKLOAD = replace(LOW_LATITUDE, window=1.5, around_haven=(8.0, 20.0), around_area=(5.0, 15.0))
+
+
+@pytest.fixture
+def db(dsn: str) -> Iterator[Database]:
+    with connect(dsn) as database:
+        yield database
+
+
+def stored(db: Database, seed: int, areas: int, tracks: int, workload: Workload = WORKLOAD) -> StoredScene:
+    settings, *objects = throw(workload, seed, areas, tracks)
+    store.replace_scene(db.connection, settings, *objects, merge=False)
+    scene = db.scene(settings.name)
+    scene.detect()
+    return scene
+
+
+@pytest.fixture
+def scene(db: Database) -> StoredScene:
+    """A detected scene with conflicts."""
+    return stored(db, 3, 4, 14)
+
+
+def found(scene: StoredScene) -> dict[tuple[str, str], Any]:
+    """Conflicts by keys, without what tells one database row from another."""
+    return {
+        tuple(sorted((one.a_key, one.b_key))): (one.verdict, one.periods, one.closest_m, one.first_contact)
+        for one in scene.conflicts()
+    }
+
+
+def objects_of(scene: StoredScene) -> dict[str, str]:
+    _, areas, tracks = store.read_scene(scene.connection, scene.name)
+    return {one.key: repr(one) for one in (*areas, *tracks)}
+
+
+def drawn(scene: StoredScene) -> list[Any]:
+    """All that tiles, the map and its views show, without ids."""
+    conn = scene.connection
+    tiles = [
+        sorted((repr(fields | {"mvt_id": None}), shape.wkb) for fields, shape in layer)
+        for kind in ("areas", "tracks", "conflicts")
+        for layer in decode(store.tile(conn, kind, 0, 0, 0, scene.name)).values()
+    ]
+    areas, tracks = store.map_areas(conn, scene.name), store.map_tracks(conn, scene.name)
+    return [tiles, *(sorted(repr(row[1:]) for row in rows) for rows in (areas, tracks))]
+
+
+def assert_same(branch: StoredScene, copy: StoredScene) -> None:
+    assert drawn(branch) == drawn(copy)
+    assert objects_of(branch) == objects_of(copy)
+    assert branch.objects() == copy.objects()
+    assert found(branch) == found(copy)
+    assert {(one.a_key, one.b_key): one.closest_m for one in branch.approaches()} == {
+        (one.a_key, one.b_key): one.closest_m for one in copy.approaches()
+    }
+
+
+def edit(target: StoredScene, others: list[StoredScene], rng: np.random.Generator, pool: list[Area | Track]) -> None:
+    """Put, change, turn into another kind or remove a random object, in the scene and in others alike."""
+    keys = [one.key for one in target.objects()]
+    chosen = str(rng.choice(keys)) if keys else "none"
+    way = rng.integers(5)
+    new = pool[int(rng.integers(len(pool)))]
+    for one in [target, *others]:
+        if way == 0 and len(keys) > 4:
+            one.delete_objects(chosen)
+        elif way == 1:
+            one.put(replace(new, key=f"NEW {new.key}"))
+        else:
+            one.put(replace(new, key=chosen))
+
+
+@pytest.mark.parametrize("workload", [WORKLOAD, ARCTIC], ids=["rhumb", "great_circle"])
+def test_edited_branch_equals_copy(db: Database, workload: Workload) -> None:
+    """After random edits, of the branch and of its parent, a branch answers as a full copy; so does what is merged."""
+    rng = np.random.default_rng(7)
+    scene = stored(db, 3, 5, 16, workload)
+    _, more_areas, more_tracks = throw(workload, 4, 6, 14)
+    pool = [*more_areas, *more_tracks]
+    branch, copy, edited = scene.branch("branch"), scene.copy("copy"), set[str]()
+    copy.detect()
+    assert_same(branch, copy)
+    for step in range(26):
+        if step % 4 == 3:
+            # The parent changes: a copy would not follow, so it is edited alike, where the branch is not.
+            key = str(rng.choice([one.key for one in scene.objects()]))
+            new = replace(pool[int(rng.integers(len(pool)))], key=key)
+            scene.put(new)
+            if key not in edited:
+                copy.put(new)
+        else:
+            before = objects_of(branch)
+            edit(branch, [copy], rng, pool)
+            after = objects_of(branch)
+            edited |= {key for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
+        if step % 5 == 0:
+            run, of_copy = branch.detect(full=step % 2 == 0), copy.detect()
+            assert (run.conflicts, run.unresolved) == (of_copy.conflicts, of_copy.unresolved)
+            assert_same(branch, copy)
+    branch.detect(), copy.detect()
+    assert_same(branch, copy)
+    diff = branch.diff()
+    before, after = objects_of(scene), objects_of(branch)
+    assert {one.key for one in diff.objects} == {
+        key for key in before.keys() | after.keys() if before.get(key) != after.get(key)
+    }
+    was, now = found(scene), found(branch)
+    assert {tuple(sorted((one.a_key, one.b_key))) for one in diff.conflicts if one.change == "gone"} == (
+        was.keys() - now.keys()
+    )
+    assert {tuple(sorted((one.a_key, one.b_key))) for one in diff.conflicts if one.change == "new"} == (
+        now.keys() - was.keys()
+    )
+
+
+def test_merged_scene_equals_branch(db: Database, scene: StoredScene) -> None:
+    """A merge leaves the scene as the branch was, keeps the numbers of its objects, and removes the branch."""
+    rng = np.random.default_rng(5)
+    _, more_areas, more_tracks = throw(WORKLOAD, 4, 6, 14)
+    branch = scene.branch("branch")
+    ids = dict(ask(db, "SELECT key, track_id FROM conflictdb.track ORDER BY key"))
+    for _ in range(12):
+        edit(branch, [], rng, [*more_areas, *more_tracks])
+    branch.detect()
+    objects, conflicts, changed = objects_of(branch), found(branch), {one.key for one in branch.diff().objects}
+    assert branch.merge() == len(changed) > 3
+    scene.detect()
+    assert (objects_of(scene), found(scene)) == (objects, conflicts)
+    assert [one.scene.name for one in db.scenes()] == [scene.name]
+    now = dict(ask(db, "SELECT key, track_id FROM conflictdb.track ORDER BY key"))
+    assert {key for key in ids.keys() & now.keys() if ids[key] != now[key]} == set()
+    assert ask(db, "SELECT count(*) FROM conflictdb.branch_edit") == [(0,)]
+
+
+@pytest.mark.parametrize("change", ["edited", "removed", "added"])
+def test_merge_refuses_what_changed_on_both_sides(db: Database, scene: StoredScene, change: str) -> None:
+    """A merge names the objects that the scene changed too, and changes nothing."""
+    _, _, (new, *_) = throw(WORKLOAD, 4, 6, 14)
+    branch, key = scene.branch("branch"), "BOTH" if change == "added" else "T0"
+    branch.put(replace(new, key=key))
+    branch.delete_objects("T1")
+    if change == "removed":
+        scene.delete_objects(key)
+    else:
+        scene.put(replace(new, key=key, name="other"))
+    before = objects_of(scene), objects_of(branch)
+    with pytest.raises(InvalidInput, match=f"were changed in .* too.*'{key}'$|'{key}';|'{key}'") as refused:
+        branch.merge()
+    assert "T1" not in str(refused.value)
+    assert (objects_of(scene), objects_of(branch)) == before
+
+
+def test_removal_on_both_sides_is_merged(scene: StoredScene) -> None:
+    """An object that both removed is no reason to refuse."""
+    branch = scene.branch("branch")
+    for one in (branch, scene):
+        one.delete_objects("T0")
+    assert branch.merge() == 0
+
+
+def test_two_sessions_merge_once(db: Database, scene: StoredScene, dsn: str) -> None:
+    """Of two merges of one branch, one succeeds and the other finds no branch."""
+    branch = scene.branch("branch")
+    branch.delete_objects("T0")
+    outcomes: list[str] = []
+
+    def merge() -> None:
+        with connect(dsn) as other:
+            try:
+                other.scene("branch").merge()
+                outcomes.append("merged")
+            except InvalidInput as error:
+                outcomes.append(str(error))
+
+    sessions = [threading.Thread(target=merge) for _ in range(2)]
+    with db.connection.transaction():
+        db.connection.execute("SELECT FROM conflictdb.scene FOR UPDATE")
+        for session in sessions:
+            session.start()
+    for session in sessions:
+        session.join()
+    refusal, done = sorted(outcomes, key="merged".__eq__)
+    assert done == "merged"
+    assert "scene 'branch': name: is not in this database" in refusal
+
+
+def test_branch_follows_settings_and_rules(scene: StoredScene) -> None:
+    """Settings and rules of the parent are those of its branches, which refuse others."""
+    branch = scene.branch("branch")
+    scene.detect(separation_m=20_000.0)
+    scene.put_rule(Rule("ferry", "area", separation_m=1.0))
+    copy = scene.copy("copy")
+    branch.detect(), copy.detect()
+    assert replace(branch.settings(), name="copy") == copy.settings()
+    assert_same(branch, copy)
+    for change in (
+        lambda: branch.detect(separation_m=0.0),
+        lambda: branch.put_rule(Rule("ferry", "area", separation_m=2.0)),
+        lambda: branch.branch("twig"),
+        lambda: scene.merge(),
+        lambda: scene.drop(),
+        lambda: scene.diff(),
+    ):
+        with pytest.raises(InvalidInput, match=r"branch|parent"):
+            change()
+
+
+def test_other_questions_refuse_branches(db: Database, scene: StoredScene) -> None:
+    """A question that does not read the parent refuses a branch, and never answers from its own rows."""
+    branch = scene.branch("branch")
+    area = Area("P", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]])
+    questions = [
+        lambda: branch.resolve(),
+        lambda: branch.delays("T0"),
+        lambda: branch.probe(area),
+        lambda: branch.conflicts_known_at(datetime(2026, 3, 1, tzinfo=UTC)),
+        lambda: branch.explain("T0", "T1"),
+        lambda: branch.speeds("T0"),
+        lambda: branch.acknowledge("T0", "T1", "known"),
+        lambda: branch.admit([area]),
+        lambda: branch.share("public"),
+    ]
+    for question in questions:
+        with pytest.raises(InvalidInput, match="is a branch of"):
+            question()
+
+
+def test_removed_scene_takes_its_branches(db: Database, scene: StoredScene) -> None:
+    """A branch goes with its parent, and nothing of it stays."""
+    branch = scene.branch("branch")
+    branch.delete_objects("T0")
+    branch.detect()
+    scene.delete()
+    assert db.scenes() == []
+    for table in ("branch_edit", "change", "conflict", "piece", "track"):
+        query = sql.SQL("SELECT count(*) FROM conflictdb.{}").format(sql.Identifier(table)).as_string()
+        assert ask(db, query) == [(0,)], table
+
+
+def ask(db: Database, query: str, *values: object) -> list[Any]:
+    with db.connection.transaction():
+        return db.connection.execute(query.encode(), values).fetchall()
