@@ -71,6 +71,7 @@ class Scene(Base):
     intervals: Mapped[str] = mapped_column(server_default=FetchedValue())
     horizon_days: Mapped[float] = mapped_column(server_default=FetchedValue())
     expanded: Mapped[Range[datetime] | None]
+    parent_scene_id: Mapped[int | None]
     vertical_datum: Mapped[str] = mapped_column(server_default=FetchedValue())
 
 
@@ -221,6 +222,7 @@ class SceneState(Base):
     horizon_days: Mapped[float]
     expanded_from: Mapped[datetime | None]
     expanded_until: Mapped[datetime | None]
+    branch_of: Mapped[str | None]
     vertical_datum: Mapped[str]
 
 

@@ -25,17 +25,17 @@ class FileHints:
     haven_m : how far the havens of tracks without a size reach, metres: ahead, astern, to port, to starboard; None:
         they are points
     unbounded_heights : heights above anything but the scene's vertical datum are unbounded; else refused
-    vertical_datum : of the scene that a file without settings is read for; None: of the scene it is loaded into, or msl
     departure, speed_kn : of routes that say no time, and no speed; an aware datetime, and knots
+    vertical_datum : of the scene that a file without settings is read for; None: of the scene it is loaded into, or msl
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     time_zone: str | None = None
     haven_m: Sequence[float] | None = None
     unbounded_heights: bool = False
-    vertical_datum: VerticalDatum | str | None = None
     departure: datetime | None = None
     speed_kn: float | None = None
+    vertical_datum: VerticalDatum | str | None = None
 
     def __post_init__(self) -> None:
         if self.time_zone is not None:

@@ -114,6 +114,14 @@ TABLE attachment (
     error text
 );
 
+TABLE branch_edit (
+    scene_id bigint NOT NULL,
+    key text COLLATE C NOT NULL,
+    object_kind smallint,
+    object_id bigint,
+    version bigint
+);
+
 TABLE change (
     change_id bigint NOT NULL GENERATED ALWAYS AS IDENTITY,
     scene_id bigint NOT NULL,
@@ -370,6 +378,7 @@ TABLE scene (
     intervals text NOT NULL DEFAULT 'half_open'::text,
     horizon_days double precision NOT NULL DEFAULT 366.0,
     expanded tstzrange,
+    parent_scene_id bigint,
     vertical_datum text NOT NULL DEFAULT 'msl'::text
 );
 
@@ -414,6 +423,11 @@ VIEW _accessible (
     scene_id bigint,
     may_write boolean,
     is_owner boolean
+);
+
+VIEW _layer (
+    seen_by bigint,
+    scene_id bigint
 );
 
 VIEW _my_role (
@@ -641,6 +655,7 @@ VIEW scenes (
     horizon_days double precision,
     expanded_from timestamp with time zone,
     expanded_until timestamp with time zone,
+    branch_of text COLLATE C,
     vertical_datum text
 );
 
@@ -689,6 +704,8 @@ CONSTRAINT attachment_failure_told ON attachment: CHECK (((failed_at IS NULL) = 
 CONSTRAINT attachment_kind_known ON attachment: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT attachment_pkey ON attachment: PRIMARY KEY (attachment_id);
 CONSTRAINT attachment_scene_fkey ON attachment: FOREIGN KEY (scene_id) REFERENCES scene(scene_id);
+CONSTRAINT branch_edit_pkey ON branch_edit: PRIMARY KEY (scene_id, key);
+CONSTRAINT branch_edit_scene_fkey ON branch_edit: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT change_kind_known ON change: CHECK ((object_kind = ANY (ARRAY[0, 1])));
 CONSTRAINT change_object_id_in_range ON change: CHECK (((object_id >= 1) AND (object_id <= '4611686018427387903'::bigint)));
 CONSTRAINT change_scene_fkey ON change: FOREIGN KEY (scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
@@ -770,6 +787,7 @@ CONSTRAINT scene_motion_known ON scene: CHECK ((motion = ANY (ARRAY['rhumb'::tex
 CONSTRAINT scene_name_unique ON scene: UNIQUE (name);
 CONSTRAINT scene_name_valid ON scene: CHECK (((btrim(name) <> ''::text) AND (octet_length(name) <= 1000)));
 CONSTRAINT scene_nearest_finite ON scene: CHECK (((nearest_m >= (0)::double precision) AND (nearest_m < 'Infinity'::double precision)));
+CONSTRAINT scene_parent_fkey ON scene: FOREIGN KEY (parent_scene_id) REFERENCES scene(scene_id) ON DELETE CASCADE;
 CONSTRAINT scene_pkey ON scene: PRIMARY KEY (scene_id);
 CONSTRAINT scene_scene_id_in_range ON scene: CHECK (((scene_id >= 1) AND (scene_id <= '4611686018427387903'::bigint)));
 CONSTRAINT scene_separation_finite ON scene: CHECK (((separation_m >= (0)::double precision) AND (separation_m < 'Infinity'::double precision)));
@@ -813,6 +831,7 @@ CREATE INDEX probe_request_scene_btree ON conflictdb.probe_request USING btree (
 CREATE INDEX proposal_move_scene_id_btree ON conflictdb.proposal_move USING btree (scene_id);
 CREATE INDEX proposal_scene_id_btree ON conflictdb.proposal USING btree (scene_id);
 CREATE UNIQUE INDEX rule_sides_unique ON conflictdb.rule USING btree (scene_id, LEAST(COALESCE(a_class, ''::text), COALESCE(b_class, ''::text)), GREATEST(COALESCE(a_class, ''::text), COALESCE(b_class, ''::text)));
+CREATE INDEX scene_parent_scene_id_btree ON conflictdb.scene USING btree (parent_scene_id) WHERE (parent_scene_id IS NOT NULL);
 CREATE INDEX track_scene_id_owner_btree ON conflictdb.track USING btree (scene_id, owner) WHERE (owner IS NOT NULL);
 CREATE INDEX track_scene_id_scheduled_btree ON conflictdb.track USING btree (scene_id) WHERE (schedule IS NOT NULL);
 
@@ -824,6 +843,8 @@ CREATE TRIGGER area_replicated AFTER INSERT OR DELETE OR UPDATE ON conflictdb.ar
 CREATE TRIGGER area_updated AFTER UPDATE ON conflictdb.area REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
 CREATE TRIGGER attachment_fixed BEFORE INSERT OR UPDATE ON conflictdb.attachment FOR EACH ROW EXECUTE FUNCTION _before_attachment() -- always;
 CREATE TRIGGER attachment_removed AFTER DELETE ON conflictdb.attachment FOR EACH ROW EXECUTE FUNCTION _after_attachment_removal();
+CREATE TRIGGER branch_edit_before BEFORE INSERT ON conflictdb.branch_edit FOR EACH ROW EXECUTE FUNCTION _branch_edit_before() -- always;
+CREATE TRIGGER branch_edit_inserted AFTER INSERT ON conflictdb.branch_edit REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_branch_edit();
 CREATE TRIGGER object_key_restored BEFORE INSERT ON conflictdb.object_key FOR EACH ROW WHEN ((pg_trigger_depth() = 0)) EXECUTE FUNCTION _keep_restored_key() -- always;
 CREATE TRIGGER probe_request_checked BEFORE INSERT ON conflictdb.probe_request FOR EACH ROW EXECUTE FUNCTION _before_probe_request() -- always;
 CREATE TRIGGER rule_before BEFORE INSERT OR UPDATE ON conflictdb.rule FOR EACH ROW EXECUTE FUNCTION _rule_before() -- always;
@@ -864,6 +885,9 @@ FUNCTION _admission_holders(p_scene_id bigint)
 FUNCTION _after_attachment_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
 
+FUNCTION _after_branch_edit()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION _after_object_change()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -877,7 +901,7 @@ FUNCTION _after_replicated_rule()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _after_rule_change()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET extra_float_digits=1;
 
 FUNCTION _after_scene_change()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
@@ -914,6 +938,9 @@ FUNCTION _area_feature(p_area area)
 
 FUNCTION _area_row(p_scene_id bigint, p_area_id bigint)
     RETURNS TABLE(area_id bigint, version bigint, span_start timestamp with time zone, span_end timestamp with time zone, floor_m double precision, ceiling_m double precision, class_number bigint, owner_number bigint, footprint bytea, spans bytea) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _as_branch(p_new scene, p_old scene)
+    RETURNS scene LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _at_sea(p_path geometry, p_departures timestamp with time zone[])
     RETURNS tstzrange LANGUAGE sql STABLE PARALLEL SAFE;
@@ -992,6 +1019,15 @@ FUNCTION _box_deg(p_place geometry, p_reach_m double precision, OUT west double 
 
 FUNCTION _boxes_meet(p_a geometry, p_b geometry)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _branch_conflicts(p_branch text)
+    RETURNS TABLE(change text, a_key text, b_key text, verdict text, verdict_before text) LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
+
+FUNCTION _branch_edit_before()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _branch_to_change(p_branch text)
+    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _candidates(p_scene_id bigint, p_at_once bigint, OUT a bytea, OUT b bytea, OUT a_pieces bytea, OUT b_pieces bytea, OUT ranks bytea)
     RETURNS SETOF record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashagg=off SET enable_nestloop=off SET jit=off;
@@ -1158,6 +1194,12 @@ FUNCTION _corners(p_outline geometry, OUT n bigint, OUT x double precision, OUT 
 FUNCTION _count_conflicts(p_scene_id bigint, OUT conflicts bigint, OUT unresolved bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_indexscan=off SET jit=off;
 
+FUNCTION _count_inherited(p_scene_id bigint, OUT conflicts bigint, OUT unresolved bigint, OUT gone bigint, OUT gone_unresolved bigint)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
+
+FUNCTION _count_objects(p_scene_id bigint)
+    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
+
 FUNCTION _counted_conflicts()
     RETURNS TABLE(scene text, verdict text, is_acknowledged boolean, conflicts bigint) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
@@ -1212,6 +1254,9 @@ FUNCTION _ensure_centre(p_scene_id bigint, p_first geometry, OUT centre_lon doub
 FUNCTION _exact_numeric(p_number double precision)
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _expanded(p_scene_id bigint)
+    RETURNS tstzrange LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _explained_as_json(p_key text, p_name text, p_kind smallint, p_waits boolean, p_pieces bigint, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
     RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1263,11 +1308,17 @@ FUNCTION _has_grown(p_periods tstzmultirange, p_verdict text, p_time_error_s dou
 FUNCTION _has_just_failed(p_attachment attachment)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _has_key(p_scene_id bigint, p_key text)
+    RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION _height_on(p_whole_m double precision, p_heights_m double precision[], p_path geometry, p_leg integer, p_instant timestamp with time zone)
     RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _heights_on(p_floor_m double precision, p_ceiling_m double precision, p_floors_m double precision[], p_ceilings_m double precision[], p_path geometry, p_first integer, p_last integer, p_instant timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision)
     RETURNS record LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _hidden_numbers(p_scene_id bigint)
+    RETURNS bigint[] LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET enable_seqscan=off SET jit=off;
 
 FUNCTION _history_kept(p_scene_id bigint)
     RETURNS interval LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1308,6 +1359,9 @@ FUNCTION _is_current(p_scene_id bigint)
 FUNCTION _is_dirty_pair(p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
+FUNCTION _is_edited(p_scene_id bigint, p_key text)
+    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
 FUNCTION _is_mine(p_attachment_id bigint)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -1321,6 +1375,12 @@ FUNCTION _is_plain(p_properties jsonb)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _is_protected()
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _is_same_area(p_a area, p_b area)
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _is_same_track(p_a track, p_b track)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _is_watched(p_attachment_id bigint, p_table_schema text, p_table_name text)
@@ -1355,6 +1415,9 @@ FUNCTION _known_delays(p_scene_id bigint, p_key text, p_horizon_us bigint, p_now
 
 FUNCTION _latitude(p_rectifying double precision, p_earth text)
     RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _layers(p_scene_id bigint)
+    RETURNS bigint[] LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _leeway(p_path geometry, p_horizon_us bigint, p_now_us bigint, OUT waits boolean, OUT has_departed boolean, OUT first_us bigint, OUT last_us bigint)
     RETURNS record LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1479,6 +1542,9 @@ FUNCTION _notify_events(p_scene_id bigint, p_scene text, p_run_id bigint, p_firs
 FUNCTION _object_number(p_kind smallint, p_id bigint)
     RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
+FUNCTION _object_with(p_scene_id bigint, p_key text, OUT object_kind smallint, OUT object_id bigint, OUT version bigint)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION _objects_hash(p_scene_id bigint, OUT last_version bigint, OUT objects_hash bigint)
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -1505,6 +1571,15 @@ FUNCTION _own_scene_id(p_scene text)
 
 FUNCTION _own_scenes()
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _parent_name(p_scene_id bigint)
+    RETURNS text LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _parent_of(p_scene_id bigint)
+    RETURNS bigint LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _parent_waits(p_scene_id bigint)
+    RETURNS boolean LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _part_from_plane(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1680,6 +1755,12 @@ FUNCTION _scene_id(p_scene text)
 FUNCTION _scene_named(p_scene text)
     RETURNS TABLE(settings jsonb) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _scene_or_branch(p_scene text)
+    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
+FUNCTION _scene_or_branch_to_change(p_scene text)
+    RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION _scene_settings(p_scene_id bigint)
     RETURNS jsonb LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
@@ -1700,6 +1781,12 @@ FUNCTION _schedules_wait(p_scene_id bigint)
 
 FUNCTION _seconds_to_comparison()
     RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _seen_areas(p_scene_id bigint)
+    RETURNS SETOF area LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _seen_tracks(p_scene_id bigint)
+    RETURNS SETOF track LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _series(p_angle double precision, p_coefficients double precision[])
     RETURNS double precision LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1902,6 +1989,12 @@ FUNCTION approaches_of(p_scene text, p_key text)
 FUNCTION attach(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL::interval)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET lock_timeout=10s;
 
+FUNCTION branch_conflicts(p_branch text)
+    RETURNS TABLE(change text, a_key text, a_kind text, b_key text, b_kind text, verdict text, periods tstzmultirange, verdict_before text, periods_before tstzmultirange) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
+
+FUNCTION branch_objects(p_branch text)
+    RETURNS TABLE(change text, key text, kind text, name text) LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
+
 FUNCTION candidates(p_scene text)
     RETURNS TABLE(a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry) LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
@@ -1929,6 +2022,9 @@ FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
 FUNCTION copy_scene(p_scene text, p_name text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION create_branch(p_scene text, p_name text)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision, p_intervals text DEFAULT NULL::text, p_horizon_days double precision DEFAULT NULL::double precision, p_vertical_datum text DEFAULT NULL::text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
 
@@ -1937,6 +2033,9 @@ FUNCTION delays_of(p_scene text, p_key text DEFAULT NULL::text, p_horizon interv
 
 FUNCTION detach(p_scene text, p_table text, p_keep boolean DEFAULT false)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET lock_timeout=10s;
+
+FUNCTION drop_branch(p_branch text)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION explain_conflict(p_scene text, p_a text, p_b text)
     RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1964,6 +2063,9 @@ FUNCTION instant(p_text text)
 
 FUNCTION list_objects(p_scene text)
     RETURNS TABLE(key text, kind text, name text, start_at timestamp with time zone, end_at timestamp with time zone, floor_m double precision, ceiling_m double precision, class text, owner text) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION merge_branch(p_branch text)
+    RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
 
 FUNCTION preview_attachment(p_scene text, p_kind text, p_table regclass, p_map jsonb, p_every interval DEFAULT NULL::interval, p_objects integer DEFAULT 5)
     RETURNS TABLE(part text, what text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
