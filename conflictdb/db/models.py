@@ -71,6 +71,7 @@ class Scene(Base):
     intervals: Mapped[str] = mapped_column(server_default=FetchedValue())
     horizon_days: Mapped[float] = mapped_column(server_default=FetchedValue())
     expanded: Mapped[Range[datetime] | None]
+    parent_scene_id: Mapped[int | None]
 
 
 class Area(Base):
@@ -93,6 +94,7 @@ class Area(Base):
     owner: Mapped[str | None]
     activations: Mapped[Sequence[Range[datetime]] | None]
     schedule: Mapped[dict[str, Any] | None]
+    schedule_error: Mapped[str | None]
 
 
 class Track(Base):
@@ -120,6 +122,7 @@ class Track(Base):
     owner: Mapped[str | None]
     departures: Mapped[list[datetime] | None]
     schedule: Mapped[dict[str, Any] | None]
+    schedule_error: Mapped[str | None]
 
 
 class Conflict(Base):
@@ -218,6 +221,7 @@ class SceneState(Base):
     horizon_days: Mapped[float]
     expanded_from: Mapped[datetime | None]
     expanded_until: Mapped[datetime | None]
+    branch_of: Mapped[str | None]
 
 
 class ConflictEvent(Base):
