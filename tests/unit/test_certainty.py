@@ -93,7 +93,7 @@ def contradictions(seed: int, pairs: int) -> Counter[str]:
         motion = rng.choice(list(Motion))
         place = np.array([rng.uniform(-180.0, 180.0), rng.uniform(-70.0, 70.0)])
         separation_m = float(rng.choice([0.0, 500.0, 3_000.0]))
-        scene = Scene("s", motion, separation_m=separation_m)
+        scene = Scene("s", motion, "sphere", separation_m=separation_m)  # the ways of `moved` are on the sphere
         heading, length = float(rng.uniform(0.0, 360.0)), float(rng.choice([3_000.0, 15_000.0]))
         mine = Plan(rng, "T", moved(place, heading, -0.5 * length), heading, length)
         of_mine = mine.extremes(rng, 6)
