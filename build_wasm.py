@@ -17,8 +17,8 @@ from conflictdb.kernel import build
 OUTPUT: Final = Path(__file__).resolve().parent / "conflictdb" / "map" / "page" / "kernel.wasm"
 # The functions that the page calls.
 EXPORTS: Final = (
-    "kernel_fingerprint", "kernel_scene_make", "kernel_scene_free", "kernel_contacts", "kernel_contacts_free",
-    "kernel_differences", "kernel_hulls", "kernel_apart", "kernel_distances", "malloc", "free",
+    "kernel_abi", "kernel_fingerprint", "kernel_scene_make", "kernel_scene_free", "kernel_contacts",
+    "kernel_contacts_free", "kernel_differences", "kernel_hulls", "kernel_apart", "kernel_distances", "malloc", "free",
 )  # fmt: skip
 
 

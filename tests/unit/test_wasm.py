@@ -8,6 +8,7 @@ import pytest
 
 import build_wasm
 from conflictdb.kernel import build
+from conflictdb.kernel.header import constant
 
 AGAIN = "the kernel has changed: ./run wasm"
 PRINT_EXPORTS = """
@@ -19,6 +20,11 @@ console.log(names(WebAssembly.Module.imports(module)) + ";" + names(WebAssembly.
 
 def test_kernel_of_the_page_is_of_these_sources() -> None:
     assert build_wasm.fingerprint().encode() in build_wasm.OUTPUT.read_bytes(), AGAIN
+
+
+def test_page_has_the_structures_of_this_kernel() -> None:
+    page = (build_wasm.OUTPUT.parent / "kernel.js").read_text()
+    assert f"const ABI = {constant('KERNEL_ABI')};" in page, "structures of the kernel have changed: adapt kernel.js"
 
 
 @pytest.mark.skipif(not shutil.which("node"), reason="did not run: no node here")

@@ -1,7 +1,8 @@
 // The kernel of detections as WebAssembly (kernel.wasm): structures as kernel.h has them, with pointers of 32 bits.
 
+const ABI = 23; // KERNEL_ABI that the structures below are of
 const OK = 0;
-const DIFFERENCE_BYTES = 40; // KernelDifference
+const DIFFERENCE_BYTES = 72; // KernelDifference
 const CONTACT_BYTES = 40; // KernelContact
 const WORK_BYTES = 56; // KernelWork
 const HULL_PER_VERTEX = 6;
@@ -13,10 +14,12 @@ export const CONTACT = { CONFLICT: 0, GRAZING: 1, UNRESOLVED: 2 };
 export class Kernel {
   // From the bytes of kernel.wasm.
   static async of(bytes) {
-    // Its clock stands still: seconds of work are told nobody here.
+    // Its clock stands still: the page shows no seconds of work.
     const clock = (_, __, at) => { new DataView(instance.exports.memory.buffer).setBigInt64(at, 0n, true); return 0; };
     const { instance } = await WebAssembly.instantiate(bytes, { wasi_snapshot_preview1: { clock_time_get: clock } });
     instance.exports._initialize?.();
+    const abi = instance.exports.kernel_abi();
+    if (abi !== ABI) throw new Error(`kernel.wasm has ABI ${abi}, this page ${ABI}: install conflictdb again`);
     return new Kernel(instance.exports);
   }
 
@@ -156,7 +159,7 @@ export class Kernel {
   // Differences of departure that bring pairs of a scene into contact, seconds: { state, outer: [low, high], inner }.
   differences(scene, { a, b, aZero, bZero, aStart, aEnd, bStart, bEnd, least, most }, reachM) {
     return this.call(() => {
-      const shifts = this.struct(BigInt(a.length), 0n, a, b, aZero, bZero, aStart, aEnd, bStart, bEnd, least, most);
+      const shifts = this.struct(BigInt(a.length), 0n, a, b, aZero, bZero, aStart, aEnd, bStart, bEnd, least, most, null);
       const [found, work] = [this.room(DIFFERENCE_BYTES * a.length), this.room(WORK_BYTES)];
       new Uint8Array(this.functions.memory.buffer, work, WORK_BYTES).fill(0);
       this.check(this.functions.kernel_differences(scene, shifts, reachM, found, work));
