@@ -62,7 +62,7 @@ def _add_plans(commands: Any) -> None:
     add_scene(parser)
 
     parser = command(commands, "branch", "branching:branch", "try edits in a branch")
-    parser.add_argument("action", choices=("create", "diff", "merge", "drop"))
+    parser.add_argument("action", choices=("create", "diff", "merge", "drop"), help="action")
     parser.add_argument("branch", type=name, metavar="BRANCH", help="its name")
     add_scene(parser)
     add_format(parser, "table", "json")
