@@ -1,4 +1,4 @@
-"""Takes pictures of the page of `conflictdb map`, of the shipped scene: map.png, map-phone.png and the animation map.webp.
+"""Takes pictures of the page of `conflictdb map`, of the shipped scene: map.png, map-phone.png and map.webp, which moves.
 
     ./run python docs/map_pictures.py
 
@@ -22,9 +22,11 @@ DOCS: Final = Path(__file__).resolve().parent
 sys.path.append(str(DOCS.parent / "tests" / "support"))
 from browsing import ARGUMENTS, chromium  # noqa: E402 (it is among the tests)
 
-PICTURES: Final[tuple[tuple[str, tuple[int, int], Literal["light", "dark"]], ...]] = (("map.png", (1280, 720), "light"), ("map-phone.png", (390, 780), "dark"))
-
-
+_Scheme = Literal["light", "dark"]
+PICTURES: Final[tuple[tuple[str, tuple[int, int], _Scheme], ...]] = (
+    ("map.png", (1280, 720), "light"),
+    ("map-phone.png", (390, 780), "dark"),
+)
 FRAME_MS: Final = 125
 FRAMES: Final = 48  # six seconds
 DELAYS: Final = 14  # minutes
@@ -40,7 +42,7 @@ def main() -> None:
         with sync_playwright() as playwright:
             browser = playwright.chromium.launch(executable_path=chromium(), args=ARGUMENTS)
 
-            def opened(width: int, height: int, scheme: Literal["light", "dark"]) -> Page:
+            def opened(width: int, height: int, scheme: _Scheme) -> Page:
                 viewport: ViewportSize = {"width": width, "height": height}
                 page = browser.new_page(viewport=viewport, color_scheme=scheme, reduced_motion="reduce")
                 page.goto(file.as_uri())
