@@ -1,4 +1,4 @@
-"""Takes pictures of the page of `conflictdb map`, of the shipped scene: map.png, map-phone.png and map.webp, which moves.
+"""Takes pictures of the page of `conflictdb map`, of the strait: map.png, map-phone.png, and map.webp, which plays.
 
     ./run python docs/map_pictures.py
 
