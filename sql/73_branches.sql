@@ -52,10 +52,11 @@ COMMENT ON FUNCTION drop_branch(text) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._is_same_area(p_a area, p_b area) RETURNS boolean
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT ((p_a).name, (p_a).footprint, (p_a).active_span, (p_a).floor_m, (p_a).ceiling_m, (p_a).properties,
+    -- Bytes: a dump names no schema for the equality of geometries, and could not be restored.
+    SELECT ((p_a).name, (p_a).footprint::bytea, (p_a).active_span, (p_a).floor_m, (p_a).ceiling_m, (p_a).properties,
             (p_a).class, (p_a).owner, (p_a).activations, (p_a).schedule)
            IS NOT DISTINCT FROM
-           ((p_b).name, (p_b).footprint, (p_b).active_span, (p_b).floor_m, (p_b).ceiling_m, (p_b).properties,
+           ((p_b).name, (p_b).footprint::bytea, (p_b).active_span, (p_b).floor_m, (p_b).ceiling_m, (p_b).properties,
             (p_b).class, (p_b).owner, (p_b).activations, (p_b).schedule);
 END;
 COMMENT ON FUNCTION _is_same_area(area, area) IS 'Whether two areas are equal but for scene, key, id and version.';
@@ -63,12 +64,14 @@ COMMENT ON FUNCTION _is_same_area(area, area) IS 'Whether two areas are equal bu
 CREATE OR REPLACE FUNCTION conflictdb_internal._is_same_track(p_a track, p_b track) RETURNS boolean
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT ((p_a).name, (p_a).path, (p_a).outline, (p_a).floor_m, (p_a).ceiling_m, (p_a).properties, (p_a).grow_mps,
-            (p_a).outlines, (p_a).floors_m, (p_a).ceilings_m, (p_a).class, (p_a).owner, (p_a).tolerances,
+    SELECT ((p_a).name, (p_a).path::bytea, (p_a).outline::bytea, (p_a).floor_m, (p_a).ceiling_m,
+            (p_a).properties, (p_a).grow_mps, (p_a).outlines::bytea, (p_a).floors_m, (p_a).ceilings_m,
+            (p_a).class, (p_a).owner, (p_a).tolerances,
             (p_a).departures, (p_a).schedule)
            IS NOT DISTINCT FROM
-           ((p_b).name, (p_b).path, (p_b).outline, (p_b).floor_m, (p_b).ceiling_m, (p_b).properties, (p_b).grow_mps,
-            (p_b).outlines, (p_b).floors_m, (p_b).ceilings_m, (p_b).class, (p_b).owner, (p_b).tolerances,
+           ((p_b).name, (p_b).path::bytea, (p_b).outline::bytea, (p_b).floor_m, (p_b).ceiling_m,
+            (p_b).properties, (p_b).grow_mps, (p_b).outlines::bytea, (p_b).floors_m, (p_b).ceilings_m,
+            (p_b).class, (p_b).owner, (p_b).tolerances,
             (p_b).departures, (p_b).schedule);
 END;
 COMMENT ON FUNCTION _is_same_track(track, track) IS 'Whether two tracks are equal but for scene, key, id and version.';

@@ -12,6 +12,7 @@ from conflictdb import in_memory
 from conflictdb.clearing.least import Solution, least
 from conflictdb.clearing.passing import moves_of
 from conflictdb.clearing.program import Program, chain_of
+from conflictdb.clearing.yielding import levels_of
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.model import inputs
 from conflictdb.model.horizon import require_one_voyage
@@ -26,6 +27,7 @@ Pairs = frozenset[tuple[str, str]]
 
 # As of requests for delays: longer than a plan of this kind.
 _LONGEST_S: Final = 1e7
+_MOST_LEVEL: Final = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +85,10 @@ def resolve(
     """Return the least changes of departures that clear a scene, verified by a detection of the whole changed scene.
 
     A delay shifts a whole plan: nothing of it is there before, and nothing after. Areas stay, and the method is
-    `exact`. As few tracks as possible are left in conflict, and the others have the least delays. Within the time limit
-    the answer may be worse than that, which `bound_s` tells, but never worse than first come, first served.
+    `exact`. Of two tracks the one moves that a separation rule says yields (`Rule.yields`); the other one moves only
+    if no delay clears the first. As few tracks as possible are left in conflict, and the others have the least delays.
+    Within the time limit the answer may be worse than that, which `bound_s` tells, but never worse than first come,
+    first served.
 
     Raises the errors of `solve`, and InvalidInput for unknown keys and for limits that are none.
 
@@ -127,7 +131,8 @@ def resolve(
     found = differences_of(scene, plane, AnyTime.of(pieces), numbers, most_us, waits=False)
     weight = np.array([weights.get(key, 1.0) for key in movable])
     program = Program.of(found, numbers, low, high, weight)
-    level = np.array([levels.get(key, 0) for key in movable], np.int64)
+    classes = [planned[key].object_class for key in movable]
+    level = levels_of(program, np.array([levels.get(key, 0) for key in movable], np.int64), classes, scene.rules)
     begins = np.array([planned[key].times_us[0] for key in movable], np.int64)
     solution = place(program, np.argsort(begins, kind="stable").tolist(), level, limits.goal, limits.limit_s)
     delays = {key: int(us) for key, us in zip(movable, solution.delays.tolist(), strict=True) if us}
@@ -303,5 +308,6 @@ def _check(
         if not (is_number and 0.0 < weight < np.inf):
             raise InvalidInput("resolve", f"weights[{key!r}]", f"must be a finite number above 0; got {weight!r:.20}")
     for key, level in levels.items():
-        if isinstance(level, bool) or not isinstance(level, int | np.integer):
-            raise InvalidInput("resolve", f"levels[{key!r}]", f"must be a whole number; got {level!r:.20}")
+        if isinstance(level, bool) or not isinstance(level, int | np.integer) or abs(int(level)) > _MOST_LEVEL:
+            rule = f"must be a whole number from -{_MOST_LEVEL} to {_MOST_LEVEL}; got {level!r:.20}"
+            raise InvalidInput("resolve", f"levels[{key!r}]", rule)

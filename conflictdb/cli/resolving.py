@@ -18,6 +18,8 @@ def resolve(args: argparse.Namespace) -> int:
         found = stored.resolve(
             keys=args.keys or None,
             keep=args.keep,
+            weights=dict(args.weight or ()),
+            levels=dict(args.level or ()),
             within_s=args.within,
             now=args.now,
             slowest=args.slowest,

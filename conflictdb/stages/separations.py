@@ -122,13 +122,7 @@ class Separations:
         spare_m = of_types[self.types(pieces.kind, pieces.class_number)] - settings.vertical_separation_m
         if not spare_m.any():
             return pieces
-        by_m = 0.5 * spare_m
-        own = replace(
-            pieces,
-            floor_m=to_nanometres(pieces.floor_m + by_m),
-            ceiling_m=to_nanometres(pieces.ceiling_m - by_m),
-            climb_m=to_nanometres(pieces.climb_m + by_m[:, None] * np.array([1.0, 1.0, -1.0, -1.0])),
-        )
+        own = with_margin(pieces, -0.5 * spare_m)
         return own if settings.intervals == Intervals.HALF_OPEN else with_closed_heights(own)
 
     def _of_pieces(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
@@ -136,7 +130,23 @@ class Separations:
         return self.of_pairs(*columns)
 
 
-def to_nanometres(height_m: Floats) -> Floats:
+def with_margin(pieces: Pieces, margin_m: Floats | float) -> Pieces:
+    """Return pieces whose heights reach `margin_m` further, a scalar or one for each piece; no band becomes empty."""
+    outward_m = np.multiply.outer(margin_m, [-1.0, -1.0, 1.0, 1.0])
+    floor_m, ceiling_m = _band(pieces.floor_m - margin_m, pieces.ceiling_m + margin_m)
+    climb_m = pieces.climb_m + outward_m
+    return replace(
+        pieces, floor_m=floor_m, ceiling_m=ceiling_m, climb_m=np.hstack(_band(climb_m[:, :2], climb_m[:, 2:]))
+    )
+
+
+def _band(floor_m: Floats, ceiling_m: Floats) -> tuple[Floats, Floats]:
+    """Return floors and ceilings rounded; a band thinner than the rounding keeps one number."""
+    low_m, high_m = _to_nanometres(floor_m), _to_nanometres(ceiling_m)
+    return low_m, np.maximum(high_m, np.nextafter(low_m, np.inf))
+
+
+def _to_nanometres(height_m: Floats) -> Floats:
     """Return heights rounded, so that sums of equal decimals are equal; from _MOST_ROUNDED_M on they are too coarse."""
     return np.where(
         np.abs(height_m) < _MOST_ROUNDED_M, np.round(np.clip(height_m, -_MOST_ROUNDED_M, _MOST_ROUNDED_M), 9), height_m

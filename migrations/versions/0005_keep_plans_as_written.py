@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "5eeef5c7f86216380025eb82fe0e906f069aad700b3ac0da9d126a723dac2506"
+routines_sha256 = "1801a5dcd466f62c983f4fb2cb8f81dfffdf224aad8c6c9801aac7a0531c1c16"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

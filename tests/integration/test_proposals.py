@@ -13,7 +13,7 @@ from psycopg import conninfo, sql
 from workloads import LOW_LATITUDE, throw
 
 from conflictdb import InvalidInput, NotPermitted, StoreError, connect, detours, resolve
-from conflictdb.cli.codes import DONE, FAILED, INPUT_REFUSED
+from conflictdb.cli.codes import DONE, FAILED, INPUT_REFUSED, USAGE
 from conflictdb.db import store
 from conflictdb.session.database import Database
 from conflictdb.session.stored_scene import StoredScene
@@ -333,6 +333,45 @@ def test_stored_scene_has_the_detours_of_its_objects(db: Database, scene: Stored
     assert [(one.leg, one.waypoints_deg) for one in found] == [
         (one.leg, one.waypoints_deg) for one in detours(tracks, areas, settings, key=key, most_m=80_000.0)
     ]
+
+
+PAIR = """
+SELECT conflictdb.create_scene('s');
+SELECT conflictdb.put_track('s', k, ST_GeomFromEWKT(path), ST_MakeEnvelope(-100, -100, 100, 100),
+                            p_class => c)
+FROM (VALUES ('E', 'ferry', 'SRID=4326;LINESTRINGM(0 0 1780000000, 0.2 0 1780003600)'),
+             ('N', 'tow', 'SRID=4326;LINESTRINGM(0.1 -0.1 1780000000, 0.1 0.1 1780003600)')) v (k, c, path);
+"""
+
+
+def test_rules_weights_and_levels_from_sql_to_the_command_line(
+    db: Database, dsn: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A rule entered in SQL says who moves; weights and levels of the command line are those of Python."""
+    with psycopg.connect(dsn, autocommit=True) as conn:
+        conn.execute(PAIR.encode())
+    run = runner(dsn, capsys)
+
+    def movers(*words: str) -> list[str]:
+        done = run("resolve", "--scene", "s", "--format", "json", *words)
+        assert done.code == DONE, done.err
+        [(moves,)] = ask(db, "SELECT moves FROM conflictdb.proposals ORDER BY proposal_id DESC LIMIT 1")
+        assert [one["key"] for one in moves] == [one["key"] for one in json.loads(done.out)["moves"]]
+        return [one["key"] for one in moves]
+
+    assert movers("--weight", "E=9") == ["N"]
+    assert movers("--weight", "N=9", "--weight", "E=2") == ["E"]
+    assert movers("--level", "E=1") == ["N"]
+    for yielding, key in (("a", "E"), ("b", "N")):
+        ask(db, "SELECT conflictdb.put_rule('s', 'ferry', 'tow', p_yields => %s)", yielding)
+        assert movers("--weight", f"{key}=9") == [key]
+        assert [one.key for one in db.scene("s").resolve(weights={key: 9.0}).moves] == [key]
+        assert movers("--level", f"{key}=1") != [key]
+        assert movers("--keep", key) != [key]
+    for words in ("E", "=1", "E=0.5", "E=x"):
+        assert run("resolve", "--scene", "s", "--level", words).code == USAGE
+    for words in ("E", "E=0", "E=-1", "E=nan"):
+        assert run("resolve", "--scene", "s", "--weight", words).code == USAGE
 
 
 def test_command_line(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -29,6 +29,7 @@ from conflictdb.clearing.least import least
 from conflictdb.clearing.program import NOTHING, Program, chain_of
 from conflictdb.clearing.resolve import at_speed, later, place
 from conflictdb.clearing.turns import Turns, bound_of
+from conflictdb.clearing.yielding import levels_of
 from conflictdb.stages.delays import Spans
 
 SECOND = 1_000_000
@@ -330,6 +331,51 @@ def test_weights_decide_who_moves() -> None:
 
 
 @pytest.mark.parametrize(
+    ("a_class", "b_class", "yields", "moves"),
+    [
+        ("ferry", "tow", "a", "FERRY"),
+        ("tow", "ferry", "a", "TOW"),
+        ("ferry", "tow", "b", "TOW"),
+        ("ferry", None, "b", "TOW"),
+        ("track", "tow", "a", "FERRY"),
+        ("area", "ferry", "b", None),
+    ],
+)
+def test_yielding_track_moves(a_class: str, b_class: str | None, yields: str, moves: str | None) -> None:
+    """The track that a rule names moves, whichever is cheaper."""
+    plans = [replace(FERRY, object_class="ferry"), replace(TOW, object_class="tow")]
+    scene = replace(SCENE, rules=[Rule(a_class, b_class, yields=yields)])
+    found = {resolve(plans, [], scene, weights={key: 9.0}).moves[0].key for key in ("FERRY", "TOW")}
+    assert found == ({moves} if moves else {"FERRY", "TOW"})
+
+
+def test_levels_and_kept_tracks_come_before_rules() -> None:
+    """A caller's level, a kept track, and a track that no delay clears let the other one move."""
+    plans = [replace(FERRY, object_class="ferry"), replace(TOW, object_class="tow")]
+    scene = replace(SCENE, rules=[Rule("ferry", "tow", yields="a")])
+    blocks = Area("A", shapely.box(0.4, -0.1, 0.45, 0.1))
+    assert [one.key for one in resolve(plans, [], scene, levels={"FERRY": 1}).moves] == ["TOW"]
+    assert [one.key for one in resolve(plans, [], scene, keep=["FERRY"]).moves] == ["TOW"]
+    assert [one.key for one in resolve(plans, [blocks], scene).moves] == ["TOW"]
+
+
+def test_circles_of_yielding_tracks_share_a_level() -> None:
+    """A yields to B, B to C, C to A and to D, who is above them; E yields to nobody."""
+    spans = Spans(np.array([-1]), np.array([1]))
+    program = Program(
+        np.zeros(5, np.int64),
+        np.ones(5, np.int64),
+        np.ones(5),
+        [NOTHING] * 5,
+        dict.fromkeys([(0, 1), (1, 2), (0, 2), (2, 3), (0, 4)], spans),
+    )
+    rules = [Rule(a, b, yields="a") for a, b in ("ab", "bc", "ca", "cd")]
+    level = levels_of(program, np.zeros(5, np.int64), list("abcde"), rules).tolist()
+    assert level[0] == level[1] == level[2] < level[3] == level[4]
+    assert levels_of(program, np.array([10**6, 0, -(10**6), 0, 0]), list("abcde"), []).tolist() == [2, 1, 0, 1, 1]
+
+
+@pytest.mark.parametrize(
     ("given", "part"),
     [
         ({"keys": ["X"]}, "'X' is not known"),
@@ -344,6 +390,7 @@ def test_weights_decide_who_moves() -> None:
         ({"weights": {"FERRY": 0.0}}, "must be a finite number above 0"),
         ({"weights": {"FERRY": float("nan")}}, "must be a finite number above 0"),
         ({"levels": {"FERRY": 0.5}}, "must be a whole number"),
+        ({"levels": {"FERRY": 2**70}}, "must be a whole number"),
         ({"slowest": 1.5}, "must be factors"),
     ],
 )

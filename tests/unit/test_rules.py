@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from ruled import random_rules, sea, settings_of
 
 from conflictdb import Area, InvalidInput, Scene, Track, solve
@@ -114,3 +115,11 @@ def test_a_rule_of_both_classes_resolves_a_tie() -> None:
 def test_rules_that_mean_nothing_are_refused(members: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidInput, match=message):
         Rule(**members)
+
+
+def test_a_band_thinner_than_the_rounding_of_heights_is_not_empty() -> None:
+    """Its heights rounded to one number: it met nobody, and the database refused its piece."""
+    box = shapely.box(0.0, 0.0, 1.0, 1.0)
+    thin, low = Area("THIN", box, floor_m=0.0, ceiling_m=1e-308), Area("LOW", box, floor_m=0.0, ceiling_m=10.0)
+    scene = Scene("s", rules=(Rule("high", None, vertical_m=30.0),))
+    assert [one.verdict for one in solve([], [thin, low], scene)] == ["conflict"]

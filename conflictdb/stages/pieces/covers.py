@@ -23,7 +23,7 @@ from conflictdb.earth.plane import Plane
 from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, MAX_INSTANT_US, MIN_INSTANT_US, Intervals, Scene
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.cutting import area_pieces, track_pieces
-from conflictdb.stages.separations import Separations, to_nanometres, with_closed_heights
+from conflictdb.stages.separations import Separations, with_closed_heights, with_margin
 
 # Part number of covers.
 COVER: Final = -1
@@ -63,13 +63,7 @@ def _padded(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) ->
     ]
     pieces = Pieces.concatenate(made or [area_pieces(scene, plane, areas)])
     if scene.vertical_separation_m > 0.0:
-        half_m = 0.5 * scene.vertical_separation_m
-        pieces = replace(
-            pieces,
-            floor_m=to_nanometres(pieces.floor_m - half_m),
-            ceiling_m=to_nanometres(pieces.ceiling_m + half_m),
-            climb_m=to_nanometres(pieces.climb_m + half_m * np.array([-1.0, -1.0, 1.0, 1.0])),
-        )
+        pieces = with_margin(pieces, 0.5 * scene.vertical_separation_m)
     if scene.intervals == Intervals.HALF_OPEN:
         return pieces
     return with_closed_heights(replace(pieces, end_inclusive=np.ones(len(pieces), np.bool_)))
