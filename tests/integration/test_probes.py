@@ -157,7 +157,7 @@ def test_who_asks_in_sql_is_answered_by_a_worker(conn: Conn, dsn: str) -> None:
     with answering(dsn):
         rows = conn.execute(ANSWER, [ask(conn, ASK, "s")]).fetchall()
         assert [(row[0], row[1], row[2]) for row in rows] == [("N", "area", "near"), ("T", "track", "conflict")]
-        _, _, _, periods, first, last, error_s, point, closest_at, closest_m, _, lacking_s = rows[1]
+        _, _, _, periods, first, last, error_s, point, closest_at, closest_m, _, lacking_s, certainty = rows[1]
         assert len(periods) == 1
         assert T0 < first < last < T0 + timedelta(hours=1)
         assert 0 < error_s < 1e-6
