@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,7 @@ from conflictdb.stages.stage1_broad_phase import pairs_together
 from conflictdb.stages.to_results import to_results
 
 Plan = Area | Track
+_NO_TRACKS: Final = TrackBatch.of([])
 
 
 class Index:
@@ -250,7 +251,7 @@ class _Given:
         return found
 
     def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
-        found = TrackBatch.of([])
+        found = _NO_TRACKS
         for number in track_ids.tolist():
             plan = self._members[Kind.TRACK][number].plan
             found = found if plan is None else found.followed_by(replace(plan(), track_id=np.array([number])))
@@ -303,9 +304,9 @@ class Members(NamedTuple):
         """Return plans; raises InvalidInput for those that do not fit the scene's plane."""
         areas, tracks = by_kind(plans)
         check_datums(scene, plans)
-        check_plane(plane, areas, tracks)
+        flat = check_plane(plane, areas, tracks)
         places = [np.array([k for k, one in enumerate(plans) if isinstance(one, kind)]) for kind in (Area, Track)]
-        pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+        pieces = pieces_of(scene, plane, AreaBatch.of(areas, flat), TrackBatch.of(tracks) if tracks else _NO_TRACKS)
         row = pieces.object_id + np.where(pieces.kind == Kind.AREA.code, 0, len(areas))
         return cls(pieces, np.concatenate(places).astype(np.int64)[row], [Member.of(one) for one in plans])
 
