@@ -23,6 +23,8 @@ from conflictdb.errors import InvalidInput
 from conflictdb.in_memory import Objects
 from conflictdb.kernel.boxes import BoxTree, RowBoxes
 from conflictdb.kernel.bundles import boxes_of
+from conflictdb.model import inputs
+from conflictdb.model.limits import Limits
 from conflictdb.model.plans import Area, Scene, Track, check_datums, check_keys
 from conflictdb.model.results import Conflict, Kind, Results
 from conflictdb.stages.memory import DEFAULT_MEMORY
@@ -44,11 +46,20 @@ class Index:
     The answer is that of `solve` on the same plans. Plans of one owner are never compared with each other.
 
     scene : the settings; a centre that great circles need follows from the first plans if it is not given
+    max_vertices : most vertices of an area, or waypoints of a track; None: 1,000,000
+    max_days_ahead : days from now until which a plan must end; None: no limit, plans without times are accepted
     """
 
-    def __init__(self, scene: Scene | None = None) -> None:
+    def __init__(
+        self, scene: Scene | None = None, *, max_vertices: int | None = None, max_days_ahead: float | None = None
+    ) -> None:
         if not isinstance(scene, Scene | None):
             raise InvalidInput("Index", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
+        if max_vertices is not None:
+            inputs.count("Index", "max_vertices", max_vertices, 1)
+        if max_days_ahead is not None:
+            inputs.days("Index", "max_days_ahead", max_days_ahead)
+        self._limits = Limits(max_vertices, max_vertices, max_days_ahead)
         self._scene = scene or Scene("in memory")
         self._lock = threading.Lock()
         self._owners: dict[str, _Owner] = {}
@@ -73,11 +84,12 @@ class Index:
         owner : str, optional
             By default each plan is its own owner, named by its key.
 
-        Raises InvalidInput, and changes nothing, for plans that do not fit the scene's plane, and for keys that occur
-        twice or belong to another owner.
+        Raises InvalidInput, and changes nothing, for plans that do not fit the scene's plane or the limits, and for
+        keys that occur twice or belong to another owner.
         """
         given = listed("put", plans)
         check_keys(one.key for one in given)
+        self._limits.check(given)
         with self._lock:
             self._scene = centred(self._scene, *by_kind(given))
         mine = Members.of_plans(self._scene, plane_of(self._scene), given)
@@ -122,6 +134,7 @@ class Index:
         """
         given = listed("probe", plans)
         check_keys(one.key for one in given)
+        self._limits.check(given)
         scene, state = centred(self._scene, *by_kind(given)), self._state
         plane = plane_of(scene)
         mine = Members.of_plans(scene, plane, given)

@@ -426,7 +426,8 @@ class StoredScene:
         Raises
         ------
         InvalidInput
-            The scene does not exist, its plane cannot contain a plan, or a key belongs to another owner.
+            The scene does not exist, its plane cannot contain a plan, a plan is beyond a limit of the database, or a
+            key belongs to another owner.
         LockTimeout
             Another admission did not end in time.
         """
