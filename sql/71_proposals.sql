@@ -95,7 +95,12 @@ BEGIN
             v_found := ARRAY['objects that were removed'];
         END IF;
     END IF;
-    RETURN v_found;
+    RETURN v_found || ARRAY(
+        SELECT format('rows of %I.%I, which a detection has not read yet', a.table_schema, a.table_name)
+        FROM attachment a
+        WHERE a.scene_id = v_proposal.scene_id
+          AND EXISTS (SELECT FROM attached_change q WHERE q.attachment_id = a.attachment_id)
+        ORDER BY a.attachment_id);
 END
 $$;
 COMMENT ON FUNCTION proposal_changes(bigint) IS
@@ -299,8 +304,11 @@ BEGIN
         ORDER BY t.track_id FOR UPDATE OF t;
     SELECT string_agg(format('track %L', m.key), ', ' ORDER BY m.key) INTO v_changed
         FROM proposal_move m LEFT JOIN track t USING (track_id)
-        WHERE m.proposal_id = p_proposal_id AND m.version_after IS NOT NULL
-          AND t.version IS DISTINCT FROM m.version_after;
+        -- Rows of attached tables may not have been read since.
+        WHERE m.proposal_id = p_proposal_id
+          AND CASE WHEN m.version_after IS NULL
+                   THEN t.path::bytea IS DISTINCT FROM m.path::bytea AND t.version IS DISTINCT FROM m.version
+                   ELSE t.version IS DISTINCT FROM m.version_after END;
     IF v_changed IS NOT NULL THEN
         FOUND := _raise('ZC018', format('proposal %s', p_proposal_id), 'scene',
                         format('has changed since it was applied: %s', v_changed), 'proposal_current');

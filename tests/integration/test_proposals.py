@@ -1,5 +1,6 @@
 """Proposals of a stored scene: all or nothing, undone exactly, and refused in one sentence if out of date."""
 
+import contextlib
 import json
 import threading
 from collections.abc import Iterator
@@ -324,6 +325,102 @@ def test_attached_rows_belong_to_their_table(db: Database, dsn: str) -> None:
     scene.detect()
     assert pairs(scene) == {("E", "N")}
     assert ask(db, "SELECT at FROM mission.fix ORDER BY voyage, n") == times
+    assert [(one.kind, one.proposal_id) for one in scene.conflict_events()][-2:] == [
+        ("closed", number),
+        ("opened", number),
+    ]
+
+
+def test_attached_rows_that_changed_are_refused(db: Database, dsn: str) -> None:
+    """Rows that changed are not shifted, whether a detection has read them or not."""
+    with psycopg.connect(dsn, autocommit=True) as conn:
+        conn.execute(VOYAGES.encode())
+    scene = db.scene("s")
+    scene.attach("track", "mission.fix", VOYAGE_MAP)
+    scene.detect()
+    later = "UPDATE mission.fix SET at = at + interval '1 s' WHERE voyage = 'E' RETURNING 1"
+    number = scene.resolve(keep=["N"]).proposal_id or 0
+    ask(db, later)
+    with pytest.raises(InvalidInput, match="rows of mission.fix, which a detection has not read yet"):
+        db.apply_proposal(number, attached=True)
+    with pytest.raises(InvalidInput, match="rows of mission.fix, which a detection has not read yet"):
+        scene.resolve(keep=["N"])
+    scene.detect()
+    number = scene.resolve(keep=["N"]).proposal_id or 0
+    db.apply_proposal(number, attached=True)
+    assert db.undo_proposal(number, attached=True) == 1
+    scene.detect()
+    number = scene.resolve(keep=["N"]).proposal_id or 0
+    db.apply_proposal(number, attached=True)
+    scene.detect()
+    ask(db, later)
+    scene.detect()
+    with pytest.raises(InvalidInput, match="has changed since it was applied: track 'E'"):
+        db.undo_proposal(number, attached=True)
+
+
+def test_edit_that_commits_during_apply_is_named(db: Database, scene: StoredScene, dsn: str) -> None:
+    """Applying waits for a session that edits a moved track, and then moves nothing."""
+    found = scene.resolve(within_s=6 * 3600.0)
+    key, outcome = found.moves[-1].key, []
+
+    def apply() -> None:
+        with connect(dsn) as session:
+            try:
+                outcome.append(str(session.apply_proposal(found.proposal_id or 0)))
+            except InvalidInput as error:
+                outcome.append(str(error))
+
+    with psycopg.connect(dsn) as editor:
+        editor.execute("UPDATE conflictdb.track SET floor_m = 7 WHERE key = %s", [key])
+        waiting = threading.Thread(target=apply)
+        waiting.start()
+        waiting.join(0.3)
+        assert waiting.is_alive()
+        editor.commit()
+        paths = ask(db, PATHS)
+        waiting.join()
+    assert f"has changed since it was computed: track '{key}'" in outcome[0]
+    assert ask(db, PATHS) == paths
+
+
+def test_killed_at_any_step_moves_all_or_nothing(db: Database, scene: StoredScene, dsn: str) -> None:
+    """Sessions that are terminated while they apply or undo, row after row, leave one of two states."""
+    number = proposed(scene)
+    with db.connection.transaction():
+        db.connection.execute(
+            """CREATE FUNCTION public.slow() RETURNS trigger LANGUAGE plpgsql AS
+               $$ BEGIN PERFORM pg_sleep(0.02); RETURN NEW; END $$;
+               CREATE TRIGGER slow BEFORE UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION public.slow();
+               CREATE TRIGGER slow BEFORE UPDATE ON conflictdb.proposal_move FOR EACH ROW
+               EXECUTE FUNCTION public.slow()"""
+        )
+    planned, states = ask(db, PATHS), ["open"]
+    for step in range(12):
+        if states[-1] == "applied":
+            break
+        session = psycopg.connect(dsn, autocommit=True)
+
+        def apply(session: psycopg.Connection[Any] = session) -> None:
+            with contextlib.suppress(psycopg.Error):
+                session.execute("SELECT conflictdb.apply_proposal(%s)", [number])
+
+        running = threading.Thread(target=apply)
+        running.start()
+        running.join(0.015 * step)
+        ask(db, "SELECT pg_terminate_backend(%s)", session.info.backend_pid)
+        running.join()
+        session.close()
+        [(state,)] = ask(db, "SELECT state FROM conflictdb.proposals")
+        states.append(state)
+        assert (ask(db, PATHS) == planned) == (state == "open")
+    with db.connection.transaction():
+        db.connection.execute("DROP FUNCTION public.slow CASCADE")
+    assert states[1] == "open"
+    if states[-1] == "open":
+        db.apply_proposal(number)
+    db.undo_proposal(number)
+    assert ask(db, PATHS) == planned
 
 
 def test_stored_scene_has_the_detours_of_its_objects(db: Database, scene: StoredScene) -> None:
