@@ -343,9 +343,9 @@ def test_attached_rows_that_changed_are_refused(db: Database, dsn: str) -> None:
     later = "UPDATE mission.fix SET at = at + interval '1 s' WHERE voyage = 'E' RETURNING 1"
     number = scene.resolve(keep=["N"]).proposal_id or 0
     ask(db, later)
-    with pytest.raises(InvalidInput, match="rows of mission.fix, which a detection has not read yet"):
+    with pytest.raises(InvalidInput, match=r"rows of mission\.fix, which a detection has not read yet"):
         db.apply_proposal(number, attached=True)
-    with pytest.raises(InvalidInput, match="rows of mission.fix, which a detection has not read yet"):
+    with pytest.raises(InvalidInput, match=r"rows of mission\.fix, which a detection has not read yet"):
         scene.resolve(keep=["N"])
     scene.detect()
     number = scene.resolve(keep=["N"]).proposal_id or 0

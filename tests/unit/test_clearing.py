@@ -126,10 +126,10 @@ def test_levels_are_placed_in_turn() -> None:
     """A track of a higher level moves only where nothing else clears it."""
     span = Spans(np.array([-5 * SECOND]), np.array([5 * SECOND]))
     program = Program(np.zeros(2, np.int64), np.full(2, 60 * SECOND), np.ones(2), [NOTHING] * 2, {(0, 1): span})
-    for level, moved in (([0, 1], 0), ([1, 0], 1)):
+    for level, later_one in (([0, 1], 0), ([1, 0], 1)):
         found = place(program, [0, 1], np.array(level), "total", 1.0)
-        assert found.delays[moved] == 5 * SECOND + 1
-        assert found.delays[1 - moved] == 0
+        assert found.delays[later_one] == 5 * SECOND + 1
+        assert found.delays[1 - later_one] == 0
         assert found.is_least
 
 
