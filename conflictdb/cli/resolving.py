@@ -24,6 +24,7 @@ def resolve(args: argparse.Namespace) -> int:
             now=args.now,
             slowest=args.slowest,
             fastest=args.fastest,
+            aside_m=args.aside,
             goal=args.goal,
             limit_s=args.limit,
         )

@@ -515,6 +515,7 @@ class StoredScene:
         now: inputs.Instant | None = None,
         slowest: float = 1.0,
         fastest: float = 1.0,
+        aside_m: float = 0.0,
         goal: Goal | str = Goal.TOTAL,
         limit_s: float = 30.0,
     ) -> Proposal:
@@ -540,6 +541,7 @@ class StoredScene:
             now=now,
             slowest=slowest,
             fastest=fastest,
+            aside_m=aside_m,
             goal=goal,
             limit_s=limit_s,
         )

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import psycopg
 import pytest
 from commands import STRAIT, runner
@@ -14,6 +15,7 @@ from psycopg import conninfo, sql
 from workloads import LOW_LATITUDE, throw
 
 from conflictdb import InvalidInput, NotPermitted, StoreError, connect, detours, resolve
+from conflictdb.clearing.resolve import moved
 from conflictdb.cli.codes import DONE, FAILED, INPUT_REFUSED, USAGE
 from conflictdb.db import store
 from conflictdb.session.database import Database
@@ -341,9 +343,9 @@ def test_attached_rows_that_changed_are_refused(db: Database, dsn: str) -> None:
     later = "UPDATE mission.fix SET at = at + interval '1 s' WHERE voyage = 'E' RETURNING 1"
     number = scene.resolve(keep=["N"]).proposal_id or 0
     ask(db, later)
-    with pytest.raises(InvalidInput, match="rows of mission.fix, which a detection has not read yet"):
+    with pytest.raises(InvalidInput, match=r"rows of mission\.fix, which a detection has not read yet"):
         db.apply_proposal(number, attached=True)
-    with pytest.raises(InvalidInput, match="rows of mission.fix, which a detection has not read yet"):
+    with pytest.raises(InvalidInput, match=r"rows of mission\.fix, which a detection has not read yet"):
         scene.resolve(keep=["N"])
     scene.detect()
     number = scene.resolve(keep=["N"]).proposal_id or 0
@@ -423,6 +425,30 @@ def test_killed_at_any_step_moves_all_or_nothing(db: Database, scene: StoredScen
     assert ask(db, PATHS) == planned
 
 
+def test_detours_are_applied_and_undone(db: Database, scene: StoredScene) -> None:
+    """New waypoints are stored as verified; undoing removes them, to the last digit."""
+    paths = ask(db, PATHS)
+    found = scene.resolve(aside_m=80_000.0)
+    ways = {one.key for one in found.moves if one.detour is not None}
+    assert ways
+    settings, areas, tracks = store.read_scene(db.connection, scene.name)
+    assert replace(found, proposal_id=None) == resolve(tracks, areas, settings, aside_m=80_000.0)
+    [(moves,)] = ask(db, "SELECT moves FROM conflictdb.proposals")
+    assert moves == json.loads(json.dumps(found.as_json()["moves"]))
+    ask(db, "SELECT conflictdb.apply_proposal(%s)", found.proposal_id)
+    moves_of = {one.key: one for one in found.moves}
+    changed = {one.key: moved(settings, one, moves_of[one.key]) for one in tracks if one.key in moves_of}
+    _, _, after = store.read_scene(db.connection, scene.name)
+    for one in after:
+        if one.key in changed:
+            np.testing.assert_array_equal(one.times_us, changed[one.key].times_us)
+            np.testing.assert_array_equal(one.positions_deg, changed[one.key].positions_deg)
+    scene.detect()
+    assert not any(ways & {one.a_key, one.b_key} for one in scene.conflicts())
+    ask(db, "SELECT conflictdb.undo_proposal(%s)", found.proposal_id)
+    assert ask(db, PATHS) == paths
+
+
 def test_stored_scene_has_the_detours_of_its_objects(db: Database, scene: StoredScene) -> None:
     settings, areas, tracks = store.read_scene(db.connection, scene.name)
     key = scene.resolve().left[0].key
@@ -488,4 +514,7 @@ def test_command_line(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("apply", 2).out.startswith(f"moved {len(answer['moves'])} track")
     assert run("apply", 1).code == INPUT_REFUSED
     assert run("apply", 2, "--undo").out.startswith(f"restored {len(answer['moves'])} track")
+    aside = run("resolve", "--scene", "strait", "--within", "8h", "--aside", "40000")
+    assert " via " in aside.out
+    assert "keeps clear of CABLE" in aside.out
     assert run("resolve", "--scene", "strait", "--keep", "nobody").code == INPUT_REFUSED
