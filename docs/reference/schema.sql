@@ -317,6 +317,7 @@ TABLE proposal_move (
     speed double precision NOT NULL,
     clears text[] NOT NULL,
     passes jsonb NOT NULL,
+    detour jsonb,
     explanation text NOT NULL,
     version_after bigint
 );
@@ -1713,8 +1714,8 @@ FUNCTION _requested_admission(p_probe_id bigint)
 FUNCTION _require_snapshot()
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _retimed(p_path geometry, p_times_us bigint[])
-    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+FUNCTION _retimed(p_path geometry, p_times_us bigint[], p_detour jsonb)
+    RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _rhumb_vertices(p_lon_deg double precision, p_mu double precision, p_bearing_deg double precision, p_outline geometry, p_earth text)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
