@@ -317,6 +317,7 @@ TABLE proposal_move (
     speed double precision NOT NULL,
     clears text[] NOT NULL,
     passes jsonb NOT NULL,
+    detour jsonb,
     explanation text NOT NULL,
     version_after bigint
 );
@@ -1713,8 +1714,8 @@ FUNCTION _requested_admission(p_probe_id bigint)
 FUNCTION _require_snapshot()
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _retimed(p_path geometry, p_times_us bigint[])
-    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+FUNCTION _retimed(p_path geometry, p_times_us bigint[], p_detour jsonb)
+    RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _rhumb_vertices(p_lon_deg double precision, p_mu double precision, p_bearing_deg double precision, p_outline geometry, p_earth text)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -2022,7 +2023,7 @@ FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
 FUNCTION copy_scene(p_scene text, p_name text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION create_branch(p_scene text, p_name text)
+FUNCTION create_branch(p_scene text, p_name text, p_proposal_id bigint DEFAULT NULL::bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision, p_intervals text DEFAULT NULL::text, p_horizon_days double precision DEFAULT NULL::double precision, p_vertical_datum text DEFAULT NULL::text)
