@@ -200,7 +200,7 @@ def speeds(
     Parameters
     ----------
     key : str, optional
-        A track; by default each of them is asked about, one at a time.
+        A track; by default all tracks in one computation. Each alone has another speed.
     slowest, fastest : float
         The limits: factors of the planned speed, above 0; 1 lies between them.
     leg : int, optional
@@ -214,21 +214,22 @@ def speeds(
     if leg is not None:
         number, times_us = _one_track("speeds", "leg", scene, keys, numbers, tracks, key)
         first = _place("speeds", "leg", leg, len(times_us) - 1) - 1
-        asked = [(number, times_us[first], times_us[first + 1])]
+        asked, ends_us = np.array([number], np.int64), times_us[[[first, first + 1]]]
     else:
-        known = numbers if key is None else _known(scene, keys, numbers, [key])
-        row = {number: n for n, number in enumerate(numbers.tolist())}
-        for number in known.tolist():
-            _require_exact("speeds", tracks[row[number]])
-        ends = ((number, tracks[row[number]].times_us) for number in known.tolist())
-        asked = [(number, times_us[0], times_us[-1]) for number, times_us in ends]
-    rows, placed = [], AnyTime.of(pieces)
-    for number, begin_us, end_us in asked:
-        found = stage_of_speeds.speeds_of_track(
-            scene, plane, placed, number, int(begin_us), int(end_us), slowest, fastest
-        )
-        rows.append(stage_of_speeds.speeds_of(keys[number], leg, keys, found, slowest, fastest))
-    return rows
+        asked = numbers if key is None else _known(scene, keys, numbers, [key])
+        known = [tracks[row] for row in kinds_and_ids(asked)[1].tolist()]
+        for track in known:
+            _require_exact("speeds", track)
+        ends_us = np.array([track.times_us[[0, -1]] for track in known], np.int64).reshape(-1, 2)
+    every = stage_of_speeds.speeds_of_tracks(
+        scene, plane, AnyTime.of(pieces), asked, ends_us[:, 0], ends_us[:, 1], slowest, fastest
+    )
+    found = dict(every.of_each_track())
+    nothing = every.take(np.empty(0, np.int64))
+    return [
+        stage_of_speeds.speeds_of(keys[number], leg, keys, found.get(number, nothing), slowest, fastest)
+        for number in asked.tolist()
+    ]
 
 
 def _require_one_time(what: str, scene: Scene) -> None:
@@ -338,7 +339,6 @@ def chances(
             )
             for number in numbers.tolist()
         }
-        of_number = dict(zip(numbers.tolist(), plans, strict=True))
         of_number = dict(zip(numbers.tolist(), plans, strict=True))
         pairs, any_of = chances_at_speeds(scene, plane, placed, of_number, made, tail)
     else:

@@ -32,13 +32,16 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._rule_between(
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT r.rule_id, r.a_class, r.b_class, r.separation_m, r.vertical_m, r.time_s, r.allowed,
-           -- Which of the two objects yields.
-           CASE WHEN o.is_turned THEN CASE r.yields WHEN 'a' THEN 'b' WHEN 'b' THEN 'a' END ELSE r.yields END
+           -- Which of the two objects yields: neither if the rule fits in both orders.
+           CASE WHEN NOT o.is_turned THEN r.yields
+                WHEN NOT o.is_straight THEN CASE r.yields WHEN 'a' THEN 'b' WHEN 'b' THEN 'a' END END
     FROM rule r
-    CROSS JOIN LATERAL (SELECT NOT (_side_fits(r.a_class, p_a_kind, p_a_class)
-                                    AND _side_fits(r.b_class, p_b_kind, p_b_class)) AS is_turned) o
+    CROSS JOIN LATERAL (SELECT _side_fits(r.a_class, p_a_kind, p_a_class)
+                               AND _side_fits(r.b_class, p_b_kind, p_b_class) AS is_straight,
+                               _side_fits(r.a_class, p_b_kind, p_b_class)
+                               AND _side_fits(r.b_class, p_a_kind, p_a_class) AS is_turned) o
     WHERE r.scene_id = p_scene_id AND _side_rank(r.a_class) + _side_rank(r.b_class) > p_above
-      AND (NOT o.is_turned OR _side_fits(r.a_class, p_b_kind, p_b_class) AND _side_fits(r.b_class, p_a_kind, p_a_class))
+      AND (o.is_straight OR o.is_turned)
     ORDER BY _side_rank(r.a_class) + _side_rank(r.b_class) DESC LIMIT 1;
 END;
 COMMENT ON FUNCTION _rule_between(bigint, smallint, text, smallint, text, integer) IS

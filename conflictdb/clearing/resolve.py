@@ -9,15 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb import in_memory
+from conflictdb.clearing.detours import is_changing, rerouted, ways_of
 from conflictdb.clearing.least import Solution, least
 from conflictdb.clearing.passing import moves_of
 from conflictdb.clearing.program import Program, chain_of
+from conflictdb.clearing.yielding import levels_of
 from conflictdb.errors import ConflictDBError, InvalidInput
+from conflictdb.index import Index
 from conflictdb.model import inputs
 from conflictdb.model.horizon import require_one_voyage
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.proposals import Goal, Left, Move, Proposal
+from conflictdb.model.proposals import Goal, Left, Move, NewWaypoints, Proposal
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import differences_of
 
@@ -26,25 +29,34 @@ Pairs = frozenset[tuple[str, str]]
 
 # As of requests for delays: longer than a plan of this kind.
 _LONGEST_S: Final = 1e7
+_MOST_LEVEL: Final = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
     """What a proposal may change, checked.
 
-    within_us, now_us, slowest, fastest, goal, limit_s : as of `resolve`, in microseconds
+    within_us, now_us, slowest, fastest, aside_m, goal, limit_s : as of `resolve`, in microseconds
     """
 
     within_us: int
     now_us: int | None
     slowest: float
     fastest: float
+    aside_m: float
     goal: Goal
     limit_s: float
 
     @classmethod
     def of(
-        cls, within_s: Any, now: inputs.Instant | None, slowest: Any, fastest: Any, goal: Any, limit_s: Any
+        cls,
+        within_s: Any,
+        now: inputs.Instant | None,
+        slowest: Any,
+        fastest: Any,
+        aside_m: Any,
+        goal: Any,
+        limit_s: Any,
     ) -> "Limits":
         """Return the limits. Raises InvalidInput."""
         within_s = inputs.seconds("resolve", "within_s", within_s)
@@ -54,7 +66,9 @@ class Limits:
         if goal not in list(Goal):
             raise InvalidInput("resolve", "goal", f"must be one of {', '.join(Goal)}; got {goal!r:.20}")
         factors = in_memory.limits(slowest, fastest)
-        return cls(round(1e6 * within_s), now_us, *factors, Goal(goal), inputs.seconds("resolve", "limit_s", limit_s))
+        aside_m = inputs.reach_m("resolve", "aside_m", aside_m)
+        limit_s = inputs.seconds("resolve", "limit_s", limit_s)
+        return cls(round(1e6 * within_s), now_us, *factors, aside_m, Goal(goal), limit_s)
 
     def of_delays(self, track: Track) -> tuple[int, int]:
         """Return the least and the greatest delay of a track."""
@@ -77,14 +91,17 @@ def resolve(
     now: inputs.Instant | None = None,
     slowest: float = 1.0,
     fastest: float = 1.0,
+    aside_m: float = 0.0,
     goal: Goal | str = Goal.TOTAL,
     limit_s: float = 30.0,
 ) -> Proposal:
     """Return the least changes of departures that clear a scene, verified by a detection of the whole changed scene.
 
     A delay shifts a whole plan: nothing of it is there before, and nothing after. Areas stay, and the method is
-    `exact`. As few tracks as possible are left in conflict, and the others have the least delays. Within the time limit
-    the answer may be worse than that, which `bound_s` tells, but never worse than first come, first served.
+    `exact`. Of two tracks the one moves that a separation rule says yields (`Rule.yields`); the other one moves only
+    if no delay clears the first. As few tracks as possible are left in conflict, and the others have the least delays.
+    Within the time limit the answer may be worse than that, which `bound_s` tells, but never worse than first come,
+    first served.
 
     Raises the errors of `solve`, and InvalidInput for unknown keys and for limits that are none.
 
@@ -105,12 +122,15 @@ def resolve(
     slowest, fastest : float
         Tracks that no delay clears go at another speed, from `slowest` to `fastest` times the planned one; by default
         none does.
+    aside_m : float
+        Tracks that neither clears get one or two new waypoints on a leg, up to this far aside of it, and arrive at most
+        `within_s` later; by default none does. Their size and heights must not change on the way.
     goal : str
         ``total``, the sum of all delays, or ``largest``.
     limit_s : float
         Time for the proof, seconds.
     """
-    limits = Limits.of(within_s, now, slowest, fastest, goal, limit_s)
+    limits = Limits.of(within_s, now, slowest, fastest, aside_m, goal, limit_s)
     areas = in_memory.each("resolve", "areas", areas, Area)
     scene, plane, pieces, key_of, _, known = in_memory.numbered("resolve", tracks, areas, scene)
     scene = replace(scene, method=Method.EXACT, nearest_m=0.0)
@@ -127,7 +147,8 @@ def resolve(
     found = differences_of(scene, plane, AnyTime.of(pieces), numbers, most_us, waits=False)
     weight = np.array([weights.get(key, 1.0) for key in movable])
     program = Program.of(found, numbers, low, high, weight)
-    level = np.array([levels.get(key, 0) for key in movable], np.int64)
+    classes = [planned[key].object_class for key in movable]
+    level = levels_of(program, np.array([levels.get(key, 0) for key in movable], np.int64), classes, scene.rules)
     begins = np.array([planned[key].times_us[0] for key in movable], np.int64)
     solution = place(program, np.argsort(begins, kind="stable").tolist(), level, limits.goal, limits.limit_s)
     delays = {key: int(us) for key, us in zip(movable, solution.delays.tolist(), strict=True) if us}
@@ -135,12 +156,14 @@ def resolve(
     rest = {movable[i] for i in solution.left}
     speeds = _speeds(scene, changed, areas, sorted(rest, key=str.encode), limits)
     changed |= {key: at_speed(planned[key], factor) for key, factor in speeds.items()}
+    ways = _ways(scene, changed, areas, sorted(rest - speeds.keys(), key=str.encode), limits)
+    changed |= {key: rerouted(scene, planned[key], way) for key, way in ways.items()}
     after = conflicts(changed.values(), areas, scene)
-    _verify(before, after, set(movable) - (rest - speeds.keys()))
+    _verify(before, after, set(movable) - (rest - speeds.keys() - ways.keys()))
     blocked = {movable[i]: _blocking(program, numbers, solution, i, found, key_of) for i in solution.left}
     still = sorted({key for pair in after for key in pair if key in planned}, key=str.encode)
     left = [Left(key, blocked.get(key) or _met(after, key)) for key in still]
-    moves = moves_of(scene, changed, areas, delays, speeds, before - after, found, key_of)
+    moves = moves_of(scene, changed, areas, delays, speeds, ways, before - after, found, key_of)
     return Proposal(tuple(moves), tuple(left), limits.goal, solution.objective_s, solution.bound_s, solution.is_least)
 
 
@@ -162,8 +185,10 @@ def at_speed(track: Track, factor: float) -> Track:
     return replace(track, times_us=times, max_speed_kn=np.inf)
 
 
-def moved(track: Track, move: Move) -> Track:
+def moved(scene: Scene, track: Track, move: Move) -> Track:
     """Return a track as a move changes it."""
+    if move.detour is not None:
+        return rerouted(scene, track, move.detour)
     return at_speed(track, move.speed) if move.speed != 1.0 else later(track, round(1e6 * move.delay_s))
 
 
@@ -244,6 +269,31 @@ def _speeds(
     return found
 
 
+def _ways(
+    scene: Scene, changed: Mapping[str, Track], areas: list[Area], keys: Sequence[str], limits: Limits
+) -> dict[str, NewWaypoints]:
+    """Return the shortest detours that are found for tracks that nothing else clears, one track after another."""
+    if not (limits.aside_m > 0.0 and keys):
+        return {}
+    ends = time.monotonic() + limits.limit_s
+    index = Index(scene)
+    index.put([*areas, *changed.values()])
+    prefix = max([*changed, *(area.key for area in areas)], key=len) + "#"
+    found = {}
+    for key in keys:
+        track = changed[key]
+        has_begun = limits.now_us is not None and int(track.times_us[0]) < limits.now_us
+        if has_begun or is_changing(track) or time.monotonic() > ends:
+            continue
+        index.remove(key)
+        if best := ways_of(index, prefix, scene, track, limits.aside_m, limits.within_us / 1e6)[:1]:
+            one = best[0]
+            found[key] = NewWaypoints(one.leg, one.waypoints_deg, one.longer_m, one.later_s)
+            track = one.track
+        index.put(track)
+    return found
+
+
 def _verify(before: Pairs, after: Pairs, placed: set[str]) -> None:
     """Raise an error if a conflict is new, or one of a placed track remains: a mistake of this program."""
     wrong = sorted(pair for pair in after if pair not in before or placed & set(pair))
@@ -303,5 +353,6 @@ def _check(
         if not (is_number and 0.0 < weight < np.inf):
             raise InvalidInput("resolve", f"weights[{key!r}]", f"must be a finite number above 0; got {weight!r:.20}")
     for key, level in levels.items():
-        if isinstance(level, bool) or not isinstance(level, int | np.integer):
-            raise InvalidInput("resolve", f"levels[{key!r}]", f"must be a whole number; got {level!r:.20}")
+        if isinstance(level, bool) or not isinstance(level, int | np.integer) or abs(int(level)) > _MOST_LEVEL:
+            rule = f"must be a whole number from -{_MOST_LEVEL} to {_MOST_LEVEL}; got {level!r:.20}"
+            raise InvalidInput("resolve", f"levels[{key!r}]", rule)

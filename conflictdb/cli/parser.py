@@ -105,7 +105,8 @@ class Parser(argparse.ArgumentParser):
                 found.append(f"{one.metavar} …")
             elif not one.option_strings:
                 more = {"*": "[{}…]", "+": "{}…", "?": "[{}]"}.get(str(one.nargs), "{}")
-                found += [more.format(one.metavar)] * (one.nargs if isinstance(one.nargs, int) else 1)
+                label = one.metavar or "{" + ",".join(map(str, one.choices or ())) + "}"
+                found += [more.format(label)] * (one.nargs if isinstance(one.nargs, int) else 1)
             elif one.required:
                 found.append(f"{one.option_strings[-1]} {one.metavar}")
             else:

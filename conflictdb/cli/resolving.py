@@ -18,10 +18,13 @@ def resolve(args: argparse.Namespace) -> int:
         found = stored.resolve(
             keys=args.keys or None,
             keep=args.keep,
+            weights=dict(args.weight or ()),
+            levels=dict(args.level or ()),
             within_s=args.within,
             now=args.now,
             slowest=args.slowest,
             fastest=args.fastest,
+            aside_m=args.aside,
             goal=args.goal,
             limit_s=args.limit,
         )
@@ -38,6 +41,9 @@ def apply(args: argparse.Namespace) -> int:
     with database(args) as db:
         change = db.undo_proposal if args.undo else db.apply_proposal
         count = change(args.proposal, attached=args.attached)
+    if not count:
+        out("the proposal moves nothing")
+        return DONE
     done = "restored" if args.undo else "moved"
     out(f"{done} {count} track{'' if count == 1 else 's'}; the scene waits for detection")
     return DONE

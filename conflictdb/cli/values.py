@@ -118,6 +118,29 @@ def whole(text: str) -> int:
     return _whole(text, "0 or more", 0, 10**18)
 
 
+def weight(text: str) -> tuple[str, float]:
+    """Return key and number of ``FERRY=2.5``."""
+    key, value = _assigned(text)
+    return key, _number(value, "KEY=NUMBER, above 0", least=5e-324)
+
+
+def level(text: str) -> tuple[str, int]:
+    """Return key and whole number of ``FERRY=-1``."""
+    key, value = _assigned(text)
+    try:
+        return key, int(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be KEY=WHOLE NUMBER; got {text!r}") from None
+
+
+def _assigned(text: str) -> tuple[str, str]:
+    """Return key and value; a key may contain ``=``."""
+    key, equals, value = text.rpartition("=")
+    if not (key and equals):
+        raise argparse.ArgumentTypeError(f"must be KEY=NUMBER; got {text!r}")
+    return key, value
+
+
 def address(text: str) -> tuple[str, int]:
     """Return host and port of ``9187``, ``0.0.0.0:9187`` or ``[::1]:9187``; the default host is this machine only."""
     match = re.fullmatch(r"(?:(?P<host>[^:\[\]]+|\[[^\[\]]+\]):)?(?P<port>[0-9]{1,5})", text)

@@ -122,14 +122,16 @@ class RuleTable:
             return np.arange(KINDS.index(side), n, 2) if side in KINDS else 2 * place[side] + np.arange(2)
 
         for number, rule in enumerate(rules):
-            cells = np.zeros((n, n), np.bool_)
-            cells[np.ix_(types(rule.a_class), types(rule.b_class))] = True
-            cells |= cells.T
-            tied = cells & (rank == rule.rank)
-            same = [one for one in np.unique(chosen[tied]).tolist() if rules[one].says_as(rule)]
-            rival[tied & ~np.isin(chosen, same)] = number
-            better = cells & (rank < rule.rank)
-            chosen[better], rank[better], rival[better] = number, rule.rank, -1
+            # Of the pairs of its two sides alone: a thousand rules have millions of pairs of types.
+            a, b = types(rule.a_class), types(rule.b_class)
+            block, mirrored = np.ix_(a, b), np.ix_(b, a)
+            own_chosen, own_rank, own_rival = chosen[block], rank[block], rival[block]
+            tied, better = own_rank == rule.rank, own_rank < rule.rank
+            same = [one for one in np.unique(own_chosen[tied]).tolist() if rules[one].says_as(rule)]
+            own_rival[tied & ~np.isin(own_chosen, same)] = number
+            own_chosen[better], own_rank[better], own_rival[better] = number, rule.rank, -1
+            for of_all, own in ((chosen, own_chosen), (rank, own_rank), (rival, own_rival)):
+                of_all[block], of_all[mirrored] = own, own.T
         ties = np.argwhere(rival >= 0)
         if len(ties):
             one, other = ties[0].tolist()
@@ -142,6 +144,21 @@ class RuleTable:
                 f"enter a rule for {first!r} with {second!r} first",
             )
         return cls(rules, classes, chosen)
+
+    def does_yield(self, track_class: str | None, other_class: str | None) -> bool:
+        """Return whether a track of one class yields to a track of another; no rule says that of two alike."""
+        number = int(self.rule[self._track_type(track_class), self._track_type(other_class)])
+        if number < 0 or self.rules[number].yields is None:
+            return False
+        rule = self.rules[number]
+        straight, turned = (
+            a in (None, "track", track_class) and b in (None, "track", other_class)
+            for a, b in ((rule.a_class, rule.b_class), (rule.b_class, rule.a_class))
+        )
+        return straight != turned and rule.yields == ("a" if straight else "b")
+
+    def _track_type(self, track_class: str | None) -> int:
+        return 2 * (self.classes.index(track_class) + 1) + 1 if track_class in self.classes else 1
 
     @staticmethod
     def _word(classes: Sequence[str], type_: int) -> str:

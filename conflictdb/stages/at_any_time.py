@@ -57,8 +57,10 @@ class AnyTime:
             for one in separations.settings
         ]
 
-    def pairs_within(self, mine: _Ints, horizon_us: int, *, is_once: bool = False) -> tuple[PieceRows, PieceRows]:
-        """Return `pairs` of pieces of which a may be earlier or later by up to the horizon."""
+    def pairs_within(
+        self, mine: _Ints, horizon_us: int | _Ints, *, is_once: bool = False
+    ) -> tuple[PieceRows, PieceRows]:
+        """Return `pairs` of pieces of which a may be earlier or later by up to the horizon, one or (m,)."""
         return self.pairs(mine, self.start_us[mine] - horizon_us, self.end_us[mine] + horizon_us, is_once=is_once)
 
     def pairs(

@@ -277,7 +277,7 @@ def waits_of(
     prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
     every = Differences.concatenate(
         [
-            of_cover(placed, track, horizon_us + within_us),
+            of_covers(placed, np.array([track]), np.array([horizon_us + within_us])),
             as_planned(delays_of_pairs(scene, prepared, number, *planned, 0, threads=threads)),
             delays_of_pairs(scene, prepared, number, *moving, horizon_us, threads=threads),
             _while_waiting(
@@ -289,10 +289,14 @@ def waits_of(
     return replace(every, low=np.maximum(every.low, 0), inner_low=np.maximum(every.inner_low, -LAST_INSTANT))
 
 
-def of_cover(placed: AnyTime, track: int, horizon_us: int) -> Differences:
-    """Return what meets a track that could not be cut into pieces, perhaps: it forbids every change."""
-    rows = np.flatnonzero((placed.number == track) & (placed.pieces.part == COVER))
-    a, b = placed.pairs_within(rows, horizon_us)
+def of_covers(placed: AnyTime, tracks: _Ints, horizon_us: _Ints) -> Differences:
+    """Return what tracks meet, perhaps, that could not be cut into pieces: it forbids every change.
+
+    tracks : (m,) their numbers, ascending
+    horizon_us : (m,) how much earlier or later each may be
+    """
+    rows = np.flatnonzero(np.isin(placed.number, tracks) & (placed.pieces.part == COVER))
+    a, b = placed.pairs_within(rows, horizon_us[np.searchsorted(tracks, placed.number[rows])])
     forever, nothing = np.full(len(a), 2 * FOREVER_US), np.zeros(len(a), np.int64)
     return Differences(placed.number[a], placed.number[b], -forever, forever, nothing + 1, nothing)
 
@@ -415,9 +419,14 @@ def delays_of_pairs(
     """
     parts = [
         _of_some_pairs(scene, prepared, number, PieceRows(a[rows]), PieceRows(b[rows]), horizon_us, lasts, threads)
-        for rows in (slice(k, k + DEFAULT_MEMORY.pairs) for k in range(0, max(len(a), 1), DEFAULT_MEMORY.pairs))
+        for rows in batches(len(a))
     ]
     return Differences.concatenate(parts)
+
+
+def batches(n: int) -> list[slice]:
+    """Return slices of n pairs of pieces whose arrays fit into memory; at least one."""
+    return [slice(k, k + DEFAULT_MEMORY.pairs) for k in range(0, max(n, 1), DEFAULT_MEMORY.pairs)]
 
 
 def _of_some_pairs(

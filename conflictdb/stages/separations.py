@@ -30,11 +30,13 @@ class Separations:
 
     settings : distinct, without rules
     of_types : (t, t) int64, the settings of two types; NEVER
+    vertical_m : (t,) float64, the largest vertical separation that objects of a type can need
     numbers, number_type : (c,) int64, the numbers of classes that rules name, sorted, and the types of areas of each
     """
 
     settings: Sequence[Scene]
     of_types: NDArray[np.int64]
+    vertical_m: Floats
     numbers: NDArray[np.int64]
     number_type: NDArray[np.int64]
 
@@ -52,7 +54,11 @@ class Separations:
             of_rules[i] = NEVER if rule.allowed else found.setdefault(own, len(found))
         numbers = numbers_of_words(table.classes)
         order = np.argsort(numbers)
-        return cls(list(found), of_rules[table.rule], numbers[order], (2 * (order + 1)).astype(np.int64))
+        settings, of_types = list(found), of_rules[table.rule]
+        height_m = np.array([one.vertical_separation_m for one in settings])
+        vertical_m = np.where(of_types == NEVER, 0.0, height_m[of_types]).max(axis=1)
+        vertical_m[(of_types == NEVER).all(axis=1)] = height_m[0]
+        return cls(settings, of_types, vertical_m, numbers[order], (2 * (order + 1)).astype(np.int64))
 
     def of_two(self, a: Area | Track, b: Area | Track) -> Scene | None:
         """Return the settings of two objects; None if they are not compared."""
@@ -89,7 +95,7 @@ class Separations:
         return replace(
             self.settings[0],
             separation_m=max(one.separation_m for one in able),
-            vertical_separation_m=max(one.vertical_separation_m for one in able),
+            vertical_separation_m=float(self.vertical_m[type_]),
         )
 
     def split(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> Iterator[tuple[Scene, Pieces, NDArray[np.int64]]]:
@@ -118,17 +124,10 @@ class Separations:
 
     def of_settings(self, settings: Scene, pieces: Pieces) -> Pieces:
         """Return pieces whose heights are further out by half of one vertical separation, not of their largest."""
-        of_types = np.array([self.padding(one).vertical_separation_m for one in range(len(self.of_types))])
-        spare_m = of_types[self.types(pieces.kind, pieces.class_number)] - settings.vertical_separation_m
+        spare_m = self.vertical_m[self.types(pieces.kind, pieces.class_number)] - settings.vertical_separation_m
         if not spare_m.any():
             return pieces
-        by_m = 0.5 * spare_m
-        own = replace(
-            pieces,
-            floor_m=to_nanometres(pieces.floor_m + by_m),
-            ceiling_m=to_nanometres(pieces.ceiling_m - by_m),
-            climb_m=to_nanometres(pieces.climb_m + by_m[:, None] * np.array([1.0, 1.0, -1.0, -1.0])),
-        )
+        own = with_margin(pieces, -0.5 * spare_m)
         return own if settings.intervals == Intervals.HALF_OPEN else with_closed_heights(own)
 
     def _of_pieces(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.int64]:
@@ -136,7 +135,23 @@ class Separations:
         return self.of_pairs(*columns)
 
 
-def to_nanometres(height_m: Floats) -> Floats:
+def with_margin(pieces: Pieces, margin_m: Floats | float) -> Pieces:
+    """Return pieces whose heights reach `margin_m` further, a scalar or one for each piece; no band becomes empty."""
+    outward_m = np.multiply.outer(margin_m, [-1.0, -1.0, 1.0, 1.0])
+    floor_m, ceiling_m = _band(pieces.floor_m - margin_m, pieces.ceiling_m + margin_m)
+    climb_m = pieces.climb_m + outward_m
+    return replace(
+        pieces, floor_m=floor_m, ceiling_m=ceiling_m, climb_m=np.hstack(_band(climb_m[:, :2], climb_m[:, 2:]))
+    )
+
+
+def _band(floor_m: Floats, ceiling_m: Floats) -> tuple[Floats, Floats]:
+    """Return floors and ceilings rounded; a band thinner than the rounding keeps one number."""
+    low_m, high_m = _to_nanometres(floor_m), _to_nanometres(ceiling_m)
+    return low_m, np.maximum(high_m, np.nextafter(low_m, np.inf))
+
+
+def _to_nanometres(height_m: Floats) -> Floats:
     """Return heights rounded, so that sums of equal decimals are equal; from _MOST_ROUNDED_M on they are too coarse."""
     return np.where(
         np.abs(height_m) < _MOST_ROUNDED_M, np.round(np.clip(height_m, -_MOST_ROUNDED_M, _MOST_ROUNDED_M), 9), height_m

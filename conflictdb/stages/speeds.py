@@ -34,51 +34,69 @@ _ROUNDING: Final = 1e-15
 _ROUNDED_US: Final = 1.0
 
 
-def speeds_of_track(
+def speeds_of_tracks(
     scene: Scene,
     plane: Plane,
     placed: AnyTime,
-    track: int,
-    begin_us: int,
-    end_us: int,
+    tracks: _Ints,
+    begin_us: _Ints,
+    end_us: _Ints,
     slowest: float,
     fastest: float,
     threads: int = 1,
 ) -> Differences:
-    """Return the speeds from slowest to fastest, in `UNIT` of the planned one, that bring a track into contact.
+    """Return the speeds from slowest to fastest, in `UNIT` of the planned one, that bring tracks into contact.
+
+    Each track alone has another speed; the rows of one do not depend on the others asked about.
 
     plane : of the scene, which the pieces were made in
-    track : its number
-    begin_us, end_us : when the track departs and arrives, or its leg begins and ends
+    tracks : (m,) their numbers, ascending
+    begin_us, end_us : (m,) when each track departs and arrives, or the leg of a single track begins and ends
     """
     parts = placed.parts(scene)
     if parts[0][1] is not placed:
-        given = track, begin_us, end_us, slowest, fastest, threads
-        return Differences.concatenate([speeds_of_track(own, plane, part, *given) for own, part in parts])
+        given = tracks, begin_us, end_us, slowest, fastest, threads
+        return Differences.concatenate([speeds_of_tracks(own, plane, part, *given) for own, part in parts])
     pieces, number = placed.pieces, placed.number
-    mine = np.flatnonzero((number == track) & (pieces.part != COVER))
-    before, after = mine[pieces.end_us[mine] <= begin_us], mine[pieces.start_us[mine] >= end_us]
-    leg = np.setdiff1d(mine, np.concatenate([before, after]))
     least, most = 1.0 / fastest, 1.0 / slowest
     lasts_us = end_us - begin_us
-    horizon_us = int(np.ceil(max(1.0 - least, most - 1.0) * lasts_us + _ROUNDED_US))
-    earliest_us = begin_us + np.floor(least * (pieces.start_us[leg] - begin_us) - _ROUNDED_US).astype(np.int64)
-    latest_us = begin_us + np.ceil(most * (pieces.end_us[leg] - begin_us) + _ROUNDED_US).astype(np.int64)
+    horizon_us = np.ceil(max(1.0 - least, most - 1.0) * lasts_us + _ROUNDED_US).astype(np.int64)
+    mine = np.flatnonzero(np.isin(number, tracks) & (pieces.part != COVER))
+    of = np.searchsorted(tracks, number[mine])
+    is_before, is_after = pieces.end_us[mine] <= begin_us[of], pieces.start_us[mine] >= end_us[of]
+    is_leg = ~(is_before | is_after)
+    leg, zero_us = mine[is_leg], begin_us[of[is_leg]]
+    earliest_us = zero_us + np.floor(least * (pieces.start_us[leg] - zero_us) - _ROUNDED_US).astype(np.int64)
+    latest_us = zero_us + np.ceil(most * (pieces.end_us[leg] - zero_us) + _ROUNDED_US).astype(np.int64)
     pairs = [
-        placed.pairs_within(before, 0),
+        placed.pairs_within(mine[is_before], 0),
         placed.pairs(leg, earliest_us, latest_us),
-        placed.pairs_within(after, horizon_us),
+        placed.pairs_within(mine[is_after], horizon_us[of[is_after]]),
     ]
     a, b = (np.concatenate(both) for both in zip(*pairs, strict=True))
     prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
     planned = delays.delays_of_pairs(scene, prepared, number, *pairs[0], 0, threads=threads)
-    later = delays.delays_of_pairs(scene, prepared, number, *pairs[2], horizon_us, threads=threads)
+    later = delays.delays_of_pairs(scene, prepared, number, *pairs[2], int(horizon_us.max(initial=0)), threads=threads)
+    zero_us = begin_us[np.searchsorted(tracks, number[pairs[1][0]])]
     return Differences.concatenate(
         [
-            delays.of_cover(placed, track, horizon_us),
+            delays.of_covers(placed, tracks, horizon_us),
             delays.as_planned(planned),
-            _of_stretched(scene, prepared, number, *pairs[1], begin_us, least, most, threads),
-            _after_leg(later, lasts_us),
+            *(
+                _of_stretched(
+                    scene,
+                    prepared,
+                    number,
+                    PieceRows(pairs[1][0][some]),
+                    PieceRows(pairs[1][1][some]),
+                    zero_us[some],
+                    least,
+                    most,
+                    threads,
+                )
+                for some in delays.batches(len(zero_us))
+            ),
+            _after_leg(later, lasts_us[np.searchsorted(tracks, later.track)]),
         ]
     )
 
@@ -106,8 +124,8 @@ def speeds_of(
     )
 
 
-def _after_leg(found: Differences, lasts_us: int) -> Differences:
-    """Return the speeds of a leg that delay what comes after it so that it is in contact; lasts_us: of the leg."""
+def _after_leg(found: Differences, lasts_us: _Ints) -> Differences:
+    """Return the speeds of a leg that delay the later legs into contact; lasts_us: (n,) of the leg of each row."""
     duration = lasts_us + np.array([found.low, found.high, found.inner_low, found.inner_high], np.float64)
     pad = np.array([[-_ROUNDED_US], [_ROUNDED_US], [0.0], [0.0]])
     return _speeds(found.track, found.other, *((duration + pad) / lasts_us))
@@ -119,17 +137,20 @@ def _of_stretched(
     number: _Ints,
     a: PieceRows,
     b: PieceRows,
-    begin_us: int,
+    zero_us: _Ints,
     least: float,
     most: float,
     threads: int,
 ) -> Differences:
-    """Return the speeds at which pieces a are in contact with b, for factors of time from `least` to `most`."""
+    """Return the speeds at which pieces a are in contact with b, for factors of time from `least` to `most`.
+
+    zero_us : (n,) when the track of a departs, or its leg begins
+    """
     pieces, reach_m = prepared.pieces, scene.separation_m + scene.tolerance_m
     still, covered = pieces.kind[b] == Kind.AREA.code, is_covered(pieces, a, b)
-    zero, nothing = np.full(len(a), begin_us), np.zeros(len(a))
-    a_start_s, a_end_s = (pieces.start_us[a] - begin_us) / 1e6, (pieces.end_us[a] - begin_us) / 1e6
-    b_start_s, b_end_s = _since(pieces.start_us[b], begin_us), _since(pieces.end_us[b], begin_us)
+    nothing = np.zeros(len(a))
+    a_start_s, a_end_s = (pieces.start_us[a] - zero_us) / 1e6, (pieces.end_us[a] - zero_us) / 1e6
+    b_start_s, b_end_s = _since(pieces.start_us[b], zero_us), _since(pieces.end_us[b], zero_us)
     parts = []
 
     def put(rows: _Ints, *factors: Floats) -> None:
@@ -139,7 +160,7 @@ def _of_stretched(
     rows = np.flatnonzero(~covered & ~still)
     times = a_start_s[rows], a_end_s[rows], b_start_s[rows], b_end_s[rows]
     asked = np.full(len(rows), least), np.full(len(rows), most)
-    shifts = Shifts(a[rows], b[rows], zero[rows], zero[rows], *times, *asked, is_factor=True)
+    shifts = Shifts(a[rows], b[rows], zero_us[rows], zero_us[rows], *times, *asked, is_factor=True)
     left, shifts, doubt_s = with_heights(pieces, shifts)
     row, _, found = delays.solved_shifts(prepared, shifts, reach_m, threads)
     # A factor moves the times of a; a doubt of its ends is one of factors, relative to them.
@@ -153,7 +174,7 @@ def _of_stretched(
     rows = np.flatnonzero(~covered & still)
     ever = np.full(len(rows), np.inf)
     shifts = Shifts(
-        *(a[rows], b[rows], zero[rows], nothing[rows].astype(np.int64)),
+        *(a[rows], b[rows], zero_us[rows], nothing[rows].astype(np.int64)),
         *(a_start_s[rows], a_end_s[rows], nothing[rows], nothing[rows], -ever, ever),
     )
     left, shifts, doubt_s = with_heights(pieces, shifts)
@@ -183,11 +204,11 @@ def _factors(
     return low, np.where(b_end_s > -pad_s, high, -np.inf)
 
 
-def _since(instant_us: _Ints, begin_us: int) -> Floats:
-    """Return seconds since an instant; infinite for infinite instants."""
+def _since(instant_us: _Ints, zero_us: _Ints) -> Floats:
+    """Return seconds since other instants; infinite for infinite instants."""
     endless = np.where(instant_us == MINUS_INFINITY_US, -np.inf, np.inf)
     is_known = (instant_us != MINUS_INFINITY_US) & (instant_us != INFINITY_US)
-    return np.where(is_known, (np.where(is_known, instant_us, begin_us) - begin_us) / 1e6, endless)
+    return np.where(is_known, (np.where(is_known, instant_us, zero_us) - zero_us) / 1e6, endless)
 
 
 def _speeds(

@@ -162,7 +162,7 @@ def test_who_asks_in_sql_is_answered_by_a_worker(conn: Conn, dsn: str) -> None:
         assert T0 < first < last < T0 + timedelta(hours=1)
         assert 0 < error_s < 1e-6
         assert point is not None
-        assert (closest_at, closest_m, lacking_s) == (first, 0.0, None)
+        assert (closest_at, closest_m, lacking_s, certainty) == (first, 0.0, None, None)
         path = f"LINESTRING M (0.5 -1 {T0_US / 1e6}, 0.5 1 {T0_US / 1e6 + 3600})"
         crossing = conn.execute(ANSWER, [ask(conn, ASK_TRACK, "s", path)]).fetchall()
         assert [row[0] for row in crossing] == ["T", "N"]  # the earlier first

@@ -18,7 +18,10 @@ LIBRARY = "conflictdb/kernel/libkernel.so"
 # Files of the page of `conflictdb map`.
 PAGE = ("conflictdb/map/page/index.html", "conflictdb/map/vendor/maplibre-gl.mjs", "conflictdb/map/vendor/vendor.json")
 # Licences of third-party code, as pyproject.toml declares them.
-LICENCES = tuple(f"conflictdb/map/vendor/{name}.LICENSE.txt" for name in ("maplibre-gl", "world-atlas"))
+LICENCES = (
+    *(f"conflictdb/map/vendor/{name}.LICENSE.txt" for name in ("maplibre-gl", "world-atlas")),
+    "docs/site/iframe-worker.LICENSE.txt",
+)
 # As ELF and Mach-O number them.
 MACHINES = {"x86_64": (62, 0x01000007), "aarch64": (183, 0x0100000C), "arm64": (183, 0x0100000C)}
 SCENE = """

@@ -172,6 +172,12 @@ def test_explain_names_the_rule_and_who_yields(dsn: str) -> None:
         told = explained(db.connection, *ferries)
         assert (told["verdict"], told["decided_by"]["by"]) == ("apart", "rule")
         assert not any({one.a_key, one.b_key}.isdisjoint(drones) for one in found)
+        # A rule that fits in both orders does not choose.
+        with db.connection.transaction():
+            db.connection.execute("SELECT conflictdb.put_rule('s', 'drone', 'track', 700, p_yields => 'a')")
+        db.scene("s").detect()
+        pair = [one.key for one in tracks if one.object_class == "drone"][:2]
+        assert "yields" not in explained(db.connection, *pair)["rule"]
 
 
 def test_two_sessions_do_not_enter_ambiguous_rules(conn: Conn, dsn: str) -> None:

@@ -27,8 +27,9 @@ from conflictdb import (
 from conflictdb.clearing.greedy import greedy, is_plan
 from conflictdb.clearing.least import least
 from conflictdb.clearing.program import NOTHING, Program, chain_of
-from conflictdb.clearing.resolve import at_speed, later, place
+from conflictdb.clearing.resolve import at_speed, later, moved, place
 from conflictdb.clearing.turns import Turns, bound_of
+from conflictdb.clearing.yielding import levels_of
 from conflictdb.stages.delays import Spans
 
 SECOND = 1_000_000
@@ -125,10 +126,10 @@ def test_levels_are_placed_in_turn() -> None:
     """A track of a higher level moves only where nothing else clears it."""
     span = Spans(np.array([-5 * SECOND]), np.array([5 * SECOND]))
     program = Program(np.zeros(2, np.int64), np.full(2, 60 * SECOND), np.ones(2), [NOTHING] * 2, {(0, 1): span})
-    for level, moved in (([0, 1], 0), ([1, 0], 1)):
+    for level, later_one in (([0, 1], 0), ([1, 0], 1)):
         found = place(program, [0, 1], np.array(level), "total", 1.0)
-        assert found.delays[moved] == 5 * SECOND + 1
-        assert found.delays[1 - moved] == 0
+        assert found.delays[later_one] == 5 * SECOND + 1
+        assert found.delays[1 - later_one] == 0
         assert found.is_least
 
 
@@ -322,11 +323,83 @@ def test_speed_clears_what_no_delay_does() -> None:
     assert "of its speed" in move.text()
 
 
+def test_detour_clears_what_nothing_else_does() -> None:
+    """A track across a permanent area goes around it, within the limits, and makes no conflict with others."""
+    area = Area("A", shapely.box(0.4, -0.02, 0.45, 0.02))
+    found = resolve([FERRY, TOW], [area], SCENE, aside_m=8000.0)
+    moves = {one.key: one for one in found.moves}
+    assert found.left == ()
+    way = moves["FERRY"].detour
+    assert way is not None
+    assert way.later_s <= 7200.0
+    assert moves["FERRY"].clears == ("A", "TOW")
+    assert moves["FERRY"].passes[0].side is Side.CLEAR
+    assert moves["FERRY"].text().startswith("FERRY via 0.0")
+    assert "keeps clear of A, keeps clear of TOW by " in moves["FERRY"].text()
+    changed = [moved(SCENE, one, moves[one.key]) if one.key in moves else one for one in (FERRY, TOW)]
+    assert solve(changed, [area], SCENE) == []
+    assert changed[0].times_us[0] == FERRY.times_us[0]
+    changing = replace(FERRY, floors_m=[0.0], ceilings_m=[10.0])
+    for track, given in (
+        (FERRY, {"aside_m": 0.0}),
+        (FERRY, {"aside_m": 100.0}),
+        (FERRY, {"aside_m": 8000.0, "within_s": 1.0}),
+        (FERRY, {"aside_m": 8000.0, "now": T0_US + SECOND}),
+        (changing, {"aside_m": 8000.0}),
+    ):
+        assert "FERRY" in {one.key for one in resolve([track, TOW], [area], SCENE, **given).left}
+
+
 def test_weights_decide_who_moves() -> None:
     """The cheaper of two tracks is later."""
     for dear, cheap in (("FERRY", "TOW"), ("TOW", "FERRY")):
         [move] = resolve([FERRY, TOW], [], SCENE, weights={dear: 9.0}).moves
         assert move.key == cheap
+
+
+@pytest.mark.parametrize(
+    ("a_class", "b_class", "yields", "moves"),
+    [
+        ("ferry", "tow", "a", "FERRY"),
+        ("tow", "ferry", "a", "TOW"),
+        ("ferry", "tow", "b", "TOW"),
+        ("ferry", None, "b", "TOW"),
+        ("track", "tow", "a", "FERRY"),
+        ("area", "ferry", "b", None),
+    ],
+)
+def test_yielding_track_moves(a_class: str, b_class: str | None, yields: str, moves: str | None) -> None:
+    """The track that a rule names moves, whichever is cheaper."""
+    plans = [replace(FERRY, object_class="ferry"), replace(TOW, object_class="tow")]
+    scene = replace(SCENE, rules=[Rule(a_class, b_class, yields=yields)])
+    found = {resolve(plans, [], scene, weights={key: 9.0}).moves[0].key for key in ("FERRY", "TOW")}
+    assert found == ({moves} if moves else {"FERRY", "TOW"})
+
+
+def test_levels_and_kept_tracks_come_before_rules() -> None:
+    """A caller's level, a kept track, and a track that no delay clears let the other one move."""
+    plans = [replace(FERRY, object_class="ferry"), replace(TOW, object_class="tow")]
+    scene = replace(SCENE, rules=[Rule("ferry", "tow", yields="a")])
+    blocks = Area("A", shapely.box(0.4, -0.1, 0.45, 0.1))
+    assert [one.key for one in resolve(plans, [], scene, levels={"FERRY": 1}).moves] == ["TOW"]
+    assert [one.key for one in resolve(plans, [], scene, keep=["FERRY"]).moves] == ["TOW"]
+    assert [one.key for one in resolve(plans, [blocks], scene).moves] == ["TOW"]
+
+
+def test_circles_of_yielding_tracks_share_a_level() -> None:
+    """A yields to B, B to C, C to A and to D, who is above them; E yields to nobody."""
+    spans = Spans(np.array([-1]), np.array([1]))
+    program = Program(
+        np.zeros(5, np.int64),
+        np.ones(5, np.int64),
+        np.ones(5),
+        [NOTHING] * 5,
+        dict.fromkeys([(0, 1), (1, 2), (0, 2), (2, 3), (0, 4)], spans),
+    )
+    rules = [Rule(a, b, yields="a") for a, b in ("ab", "bc", "ca", "cd")]
+    level = levels_of(program, np.zeros(5, np.int64), list("abcde"), rules).tolist()
+    assert level[0] == level[1] == level[2] < level[3] == level[4]
+    assert levels_of(program, np.array([10**6, 0, -(10**6), 0, 0]), list("abcde"), []).tolist() == [2, 1, 0, 1, 1]
 
 
 @pytest.mark.parametrize(
@@ -344,7 +417,10 @@ def test_weights_decide_who_moves() -> None:
         ({"weights": {"FERRY": 0.0}}, "must be a finite number above 0"),
         ({"weights": {"FERRY": float("nan")}}, "must be a finite number above 0"),
         ({"levels": {"FERRY": 0.5}}, "must be a whole number"),
+        ({"levels": {"FERRY": 2**70}}, "must be a whole number"),
         ({"slowest": 1.5}, "must be factors"),
+        ({"aside_m": -1.0}, "aside_m"),
+        ({"aside_m": float("nan")}, "aside_m"),
     ],
 )
 def test_wrong_input_is_refused(given: dict[str, object], part: str) -> None:

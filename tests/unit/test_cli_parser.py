@@ -33,6 +33,7 @@ ALL = dict(commands(build()))
 def test_every_command_and_option_has_help_and_plain_choices(path: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Choices are words: members of an enum would read <Method.SCREEN: 'screen'> in the message about a wrong one."""
     assert ALL[path].description
+    assert "None" not in ALL[path].format_usage()
     for action in ALL[path]._actions:
         if not isinstance(action, argparse._SubParsersAction):
             assert action.help, action

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 from shifting import stretched
+from workloads import GROWING, throw
 
 from conflictdb import (
     Area,
@@ -17,10 +18,14 @@ from conflictdb import (
     Speeds,
     Track,
     delays,
+    kernel,
     rectangle_outline_m,
     solve,
     speeds,
 )
+from conflictdb.model.rules import Rule
+from conflictdb.stages import delays as stage_of_delays
+from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.pieces import covers
 
 RADIUS_M = 6371008.771415
@@ -223,3 +228,30 @@ def test_odd_input_is_refused(more: dict[str, object], message: str) -> None:
 def test_an_odd_waypoint_is_refused(key: str | None, waypoint: int, message: str) -> None:
     with pytest.raises(InvalidInput, match=message):
         delays([EAST, NORTH], [], SCENE, key, waypoint=waypoint)
+
+
+def test_all_tracks_at_once_have_the_speeds_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In one preparation of the kernel, also with areas, heights, growing havens, batches of pairs, and rules."""
+    prepared: list[int] = []
+    made = kernel.KernelScene.__init__
+
+    def counted(self: kernel.KernelScene, *given: object) -> None:
+        prepared.append(1)
+        made(self, *given)  # type: ignore[arg-type]
+
+    scene, areas, tracks = throw(GROWING, 1, 6, 24, tolerance_m=1.0)
+    low = [replace(one, floor_m=0.0, ceiling_m=100.0 * n) for n, one in enumerate(tracks[:6], 1)]
+    tracks = [*low, *tracks[6:]]
+    ruled = replace(scene, rules=(Rule("ferry", "ferry", 500.0),))
+    ferries = [replace(one, object_class="ferry") for one in tracks[:12]] + tracks[12:]
+    for settings, objects, kernels in ((scene, tracks, 1), (ruled, ferries, 2)):
+        prepared.clear()
+        with monkeypatch.context() as patched:
+            patched.setattr(kernel.KernelScene, "__init__", counted)
+            patched.setattr(stage_of_delays, "DEFAULT_MEMORY", replace(DEFAULT_MEMORY, pairs=50))
+            every = speeds(objects, areas, settings)
+        assert len(prepared) == kernels
+        assert sum(bool(one.forbidden) for one in every) > 15
+        keys = sorted((one.key for one in objects), key=str.encode)
+        assert every == [found for key in keys for found in speeds(objects, areas, settings, key)]
+    assert speeds([], areas, scene) == []

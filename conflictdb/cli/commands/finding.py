@@ -21,10 +21,12 @@ from conflictdb.cli.values import (
     height,
     instant,
     instants,
+    level,
     metres,
     name,
     time,
     time_or_age,
+    weight,
 )
 from conflictdb.model.settings import STORED_BY_DETECT
 
@@ -60,9 +62,10 @@ def _add_plans(commands: Any) -> None:
     add_scene(parser)
 
     parser = command(commands, "branch", "branching:branch", "try edits in a branch")
-    parser.add_argument("action", choices=("create", "diff", "merge", "drop"), help="to do")
-    parser.add_argument("branch", type=name, metavar="BRANCH", help="its name")
+    parser.add_argument("action", choices=("create", "diff", "merge", "drop"), help="action")
+    parser.add_argument("branch", type=name, metavar="BRANCH", help="name")
     add_scene(parser)
+    parser.add_argument("--proposal", type=count, metavar="N", help="create: with its moves")
     add_format(parser, "table", "json")
 
     parser = command(commands, "delete", "scene_objects:delete", "delete objects, or a scene")
@@ -142,9 +145,8 @@ def _add_questions(commands: Any) -> None:
     add_options(parser, "--require-current", "--jobs", "--fail-on-conflict")
     add_format(parser, *FORMATS)
 
-    more = "Everything else departs as planned."
-    parser = command(commands, "delays", "delaying:delays", "say when tracks could depart instead", more)
-    parser.add_argument("key", nargs="?", metavar="KEY", help="track (default: every track)")
+    parser = command(commands, "delays", "delaying:delays", "say when tracks could depart instead")
+    parser.add_argument("key", nargs="?", metavar="KEY", help="default: every track")
     add_scene(parser)
     parser.add_argument("--within", type=duration_s, default=7200.0, metavar="DURATION", help="horizon (default: 2h)")
     parser.add_argument("--clear-within-m", type=metres, metavar="M", help="show how far it stays clear")
@@ -153,7 +155,7 @@ def _add_questions(commands: Any) -> None:
     add_format(parser, "table", "json")
 
     parser = command(commands, "speeds", "delaying:speeds", "say at which speeds tracks meet nothing")
-    parser.add_argument("key", nargs="?", metavar="KEY", help="track (default: every track)")
+    parser.add_argument("key", nargs="?", metavar="KEY", help="default: every track")
     add_scene(parser)
     parser.add_argument("--slowest", type=float, default=0.5, metavar="FACTOR", help="default: 0.5")
     parser.add_argument("--fastest", type=float, default=2.0, metavar="FACTOR", help="default: 2")
@@ -161,21 +163,24 @@ def _add_questions(commands: Any) -> None:
     add_format(parser, "table", "json")
 
     parser = command(commands, "resolve", "resolving:resolve", "propose delays that clear a scene")
-    parser.add_argument("keys", nargs="*", metavar="KEY", help="may move (default: tracks in conflict)")
+    parser.add_argument("keys", nargs="*", metavar="KEY", help="default: tracks in conflict")
     add_scene(parser)
     parser.add_argument("--keep", action="append", default=[], metavar="KEY", help="stays; repeatable")
+    parser.add_argument("--weight", action="append", type=weight, metavar="KEY=N", help="of its delays")
+    parser.add_argument("--level", action="append", type=level, metavar="KEY=N", help="highest first")
     parser.add_argument("--within", type=duration_s, default=7200.0, metavar="DURATION", help="default: 2h")
     parser.add_argument("--now", type=instant, metavar="TIME", help="later plans may be earlier")
-    parser.add_argument("--slowest", type=float, default=1.0, metavar="FACTOR", help="of speed, where no delay clears")
+    parser.add_argument("--slowest", type=float, default=1.0, metavar="FACTOR", help="if no delay clears")
     parser.add_argument("--fastest", type=float, default=1.0, metavar="FACTOR", help="default: 1")
+    parser.add_argument("--aside", type=metres, default=0.0, metavar="M", help="new waypoints off legs")
     parser.add_argument("--goal", choices=("total", "largest"), default="total", help="default: total")
     parser.add_argument("--limit", type=duration_s, default=30.0, metavar="DURATION", help="default: 30s")
     add_format(parser, "table", "json")
 
-    parser = command(commands, "apply", "resolving:apply", "apply a proposal, or undo it")
-    parser.add_argument("proposal", type=count, metavar="N", help="its number")
-    parser.add_argument("--undo", action="store_true", help="restore the former times")
-    parser.add_argument("--attached", action="store_true", help="also change rows of attached tables")
+    parser = command(commands, "apply", "resolving:apply", "apply or undo a proposal")
+    parser.add_argument("proposal", type=count, metavar="N", help="number")
+    parser.add_argument("--undo", action="store_true", help="restore times")
+    parser.add_argument("--attached", action="store_true", help="change attached rows, too")
 
     parser = command(commands, "explain", "detecting:explain", "say why two objects conflict, or not")
     parser.add_argument("keys", nargs=2, metavar="KEY", help="keys of both objects")

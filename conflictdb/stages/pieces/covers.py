@@ -23,7 +23,7 @@ from conflictdb.earth.plane import Plane
 from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, MAX_INSTANT_US, MIN_INSTANT_US, Intervals, Scene
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.cutting import area_pieces, track_pieces
-from conflictdb.stages.separations import Separations, to_nanometres, with_closed_heights
+from conflictdb.stages.separations import Separations, with_closed_heights, with_margin
 
 # Part number of covers.
 COVER: Final = -1
@@ -63,13 +63,7 @@ def _padded(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) ->
     ]
     pieces = Pieces.concatenate(made or [area_pieces(scene, plane, areas)])
     if scene.vertical_separation_m > 0.0:
-        half_m = 0.5 * scene.vertical_separation_m
-        pieces = replace(
-            pieces,
-            floor_m=to_nanometres(pieces.floor_m - half_m),
-            ceiling_m=to_nanometres(pieces.ceiling_m + half_m),
-            climb_m=to_nanometres(pieces.climb_m + half_m * np.array([-1.0, -1.0, 1.0, 1.0])),
-        )
+        pieces = with_margin(pieces, 0.5 * scene.vertical_separation_m)
     if scene.intervals == Intervals.HALF_OPEN:
         return pieces
     return with_closed_heights(replace(pieces, end_inclusive=np.ones(len(pieces), np.bool_)))
@@ -101,7 +95,7 @@ def _pieces(
 
     found = []
     for rows, pieces in isolated(every, cut_some, cover, f"{kind} in row"):
-        unsound = rows[~np.isin(ids[rows], _sound(pieces, ids[rows]))]
+        unsound = rows[~np.isin(ids[rows], _sound(pieces))]
         if unsound.size:
             found.append(pieces.take(np.flatnonzero(~np.isin(pieces.object_id, ids[unsound]))))
             found.append(cover(unsound))
@@ -122,12 +116,16 @@ def _of_any_time(pieces: Pieces, unknown: NDArray[np.int64]) -> Pieces:
     return replace(pieces, part=np.where(rows, COVER, pieces.part).astype(np.int32), **at_us)
 
 
-def _sound(pieces: Pieces, ids: NDArray[np.int64]) -> NDArray[np.int64]:
+def _sound(pieces: Pieces) -> NDArray[np.int64]:
     """Return the objects that have pieces, all with finite coordinates: NaN would overlap nothing, without an error."""
     bad = np.zeros(len(pieces), np.bool_)
     for xy, offset in ((pieces.hull_xy, pieces.hull_offset), (pieces.shape_xy, pieces.shape_offset)):
-        bad[np.repeat(np.arange(len(pieces)), np.diff(offset))[~np.isfinite(xy).all(axis=1)]] = True
+        finite = np.isfinite(xy)
+        if not finite.all():
+            bad[np.repeat(np.arange(len(pieces)), np.diff(offset))[~finite.all(axis=1)]] = True
         bad |= np.diff(offset) == 0
+    if not bad.any():
+        return pieces.object_id
     return np.setdiff1d(pieces.object_id, pieces.object_id[bad])
 
 
