@@ -12,7 +12,6 @@ from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.model.plans import MINUS_INFINITY_US
 from conflictdb.model.record import MEASURED, ColumnType
 
-
 # Values of measured columns that are not computed, and their types.
 _UNKNOWN: Final = {
     ColumnType.NUMBER: (np.nan, np.float64),
