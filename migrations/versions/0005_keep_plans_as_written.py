@@ -163,6 +163,7 @@ CREATE TABLE IF NOT EXISTS conflictdb.proposal_move (
     speed double precision NOT NULL,
     clears text[] NOT NULL,
     passes jsonb NOT NULL,
+    detour jsonb,
     explanation text NOT NULL,
     version_after bigint,
     CONSTRAINT proposal_move_pkey PRIMARY KEY (proposal_id, track_id),
