@@ -194,9 +194,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _staged_tracks(boolean, boolean, bigint, bigint) IS
-'Tracks of the staged rows p_first to p_last. With one row per waypoint, name, properties, class, owner, '
-'tolerances, departures, schedule and growth are those of the first row; differing outlines change along the legs; a leg has the lower floor and the higher '
-'ceiling of its ends.';
+'Tracks of the staged rows p_first to p_last. With one row per waypoint, name, properties, class, owner, tolerances, '
+'departures, schedule and growth are those of the first row; differing outlines change along the legs; a leg has the '
+'lower floor and the higher ceiling of its ends.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_attached(
     p_attachment attachment, p_first bigint, p_last bigint

@@ -174,12 +174,19 @@ def test_pairs_with_rules_are_explained_with_their_own_separations(conn: Conn) -
         "none": (0.009, 0.0, 0, None),
     }
     tracks = [
-        # Waits at first, so that 300 s are a distance.
-        sail(f"{name} {'ab'[k]}", (0.0, row + k * north), (1.0, row + k * north), start_us=T0_US + k * later_s * 1000000,
-             floor_m=k * higher_m, ceiling_m=k * higher_m + 50.0, object_class=name, owner=owner)
+        sail(
+            f"{name} {'ab'[k]}",
+            (0.0, row + k * north),
+            (1.0, row + k * north),
+            start_us=T0_US + k * later_s * 1_000_000,
+            floor_m=k * higher_m,
+            ceiling_m=k * higher_m + 50.0,
+            object_class=name,
+            owner=owner,
+        )
         for row, (name, (north, higher_m, later_s, owner)) in enumerate(pairs.items())
         for k in (0, 1)
-    ]  # fmt: skip
+    ]
     scene = Scene("s", separation_m=100.0, vertical_separation_m=20.0, rules=rules)
     load(conn, scene, [], tracks)
     detect.detect(conn, "s", jobs=1)
