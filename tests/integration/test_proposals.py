@@ -449,6 +449,35 @@ def test_detours_are_applied_and_undone(db: Database, scene: StoredScene) -> Non
     assert ask(db, PATHS) == paths
 
 
+def test_branch_of_a_proposal(db: Database, scene: StoredScene, dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A branch with the moves of a proposal has the conflicts that applying it leaves; then it has no difference."""
+    found = scene.resolve(within_s=6 * 3600.0, aside_m=80_000.0)
+    number = found.proposal_id or 0
+    branch = scene.branch("clear", number)
+    branch.detect()
+    diff = branch.diff()
+    assert {(one.key, one.change) for one in diff.objects} == {(one.key, "changed") for one in found.moves}
+    assert {one.change for one in diff.conflicts} == {"gone"}
+    cleared = {frozenset((one.key, other)) for one in found.moves for other in one.clears}
+    assert {frozenset((one.a_key, one.b_key)) for one in diff.conflicts} == cleared
+    left = pairs(branch)
+    db.apply_proposal(number)
+    scene.detect(), branch.detect()
+    assert pairs(scene) == pairs(branch) == left
+    assert branch.diff().objects == []
+    with pytest.raises(InvalidInput, match="has changed since it was computed"):
+        scene.branch("late", number)
+    run = runner(dsn, capsys)
+    assert "is not known" in run("branch", "create", "none", "--proposal", 99, "--scene", scene.name).err
+    ask(db, "SELECT conflictdb.create_scene('other')")
+    other = db.scene("other")
+    with pytest.raises(InvalidInput, match="is not of scene 'other'"):
+        other.branch("wrong", number)
+    assert {one.scene.name for one in db.scenes()} == {scene.name, "clear", "other"}
+    number = scene.resolve(keep=[one.key for one in found.moves], aside_m=80_000.0).proposal_id or 0
+    assert run("branch", "create", "again", "--proposal", number, "--scene", scene.name).code == DONE
+
+
 def test_stored_scene_has_the_detours_of_its_objects(db: Database, scene: StoredScene) -> None:
     settings, areas, tracks = store.read_scene(db.connection, scene.name)
     key = scene.resolve().left[0].key

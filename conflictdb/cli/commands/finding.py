@@ -63,8 +63,9 @@ def _add_plans(commands: Any) -> None:
 
     parser = command(commands, "branch", "branching:branch", "try edits in a branch")
     parser.add_argument("action", choices=("create", "diff", "merge", "drop"), help="action")
-    parser.add_argument("branch", type=name, metavar="BRANCH", help="its name")
+    parser.add_argument("branch", type=name, metavar="BRANCH", help="name")
     add_scene(parser)
+    parser.add_argument("--proposal", type=count, metavar="N", help="create: with its moves")
     add_format(parser, "table", "json")
 
     parser = command(commands, "delete", "scene_objects:delete", "delete objects, or a scene")
