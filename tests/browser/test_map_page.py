@@ -417,7 +417,8 @@ def test_nothing_overlaps_and_nobody_is_left_out(strait: str, open_page: Open) -
             assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
             assert page.evaluate("document.documentElement.scrollHeight") <= size[1]
             boxes = page.evaluate("""[...document.querySelectorAll(
-                'h1, #headline, #state, #theme, #words, #more > summary, .controls > *, #bars, #slider, #map, .detail > *, li'
+                'h1, #headline, #state, #theme, #words, #more > summary, .controls > *, #bars, #slider, #map,'
+                + ' .detail > *, .side li'
             )].filter((one) => one.checkVisibility() && !one.closest('[hidden]')).map((one) => {
                 const {x, y, width, height} = one.getBoundingClientRect();
                 return [one.id || one.className || one.tagName, x, y, x + width, y + height];
