@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ from conflictdb.errors import InvalidInput
 from conflictdb.in_memory import Objects
 from conflictdb.kernel.boxes import BoxTree, RowBoxes
 from conflictdb.kernel.bundles import boxes_of
+from conflictdb.model import inputs
+from conflictdb.model.limits import Limits
 from conflictdb.model.plans import Area, Scene, Track, check_datums, check_keys
 from conflictdb.model.results import Conflict, Kind, Results
 from conflictdb.stages.memory import DEFAULT_MEMORY
@@ -35,6 +37,7 @@ from conflictdb.stages.stage1_broad_phase import pairs_together
 from conflictdb.stages.to_results import to_results
 
 Plan = Area | Track
+_NO_TRACKS: Final = TrackBatch.of([])
 
 
 class Index:
@@ -43,11 +46,20 @@ class Index:
     The answer is that of `solve` on the same plans. Plans of one owner are never compared with each other.
 
     scene : the settings; a centre that great circles need follows from the first plans if it is not given
+    max_vertices : most vertices of an area, or waypoints of a track; None: 1,000,000
+    max_days_ahead : days from now until which a plan must end; None: no limit, plans without times are accepted
     """
 
-    def __init__(self, scene: Scene | None = None) -> None:
+    def __init__(
+        self, scene: Scene | None = None, *, max_vertices: int | None = None, max_days_ahead: float | None = None
+    ) -> None:
         if not isinstance(scene, Scene | None):
             raise InvalidInput("Index", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
+        if max_vertices is not None:
+            inputs.count("Index", "max_vertices", max_vertices, 1)
+        if max_days_ahead is not None:
+            inputs.days("Index", "max_days_ahead", max_days_ahead)
+        self._limits = Limits(max_vertices, max_vertices, max_days_ahead)
         self._scene = scene or Scene("in memory")
         self._lock = threading.Lock()
         self._owners: dict[str, _Owner] = {}
@@ -72,11 +84,12 @@ class Index:
         owner : str, optional
             By default each plan is its own owner, named by its key.
 
-        Raises InvalidInput, and changes nothing, for plans that do not fit the scene's plane, and for keys that occur
-        twice or belong to another owner.
+        Raises InvalidInput, and changes nothing, for plans that do not fit the scene's plane or the limits, and for
+        keys that occur twice or belong to another owner.
         """
         given = listed("put", plans)
         check_keys(one.key for one in given)
+        self._limits.check(given)
         with self._lock:
             self._scene = centred(self._scene, *by_kind(given))
         mine = Members.of_plans(self._scene, plane_of(self._scene), given)
@@ -121,6 +134,7 @@ class Index:
         """
         given = listed("probe", plans)
         check_keys(one.key for one in given)
+        self._limits.check(given)
         scene, state = centred(self._scene, *by_kind(given)), self._state
         plane = plane_of(scene)
         mine = Members.of_plans(scene, plane, given)
@@ -250,7 +264,7 @@ class _Given:
         return found
 
     def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
-        found = TrackBatch.of([])
+        found = _NO_TRACKS
         for number in track_ids.tolist():
             plan = self._members[Kind.TRACK][number].plan
             found = found if plan is None else found.followed_by(replace(plan(), track_id=np.array([number])))
@@ -303,9 +317,9 @@ class Members(NamedTuple):
         """Return plans; raises InvalidInput for those that do not fit the scene's plane."""
         areas, tracks = by_kind(plans)
         check_datums(scene, plans)
-        check_plane(plane, areas, tracks)
+        flat = check_plane(plane, areas, tracks)
         places = [np.array([k for k, one in enumerate(plans) if isinstance(one, kind)]) for kind in (Area, Track)]
-        pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+        pieces = pieces_of(scene, plane, AreaBatch.of(areas, flat), TrackBatch.of(tracks) if tracks else _NO_TRACKS)
         row = pieces.object_id + np.where(pieces.kind == Kind.AREA.code, 0, len(areas))
         return cls(pieces, np.concatenate(places).astype(np.int64)[row], [Member.of(one) for one in plans])
 

@@ -41,9 +41,7 @@ END;
 COMMENT ON FUNCTION _is_plain(jsonb) IS
 'Whether properties are a JSON object with at most 100 levels and only numbers in the range of a double.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._check_size(
-    p_who text, p_field text, p_points bigint, p_limit text
-) RETURNS void
+CREATE OR REPLACE FUNCTION conflictdb_internal._most_points(p_limit text) RETURNS integer
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     -- MAX_POINTS in conflictdb.model.
@@ -56,12 +54,25 @@ BEGIN
                         format('must be a whole number from 0 to %s; got %L', c_most, v_given), 'limit_is_number',
                         format('ALTER DATABASE %I RESET %s', current_database(), v_name));
     END IF;
-    IF p_points > least(v_given::integer, c_most) THEN
+    RETURN least(v_given::integer, c_most);
+END
+$$;
+COMMENT ON FUNCTION _most_points(text) IS
+'Most points accepted: the setting conflictdb.max_vertices or conflictdb.max_waypoints (p_limit), at most 1,000,000.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_size(
+    p_who text, p_field text, p_points bigint, p_limit text
+) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+DECLARE
+    v_most integer := _most_points(p_limit);
+BEGIN
+    IF p_points > v_most THEN
         FOUND := _raise('ZC017', p_who, p_field,
-                        format('must have at most %s %s; got %s', least(v_given::integer, c_most),
-                               replace(p_limit, 'max_', ''), p_points), 'size_within_limit',
-                        format('Simplify it, or split it into several objects; %s is the limit, at most %s.', v_name,
-                               c_most));
+                        format('must have at most %s %s; got %s', v_most, replace(p_limit, 'max_', ''), p_points),
+                        'size_within_limit',
+                        format('Simplify it, or split it into several objects; conflictdb.%s is the limit, at most '
+                               '1000000.', p_limit));
     END IF;
 END
 $$;

@@ -57,12 +57,17 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._proposal_of_pair(
 ) RETURNS bigint
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 BEGIN
-    IF NOT EXISTS (SELECT FROM proposal_move m WHERE m.scene_id = p_scene_id AND m.version_after IS NOT NULL) THEN
+    IF NOT EXISTS (SELECT FROM proposal p WHERE p.scene_id = p_scene_id AND p.applied_at IS NOT NULL) THEN
         RETURN NULL;
     END IF;
     RETURN (SELECT max(m.proposal_id)
             FROM track t
-            JOIN proposal_move m ON m.scene_id = t.scene_id AND m.track_id = t.track_id AND m.version_after = t.version
+            JOIN proposal_move m ON m.scene_id = t.scene_id AND m.track_id = t.track_id
+            JOIN proposal p ON p.proposal_id = m.proposal_id AND p.applied_at IS NOT NULL
+                -- A track of an attached table, whose rows have been read since.
+                AND coalesce(m.version_after = t.version,
+                             t.path::bytea = CASE WHEN p.undone_at IS NULL THEN m.path ELSE m.planned END::bytea
+                             AND t.version <> m.version)
             JOIN change c ON c.scene_id = t.scene_id AND c.object_kind = 1 AND c.object_id = t.track_id
                              AND c.version = t.version
             WHERE t.scene_id = p_scene_id

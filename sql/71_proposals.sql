@@ -43,11 +43,13 @@ BEGIN
                 v_basis.objects_hash)
         RETURNING proposal_id INTO v_proposal_id;
     INSERT INTO proposal_move (proposal_id, scene_id, track_id, key, version, planned, path, delay_s, speed, clears,
-                               passes, explanation)
-        SELECT v_proposal_id, p_scene_id, t.track_id, t.key, t.version, t.path, _retimed(t.path, m.times_us),
-               m.delay_s, m.speed, m.clears, m.passes, m.text
+                               passes, detour, explanation)
+        SELECT v_proposal_id, p_scene_id, t.track_id, t.key, t.version, t.path,
+               _retimed(t.path, m.times_us, m.detour), m.delay_s, m.speed, m.clears, m.passes,
+               m.detour, m.text
         FROM jsonb_to_recordset(p_moves) m (key text, times_us bigint[], delay_s double precision,
-                                            speed double precision, clears text[], passes jsonb, text text)
+                                            speed double precision, clears text[], passes jsonb, detour jsonb,
+                                            text text)
         JOIN track t ON t.scene_id = p_scene_id AND t.key = m.key;
     INSERT INTO proposal_left (proposal_id, scene_id, key, blocked_by)
         SELECT v_proposal_id, p_scene_id, l.key, l.blocked_by
@@ -61,17 +63,25 @@ COMMENT ON FUNCTION _put_proposal(
     bigint, jsonb, text, double precision, double precision, boolean, jsonb, jsonb) IS
 'Stores a proposal and returns its id; raises ZC018 if the scene has changed since p_basis (_proposal_basis) was read.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._retimed(p_path geometry, p_times_us bigint[]) RETURNS geometry
-LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+CREATE OR REPLACE FUNCTION conflictdb_internal._retimed(
+    p_path geometry, p_times_us bigint[], p_detour jsonb
+) RETURNS geometry
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- M is Unix seconds, as loading divides them.
-    SELECT ST_SetSRID(ST_MakeLine(ST_MakePointM(ST_X(d.geom), ST_Y(d.geom),
-                                                p_times_us[d.path[1]]::double precision / 1e6::double precision)
-                                  ORDER BY d.path[1]), ST_SRID(p_path))
-    FROM ST_DumpPoints(p_path) d;
+    SELECT ST_SetSRID(ST_MakeLine(ST_MakePointM(o.x, o.y, p_times_us[o.n]::double precision / 1e6::double precision)
+                                  ORDER BY o.n), ST_SRID(p_path))
+    FROM (SELECT row_number() OVER (ORDER BY w.leg, w.place) AS n, w.x, w.y
+          FROM (SELECT d.path[1] AS leg, 0 AS place, ST_X(d.geom) AS x, ST_Y(d.geom) AS y
+                FROM ST_DumpPoints(p_path) d
+                UNION ALL
+                SELECT (p_detour ->> 'leg')::integer, v.n, (v.at ->> 0)::double precision,
+                       (v.at ->> 1)::double precision
+                FROM jsonb_array_elements(p_detour -> 'waypoints_deg') WITH ORDINALITY v (at, n)) w) o;
 END;
-COMMENT ON FUNCTION _retimed(geometry, bigint[]) IS
-'A path with other times at its waypoints, microseconds since 1970; equal to the one that a load stores.';
+COMMENT ON FUNCTION _retimed(geometry, bigint[], jsonb) IS
+'A path with other times at its waypoints, microseconds since 1970, and with new waypoints of a detour (null: none); '
+'equal to the one that a load stores.';
 
 CREATE OR REPLACE FUNCTION proposal_changes(p_proposal_id bigint) RETURNS text[]
 LANGUAGE plpgsql STABLE STRICT SET search_path FROM CURRENT AS $$
@@ -95,7 +105,12 @@ BEGIN
             v_found := ARRAY['objects that were removed'];
         END IF;
     END IF;
-    RETURN v_found;
+    RETURN v_found || ARRAY(
+        SELECT format('rows of %I.%I, which a detection has not read yet', a.table_schema, a.table_name)
+        FROM attachment a
+        WHERE a.scene_id = v_proposal.scene_id
+          AND EXISTS (SELECT FROM attached_change q WHERE q.attachment_id = a.attachment_id)
+        ORDER BY a.attachment_id);
 END
 $$;
 COMMENT ON FUNCTION proposal_changes(bigint) IS
@@ -166,7 +181,7 @@ BEGIN
     RETURN QUERY
     SELECT m.key::text, a.attachment_id,
            -- Names and literals only: expressions of a map may run code of the role that attached the table.
-           CASE WHEN m.speed = 1 AND c.attname IS NOT NULL AND NOT a.map ? 'where'
+           CASE WHEN m.speed = 1 AND m.detour IS NULL AND c.attname IS NOT NULL AND NOT a.map ? 'where'
                      AND octet_length(o.identity) < 1000 THEN
                     format('UPDATE %I.%I AS t SET %I = %s WHERE %s', a.table_schema, a.table_name, c.attname,
                            CASE WHEN c.attndims > 0 THEN
@@ -192,7 +207,7 @@ END
 $$;
 COMMENT ON FUNCTION proposal_statements(bigint, boolean) IS
 'For each move of a proposal whose track comes from an attached table: the statement that shifts its rows by the '
-'delay, or undoes that. Null if the map computes the times or selects rows, or the speed changes.';
+'delay, or undoes that. Null if the map computes the times or selects rows, or speed or way change.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._move_attached(
     p_proposal_id bigint, p_undo boolean, p_may boolean
@@ -299,8 +314,11 @@ BEGIN
         ORDER BY t.track_id FOR UPDATE OF t;
     SELECT string_agg(format('track %L', m.key), ', ' ORDER BY m.key) INTO v_changed
         FROM proposal_move m LEFT JOIN track t USING (track_id)
-        WHERE m.proposal_id = p_proposal_id AND m.version_after IS NOT NULL
-          AND t.version IS DISTINCT FROM m.version_after;
+        -- Rows of attached tables may not have been read since.
+        WHERE m.proposal_id = p_proposal_id
+          AND CASE WHEN m.version_after IS NULL
+                   THEN t.path::bytea IS DISTINCT FROM m.path::bytea AND t.version IS DISTINCT FROM m.version
+                   ELSE t.version IS DISTINCT FROM m.version_after END;
     IF v_changed IS NOT NULL THEN
         FOUND := _raise('ZC018', format('proposal %s', p_proposal_id), 'scene',
                         format('has changed since it was applied: %s', v_changed), 'proposal_current');
@@ -328,7 +346,8 @@ SELECT s.name AS scene, p.proposal_id, p.made_at, p.made_by,
             ELSE 'open' END AS state,
        p.goal, p.objective_s, p.bound_s, p.is_least,
        (SELECT coalesce(jsonb_agg(jsonb_build_object('key', m.key, 'delay_s', m.delay_s, 'speed', m.speed, 'clears',
-                                                     m.clears, 'passes', m.passes, 'text', m.explanation)
+                                                     m.clears, 'passes', m.passes, 'detour', m.detour, 'text',
+                                                     m.explanation)
                                   ORDER BY m.key), '[]')
         FROM proposal_move m WHERE m.proposal_id = p.proposal_id) AS moves,
        (SELECT coalesce(jsonb_agg(jsonb_build_object('key', l.key, 'blocked_by', l.blocked_by) ORDER BY l.key), '[]')
@@ -350,7 +369,7 @@ COMMENT ON COLUMN proposals.bound_s IS 'No other choice that leaves so few track
 COMMENT ON COLUMN proposals.is_least IS
 'Whether it is proven that no other choice leaves fewer tracks, or as many for less, to a millisecond.';
 COMMENT ON COLUMN proposals.moves IS
-'Tracks that move: {"key", "delay_s", "speed", "clears", "passes", "text"}; negative delays: earlier.';
+'Tracks that move: {"key", "delay_s", "speed", "clears", "passes", "detour", "text"}; negative delays: earlier.';
 COMMENT ON COLUMN proposals.left_as_planned IS
 'Tracks that stay in conflict: {"key", "blocked_by"}, the keys of objects that forbid every change.';
 COMMENT ON COLUMN proposals.applied_at IS 'When it was applied; null: never.';
@@ -386,6 +405,8 @@ COMMENT ON COLUMN proposal_move.delay_s IS 'How much later all of its times are,
 COMMENT ON COLUMN proposal_move.speed IS 'Factor of its planned speed.';
 COMMENT ON COLUMN proposal_move.clears IS 'Keys of the objects with which it is no longer in conflict.';
 COMMENT ON COLUMN proposal_move.passes IS 'How it passes others: {"key", "side", "closest_m", "closest_at"}.';
+COMMENT ON COLUMN proposal_move.detour IS
+'Its new waypoints: {"leg", "waypoints_deg", "longer_m", "later_s"}; null: none.';
 COMMENT ON COLUMN proposal_move.explanation IS 'The move in one sentence.';
 COMMENT ON COLUMN proposal_move.version_after IS
 'Its version since the proposal was applied, or undone; null before, and for tracks of attached tables.';

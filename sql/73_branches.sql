@@ -1,11 +1,21 @@
 -- Making, comparing, merging and dropping branches. How they store and read objects: 10_branches.sql.
 
-CREATE OR REPLACE FUNCTION create_branch(p_scene text, p_name text) RETURNS bigint
+CREATE OR REPLACE FUNCTION create_branch(
+    p_scene text, p_name text, p_proposal_id bigint DEFAULT NULL
+) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_parent_id bigint := _scene_id(p_scene);
     v_branch_id bigint;
 BEGIN
+    IF p_proposal_id IS NOT NULL THEN
+        IF (_proposal(p_proposal_id)).scene_id <> v_parent_id THEN
+            FOUND := _raise('ZC011', format('proposal %s', p_proposal_id), 'id',
+                            format('is not of scene %L', p_scene), 'proposal_known',
+                            'The view proposals has those that are.');
+        END IF;
+        PERFORM _check_unchanged(p_proposal_id);
+    END IF;
     BEGIN
         -- Without RETURNING: row-level security shows the row to later statements only.
         INSERT INTO scene (name, parent_scene_id) VALUES (p_name, v_parent_id);
@@ -15,14 +25,21 @@ BEGIN
     END;
     v_branch_id := _scene_or_branch(p_name);
     PERFORM _put_rules(v_branch_id, _rules_of(v_parent_id), true);
+    INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines,
+                       floors_m, ceilings_m, class, owner, tolerances, departures, schedule)
+        SELECT v_branch_id, t.key, t.name, m.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps,
+               t.outlines, t.floors_m, t.ceilings_m, t.class, t.owner, t.tolerances, t.departures, t.schedule
+        FROM proposal_move m JOIN track t ON t.track_id = m.track_id AND t.scene_id = m.scene_id
+        WHERE m.proposal_id = p_proposal_id;
     RETURN v_branch_id;
 END
 $$;
-COMMENT ON FUNCTION create_branch(text, text) IS
+COMMENT ON FUNCTION create_branch(text, text, bigint) IS
 'Makes a branch of a scene, which belongs to the current role; returns its id. A branch has the objects, settings and '
 'rules of the scene; edits of its objects stay in the branch, until merge_branch takes them over. It stores its edits '
-'only. Objects that it has not edited follow the scene. Raises ZC020 for a branch of a branch, ZC007 if the name is '
-'taken.';
+'only. Objects that it has not edited follow the scene. p_proposal_id: a proposal of the scene, whose moves are the '
+'first edits of the branch. Raises ZC020 for a branch of a branch, ZC007 if the name is taken, ZC018 for a proposal '
+'that is out of date.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._branch_to_change(p_branch text) RETURNS bigint
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$

@@ -2,8 +2,57 @@
 -- exclude each other exactly one is admitted. Statements that put objects directly wait for nobody; an admission sees
 -- what they have committed, detected or not.
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._max_days_ahead() RETURNS double precision
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_given text := nullif(current_setting('conflictdb.max_days_ahead', true), '');
+BEGIN
+    IF v_given !~ '^[0-9]{1,6}([.][0-9]{1,9})?$' THEN
+        FOUND := _raise('ZC009', 'setting conflictdb.max_days_ahead', 'max_days_ahead',
+                        format('must be a number of days; got %L', v_given), 'limit_is_number',
+                        format('ALTER DATABASE %I RESET conflictdb.max_days_ahead', current_database()));
+    END IF;
+    RETURN v_given;
+END
+$$;
+COMMENT ON FUNCTION _max_days_ahead() IS
+'Days from now until which a plan must end to be admitted: the setting conflictdb.max_days_ahead; null: no limit.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_ends(p_scene_id bigint, p_keys text[]) RETURNS void
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_days double precision := _max_days_ahead();
+    v_late record;
+BEGIN
+    IF v_days IS NULL THEN
+        RETURN;
+    END IF;
+    -- A schedule may go on without end.
+    SELECT p.* INTO v_late
+        FROM (SELECT a.key, 'area' AS kind, CASE WHEN a.schedule IS NULL THEN upper(a.active_span) END AS finish
+              FROM area a WHERE a.scene_id = p_scene_id AND a.key = ANY (p_keys)
+              UNION ALL
+              SELECT t.key, 'track',
+                     CASE WHEN t.schedule IS NULL
+                          THEN to_timestamp(ST_M(ST_EndPoint(t.path)))
+                               + coalesce(t.departures[cardinality(t.departures)]
+                                          - to_timestamp(ST_M(ST_StartPoint(t.path))), interval '0') END
+              FROM track t WHERE t.scene_id = p_scene_id AND t.key = ANY (p_keys)) p
+        WHERE (p.finish <= now() + v_days * interval '1 day') IS NOT TRUE LIMIT 1;
+    IF FOUND THEN
+        FOUND := _raise('ZC003', format('%s %L', v_late.kind, v_late.key), 'end',
+                        format('must be at most %s days from now; got %s', v_days,
+                               coalesce(v_late.finish::text, 'no end')), 'end_within_limit',
+                        'conflictdb.max_days_ahead is the limit.');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_ends(bigint, text[]) IS
+'Raises ZC003 for an object, by its key, that ends later than _max_days_ahead() allows.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._begin_admission(
-    p_scene text, p_wait_s double precision, OUT scene_id bigint, OUT settings jsonb
+    p_scene text, p_wait_s double precision, OUT scene_id bigint, OUT settings jsonb, OUT max_vertices integer,
+    OUT max_waypoints integer, OUT max_days_ahead double precision
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 #variable_conflict use_column
@@ -20,10 +69,14 @@ BEGIN
     PERFORM set_config('lock_timeout', v_lock_timeout, true);
     scene_id := v_scene_id;
     settings := _scene_settings(v_scene_id);
+    max_vertices := _most_points('max_vertices');
+    max_waypoints := _most_points('max_waypoints');
+    max_days_ahead := _max_days_ahead();
 END
 $$;
 COMMENT ON FUNCTION _begin_admission(text, double precision) IS
-'Takes the lock of admissions of a scene until the transaction ends; returns the scene''s id, settings and rules. '
+'Takes the lock of admissions of a scene until the transaction ends; returns the scene''s id, settings and rules, and '
+'limits of plans. '
 'Waits at most p_wait_s seconds (null: lock_timeout), then raises lock_not_available. A transaction with an older '
 'snapshot than the last admission gets serialization_failure.';
 

@@ -324,6 +324,7 @@ BEGIN
             WHERE NOT EXISTS (SELECT FROM jsonb_array_elements(v_plans) g
                               WHERE g ->> 'key' = r.key AND (g ->> 'path' IS NOT NULL) = (r.kind = 1))),
                            v_plans, false);
+        PERFORM _check_ends(v_scene_id, v_keys);
         SELECT bool_and(m.period IS NOT NULL),
                coalesce(jsonb_agg(_conflict_as_json(m.a_kind, m.a_id, m.b_kind, m.b_id, m.period))
                             FILTER (WHERE m.period IS NOT NULL), '[]')

@@ -82,6 +82,7 @@ class AreaBatch:
     active : spans; none: the area is never active
     floor_m, ceiling_m : (n,) float64, -inf and +inf where unbounded
     class_number, owner_number : (n,) int64, of class and owner (`words`), 0 without
+    flat : (n,) object, the footprints in the scene's plane; None: not computed
     """
 
     area_id: NDArray[np.int64]
@@ -92,6 +93,7 @@ class AreaBatch:
     ceiling_m: NDArray[np.float64]
     class_number: NDArray[np.int64]
     owner_number: NDArray[np.int64]
+    flat: NDArray[np.object_] | None = None
 
     def __len__(self) -> int:
         return len(self.area_id)
@@ -99,11 +101,13 @@ class AreaBatch:
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the areas of some rows."""
         columns = {column.name: getattr(self, column.name) for column in fields(self)}
-        taken = {name: of.take(rows) if name == "active" else of[rows] for name, of in columns.items()}
+        taken = {
+            name: of.take(rows) if name == "active" else of[rows] for name, of in columns.items() if of is not None
+        }
         return type(self)(**taken)
 
     @classmethod
-    def of(cls, areas: Sequence[Area]) -> "AreaBatch":
+    def of(cls, areas: Sequence[Area], flat: NDArray[np.object_] | None = None) -> "AreaBatch":
         """Return the batch of some areas, numbered from 0."""
         footprint = np.empty(len(areas), dtype=object)
         footprint[:] = [area.footprint for area in areas]
@@ -119,6 +123,7 @@ class AreaBatch:
             np.array([np.inf if a.ceiling_m is None else a.ceiling_m for a in areas], dtype=np.float64),
             numbers_of_words([a.object_class for a in areas]),
             numbers_of_words([a.owner for a in areas]),
+            flat,
         )
 
 

@@ -1,6 +1,6 @@
 """Another way for one track: one or two waypoints more on a leg, so that it meets nothing."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, Final
@@ -15,7 +15,7 @@ from conflictdb.index import Index
 from conflictdb.model import inputs
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Motion, Scene, Track
-from conflictdb.model.proposals import Detour
+from conflictdb.model.proposals import Detour, NewWaypoints
 
 # Ways that are tried on each leg: where on it the waypoints are, and how far aside, by the limit.
 _PLACES: Final = ((0.5,), (0.25,), (0.75,), (0.1, 0.9), (0.25, 0.75), (0.02, 0.98))
@@ -64,6 +64,14 @@ def detours(
     index.put([*areas, *planned.values()])
     # Longer than every key, so that no plan has the key of a way.
     prefix = max([track.key, *planned, *(area.key for area in areas)], key=len) + "#"
+    return ways_of(index, prefix, scene, track, most_m, later_s)
+
+
+def ways_of(index: Index, prefix: str, scene: Scene, track: Track, most_m: float, later_s: float) -> list[Detour]:
+    """Return ways on which a track meets nothing of an index, shortest first.
+
+    prefix : longer than every key of the index
+    """
     found: list[Detour] = []
     for leg in range(len(track.positions_deg) - 1):
         for places in _PLACES:
@@ -123,7 +131,24 @@ def _way(scene: Scene, track: Track, leg: int, places: tuple[float, ...], aside_
     lon, lat = rhumb_direct(earth, lon, lat, bearing + np.sign(aside_m) * 90.0, abs(aside_m))
     if not (np.abs(lat) < 88.0).all() or np.abs(lon).max() > 360.0:
         return None
-    way = np.concatenate([[start], np.stack([lon, lat], axis=1), [end]])
+    return _over(scene, track, leg, places, np.stack([lon, lat], axis=1))
+
+
+def is_changing(track: Track) -> bool:
+    """Return whether size, heights or tolerances of a track are given by leg or waypoint."""
+    return any(one is not None for one in (track.outlines_m, track.floors_m, track.ceilings_m, track.tolerances))
+
+
+def rerouted(scene: Scene, track: Track, way: NewWaypoints) -> Track:
+    """Return a track with new waypoints; nothing of it changes from leg to leg (`is_changing`)."""
+    return _over(scene, track, way.leg - 1, (), np.array(way.waypoints_deg)).track
+
+
+def _over(scene: Scene, track: Track, leg: int, places: Sequence[float], waypoints_deg: Floats) -> Detour:
+    """Return a track with more waypoints on a leg; places: the shares of the leg that lie before them."""
+    earth = earth_of(scene.earth)
+    start, end = track.positions_deg[leg], track.positions_deg[leg + 1]
+    way = np.concatenate([[start], waypoints_deg, [end]])
     distance = great_circle_distance if scene.motion is Motion.GREAT_CIRCLE else partial(rhumb_distance, earth)
     parts_m = distance(way[:-1, 0], way[:-1, 1], way[1:, 0], way[1:, 1])
     planned_m = float(distance(*start, *end))
@@ -157,7 +182,7 @@ def _way(scene: Scene, track: Track, leg: int, places: tuple[float, ...], aside_
     )
 
 
-def _heights(track: Track, heights_m: Floats | None, leg: int, places: tuple[float, ...]) -> Floats | None:
+def _heights(track: Track, heights_m: Floats | None, leg: int, places: Sequence[float]) -> Floats | None:
     """Return heights per leg, or per waypoint, with those of the new waypoints."""
     if heights_m is None:
         return None

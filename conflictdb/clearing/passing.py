@@ -8,7 +8,7 @@ import numpy as np
 
 from conflictdb import in_memory
 from conflictdb.model.plans import MAX_DISTANCE_M, Area, Scene, Track
-from conflictdb.model.proposals import METRES_PER_NMI, Move, Passing, Side
+from conflictdb.model.proposals import METRES_PER_NMI, Move, NewWaypoints, Passing, Side
 from conflictdb.model.results import Conflict
 from conflictdb.stages.delays import Differences
 
@@ -22,6 +22,7 @@ def moves_of(
     areas: Iterable[Area],
     delays: Mapping[str, int],
     speeds: Mapping[str, float],
+    ways: Mapping[str, NewWaypoints],
     cleared: Iterable[tuple[str, str]],
     found: Differences,
     key_of: Mapping[int, str],
@@ -29,25 +30,26 @@ def moves_of(
     """Return the moves, by key.
 
     changed : all tracks as they are after the moves
-    delays, speeds : of the tracks that move, microseconds and factors
+    delays, speeds, ways : of the tracks that move, microseconds, factors and new waypoints
     cleared : the pairs that are in conflict as planned, and no longer
     found : the differences of all tracks that may move
     """
-    moving = sorted({*delays, *speeds}, key=str.encode)
+    moving = sorted({*delays, *speeds, *ways}, key=str.encode)
     clears: dict[str, set[str]] = {key: set() for key in moving}
     for a, b in cleared:
         for key, other in ((a, b), (b, a)):
             if key in clears:
                 clears[key].add(other)
     of_key = {key_of[number]: rows for number, rows in found.of_each_track()}
-    sides = {}
+    sides: dict[str, dict[str, Side]] = {}
     for key in moving:
         own = of_key.get(key)
-        sides[key] = (
-            {other: _side_at_speed(other, speeds[key], changed) for other in clears[key]}
-            if (key in speeds)
-            else ({} if own is None else _sides(own, key_of, delays, delays[key], clears[key], changed))
-        )
+        if key in ways:
+            sides[key] = dict.fromkeys(clears[key], Side.CLEAR)
+        elif key in speeds:
+            sides[key] = {other: _side_at_speed(other, speeds[key], changed) for other in clears[key]}
+        else:
+            sides[key] = {} if own is None else _sides(own, key_of, delays, delays[key], clears[key], changed)
     near = _near(scene, changed, areas, {(key, other) for key in moving for other in sides[key]})
     moves = []
     for key in moving:
@@ -63,7 +65,8 @@ def moves_of(
                 )
             )
         cleared_keys = tuple(sorted(clears[key], key=str.encode))
-        moves.append(Move(key, delays.get(key, 0) / 1e6, speeds.get(key, 1.0), cleared_keys, tuple(passes)))
+        delay_s, speed = delays.get(key, 0) / 1e6, speeds.get(key, 1.0)
+        moves.append(Move(key, delay_s, speed, cleared_keys, tuple(passes), ways.get(key)))
     return moves
 
 

@@ -9,16 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb import in_memory
+from conflictdb.clearing.detours import is_changing, rerouted, ways_of
 from conflictdb.clearing.least import Solution, least
 from conflictdb.clearing.passing import moves_of
 from conflictdb.clearing.program import Program, chain_of
 from conflictdb.clearing.yielding import levels_of
 from conflictdb.errors import ConflictDBError, InvalidInput
+from conflictdb.index import Index
 from conflictdb.model import inputs
 from conflictdb.model.horizon import require_one_voyage
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.proposals import Goal, Left, Move, Proposal
+from conflictdb.model.proposals import Goal, Left, Move, NewWaypoints, Proposal
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import differences_of
 
@@ -34,19 +36,27 @@ _MOST_LEVEL: Final = 1_000_000
 class Limits:
     """What a proposal may change, checked.
 
-    within_us, now_us, slowest, fastest, goal, limit_s : as of `resolve`, in microseconds
+    within_us, now_us, slowest, fastest, aside_m, goal, limit_s : as of `resolve`, in microseconds
     """
 
     within_us: int
     now_us: int | None
     slowest: float
     fastest: float
+    aside_m: float
     goal: Goal
     limit_s: float
 
     @classmethod
     def of(
-        cls, within_s: Any, now: inputs.Instant | None, slowest: Any, fastest: Any, goal: Any, limit_s: Any
+        cls,
+        within_s: Any,
+        now: inputs.Instant | None,
+        slowest: Any,
+        fastest: Any,
+        aside_m: Any,
+        goal: Any,
+        limit_s: Any,
     ) -> "Limits":
         """Return the limits. Raises InvalidInput."""
         within_s = inputs.seconds("resolve", "within_s", within_s)
@@ -56,7 +66,9 @@ class Limits:
         if goal not in list(Goal):
             raise InvalidInput("resolve", "goal", f"must be one of {', '.join(Goal)}; got {goal!r:.20}")
         factors = in_memory.limits(slowest, fastest)
-        return cls(round(1e6 * within_s), now_us, *factors, Goal(goal), inputs.seconds("resolve", "limit_s", limit_s))
+        aside_m = inputs.reach_m("resolve", "aside_m", aside_m)
+        limit_s = inputs.seconds("resolve", "limit_s", limit_s)
+        return cls(round(1e6 * within_s), now_us, *factors, aside_m, Goal(goal), limit_s)
 
     def of_delays(self, track: Track) -> tuple[int, int]:
         """Return the least and the greatest delay of a track."""
@@ -79,6 +91,7 @@ def resolve(
     now: inputs.Instant | None = None,
     slowest: float = 1.0,
     fastest: float = 1.0,
+    aside_m: float = 0.0,
     goal: Goal | str = Goal.TOTAL,
     limit_s: float = 30.0,
 ) -> Proposal:
@@ -109,12 +122,15 @@ def resolve(
     slowest, fastest : float
         Tracks that no delay clears go at another speed, from `slowest` to `fastest` times the planned one; by default
         none does.
+    aside_m : float
+        Tracks that neither clears get one or two new waypoints on a leg, up to this far aside of it, and arrive at most
+        `within_s` later; by default none does. Their size and heights must not change on the way.
     goal : str
         ``total``, the sum of all delays, or ``largest``.
     limit_s : float
         Time for the proof, seconds.
     """
-    limits = Limits.of(within_s, now, slowest, fastest, goal, limit_s)
+    limits = Limits.of(within_s, now, slowest, fastest, aside_m, goal, limit_s)
     areas = in_memory.each("resolve", "areas", areas, Area)
     scene, plane, pieces, key_of, _, known = in_memory.numbered("resolve", tracks, areas, scene)
     scene = replace(scene, method=Method.EXACT, nearest_m=0.0)
@@ -140,12 +156,14 @@ def resolve(
     rest = {movable[i] for i in solution.left}
     speeds = _speeds(scene, changed, areas, sorted(rest, key=str.encode), limits)
     changed |= {key: at_speed(planned[key], factor) for key, factor in speeds.items()}
+    ways = _ways(scene, changed, areas, sorted(rest - speeds.keys(), key=str.encode), limits)
+    changed |= {key: rerouted(scene, planned[key], way) for key, way in ways.items()}
     after = conflicts(changed.values(), areas, scene)
-    _verify(before, after, set(movable) - (rest - speeds.keys()))
+    _verify(before, after, set(movable) - (rest - speeds.keys() - ways.keys()))
     blocked = {movable[i]: _blocking(program, numbers, solution, i, found, key_of) for i in solution.left}
     still = sorted({key for pair in after for key in pair if key in planned}, key=str.encode)
     left = [Left(key, blocked.get(key) or _met(after, key)) for key in still]
-    moves = moves_of(scene, changed, areas, delays, speeds, before - after, found, key_of)
+    moves = moves_of(scene, changed, areas, delays, speeds, ways, before - after, found, key_of)
     return Proposal(tuple(moves), tuple(left), limits.goal, solution.objective_s, solution.bound_s, solution.is_least)
 
 
@@ -167,8 +185,10 @@ def at_speed(track: Track, factor: float) -> Track:
     return replace(track, times_us=times, max_speed_kn=np.inf)
 
 
-def moved(track: Track, move: Move) -> Track:
+def moved(scene: Scene, track: Track, move: Move) -> Track:
     """Return a track as a move changes it."""
+    if move.detour is not None:
+        return rerouted(scene, track, move.detour)
     return at_speed(track, move.speed) if move.speed != 1.0 else later(track, round(1e6 * move.delay_s))
 
 
@@ -246,6 +266,31 @@ def _speeds(
         if factors:
             found[key] = min(factors, key=lambda factor: abs(np.log(factor)))
             now[key] = at_speed(now[key], found[key])
+    return found
+
+
+def _ways(
+    scene: Scene, changed: Mapping[str, Track], areas: list[Area], keys: Sequence[str], limits: Limits
+) -> dict[str, NewWaypoints]:
+    """Return the shortest detours that are found for tracks that nothing else clears, one track after another."""
+    if not (limits.aside_m > 0.0 and keys):
+        return {}
+    ends = time.monotonic() + limits.limit_s
+    index = Index(scene)
+    index.put([*areas, *changed.values()])
+    prefix = max([*changed, *(area.key for area in areas)], key=len) + "#"
+    found = {}
+    for key in keys:
+        track = changed[key]
+        has_begun = limits.now_us is not None and int(track.times_us[0]) < limits.now_us
+        if has_begun or is_changing(track) or time.monotonic() > ends:
+            continue
+        index.remove(key)
+        if best := ways_of(index, prefix, scene, track, limits.aside_m, limits.within_us / 1e6)[:1]:
+            one = best[0]
+            found[key] = NewWaypoints(one.leg, one.waypoints_deg, one.longer_m, one.later_s)
+            track = one.track
+        index.put(track)
     return found
 
 

@@ -18,7 +18,7 @@ def branch(args: argparse.Namespace) -> int:
     with database(args) as db:
         scene = db.scene(args.scene)
         if args.action == "create":
-            made = scene.branch(args.branch)
+            made = scene.branch(args.branch, args.proposal)
             out(f"{made.name}: a branch of {args.scene}")
             args.scene = made.name
         elif args.action == "merge":

@@ -24,6 +24,7 @@ def resolve(args: argparse.Namespace) -> int:
             now=args.now,
             slowest=args.slowest,
             fastest=args.fastest,
+            aside_m=args.aside,
             goal=args.goal,
             limit_s=args.limit,
         )
@@ -40,6 +41,9 @@ def apply(args: argparse.Namespace) -> int:
     with database(args) as db:
         change = db.undo_proposal if args.undo else db.apply_proposal
         count = change(args.proposal, attached=args.attached)
+    if not count:
+        out("the proposal moves nothing")
+        return DONE
     done = "restored" if args.undo else "moved"
     out(f"{done} {count} track{'' if count == 1 else 's'}; the scene waits for detection")
     return DONE

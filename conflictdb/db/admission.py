@@ -30,7 +30,8 @@ def admit(
     """Put plans unless they conflict with anybody; see `StoredScene.admit`."""
     given = [one if owner is None else replace(one, owner=owner, **_unlimited(one)) for one in plans]
     store.require_writable(conn)
-    with store.admission(conn, scene, lock_timeout_s) as (number, stored):
+    with store.admission(conn, scene, lock_timeout_s) as (number, stored, limits):
+        limits.check(given)
         settings = centred(stored, *by_kind(given))
         plane = plane_of(settings)
         mine = Members.of_plans(settings, plane, given)

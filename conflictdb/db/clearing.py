@@ -27,5 +27,5 @@ def resolve(
         settings, areas, tracks = store.read_scene(conn, scene)
     found = compute(tracks, areas, settings)
     moves = {one.key: one for one in found.moves}
-    changed = {track.key: moved(track, moves[track.key]) for track in tracks if track.key in moves}
+    changed = {track.key: moved(settings, track, moves[track.key]) for track in tracks if track.key in moves}
     return replace(found, proposal_id=store.put_proposal(conn, scene_id, basis, found, changed))

@@ -10,6 +10,7 @@ Reference: J. P. Snyder, "Map Projections: A Working Manual", USGS Professional 
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -64,7 +65,7 @@ class Gnomonic:
         """Return longitudes within half a turn of the centre's and latitudes, degrees."""
         x = np.asarray(x_m, dtype=np.float64) / MEAN_RADIUS_M
         y = np.asarray(y_m, dtype=np.float64) / MEAN_RADIUS_M
-        sine, cosine = direction_of(self.centre_lat_deg)
+        sine, cosine = _direction(self.centre_lat_deg)
         out, axis = cosine - y * sine, sine + y * cosine
         return self.centre_lon_deg + np.degrees(np.arctan2(x, out)), np.degrees(np.arctan2(axis, np.hypot(x, out)))
 
@@ -167,9 +168,8 @@ class Gnomonic:
         """
         lat = np.asarray(lat_deg, dtype=np.float64)
         turn = self._turn_deg(lon_deg)
-        (sine, cosine), (sine0, cosine0), (sine_turn, cosine_turn) = (
-            direction_of(angle) for angle in (lat, self.centre_lat_deg, turn)
-        )
+        (sine, cosine), (sine_turn, cosine_turn) = direction_of(lat), direction_of(turn)
+        sine0, cosine0 = _direction(self.centre_lat_deg)
         versine = 2.0 * np.sin(np.radians(0.5 * turn)) ** 2
         east = cosine * sine_turn
         north = np.sin(np.radians(lat - self.centre_lat_deg)) + sine0 * cosine * versine
@@ -177,9 +177,8 @@ class Gnomonic:
 
     def compass(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         """Return the unit vectors (3, ...) that point east and north at points (at a pole: along their meridian)."""
-        (sine, cosine), (sine0, cosine0), (sine_turn, cosine_turn) = (
-            direction_of(angle) for angle in (lat_deg, self.centre_lat_deg, self._turn_deg(lon_deg))
-        )
+        (sine, cosine), (sine_turn, cosine_turn) = direction_of(lat_deg), direction_of(self._turn_deg(lon_deg))
+        sine0, cosine0 = _direction(self.centre_lat_deg)
         east = np.stack(np.broadcast_arrays(cosine_turn, sine0 * sine_turn, -cosine0 * sine_turn))
         north = np.stack(
             np.broadcast_arrays(
@@ -195,3 +194,9 @@ class Gnomonic:
         lon = np.asarray(lon_deg, dtype=np.float64)
         home = lon - 360.0 * np.round(lon / 360.0)  # exact
         return shorter_way_deg(np.where(home == -180.0, 180.0, home) - self.centre_lon_deg)
+
+
+@lru_cache(maxsize=64)
+def _direction(lat_deg: float) -> tuple[Floats, Floats]:
+    """Return the sine and cosine of a centre's latitude."""
+    return direction_of(lat_deg)

@@ -12,7 +12,7 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb.db import store
-from conflictdb.errors import ConflictDBError, NotPermitted
+from conflictdb.errors import ConflictDBError, InvalidInput, NotPermitted
 
 _log = logging.getLogger(__name__)
 
@@ -41,6 +41,7 @@ class SceneChanges:
         self._connect = connect
         self._ends = Event()
         self._is_seen = True
+        self._parent: str | None = None
         self._writers_notify = True
         self._thread = Thread(target=self._listen, daemon=True, name="changes")
         self._subscribers: set[asyncio.Queue[str | None]] = set()
@@ -126,11 +127,14 @@ class SceneChanges:
                 self.publish(OBJECTS if OBJECTS in said else CONFLICTS)
 
     def _sees(self, connection: psycopg.Connection[Any]) -> bool:
-        """Return whether the scene exists and the user may see it."""
+        """Return whether the scene exists and the user may see it; read the name of its parent, too."""
         try:
-            return store.scene_settings(connection, self._scene) is not None
-        except NotPermitted:
+            if store.scene_settings(connection, self._scene) is None:
+                return False
+            self._parent = store.parent_name(connection, store.scene_or_branch_id(connection, self._scene))
+        except (InvalidInput, NotPermitted):  # dropped between both questions, or not shared
             return False
+        return True
 
     def _meaning(self, payload: str) -> str | None:
         """Return what a notification means for the scene, None if nothing."""
@@ -141,5 +145,6 @@ class SceneChanges:
         if not isinstance(run, dict):
             return OBJECTS
         # If scenes are protected, the notification of a run names none. If writers do not notify, objects changed
-        # before the run.
-        return (CONFLICTS if self._writers_notify else OBJECTS) if run.get("scene") in (self._scene, None) else None
+        # before the run. A branch shows the conflicts of its parent, too.
+        concerns = run.get("scene") in (self._scene, self._parent, None)
+        return (CONFLICTS if self._writers_notify else OBJECTS) if concerns else None

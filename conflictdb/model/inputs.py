@@ -38,6 +38,7 @@ Footprint: TypeAlias = Pairs | shapely.Polygon | shapely.MultiPolygon
 INSTANT_RULE: Final = "must be an aware datetime, a datetime64 (UTC), or a whole number of microseconds since 1970"
 
 _LONGEST_S: Final = 1e9  # 31 years of waiting, as on the command line: more is a wrong unit
+_MOST_DAYS: Final = 999_999.0
 
 _FARTHEST_M: Final = 1e6  # farther away nothing is near
 
@@ -153,6 +154,14 @@ def seconds(who: str, field: str, given: float) -> float:
     is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
     if not is_number or not 0.0 <= given <= _LONGEST_S:
         raise InvalidInput(who, field, f"must be a number of seconds, 0 to {_LONGEST_S:g}; got {given!r:.60}")
+    return float(given)
+
+
+def days(who: str, field: str, given: float) -> float:
+    """Return a number of days; raises InvalidInput."""
+    is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
+    if not is_number or not 0.0 <= given <= _MOST_DAYS:
+        raise InvalidInput(who, field, f"must be a number of days, 0 to {_MOST_DAYS:,.0f}; got {given!r:.60}")
     return float(given)
 
 

@@ -26,6 +26,7 @@ class Side(StrEnum):
     AHEAD = "ahead"  # earlier
     AFTER = "after"  # it comes to an area after that ends
     BEFORE = "before"  # it has left an area before that begins
+    CLEAR = "clear"  # on another way
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,22 @@ class Passing:
 
 
 @dataclass(frozen=True, slots=True)
+class NewWaypoints:
+    """Waypoints that a track gets on one of its legs, departing as planned and at the speed of the leg.
+
+    leg : of the planned track, 1 the first
+    waypoints_deg : one or two, longitude and latitude
+    longer_m : how much longer the way is, metres
+    later_s : how much later the track arrives, seconds
+    """
+
+    leg: int
+    waypoints_deg: tuple[tuple[float, float], ...]
+    longer_m: float
+    later_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Move:
     """A change of one track.
 
@@ -52,6 +69,7 @@ class Move:
     speed : factor of its planned speed, on all legs, departing as planned; 1: as planned
     clears : the keys of the objects that it is in conflict with as planned, and no longer
     passes : how it passes these, and others that keep it from a smaller delay
+    detour : its new waypoints; None: it has the planned ones
     """
 
     key: str
@@ -59,6 +77,7 @@ class Move:
     speed: float
     clears: tuple[str, ...]
     passes: tuple[Passing, ...]
+    detour: NewWaypoints | None = None
 
     def text(self, names: Mapping[str, str] | None = None) -> str:
         """Return the move in one sentence; names: of objects, by key."""
@@ -72,8 +91,9 @@ class Move:
                 Side.AHEAD: "passes ahead of",
                 Side.AFTER: "comes after",
                 Side.BEFORE: "leaves before",
+                Side.CLEAR: "keeps clear of",
             }[one.side]
-            parts.append(f"{verb} {other}{where if one.side in (Side.ASTERN, Side.AHEAD) else ''}")
+            parts.append(f"{verb} {other}{where if one.side not in (Side.AFTER, Side.BEFORE) else ''}")
         count = len(self.clears)
         cleared = f"clears {count} conflict{'' if count == 1 else 's'}" if count else "clears none"
         how = ", ".join(parts[1:])
@@ -154,7 +174,15 @@ def _distance(metres: float) -> str:
     return f"{tenths / 10} nmi" if tenths else f"{int(metres)} m"
 
 
+def _place(lon: float, lat: float) -> str:
+    return f"{abs(lat):.4f} {'S' if lat < 0.0 else 'N'} {abs(lon):.4f} {'W' if lon < 0.0 else 'E'}"
+
+
 def _change(move: Move) -> str:
+    if move.detour is not None:
+        way = " and ".join(_place(*place) for place in move.detour.waypoints_deg)
+        longer = f"{_distance(move.detour.longer_m)} longer, arrives {duration_text(move.detour.later_s)} later"
+        return f"via {way} on leg {move.detour.leg}, {longer}"
     if move.speed != 1.0:
         return f"at {100.0 * move.speed:.1f} % of its speed"
     later = "later" if move.delay_s > 0.0 else "earlier"

@@ -122,14 +122,16 @@ class RuleTable:
             return np.arange(KINDS.index(side), n, 2) if side in KINDS else 2 * place[side] + np.arange(2)
 
         for number, rule in enumerate(rules):
-            cells = np.zeros((n, n), np.bool_)
-            cells[np.ix_(types(rule.a_class), types(rule.b_class))] = True
-            cells |= cells.T
-            tied = cells & (rank == rule.rank)
-            same = [one for one in np.unique(chosen[tied]).tolist() if rules[one].says_as(rule)]
-            rival[tied & ~np.isin(chosen, same)] = number
-            better = cells & (rank < rule.rank)
-            chosen[better], rank[better], rival[better] = number, rule.rank, -1
+            # Of the pairs of its two sides alone: a thousand rules have millions of pairs of types.
+            a, b = types(rule.a_class), types(rule.b_class)
+            block, mirrored = np.ix_(a, b), np.ix_(b, a)
+            own_chosen, own_rank, own_rival = chosen[block], rank[block], rival[block]
+            tied, better = own_rank == rule.rank, own_rank < rule.rank
+            same = [one for one in np.unique(own_chosen[tied]).tolist() if rules[one].says_as(rule)]
+            own_rival[tied & ~np.isin(own_chosen, same)] = number
+            own_chosen[better], own_rank[better], own_rival[better] = number, rule.rank, -1
+            for of_all, own in ((chosen, own_chosen), (rank, own_rank), (rival, own_rival)):
+                of_all[block], of_all[mirrored] = own, own.T
         ties = np.argwhere(rival >= 0)
         if len(ties):
             one, other = ties[0].tolist()

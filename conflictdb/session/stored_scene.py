@@ -426,7 +426,8 @@ class StoredScene:
         Raises
         ------
         InvalidInput
-            The scene does not exist, its plane cannot contain a plan, or a key belongs to another owner.
+            The scene does not exist, its plane cannot contain a plan, a plan is beyond a limit of the database, or a
+            key belongs to another owner.
         LockTimeout
             Another admission did not end in time.
         """
@@ -515,6 +516,7 @@ class StoredScene:
         now: inputs.Instant | None = None,
         slowest: float = 1.0,
         fastest: float = 1.0,
+        aside_m: float = 0.0,
         goal: Goal | str = Goal.TOTAL,
         limit_s: float = 30.0,
     ) -> Proposal:
@@ -540,6 +542,7 @@ class StoredScene:
             now=now,
             slowest=slowest,
             fastest=fastest,
+            aside_m=aside_m,
             goal=goal,
             limit_s=limit_s,
         )
@@ -692,14 +695,16 @@ class StoredScene:
         store.copy_scene(self.connection, self.name, name)
         return StoredScene(name, self._connected)
 
-    def branch(self, name: str) -> "StoredScene":
+    def branch(self, name: str, proposal_id: int | None = None) -> "StoredScene":
         """Make a branch of the scene, and return it: a scene with the same objects, which stores only its edits.
 
         Objects that the branch has not edited follow the scene. `merge` takes its edits over, `drop` forgets them.
 
-        Raises InvalidInput if the name is taken, or this is a branch.
+        proposal_id : of a proposal (`resolve`), whose moves are the first edits of the branch
+
+        Raises InvalidInput if the name is taken, this is a branch, or the proposal is out of date.
         """
-        store.create_branch(self.connection, self.name, name)
+        store.create_branch(self.connection, self.name, name, proposal_id)
         return StoredScene(name, self._connected)
 
     def branch_of(self) -> str | None:

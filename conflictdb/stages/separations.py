@@ -30,11 +30,13 @@ class Separations:
 
     settings : distinct, without rules
     of_types : (t, t) int64, the settings of two types; NEVER
+    vertical_m : (t,) float64, the largest vertical separation that objects of a type can need
     numbers, number_type : (c,) int64, the numbers of classes that rules name, sorted, and the types of areas of each
     """
 
     settings: Sequence[Scene]
     of_types: NDArray[np.int64]
+    vertical_m: Floats
     numbers: NDArray[np.int64]
     number_type: NDArray[np.int64]
 
@@ -52,7 +54,11 @@ class Separations:
             of_rules[i] = NEVER if rule.allowed else found.setdefault(own, len(found))
         numbers = numbers_of_words(table.classes)
         order = np.argsort(numbers)
-        return cls(list(found), of_rules[table.rule], numbers[order], (2 * (order + 1)).astype(np.int64))
+        settings, of_types = list(found), of_rules[table.rule]
+        height_m = np.array([one.vertical_separation_m for one in settings])
+        vertical_m = np.where(of_types == NEVER, 0.0, height_m[of_types]).max(axis=1)
+        vertical_m[(of_types == NEVER).all(axis=1)] = height_m[0]
+        return cls(settings, of_types, vertical_m, numbers[order], (2 * (order + 1)).astype(np.int64))
 
     def of_two(self, a: Area | Track, b: Area | Track) -> Scene | None:
         """Return the settings of two objects; None if they are not compared."""
@@ -89,7 +95,7 @@ class Separations:
         return replace(
             self.settings[0],
             separation_m=max(one.separation_m for one in able),
-            vertical_separation_m=max(one.vertical_separation_m for one in able),
+            vertical_separation_m=float(self.vertical_m[type_]),
         )
 
     def split(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> Iterator[tuple[Scene, Pieces, NDArray[np.int64]]]:
@@ -118,8 +124,7 @@ class Separations:
 
     def of_settings(self, settings: Scene, pieces: Pieces) -> Pieces:
         """Return pieces whose heights are further out by half of one vertical separation, not of their largest."""
-        of_types = np.array([self.padding(one).vertical_separation_m for one in range(len(self.of_types))])
-        spare_m = of_types[self.types(pieces.kind, pieces.class_number)] - settings.vertical_separation_m
+        spare_m = self.vertical_m[self.types(pieces.kind, pieces.class_number)] - settings.vertical_separation_m
         if not spare_m.any():
             return pieces
         own = with_margin(pieces, -0.5 * spare_m)

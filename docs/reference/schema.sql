@@ -317,6 +317,7 @@ TABLE proposal_move (
     speed double precision NOT NULL,
     clears text[] NOT NULL,
     passes jsonb NOT NULL,
+    detour jsonb,
     explanation text NOT NULL,
     version_after bigint
 );
@@ -990,7 +991,7 @@ FUNCTION _before_probe_request()
 FUNCTION _before_scene_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
-FUNCTION _begin_admission(p_scene text, p_wait_s double precision, OUT scene_id bigint, OUT settings jsonb)
+FUNCTION _begin_admission(p_scene text, p_wait_s double precision, OUT scene_id bigint, OUT settings jsonb, OUT max_vertices integer, OUT max_waypoints integer, OUT max_days_ahead double precision)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _begin_attached()
@@ -1069,6 +1070,9 @@ FUNCTION _check_delays_request(p_scene_id bigint, p_key text, p_horizon interval
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_departures(p_who text, p_path geometry, p_departures timestamp with time zone[])
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _check_ends(p_scene_id bigint, p_keys text[])
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_growth(p_who text, p_path geometry, p_outline geometry, p_grow_mps double precision, p_outlines geometry)
@@ -1479,6 +1483,9 @@ FUNCTION _mark_side(p_scene_id bigint, p_side text, p_other text)
 FUNCTION _marked_objects(p_scene_id bigint, p_kind smallint)
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
+FUNCTION _max_days_ahead()
+    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _max_speed_kn()
     RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
@@ -1508,6 +1515,9 @@ FUNCTION _mixed(p_one double precision[], p_share double precision, p_other doub
 
 FUNCTION _most_havens()
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _most_points(p_limit text)
+    RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _move_attached(p_proposal_id bigint, p_undo boolean, p_may boolean)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1713,8 +1723,8 @@ FUNCTION _requested_admission(p_probe_id bigint)
 FUNCTION _require_snapshot()
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _retimed(p_path geometry, p_times_us bigint[])
-    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+FUNCTION _retimed(p_path geometry, p_times_us bigint[], p_detour jsonb)
+    RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _rhumb_vertices(p_lon_deg double precision, p_mu double precision, p_bearing_deg double precision, p_outline geometry, p_earth text)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -2022,7 +2032,7 @@ FUNCTION conflicts_within(p_scene text, p_geometry geometry, p_span tstzrange)
 FUNCTION copy_scene(p_scene text, p_name text)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION create_branch(p_scene text, p_name text)
+FUNCTION create_branch(p_scene text, p_name text, p_proposal_id bigint DEFAULT NULL::bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION create_scene(p_name text, p_motion text DEFAULT NULL::text, p_earth text DEFAULT NULL::text, p_method text DEFAULT NULL::text, p_tolerance_m double precision DEFAULT NULL::double precision, p_separation_m double precision DEFAULT NULL::double precision, p_nearest_m double precision DEFAULT NULL::double precision, p_centre_lon double precision DEFAULT NULL::double precision, p_centre_lat double precision DEFAULT NULL::double precision, p_vertical_separation_m double precision DEFAULT NULL::double precision, p_time_separation_s double precision DEFAULT NULL::double precision, p_delays_within_s double precision DEFAULT NULL::double precision, p_intervals text DEFAULT NULL::text, p_horizon_days double precision DEFAULT NULL::double precision, p_vertical_datum text DEFAULT NULL::text)

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "1801a5dcd466f62c983f4fb2cb8f81dfffdf224aad8c6c9801aac7a0531c1c16"
+routines_sha256 = "497264247d2c90161171fba4e07356dd177ee796012c435576891d8459d7a5de"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -129,6 +129,7 @@ CREATE TABLE IF NOT EXISTS conflictdb.proposal_move (
     speed double precision NOT NULL,
     clears text[] NOT NULL,
     passes jsonb NOT NULL,
+    detour jsonb,
     explanation text NOT NULL,
     version_after bigint,
     CONSTRAINT proposal_move_pkey PRIMARY KEY (proposal_id, track_id),

@@ -7,11 +7,11 @@ from typing import Any
 
 import psycopg
 import pytest
-from city import CITY, asked, flight, keys, pairs, square
+from city import CITY, asked, beyond_limits, flight, keys, pairs, square, within_limits
 from scene_strategies import assert_same
 from workloads import HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, SEAM, Workload, throw
 
-from conflictdb import Database, StoredScene, connect
+from conflictdb import Database, InvalidInput, StoredScene, connect
 from conflictdb.db import probes, store
 
 
@@ -169,3 +169,28 @@ def test_bad_plans_change_nothing(db: Database, city: StoredScene, plans: str, r
     assert caught.value.sqlstate is not None
     assert caught.value.sqlstate.startswith("ZC")
     assert keys(city) == []
+
+
+def test_limits_of_the_database_refuse_plans(db: Database, city: StoredScene) -> None:
+    """In Python and SQL, whether they meet anybody or not; objects that are put directly may have no end."""
+    conn = db.connection
+    city.put(replace(square("fence", 0.0), start_us=None, end_us=None))
+    limits = {"max_days_ahead": "30", "max_vertices": "10000", "max_waypoints": "10000"}
+    for name, most in limits.items():
+        conn.execute(f"SET conflictdb.{name} = {most}")
+    for plan, rule in beyond_limits():
+        with pytest.raises(InvalidInput, match=rule):
+            city.admit(plan)
+        with pytest.raises(psycopg.Error, match=rule) as caught, conn.transaction():
+            asked(conn, plan)
+        assert caught.value.sqlstate in {"ZC003", "ZC017"}
+    assert keys(city) == ["fence"]
+    assert not city.admit(within_limits("a"))
+    assert asked(conn, within_limits("a"))[0] is False
+    conn.commit()
+    for given in ("-1", "soon", "NaN", "1e3"):
+        conn.execute("SELECT set_config('conflictdb.max_days_ahead', %s, false)", [given])
+        with pytest.raises(psycopg.Error, match="must be a number of days"), conn.transaction():
+            asked(conn, within_limits("a"))
+    conn.execute("RESET ALL")
+    conn.commit()

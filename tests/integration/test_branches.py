@@ -133,6 +133,85 @@ def test_edited_branch_equals_copy(db: Database, workload: Workload) -> None:
     )
 
 
+def test_life_of_branches_equals_copy(db: Database) -> None:
+    """Conflicts after random edits, deletions and detections, and events of merges, are those of full copies."""
+    assert live(db, seed=0, steps=32) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 9))
+def test_long_life_of_branches_equals_copy(db: Database, seed: int) -> None:
+    """The same for a hundred steps, and on great circles."""
+    live(db, seed, 100, ARCTIC if seed % 3 == 0 else WORKLOAD)
+
+
+def live(db: Database, seed: int, steps: int, workload: Workload = WORKLOAD) -> int:
+    """Change a branch, its parent and a copy alike at random, compare them, and return the number of merges."""
+    rng = np.random.default_rng(seed)
+    scene = stored(db, seed, 5, 12, workload)
+    _, more_areas, more_tracks = throw(workload, seed + 100, 6, 12)
+    pool: list[Area | Track] = [*more_areas, *more_tracks]
+    branch, copy, edited, merges = scene.branch("branch 0"), scene.copy("copy"), set[str](), 0
+    copy.detect()
+    for step in range(steps):
+        draw = 1.0 if step % 15 == 14 else rng.random()
+        if draw < 0.6:
+            before = objects_of(branch)
+            edit(branch, [copy], rng, pool)
+            after = objects_of(branch)
+            edited |= {key for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
+        elif draw < 0.75:
+            # The copy does not follow the parent: it is edited alike where the branch is not.
+            key = str(rng.choice([one.key for one in scene.objects()]))
+            if key in edited:
+                continue
+            for one in (scene, copy):
+                if draw < 0.65:
+                    one.delete_objects(key)
+                else:
+                    one.put(replace(pool[step % len(pool)], key=key))
+        elif draw < 1.0:
+            branch.detect(full=draw > 0.92), copy.detect()
+            assert found(branch) == found(copy)
+        else:
+            merge_as_copy(db, scene, branch)
+            copy.detect()
+            assert (objects_of(scene), found(scene)) == (objects_of(copy), found(copy))
+            merges += 1
+            branch, edited = scene.branch(f"branch {merges}"), set()
+            assert branch.detect().conflicts == len(found(scene))
+            diff = branch.diff()
+            assert diff.objects == diff.conflicts == []
+    branch.detect(), copy.detect()
+    assert_same(branch, copy)
+    return merges
+
+
+def merge_as_copy(db: Database, scene: StoredScene, branch: StoredScene) -> None:
+    """Merge a branch; the events are those of a copy whose objects are edited alike."""
+    twin = scene.copy("twin")
+    scene.detect(), twin.detect(), branch.detect()
+    [(last,)] = ask(db, "SELECT coalesce(max(event), 0) FROM conflictdb.conflict_events")
+    _, areas, tracks = store.read_scene(db.connection, branch.name)
+    objects = {one.key: one for one in (*areas, *tracks)}
+    for one in branch.diff().objects:
+        if one.change == "removed":
+            twin.delete_objects(one.key)
+        else:
+            twin.put(objects[one.key])
+    branch.merge()
+    scene.detect(), twin.detect()
+    assert events(db, scene, last) == events(db, twin, last)
+    twin.delete()
+
+
+def events(db: Database, scene: StoredScene, since: int) -> list[Any]:
+    """Kinds, keys and verdicts of events, without their order."""
+    query = """SELECT kind, least(a_key, b_key), greatest(a_key, b_key), verdict FROM conflictdb.conflict_events
+               WHERE scene = %s AND event > %s ORDER BY 1, 2, 3, 4"""
+    return ask(db, query, scene.name, since)
+
+
 def test_merged_scene_equals_branch(db: Database, scene: StoredScene) -> None:
     """A merge leaves the scene as the branch was, keeps the numbers of its objects, and removes the branch."""
     rng = np.random.default_rng(5)

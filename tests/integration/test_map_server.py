@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 import webbrowser
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ from contextlib import contextmanager
 from http.client import HTTPConnection
 from importlib.resources import files
 from pathlib import Path
-from queue import Queue
+from queue import Empty, Queue
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -23,7 +24,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from commands import runner
+from commands import STRAIT, runner
 from map_page import Client, served_page
 from patience import killed_after
 from piecework import load
@@ -383,6 +384,41 @@ def test_a_notification_that_is_nested_deeply_is_ignored() -> None:
     changes = SceneChanges("s", lambda: pytest.fail("it does not connect"))
     assert changes._meaning("[" * 7_900) is None
     assert changes._meaning('{"scene": "s"}') == CONFLICTS
+
+
+def test_page_of_a_branch_hears_its_parent(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A detection of the parent changes the conflicts that a branch shows; one of another scene does not."""
+    with conflictdb.connect(dsn) as db:
+        db.load(STRAIT)
+        parent = db.scene("strait")
+        other = parent.copy("other")
+        branch = parent.branch("branch")
+        for one in (parent, other, branch):
+            one.detect()
+        heard: Queue[str] = Queue()
+        listening = threading.Event()
+        changes = SceneChanges("branch", lambda: psycopg.connect(dsn))
+        monkeypatch.setattr(changes, "publish", heard.put)
+        sees = changes._sees
+
+        def sees_now(connection: psycopg.Connection[Any]) -> bool:
+            seen = sees(connection)
+            listening.set()
+            return seen
+
+        monkeypatch.setattr(changes, "_sees", sees_now)
+        thread = threading.Thread(target=changes._listen)
+        thread.start()
+        try:
+            assert listening.wait(30.0)
+            other.detect(full=True)
+            with pytest.raises(Empty):
+                heard.get(timeout=2.0)
+            parent.detect(full=True)
+            assert heard.get(timeout=30.0) == CONFLICTS
+        finally:
+            changes.end()
+            thread.join()
 
 
 def test_a_host_that_is_no_name_is_refused(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,11 +1,13 @@
 """Proposals of a stored scene: all or nothing, undone exactly, and refused in one sentence if out of date."""
 
+import contextlib
 import json
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import psycopg
 import pytest
 from commands import STRAIT, runner
@@ -13,6 +15,7 @@ from psycopg import conninfo, sql
 from workloads import LOW_LATITUDE, throw
 
 from conflictdb import InvalidInput, NotPermitted, StoreError, connect, detours, resolve
+from conflictdb.clearing.resolve import moved
 from conflictdb.cli.codes import DONE, FAILED, INPUT_REFUSED, USAGE
 from conflictdb.db import store
 from conflictdb.session.database import Database
@@ -324,6 +327,155 @@ def test_attached_rows_belong_to_their_table(db: Database, dsn: str) -> None:
     scene.detect()
     assert pairs(scene) == {("E", "N")}
     assert ask(db, "SELECT at FROM mission.fix ORDER BY voyage, n") == times
+    assert [(one.kind, one.proposal_id) for one in scene.conflict_events()][-2:] == [
+        ("closed", number),
+        ("opened", number),
+    ]
+
+
+def test_attached_rows_that_changed_are_refused(db: Database, dsn: str) -> None:
+    """Rows that changed are not shifted, whether a detection has read them or not."""
+    with psycopg.connect(dsn, autocommit=True) as conn:
+        conn.execute(VOYAGES.encode())
+    scene = db.scene("s")
+    scene.attach("track", "mission.fix", VOYAGE_MAP)
+    scene.detect()
+    later = "UPDATE mission.fix SET at = at + interval '1 s' WHERE voyage = 'E' RETURNING 1"
+    number = scene.resolve(keep=["N"]).proposal_id or 0
+    ask(db, later)
+    with pytest.raises(InvalidInput, match=r"rows of mission\.fix, which a detection has not read yet"):
+        db.apply_proposal(number, attached=True)
+    with pytest.raises(InvalidInput, match=r"rows of mission\.fix, which a detection has not read yet"):
+        scene.resolve(keep=["N"])
+    scene.detect()
+    number = scene.resolve(keep=["N"]).proposal_id or 0
+    db.apply_proposal(number, attached=True)
+    assert db.undo_proposal(number, attached=True) == 1
+    scene.detect()
+    number = scene.resolve(keep=["N"]).proposal_id or 0
+    db.apply_proposal(number, attached=True)
+    scene.detect()
+    ask(db, later)
+    scene.detect()
+    with pytest.raises(InvalidInput, match="has changed since it was applied: track 'E'"):
+        db.undo_proposal(number, attached=True)
+
+
+def test_edit_that_commits_during_apply_is_named(db: Database, scene: StoredScene, dsn: str) -> None:
+    """Applying waits for a session that edits a moved track, and then moves nothing."""
+    found = scene.resolve(within_s=6 * 3600.0)
+    key, outcome = found.moves[-1].key, []
+
+    def apply() -> None:
+        with connect(dsn) as session:
+            try:
+                outcome.append(str(session.apply_proposal(found.proposal_id or 0)))
+            except InvalidInput as error:
+                outcome.append(str(error))
+
+    with psycopg.connect(dsn) as editor:
+        editor.execute("UPDATE conflictdb.track SET floor_m = 7 WHERE key = %s", [key])
+        waiting = threading.Thread(target=apply)
+        waiting.start()
+        waiting.join(0.3)
+        assert waiting.is_alive()
+        editor.commit()
+        paths = ask(db, PATHS)
+        waiting.join()
+    assert f"has changed since it was computed: track '{key}'" in outcome[0]
+    assert ask(db, PATHS) == paths
+
+
+def test_killed_at_any_step_moves_all_or_nothing(db: Database, scene: StoredScene, dsn: str) -> None:
+    """Sessions that are terminated while they apply or undo, row after row, leave one of two states."""
+    number = proposed(scene)
+    with db.connection.transaction():
+        db.connection.execute(
+            """CREATE FUNCTION public.slow() RETURNS trigger LANGUAGE plpgsql AS
+               $$ BEGIN PERFORM pg_sleep(0.02); RETURN NEW; END $$;
+               CREATE TRIGGER slow BEFORE UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION public.slow();
+               CREATE TRIGGER slow BEFORE UPDATE ON conflictdb.proposal_move FOR EACH ROW
+               EXECUTE FUNCTION public.slow()"""
+        )
+    planned, states = ask(db, PATHS), ["open"]
+    for step in range(12):
+        if states[-1] == "applied":
+            break
+        session = psycopg.connect(dsn, autocommit=True)
+
+        def apply(session: psycopg.Connection[Any] = session) -> None:
+            with contextlib.suppress(psycopg.Error):
+                session.execute("SELECT conflictdb.apply_proposal(%s)", [number])
+
+        running = threading.Thread(target=apply)
+        running.start()
+        running.join(0.015 * step)
+        ask(db, "SELECT pg_terminate_backend(%s)", session.info.backend_pid)
+        running.join()
+        session.close()
+        [(state,)] = ask(db, "SELECT state FROM conflictdb.proposals")
+        states.append(state)
+        assert (ask(db, PATHS) == planned) == (state == "open")
+    with db.connection.transaction():
+        db.connection.execute("DROP FUNCTION public.slow CASCADE")
+    assert states[1] == "open"
+    if states[-1] == "open":
+        db.apply_proposal(number)
+    db.undo_proposal(number)
+    assert ask(db, PATHS) == planned
+
+
+def test_detours_are_applied_and_undone(db: Database, scene: StoredScene) -> None:
+    """New waypoints are stored as verified; undoing removes them, to the last digit."""
+    paths = ask(db, PATHS)
+    found = scene.resolve(aside_m=80_000.0)
+    ways = {one.key for one in found.moves if one.detour is not None}
+    assert ways
+    settings, areas, tracks = store.read_scene(db.connection, scene.name)
+    assert replace(found, proposal_id=None) == resolve(tracks, areas, settings, aside_m=80_000.0)
+    [(moves,)] = ask(db, "SELECT moves FROM conflictdb.proposals")
+    assert moves == json.loads(json.dumps(found.as_json()["moves"]))
+    ask(db, "SELECT conflictdb.apply_proposal(%s)", found.proposal_id)
+    moves_of = {one.key: one for one in found.moves}
+    changed = {one.key: moved(settings, one, moves_of[one.key]) for one in tracks if one.key in moves_of}
+    _, _, after = store.read_scene(db.connection, scene.name)
+    for one in after:
+        if one.key in changed:
+            np.testing.assert_array_equal(one.times_us, changed[one.key].times_us)
+            np.testing.assert_array_equal(one.positions_deg, changed[one.key].positions_deg)
+    scene.detect()
+    assert not any(ways & {one.a_key, one.b_key} for one in scene.conflicts())
+    ask(db, "SELECT conflictdb.undo_proposal(%s)", found.proposal_id)
+    assert ask(db, PATHS) == paths
+
+
+def test_branch_of_a_proposal(db: Database, scene: StoredScene, dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A branch with the moves of a proposal has the conflicts that applying it leaves; then it has no difference."""
+    found = scene.resolve(within_s=6 * 3600.0, aside_m=80_000.0)
+    number = found.proposal_id or 0
+    branch = scene.branch("clear", number)
+    branch.detect()
+    diff = branch.diff()
+    assert {(one.key, one.change) for one in diff.objects} == {(one.key, "changed") for one in found.moves}
+    assert {one.change for one in diff.conflicts} == {"gone"}
+    cleared = {frozenset((one.key, other)) for one in found.moves for other in one.clears}
+    assert {frozenset((one.a_key, one.b_key)) for one in diff.conflicts} == cleared
+    left = pairs(branch)
+    db.apply_proposal(number)
+    scene.detect(), branch.detect()
+    assert pairs(scene) == pairs(branch) == left
+    assert branch.diff().objects == []
+    with pytest.raises(InvalidInput, match="has changed since it was computed"):
+        scene.branch("late", number)
+    run = runner(dsn, capsys)
+    assert "is not known" in run("branch", "create", "none", "--proposal", 99, "--scene", scene.name).err
+    ask(db, "SELECT conflictdb.create_scene('other')")
+    other = db.scene("other")
+    with pytest.raises(InvalidInput, match="is not of scene 'other'"):
+        other.branch("wrong", number)
+    assert {one.scene.name for one in db.scenes()} == {scene.name, "clear", "other"}
+    number = scene.resolve(keep=[one.key for one in found.moves], aside_m=80_000.0).proposal_id or 0
+    assert run("branch", "create", "again", "--proposal", number, "--scene", scene.name).code == DONE
 
 
 def test_stored_scene_has_the_detours_of_its_objects(db: Database, scene: StoredScene) -> None:
@@ -391,4 +543,7 @@ def test_command_line(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("apply", 2).out.startswith(f"moved {len(answer['moves'])} track")
     assert run("apply", 1).code == INPUT_REFUSED
     assert run("apply", 2, "--undo").out.startswith(f"restored {len(answer['moves'])} track")
+    aside = run("resolve", "--scene", "strait", "--within", "8h", "--aside", "40000")
+    assert " via " in aside.out
+    assert "keeps clear of CABLE" in aside.out
     assert run("resolve", "--scene", "strait", "--keep", "nobody").code == INPUT_REFUSED

@@ -1,8 +1,11 @@
 """Flights and areas of a city, to be admitted, and the function admit of SQL."""
 
 import json
+from dataclasses import replace
+from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
 import psycopg
 import shapely
 
@@ -44,6 +47,7 @@ def as_plan(plan: Area | Track) -> dict[str, Any]:
         "path": json.loads(shapely.to_geojson(shapely.LineString(plan.positions_deg))),
         "times": [instant(us) for us in plan.times_us.tolist()],
         "outline": shapely.Polygon(plan.outline_m).wkt,
+        "departures": None if plan.departures_us is None else [instant(us) for us in plan.departures_us],
     }
 
 
@@ -58,3 +62,33 @@ def asked(conn: psycopg.Connection[Any], *plans: Area | Track, scene: str = "cit
 
 def pairs(conflicts: list[dict[str, Any]]) -> list[tuple[str, str]]:
     return sorted((one["a_key"], one["b_key"]) for one in conflicts)
+
+
+def beyond_limits() -> list[tuple[Area | Track, str]]:
+    """Plans that are refused by limits of 30 days and 10,000 vertices or waypoints, and the rules."""
+    now_us = int(datetime.now(UTC).timestamp()) * 1_000_000
+    soon = {"start_us": now_us, "end_us": now_us + HOUR_US}
+    angles = np.linspace(0.0, 2.0 * np.pi, 10_000, endpoint=False)
+    round_ = np.stack([0.01 * np.cos(angles), 0.01 * np.sin(angles)], axis=1)
+    places = np.stack([np.linspace(0.0, 0.1, 10_001), np.zeros(10_001)], axis=1)
+    times = now_us + 1_000_000 * np.arange(10_001)
+    late = [now_us + 29 * 24 * HOUR_US, now_us + 31 * 24 * HOUR_US]
+    haven = rectangle_outline_m(50, 50, 50, 50)
+    return [
+        (Area("p", square("p", 0.0).footprint), "at most 30 days from now; got no end"),
+        (Area("p", square("p", 0.0).footprint, None, now_us), "at most 30 days from now; got no end"),
+        (Area("p", square("p", 0.0).footprint, None, *late), "at most 30 days from now; got 20"),
+        (Track("p", [(0.0, 0.0), (0.1, 0.0)], late, haven), "at most 30 days from now; got 20"),
+        (
+            Track("p", [(0.0, 0.0), (0.1, 0.0)], [now_us, now_us + HOUR_US], haven, departures_us=[now_us, late[1]]),
+            "at most 30 days from now; got 20",
+        ),
+        (Area("p", round_, **soon), "at most 10000 vertices; got 10001"),  # type: ignore[arg-type]
+        (Track("p", places, times, haven), "at most 10000 waypoints; got 10001"),
+    ]
+
+
+def within_limits(key: str) -> Area:
+    """A square that ends in 29 days."""
+    now_us = int(datetime.now(UTC).timestamp()) * 1_000_000
+    return replace(square(key, 0.0), start_us=now_us, end_us=now_us + 29 * 24 * HOUR_US)

@@ -27,7 +27,7 @@ from conflictdb import (
 from conflictdb.clearing.greedy import greedy, is_plan
 from conflictdb.clearing.least import least
 from conflictdb.clearing.program import NOTHING, Program, chain_of
-from conflictdb.clearing.resolve import at_speed, later, place
+from conflictdb.clearing.resolve import at_speed, later, moved, place
 from conflictdb.clearing.turns import Turns, bound_of
 from conflictdb.clearing.yielding import levels_of
 from conflictdb.stages.delays import Spans
@@ -126,10 +126,10 @@ def test_levels_are_placed_in_turn() -> None:
     """A track of a higher level moves only where nothing else clears it."""
     span = Spans(np.array([-5 * SECOND]), np.array([5 * SECOND]))
     program = Program(np.zeros(2, np.int64), np.full(2, 60 * SECOND), np.ones(2), [NOTHING] * 2, {(0, 1): span})
-    for level, moved in (([0, 1], 0), ([1, 0], 1)):
+    for level, later_one in (([0, 1], 0), ([1, 0], 1)):
         found = place(program, [0, 1], np.array(level), "total", 1.0)
-        assert found.delays[moved] == 5 * SECOND + 1
-        assert found.delays[1 - moved] == 0
+        assert found.delays[later_one] == 5 * SECOND + 1
+        assert found.delays[1 - later_one] == 0
         assert found.is_least
 
 
@@ -323,6 +323,33 @@ def test_speed_clears_what_no_delay_does() -> None:
     assert "of its speed" in move.text()
 
 
+def test_detour_clears_what_nothing_else_does() -> None:
+    """A track across a permanent area goes around it, within the limits, and makes no conflict with others."""
+    area = Area("A", shapely.box(0.4, -0.02, 0.45, 0.02))
+    found = resolve([FERRY, TOW], [area], SCENE, aside_m=8000.0)
+    moves = {one.key: one for one in found.moves}
+    assert found.left == ()
+    way = moves["FERRY"].detour
+    assert way is not None
+    assert way.later_s <= 7200.0
+    assert moves["FERRY"].clears == ("A", "TOW")
+    assert moves["FERRY"].passes[0].side is Side.CLEAR
+    assert moves["FERRY"].text().startswith("FERRY via 0.0")
+    assert "keeps clear of A, keeps clear of TOW by " in moves["FERRY"].text()
+    changed = [moved(SCENE, one, moves[one.key]) if one.key in moves else one for one in (FERRY, TOW)]
+    assert solve(changed, [area], SCENE) == []
+    assert changed[0].times_us[0] == FERRY.times_us[0]
+    changing = replace(FERRY, floors_m=[0.0], ceilings_m=[10.0])
+    for track, given in (
+        (FERRY, {"aside_m": 0.0}),
+        (FERRY, {"aside_m": 100.0}),
+        (FERRY, {"aside_m": 8000.0, "within_s": 1.0}),
+        (FERRY, {"aside_m": 8000.0, "now": T0_US + SECOND}),
+        (changing, {"aside_m": 8000.0}),
+    ):
+        assert "FERRY" in {one.key for one in resolve([track, TOW], [area], SCENE, **given).left}
+
+
 def test_weights_decide_who_moves() -> None:
     """The cheaper of two tracks is later."""
     for dear, cheap in (("FERRY", "TOW"), ("TOW", "FERRY")):
@@ -392,6 +419,8 @@ def test_circles_of_yielding_tracks_share_a_level() -> None:
         ({"levels": {"FERRY": 0.5}}, "must be a whole number"),
         ({"levels": {"FERRY": 2**70}}, "must be a whole number"),
         ({"slowest": 1.5}, "must be factors"),
+        ({"aside_m": -1.0}, "aside_m"),
+        ({"aside_m": float("nan")}, "aside_m"),
     ],
 )
 def test_wrong_input_is_refused(given: dict[str, object], part: str) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from city import beyond_limits, within_limits
 from ruled import random_rules, sea
 from workloads import ARCTIC, HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
@@ -198,3 +199,16 @@ def test_a_conflict_of_an_index_can_be_drawn() -> None:
     index.put(square("a", 0.0))
     [conflict] = index.probe(square("b", 0.5))
     assert conflict.plot().axes
+
+
+def test_limits_refuse_plans() -> None:
+    index = Index(max_days_ahead=30, max_vertices=10_000)
+    for plan, rule in beyond_limits():
+        for ask in (index.put, index.probe):
+            with pytest.raises(InvalidInput, match=rule):
+                ask(plan)
+    index.put(within_limits("a"))
+    assert len(index) == 1
+    for given in ({"max_days_ahead": -1.0}, {"max_days_ahead": float("nan")}, {"max_vertices": 0.5}):
+        with pytest.raises(InvalidInput, match="must be a"):
+            Index(**given)  # type: ignore[arg-type]

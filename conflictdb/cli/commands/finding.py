@@ -63,8 +63,9 @@ def _add_plans(commands: Any) -> None:
 
     parser = command(commands, "branch", "branching:branch", "try edits in a branch")
     parser.add_argument("action", choices=("create", "diff", "merge", "drop"), help="action")
-    parser.add_argument("branch", type=name, metavar="BRANCH", help="its name")
+    parser.add_argument("branch", type=name, metavar="BRANCH", help="name")
     add_scene(parser)
+    parser.add_argument("--proposal", type=count, metavar="N", help="create: with its moves")
     add_format(parser, "table", "json")
 
     parser = command(commands, "delete", "scene_objects:delete", "delete objects, or a scene")
@@ -144,8 +145,7 @@ def _add_questions(commands: Any) -> None:
     add_options(parser, "--require-current", "--jobs", "--fail-on-conflict")
     add_format(parser, *FORMATS)
 
-    more = "Everything else departs as planned."
-    parser = command(commands, "delays", "delaying:delays", "say when tracks could depart instead", more)
+    parser = command(commands, "delays", "delaying:delays", "say when tracks could depart instead")
     parser.add_argument("key", nargs="?", metavar="KEY", help="default: every track")
     add_scene(parser)
     parser.add_argument("--within", type=duration_s, default=7200.0, metavar="DURATION", help="horizon (default: 2h)")
@@ -167,17 +167,18 @@ def _add_questions(commands: Any) -> None:
     add_scene(parser)
     parser.add_argument("--keep", action="append", default=[], metavar="KEY", help="stays; repeatable")
     parser.add_argument("--weight", action="append", type=weight, metavar="KEY=N", help="of its delays")
-    parser.add_argument("--level", action="append", type=level, metavar="KEY=N", help="highest go first")
+    parser.add_argument("--level", action="append", type=level, metavar="KEY=N", help="highest first")
     parser.add_argument("--within", type=duration_s, default=7200.0, metavar="DURATION", help="default: 2h")
     parser.add_argument("--now", type=instant, metavar="TIME", help="later plans may be earlier")
-    parser.add_argument("--slowest", type=float, default=1.0, metavar="FACTOR", help="of speed, if no delay clears")
+    parser.add_argument("--slowest", type=float, default=1.0, metavar="FACTOR", help="if no delay clears")
     parser.add_argument("--fastest", type=float, default=1.0, metavar="FACTOR", help="default: 1")
+    parser.add_argument("--aside", type=metres, default=0.0, metavar="M", help="new waypoints off legs")
     parser.add_argument("--goal", choices=("total", "largest"), default="total", help="default: total")
     parser.add_argument("--limit", type=duration_s, default=30.0, metavar="DURATION", help="default: 30s")
     add_format(parser, "table", "json")
 
-    parser = command(commands, "apply", "resolving:apply", "apply a proposal, or undo it")
-    parser.add_argument("proposal", type=count, metavar="N", help="its number")
+    parser = command(commands, "apply", "resolving:apply", "apply or undo a proposal")
+    parser.add_argument("proposal", type=count, metavar="N", help="number")
     parser.add_argument("--undo", action="store_true", help="restore times")
     parser.add_argument("--attached", action="store_true", help="change attached rows, too")
 

@@ -24,6 +24,7 @@ from conflictdb.db.store.few import some_areas, some_tracks
 from conflictdb.db.store.stored_objects import read_scene, scene_of
 from conflictdb.errors import LockTimeout
 from conflictdb.formats.conflict_text import as_json
+from conflictdb.model.limits import Limits
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Admission, Kind
 from conflictdb.stages.stage1_broad_phase import hulls_of
@@ -48,8 +49,10 @@ class StoredObject(NamedTuple):
 
 
 @contextmanager
-def admission(conn: psycopg.Connection[Any], scene: str, lock_timeout_s: float | None) -> Iterator[tuple[int, Scene]]:
-    """Run the block in a transaction that holds the lock of admissions; yield id and settings of the scene.
+def admission(
+    conn: psycopg.Connection[Any], scene: str, lock_timeout_s: float | None
+) -> Iterator[tuple[int, Scene, Limits]]:
+    """Run the block in a transaction that holds the lock of admissions; yield id, settings and limits of the scene.
 
     An own transaction sees what was committed before each statement; the lock lasts until the outermost transaction
     ends. Raises LockTimeout, naming the holder, if the lock is not free within `lock_timeout_s` (None: the limit of the
@@ -61,9 +64,9 @@ def admission(conn: psycopg.Connection[Any], scene: str, lock_timeout_s: float |
         with transaction(conn):
             if is_own:
                 conn.execute(b"SET TRANSACTION ISOLATION LEVEL READ COMMITTED", prepare=False)
-            number, settings = call(conn, "_begin_admission", scene, lock_timeout_s)
+            number, settings, *limits = call(conn, "_begin_admission", scene, lock_timeout_s)
             begun = True
-            yield int(number), scene_of(settings)
+            yield int(number), scene_of(settings), Limits(*limits)
     except LockTimeout as timeout:
         if begun or conn.info.transaction_status == TransactionStatus.INERROR:
             raise

@@ -46,10 +46,13 @@ class BranchDiff:
     conflicts: list[ConflictChange]
 
 
-def create_branch(conn: psycopg.Connection[Any], scene: str, name: str) -> None:
-    """Make a branch of a scene; InvalidInput if it does not exist, is a branch, or the name is taken."""
+def create_branch(conn: psycopg.Connection[Any], scene: str, name: str, proposal_id: int | None) -> None:
+    """Make a branch of a scene, with the moves of a proposal if one is given.
+
+    Raises InvalidInput if the scene does not exist, or is a branch, the name is taken, or the proposal is out of date.
+    """
     with transaction(conn):
-        call(conn, "create_branch", scene, name)
+        call(conn, "create_branch", scene, name, proposal_id)
 
 
 def drop_branch(conn: psycopg.Connection[Any], branch: str) -> None:

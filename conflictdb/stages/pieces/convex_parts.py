@@ -35,6 +35,9 @@ def convex_parts(flat: NDArray[np.object_]) -> tuple[NDArray[np.int64], Floats, 
     whole &= shapely.area(hulls) <= shapely.area(polygons) * (1.0 + CONVEX_AREA_SHARE)
     whole |= shapely.get_dimensions(hulls) < 2
     dented = np.flatnonzero(~whole)
+    if not dented.size:
+        xy, count = _rings(hulls)
+        return owner.astype(np.int64), xy, offsets(count)
     of_triangle, triangles = _triangles(polygons[dented])
     cut = np.unique(of_triangle)
     # A polygon that cannot be triangulated reliably is replaced by its hull, so that nothing is missed.
@@ -45,15 +48,20 @@ def convex_parts(flat: NDArray[np.object_]) -> tuple[NDArray[np.int64], Floats, 
         of_triangle[corner[ring_offset[:-1]] // 3],
         np.diff(ring_offset),
     )
-    hull_xy, of_hull = shapely.get_coordinates(shapely.orient_polygons(hulls[left]), return_index=True)
-    # Polygons repeat their first corner at the end; lines and points do not.
-    is_last = np.append(of_hull[1:] != of_hull[:-1], True) & (shapely.get_dimensions(hulls[left]) == 2)[of_hull]
-    hull_count = np.bincount(of_hull[~is_last], minlength=len(left))
+    hull_xy, hull_count = _rings(hulls[left])
     part = np.concatenate([left, dented[of_ring]])
     order = np.argsort(part, kind="stable")
-    xy = np.concatenate([hull_xy[~is_last], ring_xy])
+    xy = np.concatenate([hull_xy, ring_xy])
     taken, offset = ragged_take(offsets(np.concatenate([hull_count, ring_count])), xy, order)
     return owner[part[order]].astype(np.int64), taken, offset
+
+
+def _rings(hulls: NDArray[np.object_]) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the corners of convex hulls (v, 2), counter-clockwise, and the number of each hull's."""
+    xy, of = shapely.get_coordinates(shapely.orient_polygons(hulls), return_index=True)
+    # Polygons repeat their first corner at the end; lines and points do not.
+    is_last = np.append(of[1:] != of[:-1], True) & (shapely.get_dimensions(hulls) == 2)[of]
+    return xy[~is_last], np.bincount(of[~is_last], minlength=len(hulls))
 
 
 def _triangles(polygons: NDArray[np.object_]) -> tuple[NDArray[np.int64], Floats]:

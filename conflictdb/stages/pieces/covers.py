@@ -95,7 +95,7 @@ def _pieces(
 
     found = []
     for rows, pieces in isolated(every, cut_some, cover, f"{kind} in row"):
-        unsound = rows[~np.isin(ids[rows], _sound(pieces, ids[rows]))]
+        unsound = rows[~np.isin(ids[rows], _sound(pieces))]
         if unsound.size:
             found.append(pieces.take(np.flatnonzero(~np.isin(pieces.object_id, ids[unsound]))))
             found.append(cover(unsound))
@@ -116,12 +116,16 @@ def _of_any_time(pieces: Pieces, unknown: NDArray[np.int64]) -> Pieces:
     return replace(pieces, part=np.where(rows, COVER, pieces.part).astype(np.int32), **at_us)
 
 
-def _sound(pieces: Pieces, ids: NDArray[np.int64]) -> NDArray[np.int64]:
+def _sound(pieces: Pieces) -> NDArray[np.int64]:
     """Return the objects that have pieces, all with finite coordinates: NaN would overlap nothing, without an error."""
     bad = np.zeros(len(pieces), np.bool_)
     for xy, offset in ((pieces.hull_xy, pieces.hull_offset), (pieces.shape_xy, pieces.shape_offset)):
-        bad[np.repeat(np.arange(len(pieces)), np.diff(offset))[~np.isfinite(xy).all(axis=1)]] = True
+        finite = np.isfinite(xy)
+        if not finite.all():
+            bad[np.repeat(np.arange(len(pieces)), np.diff(offset))[~finite.all(axis=1)]] = True
         bad |= np.diff(offset) == 0
+    if not bad.any():
+        return pieces.object_id
     return np.setdiff1d(pieces.object_id, pieces.object_id[bad])
 
 

@@ -44,8 +44,8 @@ MAX_PIECES: Final = 1_000_000
 _LINES: Final = {Motion.RHUMB: "rhumb lines", Motion.GREAT_CIRCLE: "great circles"}
 
 
-def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) -> None:
-    """Raise InvalidInput for the first object that does not fit the plane."""
+def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) -> NDArray[np.object_]:
+    """Return the footprints of areas in the plane; raises InvalidInput for the first object that does not fit it."""
     footprints = np.array([area.footprint for area in areas], dtype=object)
     corners, owner = shapely.get_coordinates(footprints, return_index=True)
     outside = owner[~plane.holds(*corners.T)]
@@ -59,7 +59,7 @@ def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) ->
                 f"area {areas[i].key!r}", "geometry", f"crosses itself when its edges are {plane.lines} ({why})"
             )
     if not tracks:
-        return
+        return flat
     for track in tracks:
         if track.legs is not None and _LINES[track.legs] != plane.lines:
             rule = f"are {_LINES[track.legs]}, and the scene follows {plane.lines}"
@@ -76,6 +76,7 @@ def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) ->
         track = tracks[int(legs.track[beyond[0]])]
         field = "grow_mps" if track.grow_mps else "outline_m" if track.outlines_m is None else "outlines_m"
         raise InvalidInput(f"track {track.key!r}", field, plane.haven_limit)
+    return flat
 
 
 def planar(plane: Plane, footprints: NDArray[np.object_]) -> NDArray[np.object_]:
@@ -101,7 +102,7 @@ def _stitched(footprints: NDArray[np.object_], flat: NDArray[np.object_]) -> NDA
 
 def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
     """Return the pieces of some areas: their convex parts, and seam copies."""
-    owner, xy, offset = convex_parts(planar(plane, areas.footprint))
+    owner, xy, offset = convex_parts(planar(plane, areas.footprint) if areas.flat is None else areas.flat)
     n = len(owner)
     nothing, none_us = np.zeros((n, 2)), np.zeros(n, np.int64)
     pieces = Pieces(
