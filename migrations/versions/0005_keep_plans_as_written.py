@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "f40025f4566b44c747467c0a20d5a268ee405ef38ffe95f1b27c732c0076f63c"
+routines_sha256 = "41a98b1bdb0e43440a3b9db089325743b438c3b446d9eb56579260dba905c58f"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
