@@ -10,6 +10,15 @@ from numpy.typing import NDArray
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.model.plans import MINUS_INFINITY_US
+from conflictdb.model.record import MEASURED, ColumnType
+
+# Values of measured columns that are not computed, and their types.
+_UNKNOWN: Final = {
+    ColumnType.NUMBER: (np.nan, np.float64),
+    ColumnType.POINT: (np.nan, np.float64),
+    ColumnType.INSTANT: (MINUS_INFINITY_US, np.int64),
+    ColumnType.NAME: (-1, np.int8),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,18 +124,10 @@ class Conflicts:
     def of_members(cls, a: Members, b: Members, periods: Periods, verdict: NDArray[np.int8], **measured: Any) -> Self:
         """Return conflicts of objects a and b; columns of `measured` that are absent are not computed."""
         n = len(verdict)
-        nothing, nowhere = np.full(n, np.nan), np.full((n, 2), np.nan)
         unknown: dict[str, Any] = {
-            "first_contact_deg": nowhere,
-            "time_error_s": np.zeros(n),
-            "closest_us": np.full(n, MINUS_INFINITY_US),
-            "closest_m": nothing,
-            "closest_error_m": nothing,
-            "closest_a_deg": nowhere,
-            "closest_b_deg": nowhere,
-            "lacking_s": nothing,
-            "certainty": np.full(n, -1, np.int8),
+            one.array: np.full((n, 2) if one.type is ColumnType.POINT else n, *_UNKNOWN[one.type]) for one in MEASURED
         }
+        unknown["time_error_s"] = np.zeros(n)
         (a_kind, a_id, a_version), (b_kind, b_id, b_version) = a, b
         return cls(a_kind, a_id, a_version, b_kind, b_id, b_version, *periods, verdict, **unknown | measured)
 

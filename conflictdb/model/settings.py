@@ -102,6 +102,7 @@ class Setting:
     choices : of a CHOICE
     label, says, says_zero : its row in a report, for a distance, and for 0 unless empty; no row without a label
     is_stored_by_detect : whether `detect` takes it too; the others need other pieces or planes, and belong into files
+    decides_conflicts : whether a pair's conflict may depend on it
     """
 
     name: str
@@ -114,6 +115,7 @@ class Setting:
     says: str = "{:g} m"
     says_zero: str = ""
     is_stored_by_detect: bool = False
+    decides_conflicts: bool = True
 
     @property
     def option(self) -> str:
@@ -223,6 +225,7 @@ SETTINGS: Final = (
         0.0,
         "store delays",
         is_stored_by_detect=True,
+        decides_conflicts=False,
     ),
     Setting(
         "intervals",
@@ -240,6 +243,7 @@ SETTINGS: Final = (
         366.0,
         "horizon",
         is_stored_by_detect=True,
+        decides_conflicts=False,
     ),
     Setting(
         "vertical_datum",
@@ -249,6 +253,7 @@ SETTINGS: Final = (
         VerticalDatum.MSL,
         "heights above",
         choices=VerticalDatum,
+        decides_conflicts=False,
     ),
 )
 NAMES: Final = tuple(setting.name for setting in SETTINGS)

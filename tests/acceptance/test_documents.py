@@ -1,6 +1,7 @@
 """What README and docs print runs as printed: commands, SQL and Python, on an embedded database.
 
-The README's programs start as users start them; those of the pages are forked from one that has imported libraries.
+The README's first programs start as users start them, and so do those for a database of the user's own. The other
+programs are forked from one that has imported libraries.
 """
 
 import json
@@ -64,16 +65,21 @@ def folder_of(python: str, conflictdb: str) -> Iterator[Path]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         folder.chmod(0o755)
-        scripts = {
-            "run": f"""if [ "$1" = python ]; then shift && exec {python} "$@"; fi
-                       CONFLICTDB_PROGRAM=$0 exec {conflictdb} "$@" """,
-            "bin/conflictdb": f'exec {conflictdb} "$@"',
-        }
         (folder / "bin").mkdir()
-        for name, script in scripts.items():
-            (folder / name).write_text(f"#!/bin/sh\n{script}\n")
-            (folder / name).chmod(0o755)
+        write_programs(folder, python, conflictdb)
         yield folder
+
+
+def write_programs(folder: Path, python: str, conflictdb: str) -> None:
+    """Write ./run and bin/conflictdb, which start these programs."""
+    scripts = {
+        "run": f"""if [ "$1" = python ]; then shift && exec {python} "$@"; fi
+                   CONFLICTDB_PROGRAM=$0 exec {conflictdb} "$@" """,
+        "bin/conflictdb": f'exec {conflictdb} "$@"',
+    }
+    for name, script in scripts.items():
+        (folder / name).write_text(f"#!/bin/sh\n{script}\n")
+        (folder / name).chmod(0o755)
 
 
 @pytest.fixture
@@ -99,7 +105,7 @@ def forked_folder(forks: str) -> Iterator[Path]:
 
 # All in one test: each block builds on the state after the previous one, as for a reader.
 @pytest.mark.usefixtures("server_dsn")  # makes sure that the server's programs are installed
-def test_readme_runs_as_printed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_readme_runs_as_printed(folder: Path, forks: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The README's commands, SQL and Python run one after the other on a fresh embedded database."""
     monkeypatch.setenv("CONFLICTDB_HOME", str(folder / "home"))
     mine, first, second, own = blocks("README.md", "sh")
@@ -113,6 +119,7 @@ def test_readme_runs_as_printed(folder: Path, monkeypatch: pytest.MonkeyPatch) -
         told = shell("./run demo", folder)
         assert told.startswith("Your own plans: ./run detect my.geojson ")
         assert 0 < told.index("FERRY") < told.index("4 solver")
+        write_programs(folder, forks, f"{forks} conflictdb")
         next_commands = told.partition("Try next:\n")[2].splitlines()
         assert all(command.startswith("  ./run ") for command in next_commands)
         for command in next_commands:

@@ -1,5 +1,6 @@
 """A schema that other roles could put names into is refused: routines that run as another role would call them."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import alembic.command
@@ -7,6 +8,7 @@ import alembic.config
 import psycopg
 import pytest
 import sqlalchemy
+from databases import TestServer
 from psycopg import conninfo
 
 from conflictdb.db import extension, schema
@@ -34,6 +36,26 @@ PRIVATE = {
     for made, said in CASES.items()
 }
 
+# Numbers of objects in a database.
+OBJECTS = """SELECT ARRAY[(SELECT count(*) FROM pg_proc), (SELECT count(*) FROM pg_type),
+                          (SELECT count(*) FROM pg_namespace), (SELECT count(*) FROM pg_extension)]"""
+
+
+@pytest.fixture(scope="module")
+def _bare(_server: TestServer, worker_id: str) -> Iterator[str]:
+    name = f"{_server.prefix}_{worker_id}_bare"
+    yield _server.clone("template0", name)
+    _server.drop(name)
+
+
+@pytest.fixture
+def bare_dsn(_bare: str) -> Iterator[str]:
+    """Return the connection string of a database without the schema, in which a test may leave our schemas' names."""
+    before = one(_bare, OBJECTS)
+    yield _bare
+    execute(_bare, "DROP SCHEMA IF EXISTS conflictdb, conflictdb_internal CASCADE")
+    assert one(_bare, OBJECTS) == before
+
 
 def execute(dsn: str, statements: str) -> None:
     with psycopg.connect(dsn) as conn:
@@ -59,29 +81,29 @@ def alembic_upgrade(dsn: str) -> None:
         alembic.command.upgrade(config, "head")
 
 
-@pytest.mark.usefixtures("template")
+@pytest.mark.usefixtures("template")  # its roles
 @pytest.mark.parametrize("made", [*CASES, *PRIVATE])
 @pytest.mark.parametrize("how", ["init", "alembic"])
-def test_a_schema_that_is_not_ours_is_refused_and_left_alone(empty_dsn: str, made: str, how: str) -> None:
-    execute(empty_dsn, made)
-    before = one(empty_dsn, "SELECT count(*) FROM pg_proc")
+def test_a_schema_that_is_not_ours_is_refused_and_left_alone(bare_dsn: str, made: str, how: str) -> None:
+    execute(bare_dsn, made)
+    before = one(bare_dsn, "SELECT count(*) FROM pg_proc")
     upgrade = schema.upgrade if how == "init" else alembic_upgrade
     name, said = ("conflictdb", CASES[made]) if made in CASES else ("conflictdb_internal", PRIVATE[made])
     with pytest.raises(ServerError, match=f"schema {name} {said}.*must be created by "):
-        upgrade(empty_dsn)
-    assert one(empty_dsn, "SELECT count(*) FROM pg_proc") == before
-    assert one(empty_dsn, "SELECT rolsuper FROM pg_roles WHERE rolname = 'conflictdb_editor'") is False
+        upgrade(bare_dsn)
+    assert one(bare_dsn, "SELECT count(*) FROM pg_proc") == before
+    assert one(bare_dsn, "SELECT rolsuper FROM pg_roles WHERE rolname = 'conflictdb_editor'") is False
 
 
-@pytest.mark.usefixtures("template")
+@pytest.mark.usefixtures("template")  # its roles
 @pytest.mark.parametrize("made", [*CASES, *PRIVATE])
-def test_the_script_of_the_extension_refuses_it_too(empty_dsn: str, made: str) -> None:
-    execute(empty_dsn, made)
+def test_the_script_of_the_extension_refuses_it_too(bare_dsn: str, made: str) -> None:
+    execute(bare_dsn, made)
     (script,) = (text for name, text in extension.files() if name == f"conflictdb--{schema.head()}.sql")
     refusal = script[: script.index("CREATE TABLE")]
     assert schema.REFUSE_FOREIGN_SCHEMA in refusal
     with pytest.raises(psycopg.errors.DuplicateSchema, match=(CASES | PRIVATE)[made]):
-        execute(empty_dsn, schema.REFUSE_FOREIGN_SCHEMA)
+        execute(bare_dsn, schema.REFUSE_FOREIGN_SCHEMA)
 
 
 def test_a_schema_that_looks_complete_is_refused_too(dsn: str) -> None:

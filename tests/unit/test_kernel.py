@@ -258,14 +258,22 @@ def test_a_library_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch, tm
 
 
 @pytest.mark.parametrize(
-    "compiler", [None, "#!/bin/sh\necho 'stdlib.h: No such file' >&2\nexit 1\n"], ids=["none", "bad"]
+    "programs",
+    [
+        {},
+        {
+            "cc": "echo 'stdlib.h: No such file' >&2; exit 1",
+            "uv": '[ "$1" = venv ] || { echo no network >&2; exit 1; }',
+        },
+    ],
+    ids=["none, and pip", "bad, and uv"],
 )
-def test_no_compiler_and_no_network_are_one_clear_error(tmp_path: Path, compiler: str | None) -> None:
+def test_no_compiler_and_no_network_are_one_clear_error(tmp_path: Path, programs: dict[str, str]) -> None:
     """The message of the compiler or installer comes first, the remedy last; no headers count as no compiler."""
     shutil.copytree(build.HERE, tmp_path, ignore=shutil.ignore_patterns("*.so", "__pycache__"), dirs_exist_ok=True)
-    if compiler:
-        (tmp_path / "cc").write_text(compiler)
-        (tmp_path / "cc").chmod(0o755)
+    for name, script in programs.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\n{script}\n")
+        (tmp_path / name).chmod(0o755)
     nothing = {"PATH": str(tmp_path), "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(tmp_path), "HOME": str(tmp_path)}
     done = subprocess.run(
         [sys.executable, tmp_path / "build.py"],

@@ -191,7 +191,7 @@ def each_conflict(
     asked = which.at, with_region, among, which.key, *span, verdict, which.acknowledged, which.object_class
     with transaction(conn), closing(call_each_by_name(conn, "_conflicts", scene, *asked)) as rows:
         for row in rows:
-            yield Conflict(scene=scene, **_fields(row))
+            yield Conflict(scene=scene, **fields_of(row))
 
 
 def each_approach(
@@ -205,7 +205,7 @@ def each_approach(
     among = None if keys is None else list(keys)
     with transaction(conn), closing(call_each_by_name(conn, "_approaches", scene, only_near, among)) as rows:
         for row in rows:
-            yield Approach(scene=scene, **_fields(row))
+            yield Approach(scene=scene, **fields_of(row))
 
 
 def conflicts_known_at(conn: psycopg.Connection[Any], scene: str, at: datetime) -> list[Conflict]:
@@ -218,7 +218,7 @@ def conflicts_known_at(conn: psycopg.Connection[Any], scene: str, at: datetime) 
         known = names(conn, scene, (row[side] for row in rows for side in ("a_key", "b_key")))
     for row in rows:
         row |= {"a_name": known.get(row["a_key"]), "b_name": known.get(row["b_key"])}
-    return [Conflict(scene=scene, **_fields(row)) for row in rows]
+    return [Conflict(scene=scene, **fields_of(row)) for row in rows]
 
 
 def names(conn: psycopg.Connection[Any], scene: str, keys: Iterable[str]) -> dict[str, str]:
@@ -235,7 +235,7 @@ def conflict_events(
     """Return at most `most` events after number `after`, of a scene, object or pair; InvalidInput if unknown."""
     with transaction(conn):
         rows = call_by_name(conn, "_conflict_events", scene, key, other_key, after, most)
-    return [ConflictEvent(scene=scene, **_fields(row)) for row in rows]
+    return [ConflictEvent(scene=scene, **fields_of(row)) for row in rows]
 
 
 def explain_conflict(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -> dict[str, Any]:
@@ -257,7 +257,7 @@ def runs(conn: psycopg.Connection[Any], scene: str, limit: int = 1) -> list[RunS
         return [RunStatus(**row) for row in call_by_name(conn, "_runs", scene, limit)]
 
 
-def _fields(row: dict[str, Any]) -> dict[str, Any]:
+def fields_of(row: dict[str, Any]) -> dict[str, Any]:
     """Return the columns of a row, which it changes, as the fields of a conflict, an approach or an event."""
     for name, meaning in _WORDS:
         if name in row:

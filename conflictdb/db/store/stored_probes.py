@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any, cast
+from typing import Any, Final, cast
 
 import numpy as np
 import psycopg
@@ -17,14 +17,18 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import offsets
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call, call_by_name, call_many, transaction
-from conflictdb.db.store.listing import decode_periods
+from conflictdb.db.store.listing import fields_of
 from conflictdb.db.store.stored_objects import decode_paths, decode_rings
 from conflictdb.db.store.stored_pairs import Candidates, Parts
 from conflictdb.errors import InvalidInput
 from conflictdb.model.inputs import all_certain, certain
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.results import Certainty, Conflict, Delays, Kind, Verdict
+from conflictdb.model.record import MEASURED, ColumnType
+from conflictdb.model.results import Conflict, Delays, Kind
 from conflictdb.stages.stage1_broad_phase import hulls_of
+
+# Columns of a conflict that are sent as they are; its points are sent as numbers.
+_SENT: Final = tuple(column for column in MEASURED if column.type is not ColumnType.POINT)
 
 # Key of a plan without one; never shown.
 _NO_KEY = "plan"
@@ -193,8 +197,9 @@ def _conflicts_of(scene: Scene, plan: Area | Track, rows: Sequence[Mapping[str, 
     mine = (Kind.AREA if isinstance(plan, Area) else Kind.TRACK), plan.key, plan.name
     answer = []
     for row in rows:
-        other = Kind(row["kind"]), row["key"], row["name"]
+        other = Kind(row.pop("kind")), row.pop("key"), row.pop("name")
         pair = sorted([mine, other], key=lambda one: (one[0].code, one[1].encode()))
+        row |= {"first_contact_lon_deg": row.pop("lon_deg"), "first_contact_lat_deg": row.pop("lat_deg")}
         answer.append(
             Conflict(
                 scene=scene.name,
@@ -202,18 +207,10 @@ def _conflicts_of(scene: Scene, plan: Area | Track, rows: Sequence[Mapping[str, 
                 a_kind=pair[0][0],
                 b_key=pair[1][1],
                 b_kind=pair[1][0],
-                verdict=Verdict(row["verdict"]),
-                periods=decode_periods(row["periods"]),
-                time_error_s=row["time_error_s"],
                 method=scene.method,
                 a_name=pair[0][2],
                 b_name=pair[1][2],
-                first_contact_deg=None if row["lon_deg"] is None else (row["lon_deg"], row["lat_deg"]),
-                closest_at=row["closest_at"],
-                closest_m=row["closest_m"],
-                closest_error_m=row["closest_error_m"],
-                lacking_s=row["lacking_s"],
-                certainty=None if row["certainty"] is None else Certainty(row["certainty"]),
+                **fields_of(row),
             )
         )
     return sorted(answer, key=lambda one: (one.a_kind.code, one.a_key.encode(), one.b_key.encode()))
@@ -232,16 +229,11 @@ def answer_probe(
                 "kind": (one.a_kind if is_a else one.b_kind).code,
                 "key": one.a_key if is_a else one.b_key,
                 "verdict": one.verdict,
-                "periods": [[_text(start), _text(end)] for start, end in one.periods],
-                "time_error_s": one.time_error_s,
+                "periods": [[_sent(start), _sent(end)] for start, end in one.periods],
                 "lon_deg": lon_deg,
                 "lat_deg": lat_deg,
-                "closest_at": _text(one.closest_at),
-                "closest_m": one.closest_m,
-                "closest_error_m": one.closest_error_m,
-                "lacking_s": one.lacking_s,
-                "certainty": one.certainty,
             }
+            | {column.name: _sent(getattr(one, column.field)) for column in _SENT}
         )
     call(conn, "_answer_probe", request.probe_id, None, json.dumps(rows), None)
 
@@ -261,5 +253,5 @@ def probe_failed(conn: psycopg.Connection[Any], probe_id: int, reason: str) -> N
     call(conn, "_probe_failed", probe_id, reason)
 
 
-def _text(instant: datetime | None) -> str | None:
-    return None if instant is None else instant.isoformat()
+def _sent(value: Any) -> Any:
+    return value.isoformat() if isinstance(value, datetime) else value

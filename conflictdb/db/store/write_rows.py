@@ -34,6 +34,7 @@ from conflictdb.model.plans import Scene
 from conflictdb.model.record import MEASURED, STATES, ColumnType
 from conflictdb.model.results import Verdict
 from conflictdb.model.rules import REPLACED
+from conflictdb.model.settings import SETTINGS
 from conflictdb.stages.conflict_regions import EDITION
 
 # Rows per statement: enough to amortise it, little memory.
@@ -60,10 +61,8 @@ _TYPES: Final = {
     "periods": "tstzmultirange",
     "region": "bytea",
 } | {one.name: _SENT_AS[one.type] for one in MEASURED}
-
-
-# Settings that change no conflict by themselves; rules do by the settings of the pairs that they concern.
-_OF_NO_ANSWER: Final = {"delays_within_s", "horizon_days", "rules", "vertical_datum"}
+# Rules act through the settings of the pairs that they concern.
+_OF_NO_ANSWER: Final = {"rules"} | {setting.name for setting in SETTINGS if not setting.decides_conflicts}
 
 
 @dataclass(frozen=True, slots=True)
