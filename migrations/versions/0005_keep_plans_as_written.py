@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "497264247d2c90161171fba4e07356dd177ee796012c435576891d8459d7a5de"
+routines_sha256 = "f726c1b9dffbea65d9c600c5cb3042e5ccfcc2af7b79a9018d6296b897fc3e15"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
