@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Final, cast
@@ -190,10 +190,13 @@ def wait_for_probes(
     """
     with transaction(conn):
         rows = call_by_name(conn, "_wait_for_probes", list(ids), timeout)
-    return [_conflicts_of(scene, plan, [row for row in rows if row["n"] == n]) for n, plan in enumerate(plans)]
+    of_plans: list[list[dict[str, Any]]] = [[] for _ in plans]
+    for row in rows:
+        of_plans[row.pop("n")].append(row)
+    return [_conflicts_of(scene, plan, of_plan) for plan, of_plan in zip(plans, of_plans, strict=True)]
 
 
-def _conflicts_of(scene: Scene, plan: Area | Track, rows: Sequence[Mapping[str, Any]]) -> list[Conflict]:
+def _conflicts_of(scene: Scene, plan: Area | Track, rows: Sequence[dict[str, Any]]) -> list[Conflict]:
     mine = (Kind.AREA if isinstance(plan, Area) else Kind.TRACK), plan.key, plan.name
     answer = []
     for row in rows:
