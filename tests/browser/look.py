@@ -153,6 +153,12 @@ def _conflict(page: Page, stop: Callable[[], None]) -> None:
     page.locator(".row").nth(min(1, page.locator(".row").count() - 1)).click()
 
 
+def _overlap(page: Page, stop: Callable[[], None]) -> None:
+    _conflict(page, stop)
+    for _ in range(3):
+        page.get_by_role("slider", name="Time shown").press("ArrowRight")
+
+
 def _filters(page: Page, stop: Callable[[], None]) -> None:
     page.get_by_text("Filter", exact=True).click()
 
@@ -180,6 +186,7 @@ def _what_if(page: Page, stop: Callable[[], None]) -> None:
 STATES: Final[dict[str, tuple[str, Callable[[Page, Callable[[], None]], None]]]] = {
     "first": ("strait", _first),
     "conflict": ("strait", _conflict),
+    "overlap": ("strait", _overlap),
     "filters": ("strait", _filters),
     "object": ("strait", _object),
     "what-if": ("strait", _what_if),

@@ -128,7 +128,7 @@ def test_filters_leave_what_they_say(strait: str, open_page: Open) -> None:
     words = page.get_by_label("Object")
     words.fill("ferry")
     assert rows(page) == ["FIRING and FERRY", "DIVING and FERRY", "FERRY and TOW"]
-    expect(page.locator("#count")).to_have_text("3 of 7 conflicts")
+    expect(page.locator("#headline")).to_have_text("3 of 7 conflicts, 0 now, next in 29 min")
     await_drawn(page)
     until(lambda: shown(page, "conflicts", "!s.hidden") == 3)
     page.get_by_text("Filter", exact=True).click()
@@ -417,7 +417,8 @@ def test_nothing_overlaps_and_nobody_is_left_out(strait: str, open_page: Open) -
             assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
             assert page.evaluate("document.documentElement.scrollHeight") <= size[1]
             boxes = page.evaluate("""[...document.querySelectorAll(
-                'h1, #state, #theme, #words, #more > summary, .controls > *, #bars, #slider, #map, .detail > *, li'
+                'h1, #headline, #state, #theme, #words, #more > summary, .controls > *, #bars, #slider, #map,'
+                + ' .detail > *, .side li'
             )].filter((one) => one.checkVisibility() && !one.closest('[hidden]')).map((one) => {
                 const {x, y, width, height} = one.getBoundingClientRect();
                 return [one.id || one.className || one.tagName, x, y, x + width, y + height];

@@ -6,7 +6,8 @@ import { byId } from "./dom.js";
 import { Departure } from "./departure.js";
 import { Detail } from "./detail.js";
 import { EmbeddedSource } from "./embedded.js";
-import { clock, counted, day, instantOf, printable } from "./format.js";
+import { Focus } from "./focus.js";
+import { about, clock, counted, day, instantOf, printable } from "./format.js";
 import { Graticule } from "./graticule.js";
 import { Havens } from "./havens.js";
 import { List } from "./list.js";
@@ -26,6 +27,7 @@ const REST_MS = 250; // after the last move of a plan the map hears of it: it dr
 const MARKS_SHARE = 0.2; // of the time, at most, that this takes
 const POLAR_LAT = 75; // degrees: what is chosen beyond is shown about the pole
 const POLE_LAT = 60; // scenes that reach beyond can be
+const NARROW_PX = 900; // the legend opens on wider screens
 const LARGE = 2000; // a scene of more objects or conflicts has an overview
 
 // Places all around a box.
@@ -78,6 +80,7 @@ class Page {
     this.describe();
     this.player.offerSpeeds();
     this.listen();
+    byId("legend").open = innerWidth > NARROW_PX;
     state.moveToFirst();
     this.applyFilter();
     this.moveTo(state.t);
@@ -272,6 +275,7 @@ class Page {
     byId("clock").textContent = clock(t);
     byId("clock").dateTime = new Date(t * 1000).toISOString();
     byId("day").textContent = `UTC, ${day(t)}`;
+    this.showAhead();
     this.timeline.mark(t, chosen?.id ?? null);
     this.list.show(t, chosen?.id ?? null);
     this.detail.mark(t);
@@ -280,6 +284,14 @@ class Page {
     havens.marks.pair = chosen ? [chosen.a, chosen.b] : [];
     havens.draw();
     polar.draw();
+  }
+
+  // What follows the number of conflicts in the headline.
+  showAhead() {
+    const { left } = this.state;
+    const { now, next } = this.state.ahead();
+    const text = left.length === 0 ? "" : `, ${now.toLocaleString("en")} now, ${next === null ? "none later" : `next in ${about(next)}`}`;
+    if (byId("ahead").textContent !== text) byId("ahead").textContent = text;
   }
 
   // --- the conflict that is chosen -----------------------------------------------------------------------------------
@@ -314,6 +326,7 @@ class Page {
     if (isStep) this.address.flush();
     const id = state.chosen?.id;
     state.choose(null);
+    this.havens.focus = null;
     byId("detail").hidden = true;
     byId("all").hidden = false;
     this.moveTo(state.t);
@@ -360,7 +373,14 @@ class Page {
     const { chosen, model } = this.state;
     const track = [chosen.b, chosen.a].find((key) => model.objects.get(key)?.kind === "track");
     const distance = track === undefined ? null : distanceAround(this.source, this.kernel, chosen, track);
-    this.detail.show(chosen, model, this.source.pair(chosen.a, chosen.b), distance, model.scene.may_acknowledge);
+    const pair = this.source.pair(chosen.a, chosen.b);
+    this.detail.show(chosen, model, pair, distance, model.scene.may_acknowledge);
+    const focus = new Focus(chosen, model);
+    this.havens.focus = focus;
+    pair.then(({ footprints }) => {
+      focus.takeFootprints(footprints);
+      this.havens.draw();
+    }, () => null); // the card says so
   }
 
   // --- about the pole ------------------------------------------------------------------------------------------------

@@ -65,6 +65,17 @@ export class State {
     return new Set(this.left.filter((one) => this.isOn(one)).flatMap(({ a, b }) => [a, b]));
   }
 
+  // How many conflicts that the filter leaves are on, and in how many seconds the next one begins (null: none does).
+  ahead() {
+    let [now, next] = [0, Infinity];
+    for (const conflict of this.left) {
+      if (this.isOn(conflict)) now += 1;
+      if (conflict.change === "gone") continue;
+      for (const [start] of conflict.periods) if (start > this.t) next = Math.min(next, start);
+    }
+    return { now, next: Number.isFinite(next) ? next - this.t : null };
+  }
+
   // --- the filter ----------------------------------------------------------------------------------------------------
 
   applyFilter() {
