@@ -952,8 +952,8 @@ FUNCTION _attached_footprint(p_who text, p_shape geometry)
 FUNCTION _attached_path(p_who text, p_shape geometry, p_times timestamp with time zone[], p_has_times boolean)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
-FUNCTION _attached_rows(p_attachment_id bigint, p_change_ids bigint[], p_is_full boolean, p_how text)
-    RETURNS SETOF attached_row LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+FUNCTION _attached_rows(p_attachment_id bigint, p_change_ids bigint[], p_is_full boolean, p_reading text)
+    RETURNS SETOF attached_plan LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _attached_span(p_who text, p_span tstzrange, p_start timestamp with time zone, p_end timestamp with time zone)
     RETURNS tstzrange LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1877,7 +1877,7 @@ FUNCTION _sphere_m()
     RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
 FUNCTION _staged_tracks(p_is_waypoints boolean, p_has_times boolean, p_first bigint, p_last bigint)
-    RETURNS TABLE(object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry, grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[], ceilings_m double precision[], properties jsonb, class text, owner text) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS TABLE(object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry, grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[], ceilings_m double precision[], properties jsonb, class text, owner text, tolerances jsonb, departures timestamp with time zone[], schedule jsonb) LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _stored_horizon_us(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql STABLE STRICT PARALLEL SAFE;
