@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "f726c1b9dffbea65d9c600c5cb3042e5ccfcc2af7b79a9018d6296b897fc3e15"
+routines_sha256 = "5c32f874383934607e816f70293fbd7d958188a561a3a1fd93acbeb832dd7066"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
