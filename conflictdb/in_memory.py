@@ -294,7 +294,8 @@ def chances(
 
     Conflicts are those of tracks, with each other and with areas. All departures and speeds are independent of each
     other, and the method is `exact`. A departure shifts a whole plan: nothing of it is there before, and nothing after.
-    A speed is that of a whole plan, as for `speeds`.
+    A speed is that of a whole plan, as for `speeds`. The work is bounded: with many pairs, and with large empirical
+    distributions, bounds are wider.
 
     Raises the errors of `solve`, and InvalidInput for an unknown track or another distribution, and, with uncertain
     speeds, for a scene with a separation in time.

@@ -3,10 +3,13 @@
 A track departs X later than planned, whole plan and all. X is normal, uniform or empirical, and independent of those of
 other tracks. Tracks a and b meet if and only if X_a - X_b is in their set of differences (`stages.delays`), whose outer
 intervals give the bound from above, and whose inner intervals that from below (speeds: `chances_at_speeds`).
+
+The work is bounded: pairs and tracks share a number of values of distributions (`Budget`). Where it does not suffice,
+the values of an empirical distribution are taken in groups, and cells are larger: bounds are wider.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -28,8 +31,14 @@ _TAIL: Final = 1e-12
 ROUNDING: Final = 1e-10
 # Cells of a continuous distribution; the probabilities of several conflicts are bounded in each. Fewer: looser bounds.
 _CELLS: Final = 4000
+# Values of distributions that one call computes for all pairs, and for all tracks; and the least parts of a
+# distribution, however many there are. More: tighter, slower (10 to 15 s each). A value of an empirical distribution
+# takes as long as this number of other values.
+MOST_VALUES = 200_000_000
+LEAST_PARTS: Final = 16
+_OF_ATOMS: Final = 3
 # Values of one distribution, times intervals, whose probabilities are computed at once. More: more memory.
-_AT_ONCE: Final = 1_000_000
+AT_ONCE: Final = 1_000_000
 # Largest probability outside the limits of a distribution.
 _MOST_OUTSIDE: Final = 1e-9
 
@@ -49,6 +58,12 @@ class Uncertain:
     mean: float = 0.0
     sd: float = 0.0
     atoms: Floats | None = None
+    _sums: Floats = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Add up the atoms once."""
+        sums = np.append(0.0, np.cumsum(() if self.atoms is None else self.atoms))
+        object.__setattr__(self, "_sums", sums)
 
     @classmethod
     def of(cls, given: Any, least: float, most: float) -> "Uncertain":
@@ -111,8 +126,9 @@ class Uncertain:
         """Return the mean (n,) between two ranks (n, 2), to 1e-15 of the largest value by their difference."""
         width = np.ptp(ranks, axis=1)
         if self.atoms is not None:
-            steps = np.arange(len(self.atoms) + 1) / len(self.atoms)
-            below = np.interp(ranks, steps, np.append(0.0, np.cumsum(self.atoms) / len(self.atoms)))
+            at = ranks * len(self.atoms)
+            atom = np.clip(np.floor(at).astype(np.int64), 0, len(self.atoms) - 1)
+            below = (self._sums[atom] + (at - atom) * self.atoms[atom]) / len(self.atoms)
             return np.asarray(np.ptp(below, axis=1) / width)
         if self.sd > 0.0:
             density = np.exp(-0.5 * ndtri(ranks) ** 2) / np.sqrt(2.0 * np.pi)
@@ -120,23 +136,53 @@ class Uncertain:
         return np.asarray(self.quantile(ranks.mean(axis=1), is_high=True))
 
 
+class Budget:
+    """Values of distributions that may still be computed, shared equally by the computations to come."""
+
+    def __init__(self, computations: int) -> None:
+        self._computations, self._values = computations, MOST_VALUES
+
+    def share(self) -> int:
+        """Return the values of the next computation."""
+        share = max(self._values, 0) // max(self._computations, 1)
+        self._computations -= 1
+        return share
+
+    def spend(self, values: int) -> None:
+        """Take computed values away."""
+        self._values -= values
+
+
 # Departures as planned, and speeds.
 PLANNED: Final = Uncertain(0.0, 0.0, atoms=np.zeros(1))
 AS_FAST: Final = Uncertain(1.0, 1.0, atoms=np.ones(1))
 
 
-def difference_within(a: Uncertain, b: Uncertain, low: Floats, high: Floats) -> Floats:
-    """Return the probabilities of low <= X_a - X_b <= high, elementwise."""
-    if a.atoms is None and b.atoms is not None:
-        return difference_within(b, a, -high, -low)
+def _groups(atoms: Floats, most: int) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Return the least and the largest value of groups (n,) of atoms, `most` or fewer, and their edges (n + 1,)."""
+    count = min(most, len(atoms))
+    edges = np.arange(count + 1) * len(atoms) // count
+    return atoms[edges[:-1]], atoms[edges[1:] - 1], edges
+
+
+def difference_within(a: Uncertain, b: Uncertain, low: Floats, high: Floats, groups: int, *, is_most: bool) -> Floats:
+    """Return bounds of the probabilities of low <= X_a - X_b <= high, elementwise: from above, or from below.
+
+    groups : most groups of atoms; if there are no more atoms, bounds are exact, as those of other distributions
+    """
+    if b.atoms is not None and (a.atoms is None or len(b.atoms) < len(a.atoms)):
+        return difference_within(b, a, -high, -low, groups, is_most=is_most)
     if a.atoms is not None:
-        found, some = np.empty(len(low)), max(_AT_ONCE // len(a.atoms), 1)
-        for first in range(0, len(low), some):
-            rows = slice(first, first + some)
-            found[rows] = b.within(a.atoms[:, None] - high[rows], a.atoms[:, None] - low[rows]).mean(axis=0)
+        least, most, edges = _groups(a.atoms, groups)
+        first, last = (least, most) if is_most else (most, least)
+        mass = np.diff(edges) / len(a.atoms)
+        found, some = np.empty(len(low)), max(AT_ONCE // len(mass), 1)
+        for begin in range(0, len(low), some):
+            rows = slice(begin, begin + some)
+            found[rows] = mass @ b.within(first[:, None] - high[rows], last[:, None] - low[rows])
         return found
     if b.sd > 0.0 and not a.sd > 0.0:
-        return difference_within(b, a, -high, -low)
+        return difference_within(b, a, -high, -low, groups, is_most=is_most)
     if b.sd > 0.0:
         both = Uncertain(0.0, 0.0, mean=a.mean - b.mean, sd=float(np.hypot(a.sd, b.sd)))
         return both.within(low, high)
@@ -161,49 +207,77 @@ class Rival:
     inner: tuple[Floats, Floats]
 
 
-def chance_of_pair(departure: Uncertain, rival: Rival) -> Bounds:
+def atoms_of(a: Uncertain, b: Uncertain) -> int:
+    """Return how many values of a distribution a probability of the difference of both takes."""
+    return min((len(one.atoms) for one in (a, b) if one.atoms is not None), default=1)
+
+
+def chance_of_pair(departure: Uncertain, rival: Rival, budget: Budget) -> Bounds:
     """Return bounds on the probability that a track meets another object."""
+    spans = len(rival.inner[0]) + len(rival.outer[0])
+    if departure.atoms is not None and rival.departure.atoms is not None:
+        spans *= _OF_ATOMS
+    groups = min(max(budget.share() // max(spans, 1), LEAST_PARTS), atoms_of(departure, rival.departure))
+    budget.spend(groups * spans)
     least, most = (
-        float(difference_within(departure, rival.departure, *spans).sum()) for spans in (rival.inner, rival.outer)
+        float(difference_within(departure, rival.departure, *of, groups, is_most=is_most).sum())
+        for of, is_most in ((rival.inner, False), (rival.outer, True))
     )
     return outward(least, most, departure.tail + rival.departure.tail)
 
 
-def chance_of_any(departure: Uncertain, rivals: list[Rival], tail: float) -> Bounds:
+def chance_of_any(
+    departure: Uncertain, rivals: list[Rival], pairs: list[Bounds], tail: float, budget: Budget
+) -> Bounds:
     """Return bounds on the probability that a track meets any of some objects, and of others with a probability `tail`.
 
     Given the delay of the track, conflicts are independent. So the delay is divided into cells, and within each the
     probability of each conflict is bounded. It is at least the largest of the probabilities, and at most their sum.
+
+    pairs : the bounds of each
     """
-    pairs = [chance_of_pair(departure, one) for one in rivals]
-    least = _of_any(departure, [(one.departure, *one.inner) for one in rivals], is_most=False)
-    most = _of_any(departure, [(one.departure, *one.outer) for one in rivals], is_most=True)
+    least = _of_any(departure, [(one.departure, *one.inner) for one in rivals], budget, is_most=False)
+    most = _of_any(departure, [(one.departure, *one.outer) for one in rivals], budget, is_most=True)
     least, most = outward(least, most, tail)
     return max([least, *(low for low, _ in pairs)]), min(most, sum(high for _, high in pairs) + tail)
 
 
-def _of_any(departure: Uncertain, rivals: list[tuple[Uncertain, Floats, Floats]], *, is_most: bool) -> float:
+def _of_any(
+    departure: Uncertain, rivals: list[tuple[Uncertain, Floats, Floats]], budget: Budget, *, is_most: bool
+) -> float:
     # Where the track surely meets what departs at a known time: delays of the track, exact.
     known = [(b.low + low, b.low + high) for b, low, high in rivals if b.low == b.high]
-    lows, highs = (np.concatenate([np.empty(0), *ends]) for ends in (zip(*known, strict=True) if known else ((), ())))
+    ends = zip(*known, strict=True) if known else ((), ())
+    lows, highs = (np.sort(np.concatenate([np.empty(0), *some])) for some in ends)
+
+    def is_free(delays_s: Floats) -> NDArray[np.bool_]:
+        opened = np.searchsorted(lows, delays_s, side="right")
+        return np.asarray(opened == np.searchsorted(highs, delays_s, side="left"))
+
+    uncertain = [(b, low, high) for b, low, high in rivals if b.low != b.high]
+    intervals = sum(len(low) * (1 if b.atoms is None else _OF_ATOMS) for b, low, _ in uncertain)
+    most_cells = max(budget.share() // max(intervals, 1), LEAST_PARTS)
+    # Cells from first to last, the probability of all of them, and of the free delays of each.
     if departure.atoms is not None:
-        first = last = departure.atoms
-        mass = np.full(len(first), 1.0 / len(first))
+        first, last, edges = _groups(departure.atoms, most_cells)
+        mass = np.add.reduceat(is_free(departure.atoms) / len(departure.atoms), edges[:-1])
+        whole = 1.0
     else:
-        grid = np.linspace(departure.low, departure.high, _CELLS + 1)
-        edges = np.unique(np.clip(np.concatenate([grid, lows, highs]), departure.low, departure.high))
-        first, last = edges[:-1], edges[1:]
-        mass = departure.within(first, last)
-    middle = 0.5 * (first + last)
-    opened = np.searchsorted(np.sort(lows), middle, side="right")
-    free = (opened == np.searchsorted(np.sort(highs), middle, side="left")).astype(np.float64)
-    for b, low, high in rivals:
-        if b.low == b.high:
-            continue
-        begin, end = (first, last) if is_most else (last, first)
-        met = b.within(begin[:, None] - high, end[:, None] - low).sum(axis=1)
-        free *= 1.0 - np.minimum(met, 1.0)
-    return float((mass * (1.0 - free)).sum())
+        grid = np.linspace(departure.low, departure.high, min(most_cells, _CELLS) + 1)
+        first, last = grid[:-1], grid[1:]
+        steps = np.unique(np.clip(np.concatenate([grid, lows, highs]), departure.low, departure.high))
+        middle, of_step = 0.5 * (steps[:-1] + steps[1:]), departure.within(steps[:-1], steps[1:])
+        cell = np.clip(np.searchsorted(grid, middle, side="right") - 1, 0, len(first) - 1)
+        mass, whole = np.bincount(cell, is_free(middle) * of_step, len(first)), float(of_step.sum())
+    budget.spend(len(mass) * intervals)
+    begin, end = (first, last) if is_most else (last, first)
+    for b, low, high in uncertain:
+        some = max(AT_ONCE // max(len(low), 1), 1)
+        for at in range(0, len(mass), some):
+            cells = slice(at, at + some)
+            met = b.within(begin[cells, None] - high, end[cells, None] - low).sum(axis=1)
+            mass[cells] *= 1.0 - np.minimum(met, 1.0)
+    return whole - float(mass.sum())
 
 
 def outward(least: float, most: float, tail: float) -> Bounds:
@@ -241,13 +315,17 @@ def chances_of_departures(
     most_s = max([0.0, *(one.high for one in known.values())]) - min([0.0, *(one.low for one in known.values())])
     horizon_us = int(np.ceil(1e6 * most_s)) + 1
     movable = set(numbers.tolist())
-    pairs, any_of = {}, {}
     every = differences_of(scene, plane, placed, numbers, horizon_us, waits=False)
-    for number, own in every.of_each_track():
-        departure = known.get(number, PLANNED)
-        rivals = rivals_of(own, horizon_us, lambda other: known.get(other, PLANNED))
-        any_of[number] = chance_of_any(departure, list(rivals.values()), tail)
-        for other, rival in rivals.items():
-            if other not in movable or other > number:
-                pairs[number, other] = chance_of_pair(departure, rival)
+    met = {
+        number: rivals_of(own, horizon_us, lambda other: known.get(other, PLANNED))
+        for number, own in every.of_each_track()
+    }
+    rows = [(a, b) for a, rivals in met.items() for b in rivals if b not in movable or b > a]
+    budget = Budget(len(rows))
+    pairs = {(a, b): chance_of_pair(known.get(a, PLANNED), met[a][b], budget) for a, b in rows}
+    # From below and from above.
+    any_of, budget = {}, Budget(2 * len(met))
+    for a, rivals in met.items():
+        bounds = [pairs[a, b] if (a, b) in pairs else pairs[b, a] for b in rivals]
+        any_of[a] = chance_of_any(known.get(a, PLANNED), list(rivals.values()), bounds, tail, budget)
     return pairs, any_of

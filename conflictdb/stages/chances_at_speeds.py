@@ -3,9 +3,10 @@
 The factors of time of both plans are divided into cells. Within a cell the differences of departure in contact lie
 between bounds that are linear in each factor (`contacts_at_speeds`), so that the probability is bounded by the values
 at the corners. Where the distribution of differences has a second derivative, the expectations of the bounds say more:
-to half of it times the variance. Cells whose bounds are apart are halved.
+to half of it times the variance. Cells whose bounds are apart are halved, as long as the budget lasts.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -19,11 +20,15 @@ from conflictdb.model.plans import Scene, Track
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.chances import (
     AS_FAST,
+    AT_ONCE,
+    LEAST_PARTS,
     PLANNED,
     ROUNDING,
     Bounds,
+    Budget,
     Found,
     Uncertain,
+    atoms_of,
     bend,
     difference_within,
     outward,
@@ -36,6 +41,12 @@ _MOST_CELLS: Final = 20_000
 # The cells of all that a track may meet, together; and those of the speed of each.
 _MOST_OF_TRACK: Final = 100_000
 _OF_RIVAL: Final = 16
+# A part of a cell costs as much as this number of values of a distribution, besides those that it computes; and a call
+# for all cells does, for each part. The most rounds in which cells are halved.
+_PART_VALUES: Final = 30
+_VALUES: Final = 4
+_CALL_VALUES: Final = 5_000
+_MOST_ROUNDS: Final = 200
 # Cells are not halved below this probability in either direction.
 _LEAST_RANK: Final = 1e-13
 # More than means of cells are rounded by, relative to the range.
@@ -59,9 +70,13 @@ class UncertainPlan:
 _Evaluated = tuple[Floats, Floats, Floats]
 
 
-def chance_of_meeting(a: UncertainPlan, b: UncertainPlan, meeting: Meeting) -> Bounds:
+def chance_of_meeting(a: UncertainPlan, b: UncertainPlan, meeting: Meeting, budget: Budget) -> Bounds:
     """Return bounds on the probability that a track meets another object."""
-    curved = bend(a.departure, b.departure)
+    curved, parts, share = bend(a.departure, b.departure), len(meeting.parts), budget.share()
+    is_certain = a.speed.low == a.speed.high and b.speed.low == b.speed.high
+    of_part = share // (_VALUES * parts)
+    groups = max(of_part // (1 if is_certain else _MOST_CELLS), math.isqrt(of_part), LEAST_PARTS)
+    groups = min(groups, atoms_of(a.departure, b.departure))
 
     def evaluate(ranks: Floats) -> _Evaluated:
         i, j = _times(a.speed, ranks[:, 0]), _times(b.speed, ranks[:, 1])
@@ -70,31 +85,38 @@ def chance_of_meeting(a: UncertainPlan, b: UncertainPlan, meeting: Meeting) -> B
         most = np.zeros(len(ranks))
         for cells, low, high in _united(*meeting.outer(*corners), is_inner=False):
             most[cells] += np.minimum(
-                difference_within(a.departure, b.departure, low.min(axis=1), high.max(axis=1)),
+                difference_within(a.departure, b.departure, low.min(axis=1), high.max(axis=1), groups, is_most=True),
                 difference_within(
                     a.departure,
                     b.departure,
                     _expected(low, shares, cells)[0],
                     _expected(high, shares, cells)[1],
+                    groups,
+                    is_most=True,
                 )
                 + _error(curved, low, high),
             )
         least = np.zeros(len(ranks))
         for cells, low, high in _united(*meeting.inner(*corners), is_inner=True):
             least[cells] += np.maximum(
-                difference_within(a.departure, b.departure, low.max(axis=1), high.min(axis=1)),
+                difference_within(a.departure, b.departure, low.max(axis=1), high.min(axis=1), groups, is_most=False),
                 difference_within(
                     a.departure,
                     b.departure,
                     _expected(low, shares, cells)[1],
                     _expected(high, shares, cells)[0],
+                    groups,
+                    is_most=False,
                 )
                 - _error(curved, low, high),
             )
         sizes = np.column_stack([np.ptp(i, axis=1) * meeting.lasts_s[0], np.ptp(j, axis=1) * meeting.lasts_s[1]])
         return np.minimum(least, 1.0), np.minimum(most, 1.0), sizes
 
-    return outward(*_integral(evaluate, _MOST_CELLS), a.tail + b.tail)
+    cost = _Cost(parts, parts * (_PART_VALUES + _VALUES * groups), parts * _CALL_VALUES)
+    least, most, values = _integral(evaluate, _MOST_CELLS, cost, share)
+    budget.spend(values)
+    return outward(least, most, a.tail + b.tail)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +127,15 @@ class RivalAtSpeed:
     meeting: Meeting
     is_first: bool
 
+    @property
+    def cells(self) -> int:
+        """The number of cells of its speed."""
+        return 1 if self.plan.speed.low == self.plan.speed.high else _OF_RIVAL
 
-def chance_of_any(track: UncertainPlan, rivals: list[RivalAtSpeed], pairs: list[Bounds], tail: float) -> Bounds:
+
+def chance_of_any(
+    track: UncertainPlan, rivals: list[RivalAtSpeed], pairs: list[Bounds], tail: float, budget: Budget
+) -> Bounds:
     """Return bounds on the probability that a track meets any of some objects.
 
     Given its delay and its speed, conflicts are independent.
@@ -121,19 +150,26 @@ def chance_of_any(track: UncertainPlan, rivals: list[RivalAtSpeed], pairs: list[
         own = _times(track.speed, ranks[:, 1])
         free = np.ones((2, len(ranks)))
         for rival in rivals:
-            met = np.zeros((2, len(ranks)))
-            cells = 1 if rival.plan.speed.low == rival.plan.speed.high else _OF_RIVAL
-            for n in range(cells):
-                ranks_of = np.tile([n / cells, (n + 1) / cells], (len(ranks), 1))
-                others = _times(rival.plan.speed, ranks_of)
-                met += _met(rival, delay, *((own, others) if rival.is_first else (others, own))) / cells
+            # Each cell with each cell of the speed of the rival.
+            count = rival.cells
+            edges = np.arange(count + 1) / count
+            others = np.tile(_times(rival.plan.speed, np.column_stack([edges[:-1], edges[1:]])), (len(ranks), 1))
+            delays, owns = np.repeat(delay, count, axis=0), np.repeat(own, count, axis=0)
+            met = _met(rival, delays, *((owns, others) if rival.is_first else (others, owns)))
+            met = met.reshape(2, len(ranks), count).mean(axis=2)
             free *= 1.0 - np.minimum(met, 1.0)
         sizes = np.column_stack([np.ptp(delay, axis=1), np.ptp(own, axis=1) * lasts_s])
         return 1.0 - free[0], 1.0 - free[1], sizes
 
     if not rivals:
         return 0.0, min(tail, 1.0)
-    least, most = outward(*_integral(evaluate, max(_MOST_OF_TRACK // len(rivals) // _OF_RIVAL, 64)), tail)
+    parts = [len(one.meeting.parts) for one in rivals]
+    rows = [one.cells * count for one, count in zip(rivals, parts, strict=True)]
+    cost = _Cost(max(rows), _PART_VALUES * sum(rows), _CALL_VALUES * sum(parts))
+    most_cells = max(_MOST_OF_TRACK // len(rivals) // _OF_RIVAL, 64)
+    least, most, values = _integral(evaluate, most_cells, cost, budget.share())
+    budget.spend(values)
+    least, most = outward(least, most, tail)
     return max(least, *(low for low, _ in pairs)), min(most, sum(high for _, high in pairs) + tail)
 
 
@@ -152,30 +188,46 @@ def _met(rival: RivalAtSpeed, delay: Floats, i: Floats, j: Floats) -> Floats:
     return met
 
 
-def _integral(evaluate: Callable[[Floats], _Evaluated], most_cells: int) -> Bounds:
-    """Return bounds on the mean of a probability over all ranks of two quantities, (0, 1) each."""
+@dataclass(frozen=True, slots=True)
+class _Cost:
+    """The rows of arrays that a cell takes, and the values that a cell and a call for all cells cost."""
+
+    rows: int
+    of_cell: int
+    of_call: int
+
+
+def _integral(
+    evaluate: Callable[[Floats], _Evaluated], most_cells: int, cost: _Cost, most_values: int
+) -> tuple[float, float, int]:
+    """Return bounds on the mean of a probability over all ranks of two quantities, (0, 1) each; and their cost."""
+    at_once = max(AT_ONCE // (4 * cost.rows), 1)
     ranks = np.array([[[0.0, 1.0], [0.0, 1.0]]])
     least, most, sizes = evaluate(ranks)
-    while True:
+    values = cost.of_call + cost.of_cell
+    for done in range(_MOST_ROUNDS + 1):
         widths = np.ptp(ranks, axis=2)
         mass = widths.prod(axis=1)
         gap = mass * (most - least)
         can = (sizes > 0.0) & (widths > _LEAST_RANK)
         chosen = np.flatnonzero(can.any(axis=1) & (gap > 0.5 * _AIM / len(gap)))
-        room = most_cells - len(gap)
-        if gap.sum() <= _AIM or room <= 0 or not chosen.size:
-            return float((mass * least).sum()), float((mass * most).sum())
+        room = min(most_cells - len(gap), (most_values - values - cost.of_call) // (2 * cost.of_cell))
+        if gap.sum() <= _AIM or room <= 0 or not chosen.size or done == _MOST_ROUNDS:
+            break
         chosen = chosen[np.argsort(-gap[chosen], kind="stable")[:room]]
         direction = np.where(can[chosen], sizes[chosen], -1.0).argmax(axis=1)
         halves, every = np.repeat(ranks[chosen], 2, axis=0), np.arange(len(chosen))
         middle = ranks[chosen][every, direction].mean(axis=1)
         halves[2 * every, direction, 1] = halves[2 * every + 1, direction, 0] = middle
         kept = np.setdiff1d(np.arange(len(gap)), chosen)
-        found = evaluate(halves)
+        values += cost.of_call + len(halves) * cost.of_cell
+        some = [evaluate(halves[at : at + at_once]) for at in range(0, len(halves), at_once)]
+        found = [np.concatenate(columns) for columns in zip(*some, strict=True)]
         ranks = np.concatenate([ranks[kept], halves])
         least, most, sizes = (
             np.concatenate([old[kept], new]) for old, new in zip((least, most, sizes), found, strict=True)
         )
+    return float((mass * least).sum()), float((mass * most).sum()), values
 
 
 def _values(given: Uncertain, ranks: Floats) -> Floats:
@@ -281,15 +333,18 @@ def chances_at_speeds(
     still = UncertainPlan(PLANNED, AS_FAST)
     pairs: dict[tuple[int, int], Bounds] = {}
     rivals: dict[int, list[tuple[RivalAtSpeed, Bounds]]] = {}
-    for (a, b), meeting in meetings_of(scene, plane, placed, paces).items():
+    meetings = meetings_of(scene, plane, placed, paces)
+    budget = Budget(len(meetings))
+    for (a, b), meeting in meetings.items():
         other = plans.get(b, still)
-        bounds = chance_of_meeting(plans[a], other, meeting)
+        bounds = chance_of_meeting(plans[a], other, meeting, budget)
         if bounds[1] > tail + ROUNDING:
             pairs[a, b] = bounds
         rivals.setdefault(a, []).append((RivalAtSpeed(other, meeting, is_first=True), bounds))
         if b in plans:
             rivals.setdefault(b, []).append((RivalAtSpeed(plans[a], meeting, is_first=False), bounds))
+    budget = Budget(len(rivals))
     return pairs, {
-        number: chance_of_any(plans[number], [one for one, _ in some], [bounds for _, bounds in some], tail)
+        number: chance_of_any(plans[number], [one for one, _ in some], [bounds for _, bounds in some], tail, budget)
         for number, some in rivals.items()
     }

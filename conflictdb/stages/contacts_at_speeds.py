@@ -29,10 +29,13 @@ from conflictdb.stages.pieces.covers import is_covered
 
 _Ints = NDArray[np.int64]
 
-# Bounds from above and below may differ by this, seconds; the most rounds that add ratios; the most ratios.
+# Bounds from above and below may differ by this, seconds; the most rounds in which ratios are added, and ratios of a
+# pair of pieces; and of all pairs, but for a few of each (60 us each).
 _GAP_S: Final = 1e-5
 _MOST_ROUNDS: Final = 24
 _MOST_RATIOS: Final = 100
+_MOST_IN_ALL: Final = 200_000
+_LEAST_RATIOS: Final = 6
 # Outer ends lie this far outside, and inner ones inside: more than instants are rounded by, and than the last instant
 # of a plan, which does not belong to it.
 _OUTSIDE_S: Final = 1e-6
@@ -225,6 +228,7 @@ class _Nodes:
         self, prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, threads: int, ratios: Floats
     ) -> None:
         self._solve, self._shifts, self._limits = (prepared, reach_m, threads), shifts, ratios
+        self._most = min(max(_MOST_IN_ALL // max(len(shifts), 1), _LEAST_RATIOS), _MOST_RATIOS)
         self._of: list[list[tuple[float, Any]]] = [[] for _ in range(len(shifts))]
         self.apart: set[int] = set()
 
@@ -271,7 +275,7 @@ class _Nodes:
         """Return the ratios to compute next."""
         nodes = self._of[row]
         missing: list[float] = []
-        if row in self.apart or len(nodes) > _MOST_RATIOS:
+        if row in self.apart or len(nodes) >= self._most:
             return missing
         for (r, one), (s, other) in pairwise(nodes):
             if not (one["state"] == other["state"] == DifferenceState.INNER):

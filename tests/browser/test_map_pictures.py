@@ -168,6 +168,45 @@ def test_a_chosen_pair_stands_out(strait: str, open_page: Open, scheme: str) -> 
     assert not any(state["dim"] or state["hidden"] or state["a"] or state["b"] for state in seen.values())
 
 
+WRITTEN = """() => {
+    const { havens } = conflictdbPage, { context } = havens, written = [];
+    context.fillText = (text, x, y) => {
+        const half = context.measureText(text).width / 2;
+        written.push([text, x - half, y - 6, x + half, y + 6]);
+    };
+    havens.draw();
+    delete context.fillText;
+    return written;
+}"""
+
+
+def test_a_chosen_pair_is_named_and_its_overlap_filled(strait: str, open_page: Open) -> None:
+    """Now, not where they meet at another time; both names are in view wherever the map goes, and apart."""
+    page = open_page(strait)
+    page.get_by_role("button", name="FIRING and FERRY").click()
+    expect(page.locator("svg.plan")).to_be_visible()
+    go_to(page, "{center: [9.2, 57.85], zoom: 9}")
+    start = page.evaluate("conflictdbPage.t")
+    assert {"first 08:11:17", "last 09:07:24"} <= {text for text, *_ in page.evaluate(WRITTEN)}
+    place = "conflictdbPage.model.objects.get('FERRY').motion.place(conflictdbPage.t)"
+    show_time(page, start + 1500)
+    red, green, blue, _ = pixel(page, *page.evaluate(place), "havens")
+    assert red > green > blue
+    show_time(page, start - 600)
+    red, green, blue, _ = pixel(page, *page.evaluate(place), "havens")
+    assert green > red
+    for view in ("{center: [9.2, 57.85], zoom: 9}", "{center: [9.2, 57.85], zoom: 3}", "{center: [-170, 0], zoom: 8}"):
+        go_to(page, view)
+        names = [one for one in page.evaluate(WRITTEN) if one[0].startswith(("A · ", "B · "))]
+        assert [text for text, *_ in names] == ["A · Firing practice", "B · Ferry"]
+        width, height = page.evaluate("(({width, height}) => [width, height])(conflictdbPage.view.frame())")
+        assert all(x0 >= 0 and y0 >= 0 and x1 <= width and y1 <= height for _, x0, y0, x1, y1 in names)
+        (_, u0, v0, u1, v1), (_, x0, y0, x1, y1) = names
+        assert u1 <= x0 or x1 <= u0 or v1 <= y0 or y1 <= v0
+    page.keyboard.press("Escape")
+    assert not any(text.startswith(("A · ", "B · ")) for text, *_ in page.evaluate(WRITTEN))
+
+
 SPOOFED = "\N{RIGHT-TO-LEFT OVERRIDE}1-BUS\N{POP DIRECTIONAL FORMATTING}"
 
 

@@ -1,5 +1,6 @@
 """Probabilities of conflicts: by hand, by quadrature, and against detections of plans that depart at random."""
 
+import time
 from collections import Counter
 from dataclasses import replace
 from typing import Any
@@ -13,6 +14,7 @@ from workloads import GROWING, GROWING_CIRCLES, LOW_LATITUDE, Workload, throw
 
 from conflictdb import Area, InvalidInput, Scene, Track, chances, delays, rectangle_outline_m, solve, speeds
 from conflictdb.in_memory import numbered
+from conflictdb.stages import chances as stage
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.contacts_at_speeds import Pace, meetings_of
 
@@ -248,6 +250,49 @@ def test_differences_at_any_speeds_are_those_of_plans_at_these(workload: Workloa
 def test_uncertainty_has_limits(given: dict[str, Any], rule: str) -> None:
     with pytest.raises(InvalidInput, match=rule):
         chances([EAST, NORTH], [], SCENE, **given)
+
+
+@pytest.mark.parametrize("has_speeds", [False, True])
+@pytest.mark.parametrize("kind", ["normal", "empirical"])
+def test_the_work_is_bounded(monkeypatch: pytest.MonkeyPatch, kind: str, has_speeds: bool) -> None:
+    """A small budget is kept, and gives wider bounds; distributions of 100,000 values do not hang."""
+    scene, areas, tracks = throw(LOW_LATITUDE, 4, 4, 12, tolerance_m=1.0)
+    rng = np.random.default_rng(0)
+
+    def given(mean: float, sd: float, values: int) -> dict[str, Any]:
+        """Distributions of the tracks but one."""
+        many: list[Any] = [np.clip(rng.normal(mean, sd, values), mean - 4.0 * sd, mean + 4.0 * sd) for _ in tracks[1:]]
+        some = many if kind == "empirical" else [stats.norm(mean, sd)] * len(many)
+        return {one.key: each for one, each in zip(tracks[1:], some, strict=True)}
+
+    spent: list[int] = []
+    spend = stage.Budget.spend
+
+    def counted(self: stage.Budget, values: int) -> None:
+        spent.append(values)
+        spend(self, values)
+
+    monkeypatch.setattr(stage.Budget, "spend", counted)
+    few = given(0.0, 3000.0, 2000), given(1.0, 0.05, 30) if has_speeds else None
+    monkeypatch.setattr(stage, "MOST_VALUES", 20_000_000)
+    sharp = chances(tracks, areas, scene, *few)
+    spent.clear()
+    monkeypatch.setattr(stage, "MOST_VALUES", 100_000)
+    rough = chances(tracks, areas, scene, *few)
+    # The least of each computation, besides the budgets of pairs and of tracks.
+    assert sum(spent) < 200_000 + 60_000 * len(spent)
+    apart = 0.0
+    for key, (least, most) in {**sharp.pairs, **sharp.tracks}.items():
+        low, high = {**rough.pairs, **rough.tracks}[key]  # type: ignore[index]
+        assert low <= least + 1e-9
+        assert most <= high + 1e-9
+        apart = max(apart, (high - low) - (most - least))
+    assert apart > 1e-3
+    many = given(0.0, 3000.0, 100_000), given(1.0, 0.05, 100_000) if has_speeds else None
+    began = time.process_time()
+    found = chances(tracks, areas, scene, *many)
+    assert time.process_time() - began < 20.0
+    assert 1.0 < found.expected[0] <= found.expected[1]
 
 
 def test_a_waiting_track_shifts_as_a_whole() -> None:

@@ -6,7 +6,8 @@ import { byId } from "./dom.js";
 import { Departure } from "./departure.js";
 import { Detail } from "./detail.js";
 import { EmbeddedSource } from "./embedded.js";
-import { clock, counted, day, instantOf, printable } from "./format.js";
+import { Focus } from "./focus.js";
+import { about, clock, counted, day, instantOf, printable } from "./format.js";
 import { Graticule } from "./graticule.js";
 import { Havens } from "./havens.js";
 import { List } from "./list.js";
@@ -26,6 +27,7 @@ const REST_MS = 250; // after the last move of a plan the map hears of it: it dr
 const MARKS_SHARE = 0.2; // of the time, at most, that this takes
 const POLAR_LAT = 75; // degrees: what is chosen beyond is shown about the pole
 const POLE_LAT = 60; // scenes that reach beyond can be
+const NARROW_PX = 900; // the legend opens on wider screens
 const LARGE = 2000; // a scene of more objects or conflicts has an overview
 
 // Places all around a box.
@@ -78,6 +80,7 @@ class Page {
     this.describe();
     this.player.offerSpeeds();
     this.listen();
+    byId("legend").open = innerWidth > NARROW_PX;
     state.moveToFirst();
     this.applyFilter();
     this.moveTo(state.t);
@@ -205,7 +208,26 @@ class Page {
     byId("stale").hidden = stale === 0;
     byId("stale").textContent = `${counted(stale, "conflict")} (hatched) ${stale === 1 ? "is" : "are"} of objects that changed since: `
       + "detect again to know what holds now.";
+    this.describeChanges();
     byId("open-choice").hidden = !scene.may_acknowledge && !model.conflicts.some((c) => c.acknowledged_by !== null);
+  }
+
+  describeChanges() {
+    const { changes: { text }, showsChanges } = this.state;
+    byId("changes").hidden = text === null;
+    if (byId("changed").textContent !== (text ?? "")) byId("changed").textContent = text ?? "";
+    byId("show-changes").textContent = showsChanges ? "Show all" : "Show";
+  }
+
+  // Shows what changed alone, or all conflicts.
+  showChanges(isShown) {
+    const { state } = this;
+    if (state.chosen) this.unchoose();
+    if (isShown) this.departure.close();
+    state.showsChanges = isShown;
+    this.describeChanges();
+    this.applyFilter();
+    this.showInstant();
   }
 
   // What the filter leaves: in the list, on the timeline and on the map, there later if `isQuick`.
@@ -217,7 +239,7 @@ class Page {
     this.list.take(left, model.objects, this.whyEmpty());
     this.timeline.take(left, model.span);
     const isKnown = model.conflicts.length > 0 || model.scene.is_current;
-    byId("count").textContent = !isKnown ? "" : filter.isNothing() ? counted(left.length, "conflict")
+    byId("count").textContent = !isKnown ? "" : state.showsChanges ? counted(left.length, "change") : filter.isNothing() ? counted(left.length, "conflict")
       : `${left.length.toLocaleString("en")} of ${counted(model.conflicts.length, "conflict")}`;
     this.havens.marks.hidden = state.hiddenObjects;
     clearTimeout(this.resting);
@@ -272,6 +294,7 @@ class Page {
     byId("clock").textContent = clock(t);
     byId("clock").dateTime = new Date(t * 1000).toISOString();
     byId("day").textContent = `UTC, ${day(t)}`;
+    this.showAhead();
     this.timeline.mark(t, chosen?.id ?? null);
     this.list.show(t, chosen?.id ?? null);
     this.detail.mark(t);
@@ -282,13 +305,21 @@ class Page {
     polar.draw();
   }
 
+  // What follows the number of conflicts in the headline.
+  showAhead() {
+    const { left } = this.state;
+    const { now, next } = this.state.ahead();
+    const text = left.length === 0 ? "" : `, ${now.toLocaleString("en")} now, ${next === null ? "none later" : `next in ${about(next)}`}`;
+    if (byId("ahead").textContent !== text) byId("ahead").textContent = text;
+  }
+
   // --- the conflict that is chosen -----------------------------------------------------------------------------------
 
   choose(conflict) {
     const { state, view } = this;
     this.player.pause();
     this.address.flush();
-    if (conflict.change && conflict.change !== "gone") { // of a moved plan: nothing more is known
+    if (conflict.since === "gone" || (conflict.change && conflict.change !== "gone")) { // nothing more is known
       this.moveTo(conflict.start);
       return;
     }
@@ -314,6 +345,7 @@ class Page {
     if (isStep) this.address.flush();
     const id = state.chosen?.id;
     state.choose(null);
+    this.havens.focus = null;
     byId("detail").hidden = true;
     byId("all").hidden = false;
     this.moveTo(state.t);
@@ -339,6 +371,8 @@ class Page {
   replan(plan) {
     const { state, havens } = this;
     state.plan = havens.plan = plan;
+    if (plan) state.showsChanges = false;
+    this.describeChanges();
     this.applyFilter(plan !== null);
     this.showInstant();
   }
@@ -360,7 +394,14 @@ class Page {
     const { chosen, model } = this.state;
     const track = [chosen.b, chosen.a].find((key) => model.objects.get(key)?.kind === "track");
     const distance = track === undefined ? null : distanceAround(this.source, this.kernel, chosen, track);
-    this.detail.show(chosen, model, this.source.pair(chosen.a, chosen.b), distance, model.scene.may_acknowledge);
+    const pair = this.source.pair(chosen.a, chosen.b);
+    this.detail.show(chosen, model, pair, distance, model.scene.may_acknowledge);
+    const focus = new Focus(chosen, model);
+    this.havens.focus = focus;
+    pair.then(({ footprints }) => {
+      focus.takeFootprints(footprints);
+      this.havens.draw();
+    }, () => null); // the card says so
   }
 
   // --- about the pole ------------------------------------------------------------------------------------------------
@@ -487,8 +528,14 @@ class Page {
   }
 
   listen() {
-    const { view, havens, polar, list } = this;
+    const { view, havens, polar, list, state } = this;
     byId("filter").addEventListener("input", () => this.readFilter());
+    byId("show-changes").addEventListener("click", () => this.showChanges(!state.showsChanges));
+    byId("dismiss-changes").addEventListener("click", () => {
+      state.dismissChanges();
+      this.showChanges(false);
+      byId("words").focus();
+    });
     byId("link").addEventListener("click", () => this.copyLink());
     byId("filter").addEventListener("change", checkInstants);
     byId("filter").addEventListener("reset", () => setTimeout(() => { checkInstants(); this.readFilter(); }));

@@ -71,6 +71,14 @@ export function duration(s) {
   return `${(s / 86400).toFixed(1)} days`;
 }
 
+// A length of time as a headline has it.
+export function about(s) {
+  if (s < 60) return `${Math.ceil(s)} s`;
+  if (s < 3600) return `${Math.round(s / 60)} min`;
+  if (s < 172800) return `${Math.floor(s / 3600)} h ${Math.floor((s % 3600) / 60)} min`;
+  return `${Math.round(s / 86400)} days`;
+}
+
 // A bound, rounded up to two digits.
 export function bound(value, unit) {
   if (value === null) return "not known";

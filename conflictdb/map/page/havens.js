@@ -8,7 +8,8 @@ const DOT_PX = 3; // a haven that is smaller is a dot
 const MOST_NAMES = 80; // more would cover the map
 const NEAR_PX = 8; // how near a click must be
 const MOST_PARTS = 128; // of which a leg is drawn
-const DIMMED = 0.35;
+const DIMMED = 0.15; // of what is drawn beside a chosen pair
+const NAMES_DIMMED = 0.4;
 // Of the first and second object of the pair that is chosen, of what is in conflict while none is, and of all else.
 const TONES = { plain: "haven", inConflict: "conflict", a: "a", b: "b" };
 const INKS = { plain: "ink-soft", inConflict: "conflict-ink", a: "a-ink", b: "b-ink" };
@@ -30,6 +31,7 @@ export class Havens {
     this.shown = []; // of each track that was drawn: x, y, reach in pixels
     this.t = 0;
     this.plan = null; // of a track that departs later, { key, laterUs }
+    this.focus = null; // of the pair that is chosen (focus.js)
     this.isStill = false; // while it is printed
     this.marks = { hidden: new Set(), inConflict: new Set(), pair: [] };
     view.map.on("render", () => this.draw());
@@ -113,7 +115,7 @@ export class Havens {
       this.drawAll(some, frame, kind);
     }
     if (this.plan) this.drawPlan(frame);
-    this.drawNames(frame);
+    this.drawNames(frame, this.focus?.draw(context, frame, this.t) ?? []);
   }
 
   // The path of a moved plan and its haven, dashed.
@@ -174,8 +176,8 @@ export class Havens {
     context.globalAlpha = 1;
   }
 
-  // Names of havens, and of areas that are there, where there is room: those in conflict first.
-  drawNames(frame) {
+  // Names of havens, and of areas that are there, where there is room: those in conflict first. `taken`: boxes without room.
+  drawNames(frame, taken) {
     const { context, marks, t } = this;
     const rank = ({ key }) => RANKS[kindOf(key, marks)];
     const named = this.shown.map(({ track, x, y, reachPx }) => ({ object: track, x, y: y - Math.min(reachPx, 60) - 9 }));
@@ -191,14 +193,15 @@ export class Havens {
         if (widthPx > 24) named.push({ object: area, x: (x - frame.left) * frame.size, y });
       }
     }
-    const near = named.filter(({ x, y }) => x > 0 && y > 8 && x < frame.width && y < frame.height - 8);
+    const isWritten = this.focus ? ({ key }) => marks.pair.includes(key) : () => false;
+    const near = named.filter(({ object, x, y }) => !isWritten(object) && x > 0 && y > 8 && x < frame.width && y < frame.height - 8);
     const some = near.filter(({ object }) => near.length <= MOST_NAMES || rank(object) < 2).slice(0, MOST_NAMES);
     some.sort((a, b) => rank(a.object) - rank(b.object));
     context.font = `12px ${colour("font")}`;
     context.textAlign = "center";
     context.textBaseline = "middle";
     context.lineJoin = "round";
-    const taken = [];
+    context.globalAlpha = this.focus ? NAMES_DIMMED : 1;
     for (const { object, x, y } of some) {
       const text = labelOf(object);
       const half = context.measureText(text).width / 2 + 3;
@@ -211,6 +214,7 @@ export class Havens {
       context.fillStyle = colour(INKS[kindOf(object.key, marks)]);
       context.fillText(text, x, y);
     }
+    context.globalAlpha = 1;
   }
 
   // The object whose haven is at a pixel, or next to it.

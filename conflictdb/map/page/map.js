@@ -30,7 +30,7 @@ const looks = () => ({
     "line-color": hue(), "line-width": ["case", state("chosen"), 2.5, 1],
     "line-opacity": byState(1, 0.4, 0.12, 0.08),
   },
-  conflicts: { "fill-color": colour("conflict"), "fill-opacity": byState(0.6, 0.45, 0.1, 0.03) },
+  conflicts: { "fill-color": colour("conflict"), "fill-opacity": byState(0.25, 0.45, 0.1, 0.03) },
   "conflicts-edge": {
     "line-color": colour("conflict"), "line-width": ["case", state("chosen"), 2.5, 1.2],
     "line-opacity": byState(1, 0.95, 0.35, 0.12),
