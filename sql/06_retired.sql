@@ -11,6 +11,7 @@ DECLARE
         'closest_error_m, a_lon_deg, a_lat_deg, b_lon_deg, b_lat_deg, verdict, is_current, run_id, '
         'found_at, scene_is_current, method, time_error_s, a_id, a_version, b_id, b_version)',
         '_area_row(p_scene_id, p_area_id, area_id, version, span_start, span_end, floor_m, ceiling_m, footprint)',
+        '_attached_rows(p_attachment_id, p_change_ids, p_is_full, p_how)',
         '_begin_detection(p_scene, p_wait_s, p_few, p_try_again, scene_id, taken, is_behind, motion, '
         'earth, method, tolerance_m, separation_m, nearest_m, centre_lon, centre_lat, srid, area_ids, '
         'track_ids, known_objects)',

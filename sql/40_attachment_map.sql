@@ -7,21 +7,23 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._map_fields(p_kind smallint) RETU
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT v.field, v.attribute
-    -- attribute: column of attached_row. Field "where" selects rows and has none.
+    -- attribute: column of attached_plan. Field "where" selects rows and has none.
     FROM (VALUES (NULL, 'where', NULL), (NULL, 'key', 'key'), (NULL, 'name', 'name'), (NULL, 'floor_m', 'floor_m'),
                  (NULL, 'ceiling_m', 'ceiling_m'), (NULL, 'properties', 'properties'), (NULL, 'class', 'class'),
-                 (NULL, 'owner', 'owner'),
+                 (NULL, 'owner', 'owner'), (NULL, 'schedule', 'schedule'),
                  (0, 'footprint', 'shape'), (0, 'span', 'span'), (0, 'start', 'starts_at'), (0, 'end', 'ends_at'),
+                 (0, 'activations', 'activations'),
                  (1, 'path', 'shape'), (1, 'times', 'times'), (1, 'position', 'shape'), (1, 'time', 'at'),
                  -- Waypoints do not use floors_m; it holds their order.
                  (1, 'order', 'floors_m'),
                  (1, 'outline', 'outline'), (1, 'outlines', 'outlines'), (1, 'fore_m', 'fore_m'), (1, 'aft_m', 'aft_m'),
                  (1, 'port_m', 'port_m'), (1, 'starboard_m', 'starboard_m'), (1, 'grow_mps', 'grow_mps'),
-                 (1, 'floors_m', 'floors_m'), (1, 'ceilings_m', 'ceilings_m')) v (kind, field, attribute)
+                 (1, 'floors_m', 'floors_m'), (1, 'ceilings_m', 'ceilings_m'), (1, 'departures', 'departures'),
+                 (1, 'tolerances', 'tolerances')) v (kind, field, attribute)
     WHERE coalesce(v.kind, p_kind) = p_kind;
 END;
 COMMENT ON FUNCTION _map_fields(smallint) IS
-'Fields that the map of an attachment may contain (0 area, 1 track), and their columns in attached_row; null for '
+'Fields that the map of an attachment may contain (0 area, 1 track), and their columns in attached_plan; null for '
 'where, which selects rows.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_map(p_who text, p_kind smallint, p_map jsonb) RETURNS void
@@ -66,6 +68,18 @@ BEGIN
     END IF;
     IF p_map ? 'span' AND p_map ?| '{start,end}' THEN
         FOUND := _raise('ZC009', p_who, 'span', 'must not be given together with start or end', 'map_one_span');
+    END IF;
+    IF p_map ? 'activations' AND p_map ?| '{span,start,end,schedule}' THEN
+        FOUND := _raise('ZC009', p_who, 'activations', 'must not be given together with span, start, end or schedule',
+                        'map_one_span');
+    END IF;
+    IF p_map ?& '{departures,schedule}' THEN
+        FOUND := _raise('ZC009', p_who, 'departures', 'must not be given together with schedule',
+                        'map_departures_once');
+    END IF;
+    IF p_map ? 'tolerances' AND p_map ?| '{departures,schedule}' THEN
+        FOUND := _raise('ZC009', p_who, 'tolerances', 'must not be given for a voyage that is repeated',
+                        'map_tolerances_of_one_voyage', 'Attach such voyages as a row each.');
     END IF;
     IF p_kind = 1 AND NOT (p_map ?| '{outline,outlines}' OR p_map ?& '{fore_m,aft_m,port_m,starboard_m}') THEN
         FOUND := _raise('ZC009', p_who, 'map',

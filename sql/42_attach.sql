@@ -163,7 +163,7 @@ BEGIN
                CASE f.field WHEN 'order' THEN 'double precision'::regtype::oid ELSE a.atttypid END AS wanted,
                CASE f.field WHEN 'order' THEN 'ARRAY[%s]' ELSE '%s' END AS form
         FROM jsonb_each_text(p_map) m JOIN _map_fields(p_kind) f ON f.field = m.key
-        JOIN pg_catalog.pg_attribute a ON a.attrelid = 'attached_row'::regclass AND a.attname = f.attribute
+        JOIN pg_catalog.pg_attribute a ON a.attrelid = 'attached_plan'::regclass AND a.attname = f.attribute
         ORDER BY f.field LOOP
         SELECT v_expressions || jsonb_build_object(v_one.attribute, format(v_one.form, x.expression)),
                v_columns || x.columns,
@@ -193,7 +193,7 @@ BEGIN
                            ELSE 'NULL::' || format_type(a.atttypid, -1) END, ', ' ORDER BY a.attnum)
         INTO v_list, v_marks
         FROM pg_catalog.pg_attribute a
-        WHERE a.attrelid = 'conflictdb.attached_row'::regclass AND a.attnum > 0 AND NOT a.attisdropped;
+        WHERE a.attrelid = 'conflictdb.attached_plan'::regclass AND a.attnum > 0 AND NOT a.attisdropped;
     -- Typed, so that indexes on these columns can be used.
     SELECT string_agg(format('((i.i)::text[])[%s]::%s AS c%1$s', c.n, format_type(a.atttypid, -1)), ', ' ORDER BY c.n),
            string_agg(format('t.%I = i.c%s', c.name, c.n), ' AND ' ORDER BY c.n),
@@ -202,7 +202,7 @@ BEGIN
         FROM unnest(identity_columns) WITH ORDINALITY c (name, n)
         JOIN pg_catalog.pg_attribute a ON a.attrelid = p_table AND a.attname = c.name;
     -- A text body has no dependencies: the table can still be altered and dropped.
-    EXECUTE format('CREATE FUNCTION conflictdb_attached.rows_%s(text[], text) RETURNS SETOF conflictdb.attached_row '
+    EXECUTE format('CREATE FUNCTION conflictdb_attached.rows_%s(text[], text) RETURNS SETOF conflictdb.attached_plan '
                    'LANGUAGE plpgsql STABLE SET search_path = pg_catalog, pg_temp '
                    'SET row_security = off SET "TimeZone" = ''UTC'' SET "DateStyle" = ''ISO, YMD'' '
                    'SET "IntervalStyle" = ''postgres'' SET extra_float_digits = 1 SET bytea_output = ''hex'' AS %L',
@@ -227,7 +227,7 @@ BEGIN
     ELSE
         DECLARE
             t record;
-            v_row conflictdb.attached_row;
+            v_row conflictdb.attached_plan;
         BEGIN
             FOR t IN SELECT t.* FROM %2$s AS t WHERE ($1 IS NULL OR %7$s = ANY ($1)) AND %8$s LOOP
                 BEGIN
@@ -323,18 +323,19 @@ BEGIN
     PERFORM _hold_attached(v_who, p_table::text, v_has_triggers);
     PERFORM _check_map(v_who, v_kind, p_map);
     SELECT a.attname INTO v_unread FROM pg_catalog.pg_attribute a
-        WHERE a.attrelid = p_table AND a.attnum > 0 AND NOT a.attisdropped
+        WHERE a.attrelid = p_table AND a.attnum > 0 AND NOT a.attisdropped AND NOT p_map ? a.attname
           AND CASE a.attname WHEN 'activations' THEN v_kind = 0 AND a.atttypid = 'tstzmultirange'::regtype
                              WHEN 'departures' THEN v_kind = 1 AND a.atttypid = 'timestamptz[]'::regtype
                              WHEN 'schedule' THEN a.atttypid IN ('json'::regtype, 'jsonb'::regtype)
                              WHEN 'tolerances' THEN v_kind = 1 AND a.atttypid IN ('json'::regtype, 'jsonb'::regtype) END
         ORDER BY a.attnum LIMIT 1;
     IF FOUND THEN
-        FOUND := _raise('ZC009', v_who, v_unread, 'is a column that maps do not read: objects would lack it',
+        FOUND := _raise('ZC009', v_who, v_unread, 'is a column that the map does not read: objects would lack it',
                         'attached_column_read',
-                        'Rename it, or select the other columns in a view.');
+                        format('Map it, such as %1$s=%1$s; or rename it, or select the other columns in a view.',
+                               v_unread));
     END IF;
-    IF v_kind = 0 AND NOT p_map ?| '{span,start,end}' THEN
+    IF v_kind = 0 AND NOT p_map ?| '{span,start,end,activations,schedule}' THEN
         SELECT string_agg(quote_ident(a.attname), ', ' ORDER BY a.attnum) INTO v_times FROM pg_catalog.pg_attribute a
             WHERE a.attrelid = p_table AND a.attnum > 0 AND NOT a.attisdropped
               AND (a.atttypid IN ('timestamptz'::regtype, 'timestamp'::regtype, 'date'::regtype, 'tstzrange'::regtype,

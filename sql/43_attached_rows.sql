@@ -90,8 +90,8 @@ COMMENT ON FUNCTION _attachments_to_follow(text, boolean) IS
 'failed within the last minute only with p_try_again.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._attached_rows(
-    p_attachment_id bigint, p_change_ids bigint[], p_is_full boolean, p_how text
-) RETURNS SETOF attached_row
+    p_attachment_id bigint, p_change_ids bigint[], p_is_full boolean, p_reading text
+) RETURNS SETOF attached_plan
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     -- Above this number, one scan of the table costs less than lookups.
@@ -99,6 +99,15 @@ DECLARE
     v_asked text[];
     v_compared text[] := '{}';
     v_gone text[] := '{}';
+    -- Tables that an earlier release attached: their functions return the first columns only.
+    v_columns CONSTANT text := 'r.*' || (
+        SELECT coalesce(string_agg(', NULL::' || format_type(a.atttypid, -1), '' ORDER BY a.attnum), '')
+        FROM pg_catalog.pg_attribute a
+        WHERE a.attrelid = 'attached_plan'::regclass
+              AND a.attnum > (SELECT c.relnatts FROM pg_catalog.pg_proc p
+                              JOIN pg_catalog.pg_class c ON c.reltype = p.prorettype
+                              WHERE p.oid = to_regprocedure(format('conflictdb_attached.rows_%s(text[], text)',
+                                                                   p_attachment_id))));
 BEGIN
     SELECT array_agg(DISTINCT x.identity) INTO v_asked FROM (
         SELECT unnest(q.identities) FROM attached_change q WHERE q.attached_change_id = ANY (p_change_ids)
@@ -116,20 +125,21 @@ BEGIN
     END IF;
     v_asked := ARRAY(SELECT DISTINCT x FROM unnest(v_asked || v_compared) x);
     RETURN QUERY SELECT r.* FROM unnest(v_asked || v_gone) x CROSS JOIN LATERAL jsonb_populate_record(
-        NULL::attached_row, jsonb_build_object('identity', x, 'is_asked', true)) r;
+        NULL::attached_plan, jsonb_build_object('identity', x, 'is_asked', true)) r;
     IF cardinality(v_asked) > c_most_lookups THEN
-        RETURN QUERY EXECUTE format('SELECT r.* FROM conflictdb_attached.rows_%s(NULL::text[], $2::text) r
-                                     WHERE r.identity IN (SELECT unnest($1))', p_attachment_id) USING v_asked, p_how;
+        RETURN QUERY EXECUTE format('SELECT %s FROM conflictdb_attached.rows_%s(NULL::text[], $2::text) r
+                                     WHERE r.identity IN (SELECT unnest($1))', v_columns,
+                                    p_attachment_id) USING v_asked, p_reading;
     ELSIF cardinality(v_asked) > 0 THEN
-        RETURN QUERY EXECUTE format('SELECT r.* FROM conflictdb_attached.rows_%s($1::text[], $2::text) r',
-                                    p_attachment_id)
-            USING v_asked, p_how;
+        RETURN QUERY EXECUTE format('SELECT %s FROM conflictdb_attached.rows_%s($1::text[], $2::text) r',
+                                    v_columns, p_attachment_id)
+            USING v_asked, p_reading;
     END IF;
 END
 $$;
 COMMENT ON FUNCTION _attached_rows(bigint, bigint[], boolean, text) IS
 'Changed rows of an attached table, from the given changes or by comparing all rows, plus one row with is_asked per '
-'identity: an identity without other rows is gone. p_how: rows, or carefully (row by row, with the error of each).';
+'identity: an identity without other rows is gone. p_reading: rows, or carefully (row by row, with the error of each).';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._combined_hash(p_sum numeric) RETURNS bigint
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE

@@ -5,7 +5,7 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._begin_attached() RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT SET client_min_messages = warning AS $$
 BEGIN
     -- Kept in the session, empty: a worker uses them many times a minute.
-    CREATE TEMPORARY TABLE IF NOT EXISTS staged_attached (LIKE attached_row) ON COMMIT DELETE ROWS;
+    CREATE TEMPORARY TABLE IF NOT EXISTS staged_attached (LIKE attached_plan) ON COMMIT DELETE ROWS;
     CREATE INDEX IF NOT EXISTS staged_attached_btree ON pg_temp.staged_attached (identity);
     CREATE TEMPORARY TABLE IF NOT EXISTS attached_item (
         identity text COLLATE "C", hash bigint, rows bigint, key text COLLATE "C", reason text, is_taken boolean,
@@ -129,7 +129,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._staged_tracks(
 RETURNS TABLE (
     object_id bigint, key text, name text, path geometry, outline geometry, outlines geometry,
     grow_mps double precision, floor_m double precision, ceiling_m double precision, floors_m double precision[],
-    ceilings_m double precision[], properties jsonb, class text, owner text
+    ceilings_m double precision[], properties jsonb, class text, owner text, tolerances jsonb,
+    departures timestamptz[], schedule jsonb
 )
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
@@ -139,14 +140,16 @@ BEGIN
                _attached_path(format('track %L', i.key), s.shape, s.times, p_has_times),
                coalesce(ST_Force2D(s.outline), rectangle_outline(s.fore_m, s.aft_m, s.port_m, s.starboard_m)),
                ST_Force2D(s.outlines), coalesce(s.grow_mps, 0), s.floor_m, s.ceiling_m, s.floors_m, s.ceilings_m,
-               coalesce(s.properties, '{}'), s.class, s.owner
+               coalesce(s.properties, '{}'), s.class, s.owner, nullif(s.tolerances, 'null'), s.departures,
+               nullif(s.schedule, 'null')
         FROM pg_temp.attached_item i JOIN pg_temp.staged_attached s ON s.identity = i.identity AND NOT s.is_asked
         WHERE i.n BETWEEN p_first AND p_last;
         RETURN;
     END IF;
     RETURN QUERY
     WITH waypoint AS (
-        SELECT i.n, i.object_id, i.key, s.at, s.name, s.properties, s.grow_mps, s.class, s.owner, s.shape,
+        SELECT i.n, i.object_id, i.key, s.at, s.name, s.properties, s.grow_mps, s.class, s.owner,
+               s.tolerances, s.departures, s.schedule, s.shape,
                coalesce(ST_Force2D(s.outline), rectangle_outline(s.fore_m, s.aft_m, s.port_m, s.starboard_m))
                    AS outline,
                -- A leg has the lower floor and the higher ceiling of its two waypoints; null: no limit.
@@ -163,6 +166,9 @@ BEGIN
                (array_agg(w.properties ORDER BY w.at))[1] AS properties,
                (array_agg(w.grow_mps ORDER BY w.at))[1] AS grow_mps,
                (array_agg(w.class ORDER BY w.at))[1] AS class, (array_agg(w.owner ORDER BY w.at))[1] AS owner,
+               (array_agg(w.tolerances ORDER BY w.at))[1] AS tolerances,
+               (array_agg(to_jsonb(w.departures) ORDER BY w.at))[1] AS departures,
+               (array_agg(w.schedule ORDER BY w.at))[1] AS schedule,
                ST_MakeLine(ST_Force2D(w.shape) ORDER BY w.at) AS shape, array_agg(w.at ORDER BY w.at) AS times,
                bool_and(ST_GeometryType(w.shape) = 'ST_Point' AND NOT ST_IsEmpty(w.shape)) AS is_of_points,
                array_agg(w.outline ORDER BY w.at) AS outlines, bool_and(w.outline IS NOT NULL) AS has_outlines,
@@ -177,7 +183,9 @@ BEGIN
            CASE WHEN w.has_outlines AND w.is_changing THEN ST_Collect(w.outlines) END, coalesce(w.grow_mps, 0),
            CASE WHEN NOT f.differ THEN w.floors_m[1] END, CASE WHEN NOT c.differ THEN w.ceilings_m[1] END,
            CASE WHEN f.differ THEN w.floors_m END, CASE WHEN c.differ THEN w.ceilings_m END,
-           coalesce(w.properties, '{}'), w.class, w.owner
+           coalesce(w.properties, '{}'), w.class, w.owner, nullif(w.tolerances, 'null'),
+           (SELECT array_agg(d::timestamptz ORDER BY n) FROM jsonb_array_elements_text(w.departures)
+            WITH ORDINALITY e (d, n)), nullif(w.schedule, 'null')
     FROM whole w
     CROSS JOIN LATERAL (SELECT coalesce(bool_or(x IS DISTINCT FROM w.floors_m[1]), false) AS differ
                         FROM unnest(w.floors_m) x) f
@@ -186,9 +194,9 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _staged_tracks(boolean, boolean, bigint, bigint) IS
-'Tracks of the staged rows p_first to p_last. With one row per waypoint, name, properties, class, owner and growth '
-'are those of the first row; differing outlines change along the legs; a leg has the lower floor and the higher '
-'ceiling of its ends.';
+'Tracks of the staged rows p_first to p_last. With one row per waypoint, name, properties, class, owner, tolerances, '
+'departures, schedule and growth are those of the first row; differing outlines change along the legs; a leg has the '
+'lower floor and the higher ceiling of its ends.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_attached(
     p_attachment attachment, p_first bigint, p_last bigint
@@ -200,23 +208,28 @@ BEGIN
             WHERE i.n BETWEEN p_first AND p_last AND a.area_id = i.former_id AND a.scene_id = p_attachment.scene_id;
         WITH new AS (
             SELECT i.object_id, i.key, s.name, _attached_footprint(format('area %L', i.key), s.shape) AS footprint,
-                   _attached_span(format('area %L', i.key), s.span, s.starts_at, s.ends_at) AS active_span, s.floor_m,
-                   s.ceiling_m, coalesce(s.properties, '{}') AS properties, s.class, s.owner
+                   coalesce(CASE WHEN NOT isempty(s.activations) THEN range_merge(s.activations) END,
+                            _attached_span(format('area %L', i.key), s.span, s.starts_at, s.ends_at)) AS active_span,
+                   s.floor_m, s.ceiling_m, coalesce(s.properties, '{}') AS properties, s.class, s.owner,
+                   _half_open(s.activations) AS activations, nullif(s.schedule, 'null') AS schedule
             FROM pg_temp.attached_item i JOIN pg_temp.staged_attached s ON s.identity = i.identity AND NOT s.is_asked
             WHERE i.n BETWEEN p_first AND p_last
         ), changed AS (
             UPDATE area a SET name = n.name, footprint = n.footprint, active_span = n.active_span, floor_m = n.floor_m,
-                              ceiling_m = n.ceiling_m, properties = n.properties, class = n.class, owner = n.owner
+                              ceiling_m = n.ceiling_m, properties = n.properties, class = n.class, owner = n.owner,
+                              activations = n.activations, schedule = n.schedule
             FROM new n
             WHERE a.area_id = n.object_id AND a.scene_id = p_attachment.scene_id
-              AND (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class, a.owner)
+              AND (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class, a.owner,
+                   CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule)
                   IS DISTINCT FROM
                   (n.name, n.footprint, _half_open(n.active_span), n.floor_m, n.ceiling_m, n.properties, n.class,
-                   n.owner)
+                   n.owner, n.activations, n.schedule)
         )
-        INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner)
+        INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner,
+                          activations, schedule)
             SELECT p_attachment.scene_id, n.key, n.name, n.footprint, n.active_span, n.floor_m, n.ceiling_m,
-                   n.properties, n.class, n.owner
+                   n.properties, n.class, n.owner, n.activations, n.schedule
             FROM new n WHERE n.object_id IS NULL;
     ELSE
         DELETE FROM track t USING pg_temp.attached_item i
@@ -227,19 +240,22 @@ BEGIN
             UPDATE track t SET name = n.name, path = n.path, outline = n.outline, outlines = n.outlines,
                                grow_mps = n.grow_mps, floor_m = n.floor_m, ceiling_m = n.ceiling_m,
                                floors_m = n.floors_m, ceilings_m = n.ceilings_m, properties = n.properties,
-                               class = n.class, owner = n.owner
+                               class = n.class, owner = n.owner, tolerances = n.tolerances,
+                               departures = n.departures, schedule = n.schedule
             FROM new n
             WHERE t.track_id = n.object_id AND t.scene_id = p_attachment.scene_id
               AND (t.name, t.path, t.outline, t.outlines, t.grow_mps, t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m,
-                   t.properties, t.class, t.owner)
+                   t.properties, t.class, t.owner, t.tolerances, CASE WHEN t.schedule IS NULL THEN t.departures END,
+                   t.schedule)
                   IS DISTINCT FROM
                   (n.name, n.path, n.outline, n.outlines, n.grow_mps, n.floor_m, n.ceiling_m, n.floors_m, n.ceilings_m,
-                   n.properties, n.class, n.owner)
+                   n.properties, n.class, n.owner, n.tolerances, n.departures, n.schedule)
         )
         INSERT INTO track (scene_id, key, name, path, outline, outlines, grow_mps, floor_m, ceiling_m, floors_m,
-                           ceilings_m, properties, class, owner)
+                           ceilings_m, properties, class, owner, tolerances, departures, schedule)
             SELECT p_attachment.scene_id, n.key, n.name, n.path, n.outline, n.outlines, n.grow_mps, n.floor_m,
-                   n.ceiling_m, n.floors_m, n.ceilings_m, n.properties, n.class, n.owner
+                   n.ceiling_m, n.floors_m, n.ceilings_m, n.properties, n.class, n.owner, n.tolerances, n.departures,
+                   n.schedule
             FROM new n WHERE n.object_id IS NULL;
     END IF;
     INSERT INTO attached_object AS o (attachment_id, identity, hash, key, object_id, version)

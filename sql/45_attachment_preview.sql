@@ -6,7 +6,12 @@ BEGIN ATOMIC
     SELECT jsonb_build_object('type', 'Feature', 'id', p_area.key, 'geometry', ST_AsGeoJSON(p_area.footprint)::jsonb,
         'properties', p_area.properties || jsonb_strip_nulls(jsonb_build_object(
             'kind', 'area', 'name', p_area.name, 'start', lower(p_area.active_span), 'end', upper(p_area.active_span),
-            'floor_m', p_area.floor_m, 'ceiling_m', p_area.ceiling_m, 'class', p_area.class, 'owner', p_area.owner)));
+            'floor_m', p_area.floor_m, 'ceiling_m', p_area.ceiling_m, 'class', p_area.class, 'owner', p_area.owner,
+            'schedule', p_area.schedule))
+            || CASE WHEN p_area.schedule IS NULL AND p_area.activations IS NOT NULL THEN
+               jsonb_build_object('spans', (
+                   SELECT coalesce(jsonb_agg(jsonb_build_array(lower(s), upper(s)) ORDER BY s), '[]')
+                   FROM unnest(p_area.activations) s)) ELSE '{}' END);
 END;
 COMMENT ON FUNCTION _area_feature(area) IS 'An area as a feature of a scene file (GeoJSON).';
 
@@ -21,7 +26,9 @@ BEGIN ATOMIC
                       FROM ST_DumpPoints(p_track.path) d),
             'outline_m', ST_AsGeoJSON(p_track.outline)::jsonb #> '{coordinates,0}',
             'grow_mps', nullif(p_track.grow_mps, 0), 'floor_m', p_track.floor_m, 'ceiling_m', p_track.ceiling_m,
-            'floors_m', to_jsonb(p_track.floors_m), 'ceilings_m', to_jsonb(p_track.ceilings_m))));
+            'floors_m', to_jsonb(p_track.floors_m), 'ceilings_m', to_jsonb(p_track.ceilings_m),
+            'departures', CASE WHEN p_track.schedule IS NULL THEN to_jsonb(p_track.departures) END,
+            'schedule', p_track.schedule)) || coalesce(p_track.tolerances, '{}'));
 END;
 COMMENT ON FUNCTION _track_feature(track) IS 'A track as a feature of a scene file (GeoJSON).';
 

@@ -214,7 +214,8 @@ BEGIN
         v_why := CASE v_conflict.verdict
             WHEN 'conflict' THEN CASE WHEN v_within_s > 0 THEN _shown_lack(v_within_s, v_conflict.lacking_s)
                                       WHEN v_scene.separation_m > 0
-                                      THEN 'they come closer than the required separation' ELSE 'they meet' END
+                                      THEN format('they come closer than the required %s m', v_scene.separation_m)
+                                      ELSE 'they meet' END
                  || CASE v_conflict.certainty WHEN 'must' THEN ', on every voyage within the tolerances'
                                               WHEN 'may' THEN ', perhaps not on every voyage within the tolerances'
                                               ELSE '' END
@@ -241,13 +242,13 @@ BEGIN
         IF a.owner = b.owner THEN
             v_stage := 1;
             v_by := 'owner';
-            v_why := format('both are of owner %s, whose objects are not compared', to_json(a.owner));
+            v_why := format('not compared: both are of owner %s', to_json(a.owner));
             v_left.in_boxes := 0;
             v_left.in_hulls := 0;
         ELSIF v_rule.allowed THEN
             v_stage := 1;
             v_by := 'rule';
-            v_why := format('the rule %s allows it, so they are not compared',
+            v_why := format('not compared: the rule %s allows it',
                             _shown_rule(v_rule.a_class, v_rule.b_class));
             v_left.in_boxes := 0;
             v_left.in_hulls := 0;
@@ -318,7 +319,8 @@ BEGIN
             'a', ST_AsGeoJSON(v_conflict.closest_a_point, 9)::jsonb -> 'coordinates',
             'b', ST_AsGeoJSON(v_conflict.closest_b_point, 9)::jsonb -> 'coordinates') END,
         'further_than_m', nullif(v_further_than_m, 0),
-        'rule', CASE WHEN v_rule.rule_id IS NOT NULL THEN jsonb_strip_nulls(jsonb_build_object(
+        'rule', CASE WHEN v_rule.rule_id IS NOT NULL AND (a.owner = b.owner) IS NOT TRUE
+                     THEN jsonb_strip_nulls(jsonb_build_object(
             'a_class', v_rule.a_class, 'b_class', v_rule.b_class, 'separation_m', v_rule.separation_m,
             'vertical_m', v_rule.vertical_m, 'time_s', v_rule.time_s, 'allowed', nullif(v_rule.allowed, false),
             'yields', CASE v_rule.yields WHEN 'a' THEN a.key WHEN 'b' THEN b.key END,

@@ -25,7 +25,8 @@ def explain(conn: psycopg.Connection[Any], scene: str, a_key: str, b_key: str) -
     if facts["is_current"] and (facts["decided_by"] or {}).get("stage") == 4 and facts["run"]["method"] == Method.EXACT:
         _say_closed_forms(conn, scene, facts)
     if facts["closest"] is None and facts["verdict"] != "unknown" and not facts["are_never_together"]:
-        found = _closest(conn, scene, facts["a"]["key"], facts["b"]["key"])
+        is_compared = (facts["decided_by"] or {}).get("by") not in ("owner", "rule")
+        found = _closest(conn, scene, facts["a"]["key"], facts["b"]["key"], is_compared=is_compared)
         if found is None:
             facts["are_never_together"] = True
         elif found.closest_m is not None:
@@ -63,9 +64,16 @@ def _say_closed_forms(conn: psycopg.Connection[Any], scene: str, facts: dict[str
             facts["stages"][3]["says"] = "not asked: nothing was left"
 
 
-def _closest(conn: psycopg.Connection[Any], scene: str, *keys: str) -> Conflict | None:
-    """Return two objects of a scene as a pair in conflict or near; None if they never exist at the same time."""
+def _closest(conn: psycopg.Connection[Any], scene: str, *keys: str, is_compared: bool) -> Conflict | None:
+    """Return two objects of a scene as a pair in conflict or near; None if they never exist at the same time.
+
+    is_compared : False for two of one owner, or allowed by a rule; they have a closest approach, too
+    """
     settings, areas, tracks = store.read_scene(conn, scene, keys)
+    if not is_compared:
+        settings = replace(settings, rules=())
+        areas = [replace(one, owner=None) for one in areas]
+        tracks = [replace(one, owner=None, max_speed_kn=float("inf")) for one in tracks]
     return next(iter(solve(tracks, areas, replace(settings, method=Method.EXACT, nearest_m=MOST_M))), None)
 
 

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "497264247d2c90161171fba4e07356dd177ee796012c435576891d8459d7a5de"
+routines_sha256 = "5c32f874383934607e816f70293fbd7d958188a561a3a1fd93acbeb832dd7066"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
@@ -27,11 +27,45 @@ ALTER TABLE conflictdb.track ADD COLUMN IF NOT EXISTS tolerances jsonb;
 CLASSES = """
 ALTER TABLE conflictdb.area ADD COLUMN IF NOT EXISTS class text, ADD COLUMN IF NOT EXISTS owner text;
 ALTER TABLE conflictdb.track ADD COLUMN IF NOT EXISTS class text, ADD COLUMN IF NOT EXISTS owner text;
+"""
+
+# A row of an attached table. Functions of tables that are attached already return the type before it.
+ATTACHED_PLAN = """
 DO $$
 BEGIN
-    IF NOT EXISTS (SELECT FROM pg_attribute a
-                   WHERE a.attrelid = 'conflictdb.attached_row'::regclass AND a.attname = 'class') THEN
-        ALTER TYPE conflictdb.attached_row ADD ATTRIBUTE class text, ADD ATTRIBUTE owner text;
+    IF to_regtype('conflictdb.attached_plan') IS NULL THEN
+        CREATE TYPE conflictdb.attached_plan AS (
+            identity text,
+            hash bigint,
+            is_asked boolean,
+            error text,
+            key text,
+            name text,
+            shape geometry,
+            at timestamptz,
+            times timestamptz[],
+            span tstzrange,
+            starts_at timestamptz,
+            ends_at timestamptz,
+            floor_m double precision,
+            ceiling_m double precision,
+            floors_m double precision[],
+            ceilings_m double precision[],
+            outline geometry,
+            outlines geometry,
+            fore_m double precision,
+            aft_m double precision,
+            port_m double precision,
+            starboard_m double precision,
+            grow_mps double precision,
+            properties jsonb,
+            class text,
+            owner text,
+            activations tstzmultirange,
+            departures timestamptz[],
+            schedule jsonb,
+            tolerances jsonb
+        );
     END IF;
 END
 $$;
@@ -201,7 +235,7 @@ ALTER TABLE conflictdb.scene
 
 def upgrade() -> None:
     more = (INTERVALS, PROPOSALS, RULES, ACTIVATIONS, CERTAINTY, BRANCHES, VERTICAL_DATUM)
-    for statement in (CLIMB, TOLERANCES, CLASSES, ADMISSIONS, *more):
+    for statement in (CLIMB, TOLERANCES, CLASSES, ATTACHED_PLAN, ADMISSIONS, *more):
         op.execute(statement)
 
 

@@ -205,10 +205,10 @@ CREATE FUNCTION mission.evil_text(text) RETURNS text LANGUAGE plpgsql IMMUTABLE 
 """
 WAYS = {
     "function that reads": """
-        CREATE OR REPLACE FUNCTION conflictdb_attached.rows_{n}(text[], text) RETURNS SETOF conflictdb.attached_row
+        CREATE OR REPLACE FUNCTION conflictdb_attached.rows_{n}(text[], text) RETURNS SETOF conflictdb.attached_plan
         LANGUAGE plpgsql VOLATILE AS $$ BEGIN PERFORM mission.evil(); RETURN; END $$""",
     "function that reads, as its owner": """
-        CREATE OR REPLACE FUNCTION conflictdb_attached.rows_{n}(text[], text) RETURNS SETOF conflictdb.attached_row
+        CREATE OR REPLACE FUNCTION conflictdb_attached.rows_{n}(text[], text) RETURNS SETOF conflictdb.attached_plan
         LANGUAGE plpgsql VOLATILE SECURITY DEFINER AS $$ BEGIN PERFORM mission.evil(); RETURN; END $$""",
     "view": """
         ALTER TABLE mission.ops RENAME TO hidden;
@@ -392,7 +392,7 @@ def test_a_function_that_does_not_end_is_given_up(conn: Conn, roles: dict[str, s
 
 
 PLANTED = """
-CREATE FUNCTION conflictdb_attached.rows_{n}(text, text) RETURNS SETOF conflictdb.attached_row LANGUAGE plpgsql AS
+CREATE FUNCTION conflictdb_attached.rows_{n}(text, text) RETURNS SETOF conflictdb.attached_plan LANGUAGE plpgsql AS
     $$ BEGIN PERFORM mission.evil(); RETURN; END $$
 """
 

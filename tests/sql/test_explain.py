@@ -13,6 +13,7 @@ from conflictdb.db import detect
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Verdict
+from conflictdb.model.rules import Rule
 
 Conn = psycopg.Connection[Any]
 HOUR_US = 3_600_000_000
@@ -147,3 +148,68 @@ def test_a_row_of_an_attached_table_that_waits_makes_it_unknown(conn: Conn) -> N
     conn.commit()
     facts = explained(conn, "T", "U")
     assert (facts["verdict"], facts["why"]) == ("unknown", "changes of an attached table wait to be taken over")
+
+
+def test_pairs_with_rules_are_explained_with_their_own_separations(conn: Conn) -> None:
+    rules = [
+        Rule("wide", "wide", 800.0),
+        Rule("narrow", "narrow", 50.0),
+        Rule("high", "high", vertical_m=300.0),
+        Rule("low", "low", vertical_m=100.0),
+        Rule("late", "late", time_s=600.0),
+        Rule("early", "early", time_s=60.0),
+        Rule("escort", "escort", allowed=True),
+        Rule("mine", "mine", 800.0),
+    ]
+    # Degrees to the north, metres higher, seconds later, owner. 0.009 degrees: 595 m between havens of 400 m.
+    pairs = {
+        "wide": (0.009, 0.0, 0, None),
+        "narrow": (0.009, 0.0, 0, None),
+        "high": (0.0, 200.0, 0, None),
+        "low": (0.0, 200.0, 0, None),
+        "late": (0.0, 0.0, 300, None),
+        "early": (0.0, 0.0, 300, None),
+        "escort": (0.009, 0.0, 0, None),
+        "mine": (0.009, 0.0, 0, "me"),
+        "none": (0.009, 0.0, 0, None),
+    }
+    tracks = [
+        sail(
+            f"{name} {'ab'[k]}",
+            (0.0, row + k * north),
+            (1.0, row + k * north),
+            start_us=T0_US + k * later_s * 1_000_000,
+            floor_m=k * higher_m,
+            ceiling_m=k * higher_m + 50.0,
+            object_class=name,
+            owner=owner,
+        )
+        for row, (name, (north, higher_m, later_s, owner)) in enumerate(pairs.items())
+        for k in (0, 1)
+    ]
+    scene = Scene("s", separation_m=100.0, vertical_separation_m=20.0, rules=rules)
+    load(conn, scene, [], tracks)
+    detect.detect(conn, "s", jobs=1)
+    conn.commit()
+    with connect(conn) as db:
+        found = {(one.a_key, one.b_key) for one in db.scene("s").conflicts()}
+        told = {name: db.scene("s").explain(f"{name} a", f"{name} b") for name in pairs}
+    for name, one in told.items():
+        assert ((f"{name} a", f"{name} b") in found) == (one.facts["verdict"] == "conflict"), name
+        rule = None if name in ("none", "mine") else f'of "{name}" with "{name}"'
+        assert (one.facts["rule"] or {}).get("text") == rule
+        assert ("  rule " in one.text) == (rule is not None)
+        assert ("never there at the same time" in one.text) == (name == "low"), name
+    assert found == {(f"{name} a", f"{name} b") for name in ("wide", "high", "late")}
+    assert "  they come closer than the required 800 m\n" in told["wide"].text
+    assert '  rule of "wide" with "wide": separation 800 m\n' in told["wide"].text
+    assert told["narrow"].facts["decided_by"]["stage"] in (1, 2, 4)
+    assert "  they come closer than the required 100 m\n" in told["high"].text
+    assert "vertical 300 m" in told["high"].text
+    assert "  one is between 0 and 50 m, the other between 200 and 250 m: 100 m or more apart\n" in told["low"].text
+    assert "10 min are required" in told["late"].text
+    assert told["early"].facts["verdict"] == "apart"
+    assert '  not compared: the rule of "escort" with "escort" allows it\n' in told["escort"].text
+    assert '  not compared: both are of owner "me"\n' in told["mine"].text
+    for name in ("escort", "mine", "none"):
+        assert told[name].facts["closest"]["m"] == pytest.approx(595.2, abs=1.0)

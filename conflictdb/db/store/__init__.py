@@ -163,8 +163,8 @@ from conflictdb.db.store.stored_probes import (
     probe_failed,
     read_probe,
     refuse_probe,
-    request_probe,
-    wait_for_probe,
+    request_probes,
+    wait_for_probes,
 )
 from conflictdb.db.store.stored_schedules import (
     Scheduled,
