@@ -316,7 +316,7 @@ def test_attached_rows_belong_to_their_table(db: Database, dsn: str) -> None:
     number = found.proposal_id or 0
     with pytest.raises(InvalidInput, match="moves track 'E' of an attached table") as refused:
         db.apply_proposal(number)
-    [(key, statement)] = store.proposal_statements(db.connection, number)
+    [(key, _, statement)] = ask(db, f"SELECT * FROM conflictdb.proposal_statements({number})")
     assert key == "E"
     assert statement in str(refused.value)
     assert statement.startswith("UPDATE mission.fix AS t SET at = t.at + interval '")
