@@ -1,11 +1,13 @@
 """Clear scenes by delays: the least total delay against first come, first served and random orders.
 
-./run python benchmarks/resolve.py [sea] [box] [ring] [margin] [limits]
+./run python benchmarks/resolve.py [sea] [box] [ring] [margin] [generator] [mvp]
 
 sea, box : random scenes, as in made_scenes.py; the box with the havens of 60 to 120 nmi around
 ring : aircraft that all fly through one point at one time, 5 nmi apart if they are not to conflict (the
     "superconflict" of BlueSky)
 margin : what a margin costs: the same sea with a separation in time of 0 to 300 s
+generator : the 16 kinds of Pelegrín and Cerulli (conflict_scenes.py)
+mvp : scenes of BlueSky and the level kinds, against the Modified Voltage Potential
 """
 
 import sys
@@ -19,6 +21,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
+from conflict_scenes import KINDS, Flights, generated, published, voltage
 from made_scenes import BOX, SEA
 from workloads import throw
 
@@ -106,6 +109,30 @@ def clear(name: str, objects: Objects, within_s: float, limit_s: float = 600.0, 
     return found
 
 
+def clear_flights(name: str, flights: Flights) -> None:
+    """Clear flights by delays of up to two hours, as far as they are in conflict."""
+    scene, tracks = flights.objects()
+    if solve(tracks, [], scene):
+        clear(name, (scene, [], tracks), 7200.0)
+    else:
+        print(f"{name}: no conflict")
+
+
+def against_voltage() -> None:
+    """Compare with MVP, which turns aircraft on the way: extra minutes until arrival."""
+    scenes = {f"BlueSky {kind} {n}": published(kind, n) for kind, n in (("SUPER", 8), ("WALL", 20), ("MATRIX", 4))}
+    scenes |= {f"BlueSky SUPER {n}": published("SUPER", n) for n in (12, 16)}
+    scenes |= {kind: generated(kind) for kind in KINDS[:8]}
+    for name, flights in scenes.items():
+        clear_flights(name, flights)
+        done = voltage(flights)
+        print(
+            f"{name} by MVP: pairs that lose separation {done['before']:.0f} before, {done['lost']:.0f} after, "
+            f"{done['new']:.0f} of them new; total {done['total_min']:.2f} min, largest {done['largest_min']:.2f} min",
+            flush=True,
+        )
+
+
 def main(which: list[str]) -> None:
     """Run what is named, or all."""
     if "sea" in which or not which:
@@ -129,6 +156,11 @@ def main(which: list[str]) -> None:
                 (replace(scene, time_separation_s=margin_s), areas, tracks),
                 7200.0,
             )
+    if "generator" in which or not which:
+        for kind in KINDS:
+            clear_flights(kind, generated(kind))
+    if "mvp" in which or not which:
+        against_voltage()
 
 
 if __name__ == "__main__":

@@ -315,6 +315,137 @@ COMMENT ON FUNCTION conflicts_within(text, geometry, tstzrange) IS
 'Conflicts of a scene whose region meets a geometry (longitude and latitude, SRID 4326) and whose periods overlap a '
 'span (null: unbounded).';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._lies_near(
+    p_shape geometry, p_reach_m double precision, p_low_lon double precision[], p_low_lat double precision[],
+    p_high_lon double precision[], p_high_lat double precision[]
+) RETURNS boolean
+LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+    -- Sides of an object up to a degree wide rise at most 0.0011 degrees above it on great circles: half of sin(2 lat)
+    -- times (sec(w / 2) - 1). Others, and those near a pole, are always near. Corners grow at most 115 times as fast as
+    -- sides (conflictdb.model.outlines.FASTEST_TIP).
+    SELECT o.is_wide OR EXISTS (
+        SELECT FROM unnest(p_low_lon, p_low_lat, p_high_lon, p_high_lat) b (west, south, east, north)
+        CROSS JOIN unnest(ARRAY[-360, 0, 360]) turn
+        WHERE o.west - o.east_deg <= b.east + turn AND b.west + turn <= o.east + o.east_deg
+          AND o.south - o.north_deg <= b.north AND b.south <= o.north + o.north_deg)
+    FROM (SELECT n.*, n.north_deg / cos(radians(least(n.highest + n.north_deg, 89))) AS east_deg,
+                 n.east - n.west > 1 OR n.highest + n.north_deg > 85 AS is_wide
+          FROM (SELECT ST_XMin(p_shape) AS west, ST_XMax(p_shape) AS east, ST_YMin(p_shape) AS south,
+                       ST_YMax(p_shape) AS north, greatest(abs(ST_YMin(p_shape)), abs(ST_YMax(p_shape))) AS highest,
+                       0.002 + p_reach_m / 110000 AS north_deg OFFSET 0) n OFFSET 0) o;
+END;
+COMMENT ON FUNCTION _lies_near(geometry, double precision, double precision[], double precision[], double precision[],
+                               double precision[]) IS
+'Whether a footprint or path (longitude and latitude), with p_reach_m metres around it, may reach one of some boxes in '
+'degrees; true if in doubt.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._pending_near(
+    p_scene_id bigint, p_span tstzrange, p_low_lon double precision[], p_low_lat double precision[],
+    p_high_lon double precision[], p_high_lat double precision[]
+) RETURNS TABLE (object_kind smallint, object_id bigint)
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    WITH pending AS MATERIALIZED (
+        SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id AND NOT c.is_covered
+    )
+    SELECT n.object_kind, n.object_id
+    FROM pending n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
+    WHERE n.object_kind = 0
+      AND (a.schedule IS NOT NULL OR tstzrange(lower(a.active_span), upper(a.active_span), '[]') && p_span)
+      AND _lies_near(a.footprint, 0, p_low_lon, p_low_lat, p_high_lon, p_high_lat)
+    UNION ALL
+    SELECT n.object_kind, n.object_id
+    FROM pending n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id
+    WHERE n.object_kind = 1
+      -- Tolerances are reach in time and place, and departures are times, that pieces alone know.
+      AND (t.tolerances IS NOT NULL OR t.schedule IS NOT NULL OR t.departures IS NOT NULL
+           OR tstzrange(to_timestamp(ST_M(ST_StartPoint(t.path)) - 1), to_timestamp(ST_M(ST_EndPoint(t.path)) + 1))
+              && p_span
+              AND _lies_near(t.path, ST_MaxDistance(ST_MakePoint(0, 0), coalesce(t.outlines, t.outline))
+                                     + 115 * t.grow_mps * (ST_M(ST_EndPoint(t.path)) - ST_M(ST_StartPoint(t.path))),
+                             p_low_lon, p_low_lat, p_high_lon, p_high_lat));
+END;
+COMMENT ON FUNCTION _pending_near(bigint, tstzrange, double precision[], double precision[], double precision[],
+                                  double precision[]) IS
+'Objects of a scene whose pieces are still to be made, and that may reach one of some boxes in degrees during a span.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._box_deg(
+    p_place geometry, p_reach_m double precision, OUT west double precision, OUT south double precision,
+    OUT east double precision, OUT north double precision
+)
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    -- As _box_deg of conflictdb/db/store/admissions.py.
+    v_up double precision := 0.002 + p_reach_m / 110000;
+    v_highest double precision := greatest(abs(ST_YMin(p_place)), abs(ST_YMax(p_place))) + v_up;
+    v_across double precision;
+    v_home double precision := 360 * round((ST_XMin(p_place) + ST_XMax(p_place)) / 720);
+BEGIN
+    IF ST_XMax(p_place) - ST_XMin(p_place) > 1 OR v_highest > 85 THEN
+        west := '-infinity';
+        south := '-infinity';
+        east := 'infinity';
+        north := 'infinity';
+        RETURN;
+    END IF;
+    v_across := v_up / cosd(v_highest);
+    west := ST_XMin(p_place) - v_across - v_home;
+    south := ST_YMin(p_place) - v_up;
+    east := ST_XMax(p_place) + v_across - v_home;
+    north := ST_YMax(p_place) + v_up;
+END
+$$;
+COMMENT ON FUNCTION _box_deg(geometry, double precision) IS
+'Degrees within which a place and p_reach_m metres around it lie, whatever its lines are; infinite for places that are '
+'wide, or near a pole.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._are_above(
+    p_floor_m double precision, p_ceiling_m double precision, p_apart_m double precision, p_is_closed boolean
+) RETURNS boolean
+LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN p_floor_m IS NULL OR p_ceiling_m IS NULL THEN false
+                WHEN p_apart_m > 0 THEN p_floor_m - p_ceiling_m > p_apart_m + 1e-5
+                WHEN p_is_closed THEN p_floor_m > p_ceiling_m
+                ELSE p_floor_m >= p_ceiling_m END;
+END;
+COMMENT ON FUNCTION _are_above(double precision, double precision, double precision, boolean) IS
+'Whether heights from a floor are certainly above a ceiling, by a vertical separation if one is required; null: no '
+'limit. Inlined into queries.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._pending_probed(
+    p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
+) RETURNS TABLE (object_kind smallint, object_id bigint, span tstzrange)
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    WITH given AS MATERIALIZED (
+        SELECT b.*, s.intervals = 'closed' AS is_closed, _longest_time_s(p_scene_id) AS within_s,
+               greatest(s.vertical_separation_m, r.vertical_m) AS apart_m,
+               tstzrange(lower(p_span), upper(p_span), '[]') AS span
+        FROM scene s
+        CROSS JOIN (SELECT max(r.separation_m) AS separation_m, max(r.vertical_m) AS vertical_m FROM rule r
+                    WHERE r.scene_id = p_scene_id) r
+        CROSS JOIN LATERAL _box_deg(p_geometry, s.tolerance_m + greatest(s.separation_m, r.separation_m)) b
+        WHERE s.scene_id = p_scene_id
+    )
+    SELECT n.object_kind, n.object_id,
+           CASE WHEN a.schedule IS NULL AND t.tolerances IS NULL AND t.schedule IS NULL AND t.departures IS NULL
+                THEN coalesce(a.active_span,
+                              tstzrange(to_timestamp(ST_M(ST_StartPoint(t.path))),
+                                        to_timestamp(ST_M(ST_EndPoint(t.path))), '[]'), tstzrange(NULL, NULL))
+                ELSE tstzrange(NULL, NULL) END * p_span
+    FROM given g
+    CROSS JOIN LATERAL _pending_near(p_scene_id, _widened(g.span, g.within_s), ARRAY[g.west], ARRAY[g.south],
+                                     ARRAY[g.east], ARRAY[g.north]) n
+    LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id
+    LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id
+    WHERE NOT _are_above(p_floor_m, coalesce(a.ceiling_m, t.ceiling_m), g.apart_m, g.is_closed)
+      AND NOT _are_above(coalesce(a.floor_m, t.floor_m), p_ceiling_m, g.apart_m, g.is_closed);
+END;
+COMMENT ON FUNCTION _pending_probed(bigint, geometry, tstzrange, double precision, double precision) IS
+'Objects of a scene whose pieces are still to be made, and that a place might meet; span: when.';
+
 CREATE OR REPLACE FUNCTION probe(
     p_scene text, p_geometry geometry, p_span tstzrange DEFAULT tstzrange(NULL, NULL),
     p_floor_m double precision DEFAULT NULL, p_ceiling_m double precision DEFAULT NULL
@@ -328,7 +459,14 @@ BEGIN ATOMIC
                             p_ceiling_m) x
           CROSS JOIN (SELECT _plane(o.motion, o.earth, o.centre_lon, o.centre_lat) AS plane FROM scene o
                       WHERE o.scene_id = _scene_id(p_scene) OFFSET 0) s
-          GROUP BY x.object_kind, x.object_id, x.version) n
+          WHERE NOT EXISTS (SELECT FROM change c WHERE c.scene_id = _scene_id(p_scene)
+                            AND c.object_kind = x.object_kind AND c.object_id = x.object_id AND NOT c.is_covered)
+          GROUP BY x.object_kind, x.object_id, x.version
+          UNION ALL
+          SELECT w.object_kind, w.object_id, 9223372036854775807,
+                 CASE WHEN isempty(w.span) THEN '{}' ELSE tstzmultirange(w.span) END, NULL
+          FROM _pending_probed(_scene_id(p_scene), p_geometry, coalesce(p_span, tstzrange(NULL, NULL)), p_floor_m,
+                               p_ceiling_m) w) n
     LEFT JOIN area a ON n.object_kind = 0 AND a.area_id = n.object_id AND a.first_version <= n.version
     LEFT JOIN track t ON n.object_kind = 1 AND t.track_id = n.object_id AND t.first_version <= n.version
     WHERE coalesce(a.scene_id, t.scene_id) = (SELECT s.scene_id FROM scene s WHERE s.name = p_scene)
@@ -337,8 +475,8 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION probe(text, geometry, tstzrange, double precision, double precision) IS
 'Objects that an area (longitude and latitude, SRID 4326; heights in metres; null: unbounded) might conflict with: '
-'stages 1 and 2 against the pieces of the last detection, a superset of the truth. spans: when; region: longitude and '
-'latitude in degrees. Writes nothing.';
+'stages 1 and 2, a superset of the truth. spans: when; region: longitude and latitude in degrees; null for objects that '
+'no detection has seen as they are, which are compared by their boxes. Writes nothing.';
 
 CREATE OR REPLACE FUNCTION candidates(p_scene text)
 RETURNS TABLE (a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry)

@@ -287,7 +287,7 @@ BEGIN
                         'Use wait_for_admission.');
     END IF;
     IF NOT _await_answer(p_probe_id, p_timeout, false) THEN
-        RAISE NOTICE 'probe %: changes of the scene waited for detection: the answer may not be complete', p_probe_id;
+        RAISE NOTICE 'probe %: the scene was not current: changes of attached tables may be missing', p_probe_id;
     END IF;
     PERFORM _warn_if_beyond_horizon(s.name, CASE p.object_kind WHEN 0 THEN p.active_span ELSE _at_sea(p.path, NULL) END)
         FROM probe_request p JOIN scene s USING (scene_id) WHERE p.probe_id = p_probe_id;
@@ -340,6 +340,43 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _wait_for_probe(bigint, interval) IS
 'As wait_for_probe, with the names of the objects and with periods in binary.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._request_probes(
+    p_scene text, p_keys text[], p_kinds integer[], p_footprints bytea[], p_starts_us bigint[], p_ends_us bigint[],
+    p_paths bytea[], p_outlines bytea[], p_floors_m double precision[], p_ceilings_m double precision[],
+    p_grow_mps double precision[]
+) RETURNS bigint[]
+LANGUAGE sql VOLATILE STRICT
+BEGIN ATOMIC
+    SELECT array_agg(_request_probe(p_scene, u.key, u.kind, u.footprint, u.start_us, u.end_us, u.path, u.outline,
+                                    u.floor_m, u.ceiling_m, u.grow_mps) ORDER BY u.n)
+    FROM unnest(p_keys, p_kinds, p_footprints, p_starts_us, p_ends_us, p_paths, p_outlines, p_floors_m, p_ceilings_m,
+                p_grow_mps) WITH ORDINALITY
+         u (key, kind, footprint, start_us, end_us, path, outline, floor_m, ceiling_m, grow_mps, n);
+END;
+COMMENT ON FUNCTION _request_probes(text, text[], integer[], bytea[], bigint[], bigint[], bytea[], bytea[],
+                                    double precision[], double precision[], double precision[]) IS
+'Requests as _request_probe for several plans; returns their ids.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._wait_for_probes(p_probe_ids bigint[], p_timeout interval)
+RETURNS TABLE (
+    n bigint, key text, name text, kind text, verdict text, periods bytea, time_error_s double precision,
+    lon_deg double precision, lat_deg double precision, closest_at timestamptz, closest_m double precision,
+    closest_error_m double precision, lacking_s double precision, certainty text
+)
+LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$
+DECLARE
+    v_until timestamptz := clock_timestamp() + p_timeout;
+BEGIN
+    FOR v_number IN 1 .. cardinality(p_probe_ids) LOOP
+        RETURN QUERY
+            SELECT v_number - 1::bigint, w.*
+            FROM _wait_for_probe(p_probe_ids[v_number], greatest(v_until - clock_timestamp(), interval '1 ms')) w;
+    END LOOP;
+END
+$$;
+COMMENT ON FUNCTION _wait_for_probes(bigint[], interval) IS
+'As _wait_for_probe, for several requests within one timeout; n: place of the request, from 0.';
 
 -- For workers.
 

@@ -125,31 +125,6 @@ END;
 COMMENT ON FUNCTION _replaced_objects(bigint, text[], text) IS
 'Objects of a scene that have one of some keys, or an owner (null: none).';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._lies_near(
-    p_shape geometry, p_reach_m double precision, p_low_lon double precision[], p_low_lat double precision[],
-    p_high_lon double precision[], p_high_lat double precision[]
-) RETURNS boolean
-LANGUAGE sql IMMUTABLE PARALLEL SAFE
-BEGIN ATOMIC
-    -- Sides of an object up to a degree wide rise at most 0.0011 degrees above it on great circles: half of sin(2 lat)
-    -- times (sec(w / 2) - 1). Others, and those near a pole, are always near. Corners grow at most 115 times as fast as
-    -- sides (conflictdb.model.outlines.FASTEST_TIP).
-    SELECT o.is_wide OR EXISTS (
-        SELECT FROM unnest(p_low_lon, p_low_lat, p_high_lon, p_high_lat) b (west, south, east, north)
-        CROSS JOIN unnest(ARRAY[-360, 0, 360]) turn
-        WHERE o.west - o.east_deg <= b.east + turn AND b.west + turn <= o.east + o.east_deg
-          AND o.south - o.north_deg <= b.north AND b.south <= o.north + o.north_deg)
-    FROM (SELECT n.*, n.north_deg / cos(radians(least(n.highest + n.north_deg, 89))) AS east_deg,
-                 n.east - n.west > 1 OR n.highest + n.north_deg > 85 AS is_wide
-          FROM (SELECT ST_XMin(p_shape) AS west, ST_XMax(p_shape) AS east, ST_YMin(p_shape) AS south,
-                       ST_YMax(p_shape) AS north, greatest(abs(ST_YMin(p_shape)), abs(ST_YMax(p_shape))) AS highest,
-                       0.002 + p_reach_m / 110000 AS north_deg OFFSET 0) n OFFSET 0) o;
-END;
-COMMENT ON FUNCTION _lies_near(geometry, double precision, double precision[], double precision[], double precision[],
-                               double precision[]) IS
-'Whether a footprint or path (longitude and latitude), with p_reach_m metres around it, may reach one of some boxes in '
-'degrees; true if in doubt.';
-
 CREATE OR REPLACE FUNCTION conflictdb_internal._objects_near(
     p_scene_id bigint, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[],
     p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[], p_low_lon double precision[],
@@ -176,7 +151,8 @@ BEGIN
             FROM given q JOIN piece p ON p.hull && q.hull AND p.span && q.span AND p.scene_id = p_scene_id
             WHERE p.floor_m < q.ceiling_m AND q.floor_m < p.ceiling_m AND (p.turn = 0 OR q.turn = 0)
         ), pending AS MATERIALIZED (
-            SELECT DISTINCT c.object_kind, c.object_id FROM change c WHERE c.scene_id = p_scene_id AND NOT c.is_covered
+            SELECT n.object_kind, n.object_id
+            FROM _pending_near(p_scene_id, v_span, p_low_lon, p_low_lat, p_high_lon, p_high_lat) n
         )
         SELECT 0::smallint, a.area_id, a.key, a.name, a.owner
         FROM near n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id WHERE n.object_kind = 0
@@ -185,21 +161,10 @@ BEGIN
         FROM near n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id WHERE n.object_kind = 1
         UNION
         SELECT 0::smallint, a.area_id, a.key, a.name, a.owner
-        FROM pending n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
-        WHERE n.object_kind = 0 AND tstzrange(lower(a.active_span), upper(a.active_span), '[]') && v_span
-          AND _lies_near(a.footprint, 0, p_low_lon, p_low_lat, p_high_lon, p_high_lat)
+        FROM pending n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id WHERE n.object_kind = 0
         UNION
         SELECT 1::smallint, t.track_id, t.key, t.name, t.owner
-        FROM pending n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id
-        WHERE n.object_kind = 1
-          -- Tolerances are reach in time and place that pieces alone know.
-          AND (t.tolerances IS NOT NULL
-               OR tstzrange(to_timestamp(ST_M(ST_StartPoint(t.path)) - 1), to_timestamp(ST_M(ST_EndPoint(t.path)) + 1))
-                  && v_span
-                  AND _lies_near(t.path, ST_MaxDistance(ST_MakePoint(0, 0), coalesce(t.outlines, t.outline))
-                                         + 115 * t.grow_mps
-                                           * (ST_M(ST_EndPoint(t.path)) - ST_M(ST_StartPoint(t.path))),
-                                 p_low_lon, p_low_lat, p_high_lon, p_high_lat));
+        FROM pending n JOIN track t ON t.track_id = n.object_id AND t.scene_id + 0 = p_scene_id WHERE n.object_kind = 1;
 END
 $$;
 COMMENT ON FUNCTION _objects_near(

@@ -26,6 +26,12 @@ BEGIN
         IF num_nonnulls(v_plan ->> 'footprint', v_plan ->> 'path') <> 1 THEN
             FOUND := _raise('ZC016', v_who, 'footprint', 'must be given, or path, and not both', 'plan_kind');
         END IF;
+        SELECT k INTO v_member FROM unnest(ARRAY['name', 'class', 'owner']) k
+            WHERE jsonb_typeof(v_plan -> k) NOT IN ('string', 'null') LIMIT 1;
+        IF FOUND THEN
+            FOUND := _raise('ZC016', v_who, v_member, format('must be text; got %s', left((v_plan -> v_member)::text, 60)),
+                            'plan_texts');
+        END IF;
         -- A misspelt member would be ignored, and conflicts missed.
         SELECT k INTO v_member FROM jsonb_object_keys(v_plan) k WHERE k <> ALL (c_members) LIMIT 1;
         IF FOUND THEN
@@ -52,36 +58,6 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_plans(jsonb) IS 'Raises ZC016 or ZC007 for plans that admit could not read.';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._box_deg(
-    p_place geometry, p_reach_m double precision, OUT west double precision, OUT south double precision,
-    OUT east double precision, OUT north double precision
-)
-LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
-DECLARE
-    -- As _box_deg of conflictdb/db/store/admissions.py.
-    v_up double precision := 0.002 + p_reach_m / 110000;
-    v_highest double precision := greatest(abs(ST_YMin(p_place)), abs(ST_YMax(p_place))) + v_up;
-    v_across double precision;
-    v_home double precision := 360 * round((ST_XMin(p_place) + ST_XMax(p_place)) / 720);
-BEGIN
-    IF ST_XMax(p_place) - ST_XMin(p_place) > 1 OR v_highest > 85 THEN
-        west := '-infinity';
-        south := '-infinity';
-        east := 'infinity';
-        north := 'infinity';
-        RETURN;
-    END IF;
-    v_across := v_up / cosd(v_highest);
-    west := ST_XMin(p_place) - v_across - v_home;
-    south := ST_YMin(p_place) - v_up;
-    east := ST_XMax(p_place) + v_across - v_home;
-    north := ST_YMax(p_place) + v_up;
-END
-$$;
-COMMENT ON FUNCTION _box_deg(geometry, double precision) IS
-'Degrees within which a place and p_reach_m metres around it lie, whatever its lines are; infinite for places that are '
-'wide, or near a pole.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._places_of(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
 RETURNS TABLE (
@@ -111,20 +87,6 @@ $$;
 COMMENT ON FUNCTION _places_of(bigint, bigint[], bigint[]) IS
 'Where and when objects of a scene are: areas as they are, and for each leg of a track a box that contains it, null if '
 'it is not known.';
-
-CREATE OR REPLACE FUNCTION conflictdb_internal._are_above(
-    p_floor_m double precision, p_ceiling_m double precision, p_apart_m double precision, p_is_closed boolean
-) RETURNS boolean
-LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
-BEGIN ATOMIC
-    SELECT CASE WHEN p_floor_m IS NULL OR p_ceiling_m IS NULL THEN false
-                WHEN p_apart_m > 0 THEN p_floor_m - p_ceiling_m > p_apart_m + 1e-5
-                WHEN p_is_closed THEN p_floor_m > p_ceiling_m
-                ELSE p_floor_m >= p_ceiling_m END;
-END;
-COMMENT ON FUNCTION _are_above(double precision, double precision, double precision, boolean) IS
-'Whether heights from a floor are certainly above a ceiling, by a vertical separation if one is required; null: no '
-'limit. Inlined into queries.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._meetings(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
 RETURNS TABLE (a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, period tstzrange)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.clearing import mixed_integer
+from conflictdb.clearing.by_parts import Parts
 from conflictdb.clearing.greedy import greedy, is_plan
 from conflictdb.clearing.program import Pair, Program, is_free
 from conflictdb.clearing.settle import settle
@@ -15,8 +15,6 @@ from conflictdb.clearing.turns import MOST_TRACKS, Turns, bound_of
 
 _Ints = NDArray[np.int64]
 
-# A solver is given this long at least, seconds.
-_LEAST_S = 0.05
 # A component has at least this share of the time that is left.
 _LEAST_SHARE = 0.25
 # A pair enters the program if a solver's numbers break it by more than this, microseconds: more than they are exact to.
@@ -105,28 +103,23 @@ def _of_component(program: Program, turns: Sequence[int], goal: str, ends: float
     # Leaving one track costs more than all delays of a plan.
     spans = program.weight * np.maximum(-program.low, program.high) / 1e6
     dear = float(spans.sum() if goal == "total" else spans.max()) + 1.0
-    penalty: float | None = None
+    parts = Parts(program, goal, dear, cuts)
     active = set(program.broken(np.zeros(len(program), np.int64))) | set(_touching(program, best[2]))
     while True:
-        remaining = ends - time.monotonic()
-        relaxed = mixed_integer.solve(program, sorted(active), goal, max(remaining, _LEAST_S), penalty, cuts)
-        if relaxed.is_infeasible and penalty is None:
-            penalty, bound = dear, 0.0
-            continue
+        relaxed = parts.solve(active, ends)
         bound = max(bound, relaxed.bound)
         if relaxed.delays is None:
             break
         keep(settle(program, relaxed.delays, relaxed.left), relaxed.left)
         new = set(program.broken(relaxed.delays, _SLACK_US)) - active
         new = {(i, j) for i, j in new if not (i in relaxed.left and j in relaxed.left)}
-        if not new or remaining <= 0.0:
+        if not new or time.monotonic() >= ends:
             break
         active |= new
     count, objective, delays, left = best
-    if penalty is not None:
-        bound -= penalty * count
+    bound -= dear * count
     # A bound below zero: fewer tracks may be left.
-    is_fewest = count == 0 or (penalty is not None and bound >= -EQUAL_S)
+    is_fewest = bound >= -EQUAL_S
     bound = min(max(bound, 0.0), objective) if is_fewest else 0.0
     return Solution(delays, left, objective, bound, is_fewest and objective - bound <= EQUAL_S)
 

@@ -83,9 +83,7 @@ class Program:
         """Return the tracks of each part of the program that shares no pair with another, smallest first."""
         if not len(self):
             return []
-        edges = np.array(list(self.pair), np.int64).reshape(-1, 2)
-        graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(self), len(self)))
-        _, label = connected_components(graph, directed=False)
+        label = joined(self.pair, len(self))
         order = np.argsort(label, kind="stable")
         return sorted(np.split(order, np.flatnonzero(np.diff(label[order])) + 1), key=len)
 
@@ -114,6 +112,14 @@ class Program:
 
 def _within(low: _Ints, high: _Ints, least: int, most: int) -> Spans:
     return Spans.union(np.maximum(low, least), np.minimum(high, most))
+
+
+def joined(links: Iterable[Pair], n: int) -> NDArray[np.int32]:
+    """Return the number of the connected part (n,) of each of n tracks."""
+    edges = np.array(list(links), np.int64).reshape(-1, 2)
+    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
+    label: NDArray[np.int32] = connected_components(graph, directed=False)[1]
+    return label
 
 
 def mirrored(spans: Spans) -> Spans:

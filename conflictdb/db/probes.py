@@ -58,7 +58,8 @@ def probe(
     """Return the conflicts of plans with the scene and with each other, on one state of the database.
 
     Objects of the scene with the key of a plan are left out: the plans replace them together. One plan is compared with
-    the pieces of the last detection; several, in a constant number of round trips, with all objects as they are stored.
+    the pieces of the last detection if the scene is current; others, in a constant number of round trips, with all
+    objects as they are stored.
 
     Raises InvalidInput if the scene does not exist or its plane cannot contain a plan, StoreError if a transaction is
     open.
@@ -68,10 +69,10 @@ def probe(
         state = store.state_within(conn, store.scene_state(conn, scene), map(_span, plans))
         number, memory = store.scene_id(conn, scene), Memory.of(memory_mb)
         settings = store.read_settings(conn, number)
-        if len(plans) == 1:
+        if len(plans) == 1 and state.is_current:
             found = _probed(conn, number, plans[0], plans[0].key, jobs, memory)
         else:
-            found = _probed_together(conn, number, centred(settings, *by_kind(plans)), plans)
+            found = _probed_together(conn, number, settings, plans, [plan.key for plan in plans])
     finally:
         with store.translated():
             conn.rollback()
@@ -93,11 +94,9 @@ def ask(
     with store.transaction(conn):
         settings = store.read_settings(conn, store.scene_id(conn, scene))
         state = store.state_within(conn, store.scene_state(conn, scene), map(_span, plans))
-    found = []
-    for plan in plans:
-        probe_id = store.request_probe(conn, scene, plan)
-        left = timedelta(seconds=max(until_s - time.monotonic(), 0.001))
-        found.append(store.wait_for_probe(conn, settings, plan, probe_id, left))
+    ids = store.request_probes(conn, scene, plans)
+    left = timedelta(seconds=max(until_s - time.monotonic(), 0.001))
+    found = store.wait_for_probes(conn, settings, plans, ids, left)
     return Listing(state, _together(settings, plans, found), Conflict)
 
 
@@ -164,7 +163,7 @@ def _answer_one(conn: psycopg.Connection[Any], jobs: int, memory: Memory, passed
             request = store.read_probe(conn, *number)
             if request.horizon_s is None:
                 plan = store.plan_of(request)
-                found = _probed(conn, request.scene_id, plan, request.key, jobs, memory)
+                found = _answered(conn, request, plan, jobs, memory)
                 store.answer_probe(conn, request, plan, found)
             else:
                 now = certain(request.start_us)
@@ -202,6 +201,17 @@ def _admit(conn: psycopg.Connection[Any], number: tuple[int, int], owner: str | 
         probe_id,
         admit(conn, scene, plans, owner, allow_known=allow_known, lock_timeout_s=_WAITS_FOR_ADMISSION_S),
     )
+
+
+def _answered(
+    conn: psycopg.Connection[Any], request: store.ProbeRequest, plan: Area | Track, jobs: int, memory: Memory
+) -> list[Conflict]:
+    """Return the conflicts of the plan of a request, on the snapshot of the open transaction."""
+    if store.scene_state(conn, request.scene).is_current:
+        return _probed(conn, request.scene_id, plan, request.key, jobs, memory)
+    replaced = [] if request.key is None else [request.key]
+    settings = store.read_settings(conn, request.scene_id)
+    return _probed_together(conn, request.scene_id, settings, [plan], replaced)
 
 
 class _PlanSource:
@@ -261,12 +271,20 @@ class _PlanSource:
 
 
 def _probed_together(
-    conn: psycopg.Connection[Any], scene_id: int, scene: Scene, plans: Sequence[Area | Track]
+    conn: psycopg.Connection[Any],
+    scene_id: int,
+    settings: Scene,
+    plans: Sequence[Area | Track],
+    replaced_keys: Sequence[str],
 ) -> list[Conflict]:
-    """Return the conflicts of several plans, with each other too, on the snapshot of the open transaction."""
+    """Return the conflicts of plans, with each other too, on the snapshot of the open transaction.
+
+    Objects are compared as they are stored, detected or not, but for those with one of `replaced_keys`.
+    """
+    scene = centred(settings, *by_kind(plans))
     plane = plane_of(scene)
     mine = Members.of_plans(scene, plane, plans)
-    replaced = store.replaced_objects(conn, scene_id, [plan.key for plan in plans], None)
+    replaced = store.replaced_objects(conn, scene_id, replaced_keys, None)
     others = members_near(conn, scene_id, scene, mine, plans, replaced)
     return conflicts_between(scene, plane, mine, others, among=True)
 

@@ -340,10 +340,10 @@ class StoredScene:
     ) -> Listing[Conflict]:
         """Return the conflicts that a plan would have, and when, without writing.
 
-        Runs the stages of a detection, with the scene's settings, on the objects that the last detection saw. If the
-        scene has `nearest_m`, near pairs are returned too. An object with the key of the plan is left out, since the
-        plan would replace it. Several plans replace their namesakes together. They are checked against each other, and
-        against all objects as they are stored, detected or not.
+        Runs the stages of a detection, with the scene's settings, on all objects as they are stored, detected or not.
+        If the scene has `nearest_m`, near pairs are returned too. An object with the key of the plan is left out, since
+        the plan would replace it. Several plans replace their namesakes together, and are checked against each other.
+        If the scene is not current, an IncompleteWarning is issued: changes of attached tables may be missing.
 
         Parameters
         ----------

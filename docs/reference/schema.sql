@@ -1597,6 +1597,12 @@ FUNCTION _part_from_plane(p_geometry geometry, p_plane text)
 FUNCTION _pending(p_scene_id bigint, OUT areas bigint, OUT tracks bigint)
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
+FUNCTION _pending_near(p_scene_id bigint, p_span tstzrange, p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[])
+    RETURNS TABLE(object_kind smallint, object_id bigint) LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _pending_probed(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
+    RETURNS TABLE(object_kind smallint, object_id bigint, span tstzrange) LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _pieces(p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint, OUT object_id bigint, OUT version bigint, OUT pieces integer, OUT part integer, OUT turn smallint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT end_inclusive boolean, OUT floor_m double precision, OUT ceiling_m double precision, OUT leg_start timestamp with time zone, OUT leg_end timestamp with time zone, OUT start_lon_deg double precision, OUT start_lat_deg double precision, OUT end_lon_deg double precision, OUT end_lat_deg double precision, OUT bearing_deg double precision, OUT class_number bigint, OUT owner_number bigint, OUT hull bytea, OUT shape bytea, OUT shape_to bytea, OUT parts bytea, OUT cuts bytea, OUT leg_times bytea, OUT legs bytea, OUT climb bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1716,6 +1722,9 @@ FUNCTION _replaced_objects(p_scene_id bigint, p_keys text[], p_owner text)
 
 FUNCTION _request_probe(p_scene text, p_key text, p_kind integer, p_footprint bytea, p_start_us bigint, p_end_us bigint, p_path bytea, p_outline bytea, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+
+FUNCTION _request_probes(p_scene text, p_keys text[], p_kinds integer[], p_footprints bytea[], p_starts_us bigint[], p_ends_us bigint[], p_paths bytea[], p_outlines bytea[], p_floors_m double precision[], p_ceilings_m double precision[], p_grow_mps double precision[])
+    RETURNS bigint[] LANGUAGE sql VOLATILE STRICT PARALLEL UNSAFE;
 
 FUNCTION _requested_admission(p_probe_id bigint)
     RETURNS TABLE(owner text, allow_known boolean) LANGUAGE sql STABLE STRICT PARALLEL UNSAFE;
@@ -1938,6 +1947,9 @@ FUNCTION _voyages(p_path geometry, p_departures timestamp with time zone[])
 
 FUNCTION _wait_for_probe(p_probe_id bigint, p_timeout interval)
     RETURNS TABLE(key text, name text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision, lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, lacking_s double precision, certainty text) LANGUAGE sql VOLATILE PARALLEL UNSAFE;
+
+FUNCTION _wait_for_probes(p_probe_ids bigint[], p_timeout interval)
+    RETURNS TABLE(n bigint, key text, name text, kind text, verdict text, periods bytea, time_error_s double precision, lon_deg double precision, lat_deg double precision, closest_at timestamp with time zone, closest_m double precision, closest_error_m double precision, lacking_s double precision, certainty text) LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _waiting_scenes()
     RETURNS TABLE(scene text, waited_s double precision) LANGUAGE sql STABLE PARALLEL SAFE;

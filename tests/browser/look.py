@@ -84,6 +84,8 @@ def prepare(db: Database) -> None:
     load(Scene("behind"), areas=[square("ZONE", 9.0, 57.0)], tracks=[ship("SHIP", (8.5, 57.0), (10.0, 57.2))])
     db.scene("behind").detect()
     load(Scene("behind"), areas=[square("LATE", 9.5, 57.0)], is_merged=True)
+    load(Scene("changing"), areas=[square("ZONE", 9.0, 57.0)], tracks=[ship("SHIP", (8.5, 57.0), (10.0, 57.2))])
+    db.scene("changing").detect()
     random = np.random.default_rng(1)
     ways = [(random.uniform((-6.0, 48.0), (4.0, 56.0)), random.uniform((-6.0, 48.0), (4.0, 56.0))) for _ in range(400)]
     load(Scene("many"), tracks=[ship(f"SHIP-{n}", *way, hours=60.0) for n, way in enumerate(ways)])
@@ -177,6 +179,15 @@ def _gone_and_asked(page: Page, stop: Callable[[], None]) -> None:
     _conflict(page, stop)
 
 
+def _changed(page: Page, stop: Callable[[], None]) -> None:
+    with conflictdb.connect() as db:
+        put = "SELECT conflictdb.put_area('changing', %s, ST_MakeEnvelope(8.0, 56.9, 9.0, 57.1, 4326), '(,)')"
+        db.connection.execute(put, [f"ZONE-{datetime.now(UTC):%H%M%S}"])
+        db.connection.commit()
+        db.scene("changing").detect()
+    page.get_by_role("button", name="Show", exact=True).click()
+
+
 def _what_if(page: Page, stop: Callable[[], None]) -> None:
     page.get_by_role("button", name="FERRY and TOW").click()
     page.get_by_role("button", name="What if FERRY departs earlier or later").click()
@@ -189,6 +200,7 @@ STATES: Final[dict[str, tuple[str, Callable[[Page, Callable[[], None]], None]]]]
     "overlap": ("strait", _overlap),
     "filters": ("strait", _filters),
     "object": ("strait", _object),
+    "changed": ("changing", _changed),
     "what-if": ("strait", _what_if),
     "empty": ("empty", _first),
     "not-detected": ("not detected", _first),

@@ -204,6 +204,56 @@ def test_changes_and_acknowledgements_show_without_reload(
     assert page.locator("img[src=x]").count() == 0
 
 
+def test_a_bar_says_what_changed(strait: str, open_page: Open, conn: Conn, dsn: str) -> None:
+    """Since the page was opened, or since that was dismissed; it shows the changes alone."""
+    page = open_page(strait)
+    bar = page.locator("#changes")
+    expect(bar).to_be_hidden()
+    conn.execute("SELECT conflictdb.remove_object('strait', 'CABLE')")
+    conn.commit()
+    expect(page.locator("#state")).to_contain_text("3 areas")
+    expect(bar).to_be_hidden()  # until a detection knows
+    conn.execute(
+        "SELECT conflictdb.put_area('strait', %s, ST_MakeEnvelope(8.5, 57.7, 9.6, 58.0, 4326), '(,)')", [HOSTILE]
+    )
+    conn.commit()
+    expect(page.locator("#state")).to_contain_text("4 areas")
+    with conflictdb.connect(dsn) as db:
+        db.scene("strait").detect()
+    expect(page.locator("#changed")).to_contain_text(re.compile(r"^2 objects changed: [1-9]\d* new, 1 gone$"))
+    page.get_by_role("button", name="Show", exact=True).click()
+    assert page.locator(".tag.gone").all_inner_texts() == ["gone"]
+    assert "CABLE and SUB-1" in rows(page)
+    assert len(rows(page)) == page.locator(".tag.new").count() + 1
+    expect(page.locator("#count")).to_have_text(f"{len(rows(page))} changes")
+    page.locator(".row", has_text="CABLE").click()  # its place in time; nothing more is known
+    expect(page.locator("#detail")).to_be_hidden()
+    expect(page.locator("#clock")).to_have_text("07:41:56")
+    page.locator(".row", has=page.locator(".new")).first.click()
+    expect(page.locator("#detail")).to_contain_text("Decided by stage")
+    page.get_by_role("button", name="Show all", exact=True).click()
+    expect(page.locator("#detail")).to_be_hidden()
+    expect(page.locator(".tag.new, .tag.gone")).to_have_count(0)
+    page.get_by_role("button", name="Dismiss").click()
+    expect(bar).to_be_hidden()
+    conn.execute("SELECT conflictdb.acknowledge('strait', 'FERRY', 'TOW', 'seen')")
+    conn.commit()
+    expect(page.locator(".tag", has_text="acknowledged")).to_have_count(1)
+    expect(bar).to_be_hidden()
+    conn.execute(
+        """UPDATE conflictdb.track AS t SET path = (
+               SELECT ST_MakeLine(
+                   ST_SetSRID(ST_MakePointM(ST_X(p.geom), ST_Y(p.geom), ST_M(p.geom) + 600), 4326) ORDER BY p.path)
+               FROM ST_DumpPoints(t.path) AS p
+           ) WHERE key = 'FERRY'"""
+    )
+    conn.commit()
+    expect(page.locator("#state")).to_contain_text("waits")
+    with conflictdb.connect(dsn) as db:
+        db.scene("strait").detect()
+    expect(page.locator("#changed")).to_contain_text(re.compile(r"^FERRY moved: 0 new, \d gone, \d at another time$"))
+
+
 def test_a_page_keeps_what_it_shows_where_nobody_refuses_the_scene(strait: str, browser: Browser, conn: Conn) -> None:
     """A server, or a proxy before it, that has had too much says so, and the scene is still there."""
     page = browser.new_page()

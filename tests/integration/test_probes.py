@@ -91,6 +91,68 @@ def test_a_probe_writes_nothing_and_says_what_is_not_current(conn: Conn) -> None
             db.scene("nowhere").probe(box("new", 0.0, 0.0, 1.0, 1.0))
 
 
+def test_a_probe_sees_what_no_detection_has_seen(conn: Conn, dsn: str) -> None:
+    """Objects that are new, moved or gone, voyages and schedules at other times, in Python, by a worker and in SQL."""
+    load(conn, Scene("s"), [box("moves", 0.4, -0.1, 0.6, 0.1), box("goes", 0.4, -0.1, 0.6, 0.1)], [])
+    detect.detect(conn, "s", jobs=1)
+    later = T0_US + 100 * HOUR_US
+    voyages = replace(
+        sail("voyages", (0.5, -0.2), (0.5, 0.2)),
+        times_us=T0_US + np.array([0, 1]) * HOUR_US,
+        departures_us=[T0_US, later],
+    )
+    plan = box("new", 0.4, -0.1, 0.6, 0.1, start_us=later, end_us=later + HOUR_US)
+    with connect(conn) as db:
+        scene = db.scene("s")
+        scene.put([box("moves", 2.0, 2.0, 3.0, 3.0), box("added", 0.5, 0.0, 0.7, 0.2), box("new", 5.0, 5.0, 6.0, 6.0)])
+        scene.put([voyages, sail("passed", (0.5, -0.2), (0.5, 0.2))])
+        scene.delete_objects("goes")
+        conn.commit()
+        with pytest.warns(IncompleteWarning):
+            assert {(one.a_key, one.b_key) for one in scene.probe(plan)} == {("added", "new"), ("new", "voyages")}
+        assert {one.a_key for one in scene.admit(plan).conflicts} == {"added", "new"}
+        with answering(dsn), connect(dsn) as other:
+            with pytest.warns(IncompleteWarning):
+                told = other.scene("s").probe(plan, worker_timeout_s=60.0)
+            assert {(one.a_key, one.b_key) for one in told} == {("added", "new"), ("new", "voyages")}
+    span = "tstzrange(to_timestamp(%s), to_timestamp(%s))"
+    found = f"SELECT key FROM conflictdb.probe('s', ST_MakeEnvelope(0.4, -0.1, 0.6, 0.1, 4326), {span}) ORDER BY key"
+    at = [later / 1e6, later / 1e6 + 3600.0]
+    assert conn.execute(found.encode(), at).fetchall() == [("added",), ("voyages",)]
+    at = [T0_US / 1e6, T0_US / 1e6 + 3600.0]
+    assert conn.execute(found.encode(), at).fetchall() == [("added",), ("passed",), ("voyages",)]
+    conn.commit()
+    detect.detect(conn, "s", jobs=1)
+    assert conn.execute(found.encode(), at).fetchall() == [("added",), ("passed",), ("voyages",)]
+
+
+def test_workers_are_asked_about_many_plans_in_as_many_round_trips_as_about_two(
+    conn: Conn, dsn: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    load(conn, Scene("s"), [box("A", 0.0, 0.0, 9.0, 0.1)], [])
+    detect.detect(conn, "s", jobs=1)
+    calls: list[str] = []
+    known = psycopg.Cursor.execute
+    with answering(dsn), connect(dsn) as db:
+
+        def counted(self: Any, query: Any, *rest: Any, **options: Any) -> Any:
+            if self.connection is db.connection:
+                calls.append(str(query))
+            return known(self, query, *rest, **options)
+
+        monkeypatch.setattr(psycopg.Cursor, "execute", counted)
+        taken = []
+        for count in (2, 9):
+            calls.clear()
+            plans = [box(f"P{k}", float(k), 0.0, k + 0.5, 0.2) for k in range(count)]
+            found = db.scene("s").probe(plans, worker_timeout_s=60.0)
+            assert [(one.a_key, one.b_key) for one in found] == [("A", plan.key) for plan in plans]
+            taken.append(len(calls))
+        assert taken[0] == taken[1]
+    with connect(dsn) as db, pytest.raises(NotCurrent, match="is not answered after"):
+        db.scene("s").probe(plans, worker_timeout_s=0.05)
+
+
 def test_several_plans_replace_their_namesakes_together(conn: Conn, dsn: str) -> None:
     """In this process and by a worker: the old places meet nothing, and the new ones each other."""
     old = [box("A", 0.4, -0.1, 0.6, 0.1), box("B", 2.4, -0.1, 2.6, 0.1)]

@@ -97,7 +97,6 @@ from conflictdb.db.store.object_states import ObjectStates, cover, object_states
 from conflictdb.db.store.proposal_rows import (
     apply_proposal,
     proposal_basis,
-    proposal_statements,
     put_proposal,
     undo_proposal,
 )
@@ -163,8 +162,8 @@ from conflictdb.db.store.stored_probes import (
     probe_failed,
     read_probe,
     refuse_probe,
-    request_probe,
-    wait_for_probe,
+    request_probes,
+    wait_for_probes,
 )
 from conflictdb.db.store.stored_schedules import (
     Scheduled,

@@ -135,11 +135,19 @@ def plan_of(request: ProbeRequest) -> Area | Track:
     )
 
 
-def request_probe(conn: psycopg.Connection[Any], scene: str, plan: Area | Track) -> int:
-    """Send a question about a plan to the workers and return its number; they see it once it is committed.
+def request_probes(conn: psycopg.Connection[Any], scene: str, plans: Sequence[Area | Track]) -> list[int]:
+    """Send questions about plans to the workers and return their numbers; they see them once committed.
 
     Raises InvalidInput for a plan that is invalid, or that a question cannot express.
     """
+    columns = [list(column) for column in zip(*map(_as_request, plans), strict=True)]
+    with transaction(conn):
+        (ids,) = call(conn, "_request_probes", scene, *columns)
+    return list(ids)
+
+
+def _as_request(plan: Area | Track) -> tuple[Any, ...]:
+    """Return a plan as arguments of the SQL function _request_probe."""
     area, track = (plan, None) if isinstance(plan, Area) else (None, plan)
     path = outline = None
     if track is not None:
@@ -159,36 +167,38 @@ def request_probe(conn: psycopg.Connection[Any], scene: str, plan: Area | Track)
     if plan.schedule is not None or (track.departures_us if track else cast("Area", plan).spans_us) is not None:
         rule = "has several activations, which a worker cannot be asked about: probe each on its own"
         raise InvalidInput(f"{'track' if track else 'area'} {plan.key!r}", "plan", rule)
-    with transaction(conn):
-        (probe_id,) = call(
-            conn,
-            "_request_probe",
-            scene,
-            plan.key,
-            (Kind.AREA if area else Kind.TRACK).code,
-            shapely.to_wkb(area.footprint, byte_order=1) if area else None,
-            area.start_us if area else None,
-            area.end_us if area else None,
-            path,
-            outline,
-            plan.floor_m,
-            plan.ceiling_m,
-            track.grow_mps if track else None,
-        )
-    return int(probe_id)
+    return (
+        plan.key,
+        (Kind.AREA if area else Kind.TRACK).code,
+        shapely.to_wkb(area.footprint, byte_order=1) if area else None,
+        area.start_us if area else None,
+        area.end_us if area else None,
+        path,
+        outline,
+        plan.floor_m,
+        plan.ceiling_m,
+        track.grow_mps if track else None,
+    )
 
 
-def wait_for_probe(
-    conn: psycopg.Connection[Any], scene: Scene, plan: Area | Track, probe_id: int, timeout: timedelta
-) -> list[Conflict]:
-    """Wait for the answer to a question; return conflicts ordered by key.
+def wait_for_probes(
+    conn: psycopg.Connection[Any], scene: Scene, plans: Sequence[Area | Track], ids: Sequence[int], timeout: timedelta
+) -> list[list[Conflict]]:
+    """Wait for the answers to questions about plans, all within one timeout; return the conflicts of each, by key.
 
-    Raises NotCurrent on timeout, InvalidInput if the plan is invalid.
+    Raises NotCurrent on timeout, InvalidInput if a plan is invalid.
     """
+    with transaction(conn):
+        rows = call_by_name(conn, "_wait_for_probes", list(ids), timeout)
+    of_plans: list[list[dict[str, Any]]] = [[] for _ in plans]
+    for row in rows:
+        of_plans[row.pop("n")].append(row)
+    return [_conflicts_of(scene, plan, of_plan) for plan, of_plan in zip(plans, of_plans, strict=True)]
+
+
+def _conflicts_of(scene: Scene, plan: Area | Track, rows: Sequence[dict[str, Any]]) -> list[Conflict]:
     mine = (Kind.AREA if isinstance(plan, Area) else Kind.TRACK), plan.key, plan.name
     answer = []
-    with transaction(conn):
-        rows = call_by_name(conn, "_wait_for_probe", probe_id, timeout)
     for row in rows:
         other = Kind(row.pop("kind")), row.pop("key"), row.pop("name")
         pair = sorted([mine, other], key=lambda one: (one[0].code, one[1].encode()))

@@ -208,7 +208,26 @@ class Page {
     byId("stale").hidden = stale === 0;
     byId("stale").textContent = `${counted(stale, "conflict")} (hatched) ${stale === 1 ? "is" : "are"} of objects that changed since: `
       + "detect again to know what holds now.";
+    this.describeChanges();
     byId("open-choice").hidden = !scene.may_acknowledge && !model.conflicts.some((c) => c.acknowledged_by !== null);
+  }
+
+  describeChanges() {
+    const { changes: { text }, showsChanges } = this.state;
+    byId("changes").hidden = text === null;
+    if (byId("changed").textContent !== (text ?? "")) byId("changed").textContent = text ?? "";
+    byId("show-changes").textContent = showsChanges ? "Show all" : "Show";
+  }
+
+  // Shows what changed alone, or all conflicts.
+  showChanges(isShown) {
+    const { state } = this;
+    if (state.chosen) this.unchoose();
+    if (isShown) this.departure.close();
+    state.showsChanges = isShown;
+    this.describeChanges();
+    this.applyFilter();
+    this.showInstant();
   }
 
   // What the filter leaves: in the list, on the timeline and on the map, there later if `isQuick`.
@@ -220,7 +239,7 @@ class Page {
     this.list.take(left, model.objects, this.whyEmpty());
     this.timeline.take(left, model.span);
     const isKnown = model.conflicts.length > 0 || model.scene.is_current;
-    byId("count").textContent = !isKnown ? "" : filter.isNothing() ? counted(left.length, "conflict")
+    byId("count").textContent = !isKnown ? "" : state.showsChanges ? counted(left.length, "change") : filter.isNothing() ? counted(left.length, "conflict")
       : `${left.length.toLocaleString("en")} of ${counted(model.conflicts.length, "conflict")}`;
     this.havens.marks.hidden = state.hiddenObjects;
     clearTimeout(this.resting);
@@ -300,7 +319,7 @@ class Page {
     const { state, view } = this;
     this.player.pause();
     this.address.flush();
-    if (conflict.change && conflict.change !== "gone") { // of a moved plan: nothing more is known
+    if (conflict.since === "gone" || (conflict.change && conflict.change !== "gone")) { // nothing more is known
       this.moveTo(conflict.start);
       return;
     }
@@ -352,6 +371,8 @@ class Page {
   replan(plan) {
     const { state, havens } = this;
     state.plan = havens.plan = plan;
+    if (plan) state.showsChanges = false;
+    this.describeChanges();
     this.applyFilter(plan !== null);
     this.showInstant();
   }
@@ -507,8 +528,14 @@ class Page {
   }
 
   listen() {
-    const { view, havens, polar, list } = this;
+    const { view, havens, polar, list, state } = this;
     byId("filter").addEventListener("input", () => this.readFilter());
+    byId("show-changes").addEventListener("click", () => this.showChanges(!state.showsChanges));
+    byId("dismiss-changes").addEventListener("click", () => {
+      state.dismissChanges();
+      this.showChanges(false);
+      byId("words").focus();
+    });
     byId("link").addEventListener("click", () => this.copyLink());
     byId("filter").addEventListener("change", checkInstants);
     byId("filter").addEventListener("reset", () => setTimeout(() => { checkInstants(); this.readFilter(); }));

@@ -118,6 +118,7 @@ export class List {
     ].filter(Boolean).join(" · ");
     const when = conflict.start === -Infinity ? "since ever"
       : this.several ? `${moment(conflict.start).replace(/ \d{4} /, " ")}` : clock(conflict.start);
+    const change = conflict.since ?? conflict.change;
     const row = element("li", { "data-n": n, "aria-setsize": this.conflicts.length, "aria-posinset": n + 1 },
       element("button", { type: "button", class: "row", click: () => this.onChoose(conflict) },
         element("span", { class: `mark ${conflict.verdict}`, "aria-hidden": "true" }),
@@ -128,7 +129,7 @@ export class List {
         element("span", { class: "facts" }, facts),
         element("span", { class: "tags" },
           conflict.isBeyond ? element("span", { class: "tag" }, "near the pole") : null,
-          conflict.change ? element("span", { class: `tag ${conflict.change}` }, conflict.change) : null,
+          change ? element("span", { class: `tag ${change}` }, change) : null,
           conflict.is_current ? null : element("span", { class: "tag" }, "changed since"),
           conflict.acknowledged_by === null ? null : element("span", { class: "tag" }, "acknowledged"))));
     row.style.transform = `translateY(${n * ROW}px)`;

@@ -1,5 +1,6 @@
 // What the page shows: a scene, an instant of it, what the filter leaves, and the conflict that is chosen. It draws nothing.
 
+import { changesOf } from "./changes.js";
 import { Filter, meet, Model } from "./model.js";
 
 export class State {
@@ -12,6 +13,9 @@ export class State {
     this.hiddenObjects = new Set(); // keys of those that it does not leave
     this.hiddenConflicts = new Set(); // ids
     this.chosen = null; // a conflict
+    this.baseline = null; // objects and conflicts that changes count from
+    this.changes = null; // since then: { conflicts, text } (changes.js)
+    this.showsChanges = false; // rather than all conflicts
     this.plan = null; // of a track that departs at another time: { key, laterUs, conflicts } (what_if.js)
   }
 
@@ -22,12 +26,28 @@ export class State {
     model.takeObjects(areas, tracks, outlines);
     model.takeConflicts(conflicts);
     [this.model, this.version] = [model, scene.version];
+    this.findChanges();
   }
 
   takeConflicts(scene, conflicts) {
     this.model.scene = scene;
     this.model.takeConflicts(conflicts);
     this.version = scene.version;
+    this.findChanges();
+  }
+
+  findChanges() {
+    if (this.baseline === null) this.dismissChanges();
+    else this.changes = changesOf(this.baseline, this.model);
+    if (this.changes.text === null) this.showsChanges = false;
+  }
+
+  // Changes count from now on.
+  dismissChanges() {
+    const { objects, conflicts } = this.model;
+    this.baseline = { objects, conflicts };
+    this.changes = { conflicts: [], text: null };
+    this.showsChanges = false;
   }
 
   // Shows nothing more of the scene, which may no longer be seen, or is no more.
@@ -35,6 +55,8 @@ export class State {
     const { scene, span } = this.model;
     this.model = new Model({ ...scene, is_current: false });
     Object.assign(this.model, { span, refused: why });
+    this.dismissChanges();
+    this.baseline = null;
   }
 
   // --- the instant ---------------------------------------------------------------------------------------------------
@@ -80,7 +102,7 @@ export class State {
 
   applyFilter() {
     const { filter, model } = this;
-    const conflicts = this.plan ? model.withPlan(this.plan) : model.conflicts;
+    const conflicts = this.showsChanges ? this.changes.conflicts : this.plan ? model.withPlan(this.plan) : model.conflicts;
     this.left = conflicts.filter((conflict) => filter.leaves(conflict, model, this.t));
     const kept = new Set(this.left.flatMap(({ a, b }) => [a, b]));
     const isHidden = (object) => (
