@@ -133,7 +133,7 @@ def delays(
         answers = [delays_of(keys[number], keys, waits, horizon_us, Leeway.at(waits_us, horizon_us, now_us))]
     else:
         leeway = {track.key: Leeway.of(track, horizon_us, now_us) for track in tracks}
-        asked = numbers if key is None else _known(scene, keys, numbers, [key] if isinstance(key, str) else key)
+        asked = numbers if key is None else _known(scene, keys, numbers, _several(key))
         # The answer is the one that a detection stores.
         solved_us = max(horizon_us, round(1e6 * scene.delays_within_s))
         every = differences_of(scene, plane, AnyTime.of(pieces), asked, solved_us)
@@ -318,7 +318,7 @@ def chances(
         ("departures", departures, "delays in seconds", -_LATEST_S, _LATEST_S),
         ("speeds", speeds, "factors", 1.0 / MOST_FACTOR, MOST_FACTOR),
     ):
-        for key, given in (each_of or {}).items():
+        for key, given in _by_key(name, each_of).items():
             [number] = _known(scene, keys, numbers, [key]).tolist()
             try:
                 known[name][number] = stage.Uncertain.of(given, least, most)
@@ -352,6 +352,14 @@ def chances(
     )
 
 
+def _by_key(name: str, given: Any) -> Mapping[str, Any]:
+    """Return distributions by the keys of tracks. Raises InvalidInput."""
+    if not isinstance(given, Mapping | None):
+        rule = "must be distributions by the keys of tracks, or absent"
+        raise InvalidInput("chances", name, f"{rule}; got {given!r:.60}")
+    return given or {}
+
+
 def numbered(
     what: str, tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None
 ) -> tuple[Scene, Plane, Pieces, dict[int, str], NDArray[np.int64], list[Track]]:
@@ -375,10 +383,19 @@ def _known(
     """Return the numbers of some tracks, in order. Raises InvalidInput if there is none of a key."""
     of_key = {keys[number]: number for number in numbers.tolist()}
     for key in given:
-        if key not in of_key:
+        if not isinstance(key, str) or key not in of_key:
             problem = "is an area, which does not depart" if key in keys.values() else "is not known"
             raise InvalidInput(f"scene {scene.name!r}", "track", f"{key!r} {problem}")
     return np.array(sorted({of_key[key] for key in given}), np.int64)
+
+
+def _several(key: Any) -> Collection[str]:
+    """Return the keys given, one or several. Raises InvalidInput."""
+    if isinstance(key, str):
+        return [key]
+    if not isinstance(key, Collection):
+        raise InvalidInput("delays", "key", f"must be the key of a track, or several; got {key!r:.60}")
+    return key
 
 
 def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Scene, Plane, list[Track], list[Area]]:

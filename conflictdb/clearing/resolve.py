@@ -222,7 +222,7 @@ def place(program: Program, order: Sequence[int], level: _Ints, goal: str, limit
         first = first or solved
         if not unplaced or len(levels) == 1:
             break
-        # What is left is in the way of higher levels, too: they are placed again.
+        # The tracks left are in the way of higher levels, too: these are placed again.
         left |= unplaced
     all_delays = np.array([delays[i] for i in range(len(program))], np.int64)
     together = sum if goal == Goal.TOTAL else max
@@ -233,7 +233,7 @@ def place(program: Program, order: Sequence[int], level: _Ints, goal: str, limit
 
 
 def _narrowed(program: Program, fixed: Mapping[int, int]) -> list[bool]:
-    """Return whether each track has a free delay beside tracks that are fixed."""
+    """Return whether each track has a free delay, given the fixed tracks."""
     rows = [i for i in range(len(program)) if i not in fixed]
     part = program.with_fixed(fixed)
     found = [True] * len(program)
@@ -253,7 +253,7 @@ def _among(program: Program, delays: Mapping[int, int], without: set[int]) -> tu
 def _speeds(
     scene: Scene, changed: Mapping[str, Track], areas: list[Area], keys: Iterable[str], limits: Limits
 ) -> dict[str, float]:
-    """Return the speeds nearest to the planned one that clear tracks which no delay does, one after another."""
+    """Return the speeds, nearest to the planned one, that clear tracks without a clearing delay, one after another."""
     if limits.slowest == limits.fastest == 1.0 or scene.longest_time_us > 0:
         return {}
     now, found = dict(changed), {}
@@ -295,7 +295,7 @@ def _ways(
 
 
 def _verify(before: Pairs, after: Pairs, placed: set[str]) -> None:
-    """Raise an error if a conflict is new, or one of a placed track remains: a mistake of this program."""
+    """Raise an error if a conflict is new, or if a placed track keeps a conflict: a mistake of this program."""
     wrong = sorted(pair for pair in after if pair not in before or placed & set(pair))
     if wrong:
         pair = " and ".join(map(repr, wrong[0]))

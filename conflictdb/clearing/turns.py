@@ -132,7 +132,6 @@ def _search(
     """Search orders in layers; return a bound and the best order below `best_s`, or the best that a beam finds."""
     n, lag, is_beam = len(turns.least), turns.lag / 1e6, most == _BEAM
     weight = turns.weight
-    place_of = np.sort(weight)[::-1]
     release = (turns.least / 1e6)[None, :].copy()
     placed = np.zeros((1, n), np.bool_)
     cost, at = np.zeros(1), np.full(1, -np.inf)
@@ -149,7 +148,7 @@ def _search(
         new_placed = placed[state]
         new_placed[np.arange(len(state)), track] = True
         new_release = np.maximum(release[state], start[:, None] + lag[track])
-        lowest = _bounds(new_placed, new_release, start, new_cost, spans, weight, place_of, goal)
+        lowest = _bounds(new_placed, new_release, start, new_cost, spans, weight, goal)
         kept = np.flatnonzero(lowest < best_s - 1e-7)
         if not len(kept):
             return best_s, None
@@ -173,7 +172,6 @@ def _bounds(
     cost: Floats,
     spans: Floats,
     weight: Floats,
-    heaviest: Floats,
     goal: str,
 ) -> Floats:
     """Return lower bounds (m,) of the objective of states: the others follow in the order of their releases."""

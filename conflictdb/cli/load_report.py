@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, tzinfo
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from conflictdb.cli.codes import DONE, NOT_CURRENT
@@ -18,6 +19,7 @@ from conflictdb.formats.conflict_text import MoreColumn
 from conflictdb.formats.contents import Remark
 from conflictdb.formats.writing import lines_of, write_geoparquet
 from conflictdb.model.notebook import whole_second
+from conflictdb.model.record import REMARKS, Column
 from conflictdb.model.results import Approach, Conflict, SceneState, labelled
 from conflictdb.session.loading import Loaded
 
@@ -129,10 +131,8 @@ def conflict_table(conflicts: Sequence[Conflict], more: Sequence[MoreColumn] = (
         (times[1], lambda one: shown.moment(one.last_contact, up=True)),
         ("PERIODS", lambda one: len(one.periods)),
     ]
-    if any(one.lacking_s is not None for one in conflicts):
-        columns.append(("LACKING S", lambda one: None if one.lacking_s is None else f"{one.lacking_s:.1f}"))
-    if any(one.certainty is not None for one in conflicts):
-        columns.append(("CERTAINTY", lambda one: one.certainty))
+    remarks = [one for one in REMARKS if any(getattr(conflict, one.field) is not None for conflict in conflicts)]
+    columns += [(_header(one), partial(_remark, one)) for one in remarks]
     if "position" in shown.more:
         columns += [("LATITUDE", lambda one: _degrees(one, 1)), ("LONGITUDE", lambda one: _degrees(one, 0))]
     if "acknowledged" in shown.more:
@@ -142,8 +142,17 @@ def conflict_table(conflicts: Sequence[Conflict], more: Sequence[MoreColumn] = (
             (times[3], lambda one: one.acknowledged_by and shown.moment(one.acknowledged_until, up=False)),
             ("REASON", lambda one: one.acknowledged_for),
         ]
-    right = ["PERIODS", "LACKING S", "LATITUDE", "LONGITUDE"]
+    right = ["PERIODS", *(_header(one) for one in remarks if one.unit), "LATITUDE", "LONGITUDE"]
     return _pair_table(conflicts, columns, more, right=right, whole=times)
+
+
+def _header(column: Column) -> str:
+    return column.name.upper().replace("_", " ")
+
+
+def _remark(column: Column, one: Conflict) -> object:
+    value = getattr(one, column.field)
+    return f"{value:.1f}" if isinstance(value, float) else value
 
 
 def approach_table(approaches: Sequence[Approach | Conflict], more: Sequence[MoreColumn] = ()) -> str:

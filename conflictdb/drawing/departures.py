@@ -1,4 +1,4 @@
-"""Figures of departures: bars of free and forbidden ones of tracks, and the coordination diagram of a pair."""
+"""Figures of departures: bars of the free and the forbidden ones, and the coordination diagram of a pair."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -25,7 +25,7 @@ from conflictdb.stages.separations import Separations
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Steps between labels of an axis of delays, seconds: the least of which there are few enough.
+# Steps between labels of an axis of delays, seconds: the shortest that gives few enough labels.
 _STEPS_S: Final = (1, 5, 10, 30, 60, 300, 600, 900, 1800, 3600, 7200, 14_400, 43_200, 86_400)
 _MOST_STEPS: Final = 9
 _MINUS: Final = "\N{MINUS SIGN}"
@@ -33,7 +33,7 @@ _DAY_S: Final = 86_400.0
 # Room around a contact set, as a share of its size; and the least size, seconds.
 _ROOM: Final = 0.25
 _LEAST_S: Final = 60.0
-# Parts of a track's time in contact, in each of which the contact set is bounded.
+# Parts of a track's time in contact; the contact set is bounded in each.
 _SLICES: Final = 100
 
 
@@ -91,7 +91,7 @@ def plot_coordination(
 ) -> "Figure":
     """Return the coordination diagram of a pair: at which two times a track and another object are in contact.
 
-    A delay of the track is a diagonal: it is free if it misses the contact set. Of two tracks a is delayed.
+    A delay of the track is a diagonal: it is free if it misses the contact set. If both are tracks, a is delayed.
 
     within_s : the largest delay to draw, seconds
     remark : a warning to print on the figure
@@ -170,7 +170,7 @@ def _draw_bar(panel: Any, row: int, one: Delays) -> None:
 
 
 def _delay_axis(panel: Any, horizon_s: float) -> None:
-    """Make the axis across one of delays."""
+    """Make the x axis an axis of delays."""
     step_s = next((step_s for step_s in _STEPS_S if 2.0 * horizon_s / step_s <= _MOST_STEPS), horizon_s)
     ticks = np.arange(-np.floor(horizon_s / step_s), np.floor(horizon_s / step_s) + 1) * step_s
     panel.set_xticks(ticks, [_signed(delay_s) for delay_s in ticks.tolist()])

@@ -21,6 +21,7 @@ from conflictdb.model.departure_text import departure_text
 from conflictdb.model.methods import METHODS
 from conflictdb.model.notebook import bound_text, distance_text, instant_text, text_of
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Motion, Scene, Track
+from conflictdb.model.record import REMARKS
 from conflictdb.model.results import Conflict, Delays, SceneState, Verdict
 from conflictdb.model.settings import SETTINGS
 
@@ -164,10 +165,8 @@ def _verdict(one: Conflict) -> str:
     marks = ["outdated"] if one.is_current is False else []
     if one.acknowledged_by is not None:
         marks.append("acknowledged")
-    if one.lacking_s is not None:
-        marks.append(f"{one.lacking_s:.6g} s lacking")
-    if one.certainty is not None:
-        marks.append(f"{one.certainty} happen")
+    remarks = ((column, getattr(one, column.field)) for column in REMARKS)
+    marks += [column.remark.format(value) for column, value in remarks if value is not None]
     return f"{one.verdict} ({', '.join(marks)})" if marks else str(one.verdict)
 
 

@@ -112,11 +112,6 @@ class Layer:
         shapes[:] = [None if shape is None else bytes.fromhex(shape) for shape in layer["shapes"]]
         return cls(layer["name"], layer["crs"], layer["fields"], layer["numbers"], shapes, layer["columns"])
 
-    @property
-    def by_field(self) -> dict[str, list[Any]]:
-        """The columns by their names."""
-        return dict(zip(self.fields, self.columns, strict=True))
-
 
 def read_objects(
     path: Path, max_file_mb: float, max_speed_kn: float, names: Sequence[str] = (), *, skip_invalid: bool = False

@@ -37,6 +37,7 @@ class Column:
     array : the field of the arrays `Conflicts` that it is computed from: its type says how, and unknown is NaN, for an
         instant MINUS_INFINITY_US, for a name, of which arrays have codes, -1; empty: it follows from other columns,
         from the scene, or a database alone knows it
+    remark : format of a value in reports, which show it beside the verdict; tables have the column if a row has a value
     """
 
     name: str
@@ -46,6 +47,7 @@ class Column:
     required: bool = False
     field: str = ""
     array: str = ""
+    remark: str = ""
 
     def __post_init__(self) -> None:
         if not self.field:
@@ -182,6 +184,7 @@ COLUMNS: Final = (
         "verdict is unresolved.",
         "s",
         array="lacking_s",
+        remark="{:.6g} s lacking",
     ),
     Column(
         "certainty",
@@ -189,6 +192,7 @@ COLUMNS: Final = (
         "must: all voyages within the tolerances of both objects conflict; may: it is not proven that all do; null if "
         "neither has tolerances, or if the verdict is unresolved.",
         array="certainty",
+        remark="{} happen",
     ),
 )
 # The objects, and their states, that it was found of: columns of Arrow and GeoParquet only.
@@ -204,6 +208,7 @@ STATES: Final = tuple(
 
 # Computed from arrays: neither kinds, verdict and periods, which are arrays of their own, nor what follows from others.
 MEASURED: Final = tuple(column for column in COLUMNS if column.array)
+REMARKS: Final = tuple(column for column in COLUMNS if column.remark)
 _BY_NAME: Final = {column.name: column for column in COLUMNS} | {
     column.name.removeprefix("closest_"): replace(column, name=column.name.removeprefix("closest_"))
     for column in COLUMNS

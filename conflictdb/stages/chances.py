@@ -23,13 +23,13 @@ from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import Differences, Spans, differences_of
 
 Bounds = tuple[float, float]
-# Of pairs, by the numbers of a track and of an area or a later track, and of each track.
+# Bounds of pairs, by the numbers of a track and of an area or a later track, and of each track.
 Found = tuple[dict[tuple[int, int], Bounds], dict[int, Bounds]]
 
 # Probability left out on each side of a normal distribution, and more than probabilities are rounded by.
 _TAIL: Final = 1e-12
 ROUNDING: Final = 1e-10
-# Parts of a continuous distribution in which probabilities of several conflicts are bounded. Fewer: looser bounds.
+# Cells of a continuous distribution; the probabilities of several conflicts are bounded in each. Fewer: looser bounds.
 _CELLS: Final = 4000
 # Values of distributions that one call computes for all pairs, and for all tracks; and the least parts of a
 # distribution, however many there are. More: tighter, slower (10 to 15 s each). A value of an empirical distribution
@@ -39,7 +39,7 @@ LEAST_PARTS: Final = 16
 _OF_ATOMS: Final = 3
 # Values of one distribution, times intervals, whose probabilities are computed at once. More: more memory.
 AT_ONCE: Final = 1_000_000
-# Largest probability beyond the limits of a distribution.
+# Largest probability outside the limits of a distribution.
 _MOST_OUTSIDE: Final = 1e-9
 
 
@@ -47,7 +47,7 @@ _MOST_OUTSIDE: Final = 1e-9
 class Uncertain:
     """How much later than planned a track departs, seconds, or its speed by the planned one.
 
-    One of `atoms`, each as likely; else normal or uniform.
+    Equally likely `atoms`; else normal or uniform.
 
     low, high : it lies between these but for a probability of `tail`; of a uniform one the ends
     """
@@ -112,7 +112,7 @@ class Uncertain:
     def quantile(self, rank: Floats, *, is_high: bool) -> Floats:
         """Return the value at each rank from 0 to 1: at a step the one after it, or before it if `is_high`.
 
-        So values between two ranks are from the one of the lower rank to the high one of the upper rank.
+        So values between two ranks are from the low value of the lower rank to the high value of the upper rank.
         """
         if self.atoms is not None:
             at = rank * len(self.atoms)
@@ -281,7 +281,7 @@ def _of_any(
 
 
 def outward(least: float, most: float, tail: float) -> Bounds:
-    """Return bounds with the rounding of probabilities, and what is beyond the limits of distributions."""
+    """Return bounds widened by rounding and by the probability outside the limits of distributions."""
     return max(0.0, least - ROUNDING), min(1.0, most + tail + ROUNDING)
 
 

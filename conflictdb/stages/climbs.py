@@ -1,4 +1,4 @@
-"""Times at which the heights of two pieces overlap, if one of them climbs.
+"""Times at which the heights of two pieces overlap, if either climbs.
 
 Heights are linear along a leg, so bands overlap during one interval, in closed form. Bands that only touch do not
 overlap: the interval is open, and one instant is none. Intervals are widened by the rounding error of heights, which a
@@ -26,7 +26,7 @@ def overlap_at_one_time(pieces: Pieces, a: PieceRows, b: PieceRows) -> tuple[Flo
     """Return when the heights of pairs (n,) overlap: first and last, seconds after the start of the shared span.
 
     Also return by how much each end may be too early or too late, seconds. The first is later than the last if they
-    never overlap. -inf, inf and 0 for pairs of which none climbs.
+    never overlap. -inf, inf and 0 for pairs without a climb.
     """
     first, last, error = np.full(len(a), -np.inf), np.full(len(a), np.inf), np.zeros(len(a))
     climbs = pieces.climbs()
@@ -54,19 +54,18 @@ def sharing_heights(pieces: Pieces, pairs: Pairs) -> Pairs:
 
 
 def surely_overlap(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
-    """Return (n,) whether the heights of pieces overlap whenever each of them is there."""
+    """Return (n,) whether the heights of pieces overlap whenever both exist."""
     floor, ceiling = pieces.climb_m[:, :2].max(axis=1), pieces.climb_m[:, 2:].min(axis=1)
     return np.asarray((floor[a] < ceiling[b]) & (floor[b] < ceiling[a]))
 
 
 def with_heights(pieces: Pieces, shifts: Shifts) -> tuple[_Ints, Shifts, Floats]:
-    """Return pairs of pieces with times of their own, without those at which one is above or below the other's heights.
+    """Return pairs of pieces with times of their own, cut to the times when their heights may overlap.
 
-    Beside a piece that does not climb these are exactly the times at which the heights overlap; two that climb may
-    still miss each other.
+    If only one piece climbs, the heights overlap at exactly these times; two that climb may still miss each other.
 
-    Returns the rows (m,) of the pairs that are left, the pairs, and how far (m,) the ends of these times may be beyond
-    the overlap, seconds; infinite if heights are not known to overlap at them.
+    Returns the rows (m,) of the remaining pairs, the pairs, and the errors (m,) of the ends of these times, seconds:
+    infinite if heights are not known to overlap at them.
     """
     n = len(shifts)
     a, b = PieceRows(shifts.a), PieceRows(shifts.b)

@@ -101,7 +101,7 @@ class Meeting:
     def inner(self, i: Floats, k: Floats) -> tuple[Floats, Floats]:
         """Return intervals (parts, n, m) of differences of delays that are contact, linear in both factors (n, m).
 
-        Empty ones are [inf, -inf]. i, k : at the corners of n cells
+        Empty intervals are [inf, -inf]. i, k : at the corners of n cells
         """
         low, high = np.full((2, len(self.parts), *i.shape), np.inf)
         high = -high
@@ -115,7 +115,7 @@ class Meeting:
                     self.planned_s + k * first_v - i * first_u + inside,
                     self.planned_s + k * last_v - i * last_u - inside,
                 )
-                # Of two computed ratios the one with the longer interval; NaN is none.
+                # The computed ratio with the longer interval; NaN is none.
                 better = (own[1] - own[0]).mean(axis=1) > (high[n] - low[n]).mean(axis=1)
                 better &= (own[0] <= own[1]).all(axis=1)
                 low[n][better], high[n][better] = own[0][better], own[1][better]
@@ -187,7 +187,7 @@ def _contacts(
         for n, (one, doubt) in enumerate(zip(rows[left][row].tolist(), doubt_s[row].tolist(), strict=True))
         if n not in nodes.apart
     ]
-    # What stands still is met at some seconds of a, whenever it is there.
+    # A still object is met at some seconds of a, whenever it exists.
     rows = np.flatnonzero(~covered & still)
     left, own_shifts, doubt_s = with_heights(pieces, shifts.take(rows))
     row, _, found = solved_shifts(prepared, own_shifts, reach_m, threads)
@@ -196,7 +196,7 @@ def _contacts(
         inner_s = -float(each["inner_high"]), -float(each["inner_low"])
         there_s = float(times_s[2][one]), float(times_s[3][one])
         made.append((pair_of(one), _of_times(ratios[one], outer_s, inner_s, there_s, doubt)))
-    # Of covers only the times are known.
+    # Only the times of covers are known.
     for one in np.flatnonzero(covered).tolist():
         u, v = ((float(times_s[k][one]), float(times_s[k + 1][one])) for k in (0, 2))
         made.append((pair_of(one), _of_times(ratios[one], u, (np.inf, -np.inf), v, 0.0)))
@@ -206,7 +206,7 @@ def _contacts(
 def _of_times(
     ratios: Floats, u: tuple[float, float], u_inner: tuple[float, float], v: tuple[float, float], doubt_s: float
 ) -> ContactSetPart:
-    """Return the contacts of a during seconds u, surely during u_inner, with something that is there during v."""
+    """Return the contacts of a during seconds u, surely during u_inner, with an object that exists during v."""
     nodes = np.unique(ratios)
     first, last = (u_inner[1], v[0]), (u_inner[0], v[1])
     if not (u_inner[0] <= u_inner[1] and np.isfinite(doubt_s)):

@@ -34,8 +34,8 @@ _BEYOND_US: Final = 10
 # If more than this remains open between outer and inner interval, seconds, the times are halved; and how often at most.
 _LOOSE_S: Final = 1.0
 _MOST_SPLITS: Final = 6
-# An inner interval ends this many units inside of what is proven: at its end two objects may share only the last
-# instant of one of them, which does not belong to it.
+# An inner interval ends this many units inside of the proven one: at its end two objects may share only the last
+# instant of a span, which does not belong to it.
 LAST_INSTANT: Final = 1
 
 
@@ -73,7 +73,7 @@ class Spans:
 class Differences:
     """Changes of n pieces of tracks that bring them into contact with a piece of another object, in whole units.
 
-    Of delays the units are microseconds; of speeds, millionths of a millionth of the planned one (`stages.speeds`).
+    Delays are in microseconds, speeds in millionths of a millionth of the planned one (`stages.speeds`).
 
     track, other : (n,) numbers of the objects (`object_numbers`)
     low, high : (n,) outer intervals
@@ -151,7 +151,7 @@ class Leeway:
 
     @classmethod
     def of(cls, track: Track, horizon_us: int, now_us: int | None = None) -> Self:
-        """Return the delays within the horizon by which a track departs at `now_us` at the earliest; None: any.
+        """Return the delays within the horizon that let a track depart at `now_us` or later; None: any.
 
         A track that waits at its first waypoint may leave it now; any other begins now at the earliest.
         """
@@ -260,7 +260,7 @@ def waits_of(
     """Return the waits at a waypoint, up to the horizon, that bring a track into contact with other objects.
 
     track : its number
-    waypoint_us : when it is there
+    waypoint_us : when it reaches it
     """
     parts = placed.parts(scene)
     if parts[0][1] is not placed:
@@ -357,7 +357,7 @@ def forbidden_by(
 
 
 def least_later(forbidden: Spans, planned: int, most: int) -> int | None:
-    """Return the least value from the planned one on that is not forbidden; None beyond the most.
+    """Return the least value from the planned one on that is not forbidden; None if it exceeds the most.
 
     In the unit of the spans, which are rounded outward already: after a forbidden interval, its end plus one unit.
     """
@@ -389,7 +389,7 @@ def _first_leg_stands(pieces: Pieces, number: _Ints, rows: _Ints) -> NDArray[np.
 def _while_waiting(found: Differences) -> Differences:
     """Return the delays at which tracks meet something before they depart.
 
-    found : when each first piece is met as it is at its start, as delays; negative ones come before the track is there
+    found : when each first piece is met as it is at its start, as delays; negative: before the track exists
     """
     met = found.take(np.flatnonzero(found.high >= 0))
     is_known = met.inner_high > 0
@@ -450,7 +450,7 @@ def _of_some_pairs(
     found["inner_low"] += doubt_s[rows]
     found["inner_high"] -= doubt_s[rows]
     rows = left[rows]
-    # Of covers only the times are known.
+    # Only the times of covers are known.
     unknown = np.zeros(np.count_nonzero(covered), found.dtype)
     unknown["outer_low"], unknown["outer_high"] = -shifts.a_end_s[covered], shifts.b_end_s[covered]
     unknown["inner_low"], unknown["inner_high"] = np.inf, -np.inf
@@ -528,7 +528,7 @@ def _halved(shifts: Shifts) -> Shifts:
 
 
 def _later(instant_us: _Ints, zero_us: _Ints, more_us: NDArray[np.float64]) -> _Ints:
-    """Return instant minus zero plus more, microseconds; beyond all differences where one of them is infinite."""
+    """Return instant minus zero plus more, microseconds; infinite where one of them is."""
     endless = np.where(instant_us == MINUS_INFINITY_US, -np.inf, np.where(instant_us == INFINITY_US, np.inf, 0.0))
     infinite = np.where(np.isinf(more_us), more_us, endless)
     known = infinite == 0.0

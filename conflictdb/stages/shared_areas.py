@@ -35,20 +35,21 @@ def united(parts: NDArray[np.object_], stand: NDArray[np.bool_]) -> NDArray[np.o
     """Return the unions (n,) of polygons (n, k), to a micrometre.
 
     stand : (n,) whether they are of two areas. There parts of both are next to each other by rounding, and 9 unions of
-        498 lost some; a grid, by which none does, takes three times as long. Of 19,753 in mixed scenes none did.
+        498 lost some; a grid prevents that and takes three times as long. None of 19,753 in mixed scenes
+        did.
     """
     unions = np.full(len(parts), None, dtype=object)
     unions[~stand] = shapely.union_all(parts[~stand], axis=1)
     with_grid = np.flatnonzero(stand | _lack_something(unions, parts))
     unions[with_grid] = shapely.union_all(parts[with_grid], axis=1, grid_size=_GRID_M)
-    # What is no wider than the grid is still something.
+    # Parts that are narrower than the grid are kept.
     gone = np.flatnonzero(shapely.is_empty(unions))
     unions[gone] = shapely.union_all(parts[gone], axis=1)
     return unions
 
 
 def _lack_something(unions: NDArray[np.object_], parts: NDArray[np.object_]) -> NDArray[np.bool_]:
-    """Return of which unions (n,) that is plain: smaller than a part, or with another box than all of them."""
+    """Return (n,) whether a union is smaller than a part, or has another box than all parts."""
     low, high = np.split(shapely.bounds(parts), 2, axis=-1)
     box = np.concatenate([low.min(axis=1), high.max(axis=1)], axis=1)
     is_other = (np.abs(shapely.bounds(unions) - box) > _GRID_M).any(axis=1)
@@ -61,7 +62,7 @@ def beyond(plane: Plane, common: shapely.Geometry, parts: NDArray[np.object_], d
         return np.arange(len(parts))
     corners = shapely.bounds(common).reshape(2, 2, 1).transpose(1, 0, 2)
     margin_m = distance_m * float(plane.smallest_scale(corners)[0])
-    # Corners are cut off a little: then more parts are beyond, which does no harm.
+    # Corners are cut off a little: then more parts are outside, which does no harm.
     around = shapely.buffer(common, margin_m + _GROWN_M, quad_segs=2)
     shapely.prepare(around)
     return np.flatnonzero(~shapely.covers(around, parts))
@@ -77,7 +78,8 @@ def _whole(plane: Plane, pieces: Pieces, rows: NDArray[np.int64]) -> shapely.Geo
     of = np.repeat(np.arange(len(rows)), count)
     xy: Floats = pieces.shape_xy[index] + np.stack([plane.turn_m * pieces.turn[rows][of], np.zeros(len(of))], axis=1)
     parts = shapely.polygons(shapely.linearrings(xy, indices=of))
-    # Parts of what was cut have the same corners where they meet. What could not be cut is a hull, which may overlap.
+    # Parts of a cut object have the same corners where they meet. An object that cannot be cut is a hull, which may
+    # overlap.
     whole = shapely.coverage_union_all(parts)
     area = shapely.area(parts).sum()
     if shapely.is_valid(whole) and abs(shapely.area(whole) - area) <= _AREA_SHARE * area:

@@ -316,7 +316,7 @@ def test_attached_rows_belong_to_their_table(db: Database, dsn: str) -> None:
     number = found.proposal_id or 0
     with pytest.raises(InvalidInput, match="moves track 'E' of an attached table") as refused:
         db.apply_proposal(number)
-    [(key, statement)] = store.proposal_statements(db.connection, number)
+    [(key, _, statement)] = ask(db, f"SELECT * FROM conflictdb.proposal_statements({number})")
     assert key == "E"
     assert statement in str(refused.value)
     assert statement.startswith("UPDATE mission.fix AS t SET at = t.at + interval '")
@@ -475,6 +475,7 @@ def test_branch_of_a_proposal(db: Database, scene: StoredScene, dsn: str, capsys
         other.branch("wrong", number)
     assert {one.scene.name for one in db.scenes()} == {scene.name, "clear", "other"}
     number = scene.resolve(keep=[one.key for one in found.moves], aside_m=80_000.0).proposal_id or 0
+    assert "--proposal goes with create" in run("branch", "diff", "clear", "--proposal", number).err
     assert run("branch", "create", "again", "--proposal", number, "--scene", scene.name).code == DONE
 
 
@@ -513,6 +514,9 @@ def test_rules_weights_and_levels_from_sql_to_the_command_line(
 
     assert movers("--weight", "E=9") == ["N"]
     assert movers("--weight", "N=9", "--weight", "E=2") == ["E"]
+    assert "; weighted delay in all" in run("resolve", "--scene", "s", "--weight", "N=9", "--weight", "E=2").out
+    assert "; delay in all" in run("resolve", "--scene", "s", "--weight", "N=9").out
+    assert "; weighted largest delay" in run("resolve", "--scene", "s", "--weight", "E=2", "--goal", "largest", "E").out
     assert movers("--level", "E=1") == ["N"]
     for yielding, key in (("a", "E"), ("b", "N")):
         ask(db, "SELECT conflictdb.put_rule('s', 'ferry', 'tow', p_yields => %s)", yielding)

@@ -244,6 +244,9 @@ def test_differences_at_any_speeds_are_those_of_plans_at_these(workload: Workloa
         ({"speeds": {"east": stats.norm(1.0, 0.5)}}, "finite factors, from 0.01 to 100"),
         ({"speeds": {"east": [0.0]}}, "finite factors"),
         ({"speeds": {"east": stats.norm(0.0, 0.0)}}, "finite factors"),
+        ({"departures": [0.0]}, "departures: must be distributions by the keys"),
+        ({"speeds": "east"}, "speeds: must be distributions by the keys"),
+        ({"departures": {3: [0.0]}}, "3 is not known"),
         ({"departures": {"east": [1e18]}}, "finite delays in seconds, from -1e\\+09"),
     ],
 )

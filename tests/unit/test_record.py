@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,10 @@ import pyarrow.parquet as pq
 from conflictdb import Approach, Conflict, Kind, Method, Results, Verdict, write
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.arrow.found import FOUND, of_rows
+from conflictdb.cli.load_report import conflict_table
+from conflictdb.drawing.report import _verdict
 from conflictdb.model import record
+from conflictdb.model.results import Certainty
 
 OUTPUTS = Path(__file__).with_name("record_outputs.txt")
 START, END = datetime(2026, 6, 1, 8, 0, 0, 250, tzinfo=UTC), datetime(2026, 6, 1, 9, 30, tzinfo=UTC)
@@ -148,3 +151,14 @@ def test_outputs_are_what_they_were(tmp_path: Path) -> None:
     if os.environ.get("CONFLICTDB_UPDATE_SNAPSHOT") == "1":
         OUTPUTS.write_text(text)
     assert text == OUTPUTS.read_text()
+
+
+def test_remarks_are_shown_where_a_conflict_has_them() -> None:
+    late = replace(ROWS[0], lacking_s=12.5, certainty=Certainty.MUST)
+    header, row, other = conflict_table([late, ROWS[3]]).splitlines()
+    assert "PERIODS  LACKING S  CERTAINTY" in header
+    assert "       12.5  must" in row
+    assert "must" not in other
+    assert not {"LACKING S", "CERTAINTY"} & {*conflict_table(ROWS).splitlines()[0].split("  ")}
+    assert _verdict(late) == "conflict (acknowledged, 12.5 s lacking, must happen)"
+    assert _verdict(ROWS[3]) == "unresolved"

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -210,11 +211,20 @@ def test_the_json_has_the_documented_members() -> None:
         ({"key": "east", "leg": 3}, "leg: must be from 1 to 2, of this track; got 3"),
         ({"key": "east", "leg": True}, "leg: must be from 1 to 2"),
         ({"key": "west"}, "'west' is not known"),
+        ({"key": ["east"]}, "is not known"),
     ],
 )
 def test_odd_input_is_refused(more: dict[str, object], message: str) -> None:
     with pytest.raises(InvalidInput, match=message):
         speeds([EAST, NORTH], [], SCENE, **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("key", "message"), [(3, "must be the key of a track, or several"), ([["east"]], "is not known")]
+)
+def test_odd_keys_are_refused(key: Any, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        delays([EAST, NORTH], [], SCENE, key)
 
 
 @pytest.mark.parametrize(

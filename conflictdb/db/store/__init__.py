@@ -97,7 +97,6 @@ from conflictdb.db.store.object_states import ObjectStates, cover, object_states
 from conflictdb.db.store.proposal_rows import (
     apply_proposal,
     proposal_basis,
-    proposal_statements,
     put_proposal,
     undo_proposal,
 )

@@ -7,7 +7,7 @@ import numpy as np
 import psycopg
 from psycopg.types.json import Jsonb
 
-from conflictdb.db.store.connection import call, call_many, transaction
+from conflictdb.db.store.connection import call, transaction
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Track
 from conflictdb.model.proposals import Proposal
@@ -63,9 +63,3 @@ def undo_proposal(conn: psycopg.Connection[Any], proposal_id: int, *, attached: 
     """
     with transaction(conn):
         return int(call(conn, "undo_proposal", proposal_id, attached)[0])
-
-
-def proposal_statements(conn: psycopg.Connection[Any], proposal_id: int) -> list[tuple[str, str | None]]:
-    """Return the keys of tracks of attached tables that a proposal moves, and the statements that shift their rows."""
-    with transaction(conn):
-        return [(key, statement) for key, _, statement in call_many(conn, "proposal_statements", proposal_id)]
