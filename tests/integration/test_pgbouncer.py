@@ -15,6 +15,7 @@ from typing import Any
 import psycopg
 import pytest
 import sqlalchemy
+from city import CITY, asked, keys, square
 from commands import STRAIT, runner
 from patience import until
 from psycopg import conninfo
@@ -126,6 +127,26 @@ def test_one_detection_at_a_time_and_the_other_learns_of_it(pooled: str) -> None
             detect.detect(two, "s", jobs=1, lock_timeout_s=0.2)
         one.rollback()
         assert detect.detect(two, "s", jobs=1, lock_timeout_s=5.0).conflicts == 0
+
+
+def test_admissions_take_turns_and_leave_nothing_in_the_pool(pooled: str) -> None:
+    """In Python and SQL, whichever sessions the transactions get."""
+    with connect(pooled) as one, connect(pooled) as two, psycopg.connect(pooled) as third:
+        store.set_scene(one.connection, CITY)
+        for turn in range(12):  # statements are prepared from the sixth on
+            third.rollback()
+            third.execute("SELECT 1")
+            first, second = (one, two) if turn % 2 else (two, one)
+            lon = 0.1 * turn
+            assert first.scene("city").admit(square(f"{turn}", lon), f"{turn}", lock_timeout_s=5.0)
+            assert not second.scene("city").admit(square(f"{turn} b", lon), lock_timeout_s=5.0)
+            assert asked(second.connection, square(f"{turn} b", lon))[0] is False
+            second.connection.commit()
+        for _ in range(4):
+            third.rollback()
+            assert third.execute("SHOW lock_timeout").fetchone() == ("0",)
+            third.execute("SELECT 1")
+        assert len(keys(one.scene("city"))) == 12
 
 
 def test_all_commands_work(empty_dsn: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, template: str) -> None:

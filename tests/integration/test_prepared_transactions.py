@@ -9,7 +9,7 @@ import psycopg
 import pytest
 from own_server import OwnServer, own_server
 
-from conflictdb import connect
+from conflictdb import Area, LockTimeout, connect
 
 AREA = "'SRID=4326;POLYGON((0 0, 1 0, 1 1, 0 1, 0 0))'"
 WRITES = {
@@ -24,6 +24,7 @@ WRITES = {
     "attached table, truncated": "TRUNCATE mission.ops",
     "request": "SELECT conflictdb.request_detection('s', true)",
     "probe": f"SELECT conflictdb.request_probe('s', {AREA})",
+    "admission": """SELECT conflictdb.admit('s', '[{"key": "C", "footprint": "POLYGON((0 0, 1 0, 1 1, 0 0))"}]')""",
     "acknowledgement": "SELECT conflictdb.acknowledge('s', '1', 'A', 'seen')",
 }
 
@@ -49,6 +50,21 @@ def test_whatever_a_transaction_writes_it_can_be_prepared(prepared: OwnServer, w
         conn.execute(WRITES[write].encode())
         conn.tpc_prepare()
         conn.tpc_rollback()
+
+
+def test_a_prepared_admission_keeps_others_waiting(prepared: OwnServer) -> None:
+    """Until it is committed; then they see what it put."""
+    far = Area("far", [(40.0, 0.0), (41.0, 0.0), (41.0, 1.0), (40.0, 1.0)])
+    plan = '[{"key": "first", "footprint": "POLYGON((40 0, 41 0, 41 1, 40 0))"}]'
+    with connect(prepared.dsn) as db, psycopg.connect(prepared.dsn) as conn:
+        conn.tpc_begin(conn.xid(1, "mission", "admission"))
+        assert conn.execute("SELECT admitted FROM conflictdb.admit('s', %s)", [plan]).fetchone() == (True,)
+        conn.tpc_prepare()
+        with pytest.raises(LockTimeout, match="or is a prepared transaction"):
+            db.scene("s").admit(far, lock_timeout_s=0.1)
+        conn.tpc_commit()
+        assert [one.b_key for one in db.scene("s").admit(far).conflicts] == ["first"]
+        db.scene("s").delete_objects("first")
 
 
 def test_workers_find_changes_that_nobody_told_them_of(prepared: OwnServer) -> None:

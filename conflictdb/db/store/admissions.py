@@ -73,9 +73,8 @@ def admission(
         with transaction(conn):
             number = call(conn, "_scene_id", scene)[0]
             holders = " and ".join(str(Holder(*row)) for row in call_many(conn, "_admission_holders", number))
-        raise LockTimeout(
-            f"another admission of scene {scene!r} is at work: {holders or 'it has just ended'}"
-        ) from timeout.__cause__
+        holders = holders or "it has just ended, or is a prepared transaction"
+        raise LockTimeout(f"another admission of scene {scene!r} is at work: {holders}") from timeout.__cause__
 
 
 def replaced_objects(
