@@ -157,7 +157,7 @@ def solve(
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Send what the solver prints to the error stream: standard output belongs to the answer."""
+    """Drop what the solver prints: standard output belongs to the answer, and its messages are of its own insides."""
     try:
         kept = os.dup(1)
     except OSError:  # closed
@@ -166,7 +166,9 @@ def _quiet() -> Iterator[None]:
     sys.stdout.flush()
     libc = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt
     try:
-        os.dup2(2, 1)
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, 1)
+        os.close(null)
         yield
     finally:
         libc.fflush(None)

@@ -5,6 +5,7 @@ from dataclasses import asdict
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.output import out, print_json
+from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import table
 from conflictdb.db.store import BranchDiff
@@ -12,6 +13,7 @@ from conflictdb.db.store import BranchDiff
 
 def branch(args: argparse.Namespace) -> int:
     """Make, compare, merge or drop a branch."""
+    check(args, [(args.proposal is not None and args.action != "create", "--proposal goes with create")])
     if args.action != "create":
         # The branch is the scene.
         args.scene = args.branch

@@ -58,7 +58,10 @@ def proposal_text(found: Proposal, names: Mapping[str, str]) -> str:
     ]
     if not found.moves:
         return "\n".join([*lines, "nothing to move"])
-    what = "delay in all" if found.goal is Goal.TOTAL else "largest delay"
+    is_total = found.goal is Goal.TOTAL
+    delays_s = [abs(move.delay_s) for move in found.moves]
+    is_weighted = abs((sum if is_total else max)(delays_s) - found.objective_s) > 1e-3
+    what = ("weighted " if is_weighted else "") + ("delay in all" if is_total else "largest delay")
     proof = "the least" if found.is_least else f"at best {duration_text(found.bound_s)}"
     summary = f"proposal {found.proposal_id}: {len(found.moves)} moved, {len(found.left)} left; {what} "
     summary += f"{duration_text(found.objective_s)}, {proof}"

@@ -32,6 +32,7 @@ from conflictdb.formats import places
 from conflictdb.formats.contents import NO_SIZES, PARQUET, TOO_LARGE, Contents, Parts, Phase, Remark, unwatched
 from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.formats.hints import FileHints, applied
+from conflictdb.formats.owners import Owners
 from conflictdb.formats.positions import COLUMNS
 from conflictdb.formats.scene_file import read_scene
 from conflictdb.formats.summary import Summary
@@ -153,13 +154,19 @@ def _summed_up(
     each: Iterator[tuple[list[Area], list[Track]]], parts: Parts, summary: Summary, source: str
 ) -> Iterator[tuple[list[Area], list[Track]]]:
     """Yield parts; after the last one add the errors and remarks that need all objects."""
-    times = TimeColumns()
+    times, owners = TimeColumns(), Owners()
     for areas, tracks in each:
         summary.add(areas, tracks)
         times.add(areas)
+        owners.add([*areas, *tracks])
         yield areas, tracks
     parts.refusals.extend(summary.twice())
-    parts.remarks += [*(() if len(summary) else (_empty(source),)), *times.remarks(source), *summary.remarks(source)]
+    parts.remarks += [
+        *(() if len(summary) else (_empty(source),)),
+        *times.remarks(source),
+        *owners.remarks(source),
+        *summary.remarks(source),
+    ]
 
 
 def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
@@ -168,6 +175,9 @@ def _remarks(source: str, contents: Contents) -> Iterator[Remark]:
     times = TimeColumns()
     times.add(contents.areas)
     yield from times.remarks(source)
+    owners = Owners()
+    owners.add([*contents.areas, *contents.tracks])
+    yield from owners.remarks(source)
     yield from places.remarks(source, contents.areas, contents.tracks)
 
 

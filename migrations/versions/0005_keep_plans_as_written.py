@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "f3dca2131e9e80b5218e4e2542336318c73a0c0040b14bf4fb842c5d261f90b8"
+routines_sha256 = "b1a89fe9f8007a2b878fd1c15cbacadc817bdae6809a44dab290b16db5b8fd6a"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -475,6 +475,7 @@ def test_branch_of_a_proposal(db: Database, scene: StoredScene, dsn: str, capsys
         other.branch("wrong", number)
     assert {one.scene.name for one in db.scenes()} == {scene.name, "clear", "other"}
     number = scene.resolve(keep=[one.key for one in found.moves], aside_m=80_000.0).proposal_id or 0
+    assert "--proposal goes with create" in run("branch", "diff", "clear", "--proposal", number).err
     assert run("branch", "create", "again", "--proposal", number, "--scene", scene.name).code == DONE
 
 
@@ -513,6 +514,9 @@ def test_rules_weights_and_levels_from_sql_to_the_command_line(
 
     assert movers("--weight", "E=9") == ["N"]
     assert movers("--weight", "N=9", "--weight", "E=2") == ["E"]
+    assert "; weighted delay in all" in run("resolve", "--scene", "s", "--weight", "N=9", "--weight", "E=2").out
+    assert "; delay in all" in run("resolve", "--scene", "s", "--weight", "N=9").out
+    assert "; weighted largest delay" in run("resolve", "--scene", "s", "--weight", "E=2", "--goal", "largest", "E").out
     assert movers("--level", "E=1") == ["N"]
     for yielding, key in (("a", "E"), ("b", "N")):
         ask(db, "SELECT conflictdb.put_rule('s', 'ferry', 'tow', p_yields => %s)", yielding)

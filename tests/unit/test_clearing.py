@@ -444,7 +444,7 @@ def test_chain_of_intervals() -> None:
 
 
 def test_solver_is_quiet() -> None:
-    """Nothing that the solver prints reaches standard output, also what C buffers."""
+    """Nothing that the solver prints is seen, also what C buffers."""
     code = (
         "import ctypes\n"
         "from conflictdb.clearing import mixed_integer as m\n"
@@ -452,8 +452,7 @@ def test_solver_is_quiet() -> None:
         "print('answer')\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, check=True)
-    assert done.stdout == "answer\n"
-    assert "noise" in done.stderr
+    assert (done.stdout, done.stderr) == ("answer\n", "")
 
 
 def test_least_shares_its_time() -> None:
