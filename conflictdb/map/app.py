@@ -46,6 +46,8 @@ _LONGEST_S: Final = 86_400
 # Limits on numbers of requests: digits, and the range of a database parameter.
 _MOST_DIGITS: Final = 10
 _MOST_NUMBER: Final = 2**31 - 1
+# SQLSTATE of a scene that does not exist, or is not visible to the role (10_refusals.sql).
+_SCENE_UNKNOWN: Final = "ZC010"
 
 
 def assets() -> dict[str, tuple[str, bytes]]:
@@ -288,6 +290,8 @@ def _text(asked: Mapping[str, Any], name: str) -> str:
 
 
 async def _failed(request: Request, error: Exception) -> Response:
+    if getattr(error.__cause__, "sqlstate", None) == _SCENE_UNKNOWN:  # its message names other scenes
+        return _json({"error": "it was deleted, renamed or unshared"}, 410)
     status = 400 if isinstance(error, InvalidInput) else 403 if isinstance(error, NotPermitted) else 503
     return _json({"error": str(error)}, status)
 

@@ -254,6 +254,24 @@ def test_a_bar_says_what_changed(strait: str, open_page: Open, conn: Conn, dsn: 
     expect(page.locator("#changed")).to_contain_text(re.compile(r"^FERRY moved: 0 new, \d gone, \d at another time$"))
 
 
+def test_a_deleted_scene_is_one_sentence(strait: str, browser: Browser, conn: Conn) -> None:
+    """Without the names of other scenes."""
+    load(conn, Scene("confidential"), [], [])
+    page = browser.new_page()  # its console reports refused requests
+    try:
+        page.goto(strait)
+        page.wait_for_selector("html[data-ready=true]", state="attached")
+        conn.execute("DELETE FROM conflictdb.scene WHERE name = 'strait'")
+        conn.commit()
+        expect(page.locator("#list p")).to_have_text(
+            "The scene is no longer shown: it was deleted, renamed or unshared."
+        )
+        expect(page.locator("#state")).to_have_text("it was deleted, renamed or unshared")
+        assert "confidential" not in page.content()
+    finally:
+        page.close()
+
+
 def test_a_page_keeps_what_it_shows_where_nobody_refuses_the_scene(strait: str, browser: Browser, conn: Conn) -> None:
     """A server, or a proxy before it, that has had too much says so, and the scene is still there."""
     page = browser.new_page()

@@ -1,6 +1,7 @@
 """The drawings of the page of `conflictdb map` are true: on paper, over time, of a chosen pair, and of changes."""
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from browsing import Open, await_drawn, go_to, rows, wait_until
 from commands import runner
 from map_page import Serve
 from piecework import load
+from PIL import Image
 from playwright.sync_api import Page, expect
 
 import conflictdb
@@ -105,6 +107,18 @@ def test_printing_has_all_rows_and_marks_without_backgrounds(strait: str, open_p
     })""")
     assert borders[0] == 1
     assert borders[1] < 0.5
+
+
+def test_a_conflict_is_printed_on_one_page(strait: str, open_page: Open) -> None:
+    """Headline, map, legend and card, on A4."""
+    page = open_page(strait, size=(1440, 900))
+    page.get_by_role("button", name="FERRY and TOW").click()
+    expect(page.locator("svg.plan")).to_be_visible()
+    expect(page.locator("svg.chart")).to_be_visible()
+    page.emulate_media(media="print")
+    for shown in ("#headline", "#map", "#legend", ".card", "svg.plan"):
+        expect(page.locator(shown)).to_be_visible()
+    assert page.pdf(format="A4").count(b"/Type /Page\n") == 1
 
 
 def test_dots_of_a_large_scene_show_what_is_on(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
@@ -205,6 +219,31 @@ def test_a_chosen_pair_is_named_and_its_overlap_filled(strait: str, open_page: O
         assert u1 <= x0 or x1 <= u0 or v1 <= y0 or y1 <= v0
     page.keyboard.press("Escape")
     assert not any(text.startswith(("A · ", "B · ")) for text, *_ in page.evaluate(WRITTEN))
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_map_is_saved_as_a_picture(strait: str, open_page: Open, tmp_path: Path, scheme: str) -> None:
+    """With the map itself, and what is drawn above it."""
+    page = open_page(strait, color_scheme=scheme)
+    page.get_by_role("button", name="FIRING and FERRY").click()
+    expect(page.locator("svg.plan")).to_be_visible()
+    page.get_by_role("slider", name="Time shown").press("ArrowRight")
+    await_drawn(page)
+    with page.expect_download() as saving:
+        page.get_by_role("button", name="Save the map as PNG").click()
+    assert saving.value.suggested_filename == "strait.png"
+    saving.value.save_as(file := tmp_path / "strait.png")
+    with Image.open(file) as image:
+        picture = np.asarray(image.convert("RGB")).astype(int)
+    height, width = page.evaluate("(({width, height}) => [height, width])(conflictdbPage.view.frame())")
+    assert picture.shape == (height + 56, width, 3)
+    place = "conflictdbPage.view.map.project(conflictdbPage.model.objects.get('FERRY').motion.place(conflictdbPage.t))"
+    x, y = (round(page.evaluate(place)[one]) for one in "xy")
+    red, green, blue = picture[y + 56, x]
+    assert red > green > blue  # of the overlap
+    sea = page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--sea').trim()")
+    assert (picture[56:] == [int(sea[n : n + 2], 16) for n in (1, 3, 5)]).all(axis=2).mean() > 0.05  # by WebGL
+    assert len(np.unique(picture[:56].reshape(-1, 3), axis=0)) > 5  # the headline
 
 
 SPOOFED = "\N{RIGHT-TO-LEFT OVERRIDE}1-BUS\N{POP DIRECTIONAL FORMATTING}"

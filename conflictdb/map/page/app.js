@@ -15,6 +15,7 @@ import { MapView } from "./map.js";
 import { MERCATOR_END } from "./model.js";
 import { distanceAround, kernelOf } from "./pair_distance.js";
 import { Paced, Readings } from "./pace.js";
+import { savePicture } from "./picture.js";
 import { Player } from "./player.js";
 import { PolarView } from "./polar.js";
 import { ServerSource } from "./source.js";
@@ -490,6 +491,12 @@ class Page {
     setTimeout(() => { byId("link").textContent = "Copy link"; }, 2000);
   }
 
+  async savePicture() {
+    const { state: { t, model }, view } = this;
+    const above = ["graticule", "overview", "havens", "polar"].map(byId);
+    await savePicture(view.map, above, [printable(model.scene.scene), byId("headline").textContent, `${day(t)} ${clock(t)} UTC`]);
+  }
+
   // --- what people do ------------------------------------------------------------------------------------------------
 
   readFilter() {
@@ -536,6 +543,7 @@ class Page {
       this.showChanges(false);
       byId("words").focus();
     });
+    byId("picture").addEventListener("click", () => this.savePicture());
     byId("link").addEventListener("click", () => this.copyLink());
     byId("filter").addEventListener("change", checkInstants);
     byId("filter").addEventListener("reset", () => setTimeout(() => { checkInstants(); this.readFilter(); }));
