@@ -161,7 +161,7 @@ def test_filters_leave_what_they_say(strait: str, open_page: Open) -> None:
 def test_changes_and_acknowledgements_show_without_reload(
     strait: str, open_page: Open, conn: Conn, dsn: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = open_page(strait)
+    page = open_page(strait, size=(900, 1000))
     page.evaluate("globalThis.isSame = true")
     conn.execute(
         "SELECT conflictdb.put_area('strait', %s, ST_MakeEnvelope(8.5, 57.7, 9.6, 58.0, 4326), '(,)')", [HOSTILE]

@@ -305,7 +305,7 @@ def test_who_may_not_see_a_scene_gets_nothing_of_it(dsn: str, conn: psycopg.Conn
                 listens.settimeout(1.5)
                 for path in asked:
                     status, body, _ = client.ask("GET", path)
-                    assert (status, b"hers" in body.replace(b"scene 'hers'", b"")) == (400, False), path
+                    assert (status, b"hers" in body.replace(b"scene 'hers'", b"")) == (410, False), path
                 does(alice, "SELECT conflictdb.put_area('hers', 'C', " + shape + ")")
                 assert said(listens) == b""
                 listens.settimeout(10.0)
@@ -317,7 +317,7 @@ def test_who_may_not_see_a_scene_gets_nothing_of_it(dsn: str, conn: psycopg.Conn
                     assert client.ask("GET", path)[0] == 200, path
                 does(alice, f"SELECT conflictdb.unshare_scene('hers', '{bob}')")
                 for path in asked:
-                    assert client.ask("GET", path)[0] == 400, path
+                    assert client.ask("GET", path)[0] == 410, path
                 # The end of the permission is reported soon, without another change, and then nothing more.
                 assert b"event: objects" in said(listens)
                 listens.settimeout(2.5)

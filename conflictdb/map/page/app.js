@@ -265,6 +265,7 @@ class Page {
   // milliseconds.
   mark() {
     const { state: { model }, view } = this;
+    this.showAhead();
     this.polar.draw();
     const flagsOf = this.state.flags();
     let took = 0;
@@ -295,7 +296,6 @@ class Page {
     byId("clock").textContent = clock(t);
     byId("clock").dateTime = new Date(t * 1000).toISOString();
     byId("day").textContent = `UTC, ${day(t)}`;
-    this.showAhead();
     this.timeline.mark(t, chosen?.id ?? null);
     this.list.show(t, chosen?.id ?? null);
     this.detail.mark(t);

@@ -115,8 +115,8 @@ export class Detail {
       return fact(key, hue, object.name ? element("bdi", {}, printable(object.name)) : null, object.name ? ", " : null,
         `${object.kind}, ${heights(object.floor, object.ceiling)}`,
         object.kind === "track" ? element("div", {}, element("button", {
-          type: "button", class: "link", "aria-label": `What if ${printable(key)} departs earlier or later`, click: () => this.on.whatIf(object),
-        }, "What if it departs earlier or later?")) : null);
+          type: "button", class: "link", click: () => this.on.whatIf(object),
+        }, `What if ${printable(key)} departs earlier or later?`)) : null);
     });
     return conflict.is_current ? found
       : [...found, ...fact("State", null, "one of them has changed since: the region is that of the last detection, and hatched")];
