@@ -378,3 +378,16 @@ def test_the_first_and_last_days_of_the_calendar_are_no_error() -> None:
     schedule = schedule_of("area 'A'", source)
     assert len(schedule.expand(us("9999-12-01"), 253_402_300_799_999_999)) <= 3
     assert len(schedule_of("area 'A'", {}).expand(-62_135_596_800_000_000, us("0001-02-01"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("periods", {"periods": [["00:00", "00:01"]] * 10_001}),
+        ("dates", {"dates": ["2026-03-01"] * 10_001}),
+        ("ed318", {"ed318": [{"day": ["MON"], "startTime": "08:00:00Z", "endTime": "09:00:00Z"}] * 10_001}),
+    ],
+)
+def test_lists_without_end_are_refused_at_once(name: str, more: dict[str, object]) -> None:
+    with pytest.raises(InvalidInput, match=f"schedule.{name}: must have at most 10,000 entries; got 10,001"):
+        schedule_of("area 'A'", more)

@@ -38,6 +38,8 @@ _NOTATIONS: Final = {
     "periods": {"periods", "days", "dates", "except", "timezone"},
 }
 _MOST_PARTS: Final = 366
+# Of a list in a schedule; more take seconds before their activations are too many.
+_MOST_ENTRIES: Final = 10_000
 
 
 def schedule_of(who: str, source: Any) -> Schedule:
@@ -60,6 +62,10 @@ def _parts(who: str, field: str, source: Any) -> tuple[TimedRule, ...]:
     if unknown := set(source) - _NOTATIONS[notation] - _COMMON:
         known = ", ".join(sorted(_NOTATIONS[notation] | _COMMON))
         raise InvalidInput(who, f"{field}.{min(unknown)}", f"is not understood: with {notation} members are {known}")
+    for name, value in source.items():
+        if isinstance(value, list) and len(value) > _MOST_ENTRIES:
+            rule = f"must have at most {_MOST_ENTRIES:,} entries; got {len(value):,}"
+            raise InvalidInput(who, f"{field}.{name}", rule)
     zone = zone_of(who, f"{field}.timezone", source["timezone"]) if "timezone" in source else None
     takes_dates = notation in ("periods", "ed318")
     (start_us, first), (end_us, last) = (
