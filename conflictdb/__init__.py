@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from conflictdb.index import Index
     from conflictdb.model.methods import Method
     from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
-    from conflictdb.model.proposals import Detour, Goal, Left, Move, Passing, Proposal, Side
+    from conflictdb.model.proposals import Detour, Goal, Left, Move, NewWaypoints, Passing, Proposal, Side
     from conflictdb.model.results import (
         Admission,
         Approach,
@@ -99,6 +99,7 @@ __all__ = [
     "Method",
     "Motion",
     "Move",
+    "NewWaypoints",
     "NotCurrent",
     "NotPermitted",
     "Passing",
@@ -155,7 +156,9 @@ _HOME: Final = {
     **dict.fromkeys(("Method",), "conflictdb.model.methods"),
     "detours": "conflictdb.clearing.detours",
     "resolve": "conflictdb.clearing.resolve",
-    **dict.fromkeys(("Detour", "Goal", "Left", "Move", "Passing", "Proposal", "Side"), "conflictdb.model.proposals"),
+    **dict.fromkeys(
+        ("Detour", "Goal", "Left", "Move", "NewWaypoints", "Passing", "Proposal", "Side"), "conflictdb.model.proposals"
+    ),
     "Index": "conflictdb.index",
     **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.in_memory"),
     **dict.fromkeys(

@@ -19,7 +19,7 @@ _LEAST_S = 0.05
 
 
 @dataclass(slots=True)
-class Parts:
+class PartialProgram:
     """A program whose pairs are added step by step.
 
     penalty : cost of a track that is left; more than all delays of a plan cost

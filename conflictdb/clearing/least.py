@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.clearing.by_parts import Parts
+from conflictdb.clearing.by_parts import PartialProgram
 from conflictdb.clearing.greedy import greedy, is_plan
 from conflictdb.clearing.program import Pair, Program, is_free
 from conflictdb.clearing.settle import settle
@@ -103,7 +103,7 @@ def _of_component(program: Program, turns: Sequence[int], goal: str, ends: float
     # Leaving one track costs more than all delays of a plan.
     spans = program.weight * np.maximum(-program.low, program.high) / 1e6
     dear = float(spans.sum() if goal == "total" else spans.max()) + 1.0
-    parts = Parts(program, goal, dear, cuts)
+    parts = PartialProgram(program, goal, dear, cuts)
     active = set(program.broken(np.zeros(len(program), np.int64))) | set(_touching(program, best[2]))
     while True:
         relaxed = parts.solve(active, ends)

@@ -33,7 +33,7 @@ _MOST_LEVEL: Final = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class ProposalLimits:
     """What a proposal may change, checked.
 
     within_us, now_us, slowest, fastest, aside_m, goal, limit_s : as of `resolve`, in microseconds
@@ -57,7 +57,7 @@ class Limits:
         aside_m: Any,
         goal: Any,
         limit_s: Any,
-    ) -> "Limits":
+    ) -> "ProposalLimits":
         """Return the limits. Raises InvalidInput."""
         within_s = inputs.seconds("resolve", "within_s", within_s)
         if within_s > _LONGEST_S:
@@ -130,7 +130,7 @@ def resolve(
     limit_s : float
         Time for the proof, seconds.
     """
-    limits = Limits.of(within_s, now, slowest, fastest, aside_m, goal, limit_s)
+    limits = ProposalLimits.of(within_s, now, slowest, fastest, aside_m, goal, limit_s)
     areas = in_memory.each("resolve", "areas", areas, Area)
     scene, plane, pieces, key_of, _, known = in_memory.numbered("resolve", tracks, areas, scene)
     scene = replace(scene, method=Method.EXACT, nearest_m=0.0)
@@ -251,7 +251,7 @@ def _among(program: Program, delays: Mapping[int, int], without: set[int]) -> tu
 
 
 def _speeds(
-    scene: Scene, changed: Mapping[str, Track], areas: list[Area], keys: Iterable[str], limits: Limits
+    scene: Scene, changed: Mapping[str, Track], areas: list[Area], keys: Iterable[str], limits: ProposalLimits
 ) -> dict[str, float]:
     """Return the speeds, nearest to the planned one, that clear tracks without a clearing delay, one after another."""
     if limits.slowest == limits.fastest == 1.0 or scene.longest_time_us > 0:
@@ -270,7 +270,7 @@ def _speeds(
 
 
 def _ways(
-    scene: Scene, changed: Mapping[str, Track], areas: list[Area], keys: Sequence[str], limits: Limits
+    scene: Scene, changed: Mapping[str, Track], areas: list[Area], keys: Sequence[str], limits: ProposalLimits
 ) -> dict[str, NewWaypoints]:
     """Return the shortest detours that are found for tracks that nothing else clears, one track after another."""
     if not (limits.aside_m > 0.0 and keys):

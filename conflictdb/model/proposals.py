@@ -175,6 +175,8 @@ def _distance(metres: float) -> str:
 
 
 def _place(lon: float, lat: float) -> str:
+    # The longitudes of a track need not be within a turn.
+    lon = (lon + 180.0) % 360.0 - 180.0
     return f"{abs(lat):.4f} {'S' if lat < 0.0 else 'N'} {abs(lon):.4f} {'W' if lon < 0.0 else 'E'}"
 
 

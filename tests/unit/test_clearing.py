@@ -350,6 +350,19 @@ def test_detour_clears_what_nothing_else_does() -> None:
         assert "FERRY" in {one.key for one in resolve([track, TOW], [area], SCENE, **given).left}
 
 
+def test_detour_across_the_date_line() -> None:
+    """A track near the date line, and 80 N, gets waypoints on both sides of it; the text has their usual longitudes."""
+    for lat in (0.0, 80.0):
+        track = voyage("FERRY", (179.6, lat), (180.6, lat))
+        area = Area("A", shapely.box(180.0 - 360.0, lat - 0.02, 180.05 - 360.0, lat + 0.02))
+        [move] = resolve([track], [area], SCENE, aside_m=8000.0).moves
+        assert move.detour is not None
+        assert all(abs(lon - 180.0) < 1.0 for lon, _ in move.detour.waypoints_deg)
+        assert solve([moved(SCENE, track, move)], [area], SCENE) == []
+    one = replace(move, detour=replace(move.detour, waypoints_deg=((181.0, -2.0),)))
+    assert "via 2.0000 S 179.0000 W on leg 1" in one.text()
+
+
 def test_weights_decide_who_moves() -> None:
     """The cheaper of two tracks is later."""
     for dear, cheap in (("FERRY", "TOW"), ("TOW", "FERRY")):
