@@ -64,8 +64,9 @@ BEGIN
                                          IS NOT DISTINCT FROM (OLD.schedule, OLD.active_span, OLD.footprint)
                                     THEN coalesce(NEW.activations, OLD.activations) END;
             NEW.schedule_error := CASE WHEN NEW.activations IS NOT NULL THEN NEW.schedule_error END;
-        ELSIF OLD.schedule IS NOT NULL OR NEW.active_span IS DISTINCT FROM OLD.active_span THEN
-            -- Another span, or none of a schedule, unless there are other activations, too.
+        ELSIF NEW.active_span IS DISTINCT FROM OLD.active_span
+              AND NEW.active_span IS DISTINCT FROM range_merge(NEW.activations) THEN
+            -- Another span, unless there are other activations, too.
             NEW.activations := nullif(NEW.activations, OLD.activations);
         END IF;
     END IF;
@@ -214,8 +215,8 @@ BEGIN
         NEW.version := OLD.version;
         NEW.first_version := OLD.first_version;
         NEW.departures := CASE
-            WHEN NEW.schedule IS NULL THEN CASE WHEN OLD.schedule IS NULL THEN NEW.departures
-                                                ELSE nullif(NEW.departures, OLD.departures) END
+            -- Those of a schedule that is taken away stay: nobody can tell them from departures that are written again.
+            WHEN NEW.schedule IS NULL THEN NEW.departures
             -- As the expansion of an area.
             WHEN (NEW.schedule, NEW.path) IS NOT DISTINCT FROM (OLD.schedule, OLD.path)
                 THEN coalesce(NEW.departures, OLD.departures) END;

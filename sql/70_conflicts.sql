@@ -475,8 +475,8 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION probe(text, geometry, tstzrange, double precision, double precision) IS
 'Objects that an area (longitude and latitude, SRID 4326; heights in metres; null: unbounded) might conflict with: '
-'stages 1 and 2, a superset of the truth. spans: when; region: longitude and latitude in degrees; null for objects that '
-'no detection has seen as they are, which are compared by their boxes. Writes nothing.';
+'stages 1 and 2, a superset of the truth. spans: when; region: longitude and latitude in degrees; null for '
+'objects that no detection has seen as they are, which are compared by their boxes. Writes nothing.';
 
 CREATE OR REPLACE FUNCTION candidates(p_scene text)
 RETURNS TABLE (a_key text, a_kind text, b_key text, b_kind text, spans tstzmultirange, region geometry)

@@ -29,8 +29,8 @@ BEGIN
         SELECT k INTO v_member FROM unnest(ARRAY['name', 'class', 'owner']) k
             WHERE jsonb_typeof(v_plan -> k) NOT IN ('string', 'null') LIMIT 1;
         IF FOUND THEN
-            FOUND := _raise('ZC016', v_who, v_member, format('must be text; got %s', left((v_plan -> v_member)::text, 60)),
-                            'plan_texts');
+            FOUND := _raise('ZC016', v_who, v_member,
+                            format('must be text; got %s', left((v_plan -> v_member)::text, 60)), 'plan_texts');
         END IF;
         -- A misspelt member would be ignored, and conflicts missed.
         SELECT k INTO v_member FROM jsonb_object_keys(v_plan) k WHERE k <> ALL (c_members) LIMIT 1;

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "b1a89fe9f8007a2b878fd1c15cbacadc817bdae6809a44dab290b16db5b8fd6a"
+routines_sha256 = "2fe30a545d29f6ee51e8751bd8240f63d2251964558a7f31d341643eab1b1065"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -435,3 +435,24 @@ def test_spans_with_inclusive_ends_keep_their_last_instant(conn: psycopg.Connect
         "FROM conflictdb.area a, unnest(a.activations) s"
     ).fetchone()
     assert found == (3, 3, 1, timedelta(microseconds=1), timedelta(microseconds=1))
+
+
+def test_times_written_in_place_of_the_schedule_that_gave_them_stay(
+    conn: psycopg.Connection[Any], tmp_path: Path
+) -> None:
+    """They were lost, and the track made one voyage only."""
+    daily = {"rrule": "DTSTART:20260601T063000Z\nRRULE:FREQ=DAILY;COUNT=3", "duration": "PT1H"}
+    with conflictdb.connect(conn) as db:
+        scene = db.load(scene_file(tmp_path, feature("A", schedule=daily), voyage("T", schedule=daily), voyage("Once")))
+        scene.detect()
+    _, (area,), tracks = store.read_scene(conn, scene.name)
+    (track,) = (one for one in tracks if one.key == "T")
+    assert area.spans_us is not None
+    assert track.departures_us is not None
+    assert (len(area.spans_us), len(track.departures_us)) == (2, 2)
+    written = replace(area, schedule=None), replace(track, schedule=None)
+    store.replace_scene(conn, Scene(scene.name), [written[0]], [written[1]], merge=True)
+    _, (area_after,), tracks = store.read_scene(conn, scene.name)
+    (track_after,) = (one for one in tracks if one.key == "T")
+    assert (area_after.schedule, area_after.spans_us) == (None, area.spans_us)
+    assert (track_after.schedule, track_after.departures_us) == (None, track.departures_us)
