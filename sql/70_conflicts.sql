@@ -321,8 +321,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._lies_near(
 ) RETURNS boolean
 LANGUAGE sql IMMUTABLE PARALLEL SAFE
 BEGIN ATOMIC
-    -- Sides of an object up to a degree wide rise at most 0.0011 degrees above it on great circles: half of sin(2 lat)
-    -- times (sec(w / 2) - 1). Others, and those near a pole, are always near. Corners grow at most 115 times as fast as
+    -- On great circles the sides of an object w wide rise above it by at most half of sin(2 lat) (sec(w / 2) - 1).
+    -- Objects wider than 90 degrees, and those near a pole, are always near. Corners grow at most 115 times as fast as
     -- sides (conflictdb.model.outlines.FASTEST_TIP).
     SELECT o.is_wide OR EXISTS (
         SELECT FROM unnest(p_low_lon, p_low_lat, p_high_lon, p_high_lat) b (west, south, east, north)
@@ -330,10 +330,11 @@ BEGIN ATOMIC
         WHERE o.west - o.east_deg <= b.east + turn AND b.west + turn <= o.east + o.east_deg
           AND o.south - o.north_deg <= b.north AND b.south <= o.north + o.north_deg)
     FROM (SELECT n.*, n.north_deg / cos(radians(least(n.highest + n.north_deg, 89))) AS east_deg,
-                 n.east - n.west > 1 OR n.highest + n.north_deg > 85 AS is_wide
+                 n.east - n.west > 90 OR n.highest + n.north_deg > 85 AS is_wide
           FROM (SELECT ST_XMin(p_shape) AS west, ST_XMax(p_shape) AS east, ST_YMin(p_shape) AS south,
                        ST_YMax(p_shape) AS north, greatest(abs(ST_YMin(p_shape)), abs(ST_YMax(p_shape))) AS highest,
-                       0.002 + p_reach_m / 110000 AS north_deg OFFSET 0) n OFFSET 0) o;
+                       0.001 + degrees(0.5 * (1 / cosd(least(ST_XMax(p_shape) - ST_XMin(p_shape), 90) / 2) - 1))
+                       + p_reach_m / 110000 AS north_deg OFFSET 0) n OFFSET 0) o;
 END;
 COMMENT ON FUNCTION _lies_near(geometry, double precision, double precision[], double precision[], double precision[],
                                double precision[]) IS
@@ -377,12 +378,13 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._box_deg(
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     -- As _box_deg of conflictdb/db/store/admissions.py.
-    v_up double precision := 0.002 + p_reach_m / 110000;
+    v_wide double precision := ST_XMax(p_place) - ST_XMin(p_place);
+    v_up double precision := 0.001 + degrees(0.5 * (1 / cosd(least(v_wide, 90) / 2) - 1)) + p_reach_m / 110000;
     v_highest double precision := greatest(abs(ST_YMin(p_place)), abs(ST_YMax(p_place))) + v_up;
     v_across double precision;
     v_home double precision := 360 * round((ST_XMin(p_place) + ST_XMax(p_place)) / 720);
 BEGIN
-    IF ST_XMax(p_place) - ST_XMin(p_place) > 1 OR v_highest > 85 THEN
+    IF v_wide > 90 OR v_highest > 85 THEN
         west := '-infinity';
         south := '-infinity';
         east := 'infinity';

@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "2fe30a545d29f6ee51e8751bd8240f63d2251964558a7f31d341643eab1b1065"
+routines_sha256 = "10bdb2e8ff353c32cf4f9c66f6440e8e9fc6602c63b0a5a1fd0b9afe361fd7af"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -29,10 +29,10 @@ from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Admission, Kind
 from conflictdb.stages.stage1_broad_phase import hulls_of
 
-# Sides of a plan up to a degree wide rise at most 0.0011 degrees above it on great circles (_lies_near). A plan that is
+# On great circles the sides of a plan w wide rise above it by at most half of sec(w / 2) - 1 (_lies_near). A plan that is
 # wider, or close to a pole, may reach any place.
-_WIDE_DEG: Final = 1.0
-_RISE_DEG: Final = 0.002
+_WIDE_DEG: Final = 90.0
+_SPARE_DEG: Final = 0.001
 _HIGHEST_DEG: Final = 85.0
 _METRES_PER_DEGREE: Final = 110_000.0
 _EVERYWHERE: Final = (-math.inf, -math.inf, math.inf, math.inf)
@@ -145,7 +145,9 @@ def _box_deg(plan: Area | Track, reach_m: float) -> tuple[float, ...]:
             return _EVERYWHERE
         reach_m += float(np.hypot(*plan.outline_m.T).max())
     (west, south), (east, north) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
-    up = _RISE_DEG + reach_m / _METRES_PER_DEGREE
+    width = min(east - west, _WIDE_DEG)
+    rise = 0.5 * math.degrees(1.0 / math.cos(math.radians(0.5 * width)) - 1.0)
+    up = _SPARE_DEG + rise + reach_m / _METRES_PER_DEGREE
     highest = max(abs(south), abs(north)) + up
     if east - west > _WIDE_DEG or highest > _HIGHEST_DEG:
         return _EVERYWHERE
