@@ -29,8 +29,8 @@ from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Admission, Kind
 from conflictdb.stages.stage1_broad_phase import hulls_of
 
-# On great circles the sides of a plan w wide rise above it by at most half of sec(w / 2) - 1 (_lies_near). A plan that is
-# wider, or close to a pole, may reach any place.
+# On great circles the sides of a plan w wide rise above it by at most half of sec(w / 2) - 1 (_lies_near). A plan that
+# is wider, or close to a pole, may reach any place.
 _WIDE_DEG: Final = 90.0
 _SPARE_DEG: Final = 0.001
 _HIGHEST_DEG: Final = 85.0
