@@ -100,8 +100,8 @@ def resolve(
     A delay shifts a whole plan: nothing of it is there before, and nothing after. Areas stay, and the method is
     `exact`. Of two tracks the one moves that a separation rule says yields (`Rule.yields`); the other one moves only
     if no delay clears the first. As few tracks as possible are left in conflict, and the others have the least delays.
-    Within the time limit the answer may be worse than that, which `bound_s` tells, but never worse than first come,
-    first served.
+    Within the time limit the answer may be worse than that: `bound_s` is a proven bound. It is never worse than first
+    come, first served.
 
     Raises the errors of `solve`, and InvalidInput for unknown keys and for limits that are none.
 

@@ -276,7 +276,7 @@ def rounds(dsn: str, count: int, seed: int) -> tuple[int, int]:
             for k, answer in enumerate(answers):
                 if answer is not None:
                     assert answer == (f"{plans[k].key} of {k}" in there)
-            # Whoever was refused meets somebody who was admitted.
+            # A refused plan meets an admitted one.
             for plan, answer in zip(plans, answers, strict=True):
                 if answer is False:
                     every = [*areas_there, *tracks_there, replace(plan, key="refused", owner=None)]
