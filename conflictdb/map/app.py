@@ -137,6 +137,11 @@ class Answers:
         with self.connections.one() as connection:
             return Response(content.tracks(connection, self._scene), media_type="application/octet-stream")
 
+    def heights(self, request: Request) -> Response:
+        """Return the heights of tracks whose heights change."""
+        with self.connections.one() as connection:
+            return _json(content.heights(connection, self._scene))
+
     def pieces(self, request: Request) -> Response:
         """Return the pieces of a track and of what it may meet if it departs earlier or later."""
         key, within_s = _parameter(request, "key") or "", _number("within_s", _parameter(request, "within_s") or "")
@@ -223,6 +228,7 @@ def application(scene: str, connect: Connect, access: Access) -> Starlette:
             Route("/api/overview", answers.overview),
             Route("/api/tracks", answers.tracks),
             Route("/api/shapes", answers.shapes),
+            Route("/api/heights", answers.heights),
             Route("/api/pair", answers.pair),
             Route("/api/pieces", answers.pieces),
             Route("/api/events", events),

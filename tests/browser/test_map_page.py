@@ -109,7 +109,7 @@ def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
     bar = page.evaluate(
         "(() => { const box = document.getElementById('bars').getBoundingClientRect(); return [box.x, box.y]; })()"
     )
-    page.mouse.click(bar[0] + page.locator("#bars").bounding_box()["width"] * 0.35, bar[1] + 6)  # type: ignore[index]
+    page.mouse.click(bar[0] + page.evaluate("conflictdbPage.timeline.x(1780303200)"), bar[1] + 6)  # 08:40
     expect(detail.get_by_role("heading")).to_have_text("CABLE and SUB-1")
     page.keyboard.press("Escape")
     point = page.evaluate("""(() => {

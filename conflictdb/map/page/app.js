@@ -10,6 +10,7 @@ import { Focus } from "./focus.js";
 import { about, clock, counted, day, instantOf, printable } from "./format.js";
 import { Graticule } from "./graticule.js";
 import { Havens } from "./havens.js";
+import { LAYERS } from "./heights.js";
 import { List } from "./list.js";
 import { MapView } from "./map.js";
 import { MERCATOR_END } from "./model.js";
@@ -18,6 +19,7 @@ import { Paced, Readings } from "./pace.js";
 import { savePicture } from "./picture.js";
 import { Player } from "./player.js";
 import { PolarView } from "./polar.js";
+import { SideView } from "./side_view.js";
 import { ServerSource } from "./source.js";
 import { State } from "./state.js";
 import { theme } from "./theme.js";
@@ -53,6 +55,11 @@ class Page {
       { canvas: byId("bars"), slider: byId("slider"), buttons: { closer: byId("closer"), wider: byId("wider"), whole: byId("whole") } },
       (t) => { this.player.pause(); this.moveTo(t); }, choose,
     );
+    this.side = new SideView(byId("heights"), this.timeline, () => this.rings(), {
+      layers: (layers) => this.changeFilter(() => { this.state.filter.layers = layers; }),
+      mode: (mode) => { byId("side-view").setAttribute("aria-expanded", mode !== null); this.address.soon(); },
+      time: (t) => { this.player.pause(); this.moveTo(t); },
+    });
     this.detail = new Detail(byId("detail"), {
       whatIf: (track) => this.askWhatIf(track), back: () => this.unchoose(), goTo: moveTo, acknowledge: (conflict, reason) => this.acknowledge(conflict, reason),
     });
@@ -93,9 +100,9 @@ class Page {
       });
     }
     // For the console of a browser, and tests.
-    const { view, havens, polar, graticule, timeline } = this;
+    const { view, havens, polar, graticule, timeline, side } = this;
     globalThis.conflictdbPage = {
-      view, havens, polar, graticule, timeline, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
+      view, havens, polar, graticule, timeline, side, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
     };
     await view.loaded;
     await this.address.begin();
@@ -239,6 +246,7 @@ class Page {
     const { left } = state;
     this.list.take(left, model.objects, this.whyEmpty());
     this.timeline.take(left, model.span);
+    this.side.take(state.side());
     const isKnown = model.conflicts.length > 0 || model.scene.is_current;
     byId("count").textContent = !isKnown ? "" : state.showsChanges ? counted(left.length, "change") : filter.isNothing() ? counted(left.length, "conflict")
       : `${left.length.toLocaleString("en")} of ${counted(model.conflicts.length, "conflict")}`;
@@ -246,6 +254,29 @@ class Page {
     clearTimeout(this.resting);
     if (isQuick) this.resting = setTimeout(() => this.marks.now(), REST_MS);
     else this.marks.now();
+  }
+
+  // Changes the filter, as a step that Back takes back.
+  changeFilter(change) {
+    this.address.flush();
+    change();
+    this.applyFilter();
+    this.moveTo(this.state.t);
+    this.address.step();
+  }
+
+  // Rings of areas by key, longitudes and latitudes; with them come heights that change.
+  rings() {
+    const { version, model } = this.state;
+    if (this.ringsOf?.version !== version) {
+      const read = Promise.all([this.source.shapes(), this.source.heights()]).then(([{ areas }, heights]) => {
+        model.takeHeights(heights);
+        return new Map(areas.features.map(({ properties: { key }, geometry: { type, coordinates } }) => [key, type === "Polygon" ? coordinates : coordinates.flat()]));
+      });
+      this.ringsOf = { version, read };
+      read.catch(() => { this.ringsOf = null; });
+    }
+    return this.ringsOf.read;
   }
 
   filterSoon() {
@@ -297,6 +328,7 @@ class Page {
     byId("clock").dateTime = new Date(t * 1000).toISOString();
     byId("day").textContent = `UTC, ${day(t)}`;
     this.timeline.mark(t, chosen?.id ?? null);
+    this.side.mark(t);
     this.list.show(t, chosen?.id ?? null);
     this.detail.mark(t);
     havens.t = polar.t = t;
@@ -325,6 +357,7 @@ class Page {
       return;
     }
     state.choose(conflict);
+    this.side.take(state.side());
     byId("all").hidden = true;
     byId("detail").hidden = false;
     this.showDetail();
@@ -346,6 +379,7 @@ class Page {
     if (isStep) this.address.flush();
     const id = state.chosen?.id;
     state.choose(null);
+    this.side.take(state.side());
     this.havens.focus = null;
     byId("detail").hidden = true;
     byId("all").hidden = false;
@@ -355,12 +389,20 @@ class Page {
     if (isStep) this.address.step();
   }
 
+  // Selects an object by its key, if there is one; null: none.
+  select(key) {
+    const { state } = this;
+    state.selected = state.model.objects.has(key) ? key : null;
+    this.side.take(state.side());
+  }
+
   // --- a track that departs at another time --------------------------------------------------------------------------
 
   askWhatIf(track) {
     this.address.flush();
     if (this.state.chosen) this.unchoose(false);
     const { model } = this.state;
+    this.select(track.key);
     byId("words").value = printable(track.key);
     this.readFilter();
     const opened = this.departure.open(track, model.scene.scene);
@@ -444,16 +486,16 @@ class Page {
     const { state, departure } = this;
     const value = (id) => byId(id).value.trim();
     return {
-      scene: state.model.scene.scene, t: state.t, view: this.view.place(), chosen: state.chosen,
+      scene: state.model.scene.scene, t: state.t, view: this.view.place(), chosen: state.chosen, selected: state.selected, side: this.side.mode,
       filter: {
         object: byId("words").value, verdicts: [...state.filter.verdicts], from: value("from"), to: value("to"),
-        floor: value("floor"), ceiling: value("ceiling"), now: state.filter.now, open: state.filter.open,
+        layers: [...state.filter.layers], floor: value("floor"), ceiling: value("ceiling"), now: state.filter.now, open: state.filter.open,
       },
       departure: departure.isOpen ? departure : null,
     };
   }
 
-  async show({ scene, t, view, pair, filter, departure }) {
+  async show({ scene, t, view, pair, filter, departure, side, selected }) {
     const { state } = this;
     if (scene !== null && scene !== state.model.scene.scene) {
       tell(`The link is to the scene ${scene}: this page shows another one.`, true);
@@ -463,6 +505,8 @@ class Page {
     for (const name of ["from", "to", "floor", "ceiling"]) byId(name).value = filter[name];
     for (const name of ["now", "open"]) byId(name).checked = filter[name];
     for (const box of document.querySelectorAll("input[name=verdict]")) box.checked = filter.verdicts.includes(box.value);
+    this.side.takeLayers(new Set(filter.layers));
+    state.filter.layers = this.side.layers;
     this.readFilter();
     const track = departure && state.model.objects.get(departure.key);
     if (track?.kind === "track") {
@@ -476,6 +520,8 @@ class Page {
     const conflict = pair && state.model.conflicts.find(({ a, b }) => a === pair[0] && b === pair[1]);
     if (conflict) this.choose(conflict);
     else if (state.chosen) this.unchoose();
+    if (!conflict) this.select(selected);
+    this.side.show(side);
     if (t !== null) this.moveTo(t);
     if (view) this.view.jumpTo(view);
   }
@@ -543,10 +589,16 @@ class Page {
       this.showChanges(false);
       byId("words").focus();
     });
+    byId("side-view").addEventListener("click", () => this.side.show(this.side.mode === null ? "time" : null));
     byId("picture").addEventListener("click", () => this.savePicture());
     byId("link").addEventListener("click", () => this.copyLink());
     byId("filter").addEventListener("change", checkInstants);
-    byId("filter").addEventListener("reset", () => setTimeout(() => { checkInstants(); this.readFilter(); }));
+    byId("filter").addEventListener("reset", () => setTimeout(() => {
+      checkInstants();
+      this.side.takeLayers(new Set(LAYERS));
+      state.filter.layers = this.side.layers;
+      this.readFilter();
+    }));
     byId("filter").addEventListener("submit", (event) => event.preventDefault());
     byId("play").addEventListener("click", () => this.player.toggle());
     byId("before").addEventListener("click", () => this.chooseNeighbour(-1));
@@ -582,7 +634,7 @@ class Page {
     // The map has keys of its own for its scale.
     const isMap = event.target.closest("#map") && ["+", "=", "-"].includes(event.key);
     const does = isMap ? null : {
-      j: () => this.chooseNeighbour(1), k: () => this.chooseNeighbour(-1),
+      h: () => byId("side-view").click(), j: () => this.chooseNeighbour(1), k: () => this.chooseNeighbour(-1),
       "/": () => { if (state.chosen) this.unchoose(); byId("words").focus(); },
       Escape: () => (state.chosen ? this.unchoose() : this.departure.isOpen ? this.departure.close() : event.target.blur()),
       "+": () => timeline.zoom(0.5), "=": () => timeline.zoom(0.5), "-": () => timeline.zoom(2), 0: () => timeline.showAll(),

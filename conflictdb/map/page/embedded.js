@@ -31,6 +31,10 @@ export class EmbeddedSource {
     return bytes((await this.content).tracks);
   }
 
+  async heights() {
+    return (await this.content).heights;
+  }
+
   async shapes() {
     return (await this.content).shapes;
   }

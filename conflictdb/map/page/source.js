@@ -69,6 +69,11 @@ export class ServerSource {
     return (await answered(fetch("/api/shapes"))).json();
   }
 
+  // Floors and ceilings of tracks whose heights change, by key.
+  async heights() {
+    return (await answered(fetch("/api/heights"))).json();
+  }
+
   // All land: features of polygons and of coasts.
   async landShapes() {
     return (await (await answered(fetch("/land/50m"))).json()).features;

@@ -3,7 +3,9 @@
 import { clock, day, moment } from "./format.js";
 import { colour, theme } from "./theme.js";
 
-const PAD = 10; // half of the slider's thumb, pixels: bars and slider have one scale
+const PAD = 10; // half of the slider's thumb, pixels: bars and slider have one scale; on the left are names (`left`)
+const GUTTERS = [76, 148]; // room for names, on a narrow and on a wide page
+const NARROW_PX = 560;
 const AXIS = 18; // height of the axis
 const LANE = 10; // height of a lane of bars and the gap below it; with many lanes less
 const LEAST_LANE = 3;
@@ -90,7 +92,7 @@ export class Timeline {
     const [a, b] = after;
     if (Math.abs(b - a) < 1 || first === second) return;
     const perPixel = Math.abs((second - first) / (b - a));
-    const from = (first + second) / 2 - ((a + b) / 2 - PAD) * perPixel;
+    const from = (first + second) / 2 - ((a + b) / 2 - this.left) * perPixel;
     this.show([from, from + perPixel * this.width()]);
   }
 
@@ -164,23 +166,29 @@ export class Timeline {
     this.show(wasAll ? span : this.shown);
   }
 
+  // Where the scale begins, pixels.
+  get left() {
+    return this.canvas.clientWidth < NARROW_PX ? GUTTERS[0] : GUTTERS[1];
+  }
+
   width() {
-    return Math.max(1, this.canvas.clientWidth - 2 * PAD);
+    return Math.max(1, this.canvas.clientWidth - this.left - PAD);
   }
 
   // Pixels of an instant; a pixel beyond the edge where it is not shown.
   x(t) {
     const [from, to] = this.shown;
-    return PAD + Math.min(this.width() + PAD + 1, Math.max(-PAD - 1, ((t - from) / (to - from)) * this.width()));
+    return this.left + Math.min(this.width() + PAD + 1, Math.max(-PAD - 1, ((t - from) / (to - from)) * this.width()));
   }
 
   timeAt(x) {
     const [from, to] = this.shown;
-    return from + Math.min(1, Math.max(0, (x - PAD) / this.width())) * (to - from);
+    return from + Math.min(1, Math.max(0, (x - this.left) / this.width())) * (to - from);
   }
 
   // Each conflict in the first lane where it overlaps nothing; with more than fit, how many are on at a time.
   lay() {
+    this.canvas.parentElement.style.setProperty("--gutter", `${this.left}px`);
     const room = this.canvas.clientHeight - AXIS - 6;
     const ends = [];
     const [from, to] = this.shown;
@@ -200,6 +208,7 @@ export class Timeline {
     this.isDense = this.lane < LEAST_LANE;
     if (this.isDense) this.count();
     this.draw();
+    this.onShown?.();
   }
 
   count() {
@@ -257,16 +266,16 @@ export class Timeline {
   drawPart(context, width) {
     const [[first, last], [from, to]] = [this.span, this.shown];
     if (to - from >= last - first) return;
-    const at = (t) => PAD + ((t - first) / (last - first)) * this.width();
+    const at = (t) => this.left + ((t - first) / (last - first)) * this.width();
     context.fillStyle = colour("line");
-    context.fillRect(PAD, 0, width - 2 * PAD, 2);
+    context.fillRect(this.left, 0, this.width(), 2);
     context.fillStyle = colour("object");
     context.fillRect(Math.min(at(from), width - PAD - 4), 0, Math.max(4, at(to) - at(from)), 2);
   }
 
   drawAxis(context, width, height) {
     const [from, to] = this.shown;
-    const wanted = ((to - from) * 84) / Math.max(1, width - 2 * PAD);
+    const wanted = ((to - from) * 84) / this.width();
     const step = STEPS.find((one) => one >= wanted) ?? STEPS[STEPS.length - 1];
     context.font = `12px ${colour("font")}`;
     context.textBaseline = "alphabetic";
