@@ -137,6 +137,11 @@ class Answers:
         with self.connections.one() as connection:
             return Response(content.tracks(connection, self._scene), media_type="application/octet-stream")
 
+    def table(self, request: Request) -> Response:
+        """Return all conflicts as CSV, as the command line writes them."""
+        with self.connections.one() as connection:
+            return Response(content.table(connection, self._scene), media_type="text/csv; charset=utf-8")
+
     def heights(self, request: Request) -> Response:
         """Return the heights of tracks whose heights change."""
         with self.connections.one() as connection:
@@ -206,6 +211,9 @@ def application(scene: str, connect: Connect, access: Access) -> Starlette:
         kind, body = known[request.url.path]
         return Response(body, media_type=kind)
 
+    async def places(request: Request) -> Response:
+        return _json(land.places())
+
     async def events(request: Request) -> Response:
         return StreamingResponse(answers.changes.each(), media_type="text/event-stream")
 
@@ -228,12 +236,14 @@ def application(scene: str, connect: Connect, access: Access) -> Starlette:
             Route("/api/overview", answers.overview),
             Route("/api/tracks", answers.tracks),
             Route("/api/shapes", answers.shapes),
+            Route("/api/table", answers.table),
             Route("/api/heights", answers.heights),
             Route("/api/pair", answers.pair),
             Route("/api/pieces", answers.pieces),
             Route("/api/events", events),
             Route("/api/acknowledge", acknowledge, methods=["POST"]),
             Route("/tiles/{kind}/{z}/{x}/{y}", answers.tile),
+            Route("/places", places),
             Route("/land/{detail}", answers.land),
         ],
         middleware=[Middleware(Guard, access=access)],

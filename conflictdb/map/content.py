@@ -11,6 +11,8 @@ import psycopg
 from numpy.typing import NDArray
 
 from conflictdb.db import store
+from conflictdb.formats.writing import lines_of
+from conflictdb.model.results import Conflict
 from conflictdb.model.settings import SETTINGS, SettingType
 
 _LENGTH: Final = struct.Struct("<I")
@@ -95,6 +97,11 @@ def tracks(conn: psycopg.Connection[Any], scene: str) -> bytes:
         blobs += [one for one in geometries if one is not None]
     head = to_json({"rows": rows})
     return b"".join([_LENGTH.pack(len(head)), head, *blobs])
+
+
+def table(conn: psycopg.Connection[Any], scene: str) -> str:
+    """Return the conflicts of a scene as the CSV of the command line, earliest first."""
+    return "".join(lines_of(store.conflicts(conn, scene), "csv", Conflict))
 
 
 def heights(conn: psycopg.Connection[Any], scene: str) -> dict[str, list[list[float | None] | None]]:

@@ -74,6 +74,8 @@ def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], s
         "areas": areas,
         "tracks": base64.b64encode(tracks).decode(),
         "shapes": shapes,
+        "places": land.places(),
+        "table": content.table(conn, scene),
         "heights": content.heights(conn, scene),
         "pairs": pairs,
         "pieces": base64.b64encode(what_if.packed(*store.read_scene(conn, scene))).decode(),

@@ -9,14 +9,14 @@ const REST_MS = 400; // after the last change it is written: browsers limit how 
 const finite = (text) => (text !== null && text.trim() !== "" && Number.isFinite(Number(text)) ? Number(text) : null);
 
 // Texts of what is shown: absent where it is as at first.
-export function addressOf({ scene, t, view, chosen, selected, filter, departure, side }) {
+export function addressOf({ scene, t, view, chosen, selected, filter, departure, side, rows, table }) {
   const given = {
     scene, t: Number.isFinite(t) ? new Date(Math.round(t) * 1000).toISOString().slice(0, 19).replace("T", " ") : null,
     view: view?.join(","), a: chosen?.a, b: chosen?.b, object: filter.object || null,
     verdicts: filter.verdicts.length < VERDICTS.length ? filter.verdicts.join(",") : null,
     from: filter.from || null, to: filter.to || null, floor: filter.floor || null, ceiling: filter.ceiling || null,
     now: filter.now ? "1" : null, open: filter.open ? "1" : null, departs: departure?.key,
-    layers: filter.layers.length < LAYERS.length ? filter.layers.join(",") : null, side, selected: chosen ? null : selected,
+    layers: filter.layers.length < LAYERS.length ? filter.layers.join(",") : null, side, rows: rows === "object" ? rows : null, table: table ? "1" : null, selected: chosen ? null : selected,
     later: departure?.laterUs ? String(departure.laterUs / 1e6) : null,
   };
   const known = Object.entries(given).filter(([, value]) => value !== null && value !== undefined);
@@ -36,7 +36,7 @@ export function askedBy(hash) {
   return {
     scene: asked.get("scene"), t: instantOf(text("t")), view: isPlace ? view : null,
     pair: asked.has("a") && asked.has("b") ? [text("a"), text("b")] : null,
-    side: ["time", "track"].includes(text("side")) ? text("side") : null, selected: asked.get("selected"),
+    side: ["time", "track"].includes(text("side")) ? text("side") : null, selected: asked.get("selected"), table: text("table") === "1", rows: text("rows") === "object" ? "object" : "conflict",
     filter: {
       layers: layers.length ? layers : LAYERS, object: text("object").slice(0, 1000), verdicts, from: instant("from"), to: instant("to"), floor: number("floor"), ceiling: number("ceiling"),
       now: text("now") === "1", open: text("open") === "1",

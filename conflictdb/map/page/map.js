@@ -245,8 +245,8 @@ export class MapView {
   }
 
   // Goes to a box (degrees; east may be beyond 180), or to a place in it.
-  goTo([west, south, east, north], padding) {
-    this.map.fitBounds([[west, clamp(south)], [east, clamp(north)]], { padding, maxZoom: 15, duration: 600 });
+  goTo([west, south, east, north], padding, maxZoom = 15) {
+    this.map.fitBounds([[west, clamp(south)], [east, clamp(north)]], { padding, maxZoom, duration: 600 });
   }
 
   // The middle and the zoom: longitude, latitude, zoom; and goes there.

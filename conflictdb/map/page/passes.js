@@ -1,6 +1,7 @@
 // When two objects are at one place, whatever their heights: at instants so near to each other that nothing moves past
 // between them unseen.
 
+import { seenFrom } from "./plan.js";
 import { RADIANS, shorter, SPHERE_M } from "./world.js";
 
 const MOST_STEPS = 20_000; // through the time that two objects share
@@ -9,6 +10,7 @@ const SURE = 0.99; // of a distance on a sphere, for one on the ellipsoid
 const SURE_NEAR = 0.9; // of one in a plane, from the middle of an object
 const EXACT_S = 0.5; // ends of a pass are right to within this
 const MOST_LAT = 89.9;
+const NEAR_M = 200_000; // so far from the middle of a plane it is true enough
 
 function metresBetween([lon, lat], [lon2, lat2]) {
   const [half, across] = [Math.sin(((lat2 - lat) * RADIANS) / 2), Math.sin(((lon2 - lon) * RADIANS) / 2)];
@@ -84,10 +86,21 @@ export function passes(one, other) {
   return found;
 }
 
+// How far two presences are from each other at an instant, about, and no more than they are: { m, least }; 0 at one place.
+export function apartAt(one, other, t) {
+  const [a, b] = [one.at(t), other.at(t)];
+  const far = metresBetween(a.middle, b.middle);
+  const gap = SURE * far - a.reach - b.reach;
+  const [own, theirs] = [a.rings(), b.rings()];
+  if (gap <= 0 && meets(own, theirs)) return { m: 0, least: 0 };
+  const m = metresApart(a.middle, own, theirs, ([lon, lat]) => seenFrom(a.middle, [lon, lat]));
+  return { m, least: Math.max(0, gap, far < NEAR_M ? SURE_NEAR * m : 0) };
+}
+
 // Metres between rings, about, in the plane about a place.
-function metresApart([lon0, lat0], rings, others) {
+function metresApart([lon0, lat0], rings, others, seen = null) {
   const across = Math.cos(lat0 * RADIANS) * SPHERE_M * RADIANS;
-  const flat = (all) => all.map((ring) => ring.map(([lon, lat]) => [shorter(lon - lon0) * across, (lat - lat0) * SPHERE_M * RADIANS]));
+  const flat = (all) => all.map((ring) => ring.map(seen ?? (([lon, lat]) => [shorter(lon - lon0) * across, (lat - lat0) * SPHERE_M * RADIANS])));
   const [own, theirs] = [flat(rings), flat(others)];
   let least = Infinity;
   for (const [some, sides] of [[own, theirs], [theirs, own]]) {

@@ -37,7 +37,7 @@ export class SideView {
     this.choice = element("select", { "aria-label": "Side view along", change: () => this.show(this.choice.value) });
     this.chips = LAYERS.map((name) => element("button", { type: "button", class: "chip", "aria-pressed": "true", click: () => this.toggle(name) }, name));
     section.replaceChildren(
-      element("div", { class: "side-head" }, this.choice, element("div", { role: "group", "aria-label": "Objects by height", class: "chips" }, ...this.chips), this.said),
+      element("div", { class: "side-head" }, this.choice, element("div", { role: "group", "aria-label": "Heights shown", class: "chips" }, ...this.chips), this.said),
       this.canvas);
     this.canvas.addEventListener("pointerdown", (event) => { this.canvas.setPointerCapture(event.pointerId); on.time(this.timeAt(event.offsetX)); });
     this.canvas.addEventListener("pointermove", (event) => { if (this.canvas.hasPointerCapture(event.pointerId)) on.time(this.timeAt(event.offsetX)); });

@@ -69,6 +69,17 @@ export class ServerSource {
     return (await answered(fetch("/api/shapes"))).json();
   }
 
+  // CSV of all conflicts, as the command line writes it.
+  async table() {
+    return (await answered(fetch("/api/table"))).text();
+  }
+
+  // Towns and countries: [{ name, kind, lon, lat, zoom }].
+  async places() {
+    this.known ??= answered(fetch("/places")).then((answer) => answer.json());
+    return this.known;
+  }
+
   // Floors and ceilings of tracks whose heights change, by key.
   async heights() {
     return (await answered(fetch("/api/heights"))).json();
