@@ -116,6 +116,11 @@ class Answers:
         with self.connections.one() as connection:
             return Response(content.conflicts(connection, self._scene), media_type="application/octet-stream")
 
+    def depths(self, request: Request) -> Response:
+        """Return how deep conflicts undercut the required separation, for the order of the list."""
+        with self.connections.one() as connection:
+            return _json(content.depths(connection, self._scene))
+
     def areas(self, request: Request) -> Response:
         """Return all areas without their shapes, which are in tiles."""
         with self.connections.one() as connection:
@@ -220,6 +225,7 @@ def application(scene: str, connect: Connect, access: Access) -> Starlette:
             Route("/api/scene", answers.scene),
             Route("/api/conflicts", answers.conflicts),
             Route("/api/areas", answers.areas),
+            Route("/api/depths", answers.depths),
             Route("/api/overview", answers.overview),
             Route("/api/tracks", answers.tracks),
             Route("/api/shapes", answers.shapes),

@@ -10,11 +10,14 @@ import psycopg
 
 from conflictdb.db import store
 from conflictdb.model.settings import SETTINGS, SettingType
+from conflictdb.stages.depths import depths as depths_of
 
 _LENGTH: Final = struct.Struct("<I")
 # A conflict in the numbers of routine _map_conflicts, without its periods, each of which is two 8-byte numbers.
 _CONFLICT: Final = struct.Struct(">qhhddd4fi")
 _PERIOD_BYTES: Final = 16
+# Larger scenes have no depths: they would take tens of seconds.
+_MOST_DEPTHS: Final = 20_000
 
 _AREA: Final = (
     "id", "key", "name", "floor_m", "ceiling_m", "start", "end", "west", "south", "east", "north", "lon", "lat",
@@ -72,6 +75,21 @@ def listed(packed: bytes) -> list[Listed]:
         at += _CONFLICT.size + _PERIOD_BYTES * periods
         found.append(Listed(number, Pair(a, b), bool(is_current), None if math.isnan(lon) else (lon, lat)))
     return found
+
+
+def depths(conn: psycopg.Connection[Any], scene: str) -> list[tuple[int, float, float | None]]:
+    """Return how deep current conflicts undercut the required separation: number, metres, and when, Unix seconds.
+
+    Conflicts without a known depth are left out; all of them if there are more than _MOST_DEPTHS.
+    """
+    with store.snapshot(conn):
+        some = [one for one in listed(conflicts(conn, scene)) if one.is_current]
+        if not 0 < len(some) <= _MOST_DEPTHS:
+            return []
+        keys = sorted({key for one in some for key in (one.pair.a, one.pair.b)})
+        known = depths_of(*store.read_scene(conn, scene, keys))
+    found = ((one.number, known.get((one.pair.a, one.pair.b))) for one in some)
+    return [(number, one.depth_m, one.at_us and one.at_us / 1e6) for number, one in found if one is not None]
 
 
 def areas(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:

@@ -48,7 +48,7 @@ BAD_TILES = [
 ]
 BAD_TILES += [f"0/{'9' * 30}/0", f"0/0/{'9' * 30}", "0/0/-1"]
 READS = ["/", "/api/scene", "/api/conflicts", "/api/areas", "/api/overview", "/api/tracks", "/api/pair?a=CABLE&b=SUB-1"]
-READS += ["/api/pieces?key=FERRY&within_s=3600", "/page/kernel.wasm", "/tiles/areas/0/0/0", "/land/50m"]
+READS += ["/api/depths", "/api/pieces?key=FERRY&within_s=3600", "/page/kernel.wasm", "/tiles/areas/0/0/0", "/land/50m"]
 READS += ["/page/app.js", "/vendor/maplibre-gl.css", "/api/events"]
 
 

@@ -12,7 +12,7 @@ import { Graticule } from "./graticule.js";
 import { Havens } from "./havens.js";
 import { List } from "./list.js";
 import { MapView } from "./map.js";
-import { MERCATOR_END } from "./model.js";
+import { MERCATOR_END, worstFirst } from "./model.js";
 import { distanceAround, kernelOf } from "./pair_distance.js";
 import { Paced, Readings } from "./pace.js";
 import { savePicture } from "./picture.js";
@@ -25,6 +25,7 @@ import { Timeline } from "./timeline.js";
 
 const MARKS_MS = 120; // how often the map hears what is on, while the time moves
 const REST_MS = 250; // after the last move of a plan the map hears of it: it draws all of its layers again
+const DEPTHS_MS = 1500; // for so long the page waits for depths before it is shown without
 const MARKS_SHARE = 0.2; // of the time, at most, that this takes
 const POLAR_LAT = 75; // degrees: what is chosen beyond is shown about the pole
 const POLE_LAT = 60; // scenes that reach beyond can be
@@ -70,6 +71,7 @@ class Page {
 
   async start() {
     await this.readAll();
+    await Promise.race([this.readDepths(), new Promise((done) => { setTimeout(done, DEPTHS_MS); })]);
     const { source, state } = this;
     const { model } = state;
     const box = model.box();
@@ -82,7 +84,7 @@ class Page {
     this.player.offerSpeeds();
     this.listen();
     byId("legend").open = innerWidth > NARROW_PX;
-    state.moveToFirst();
+    state.moveToWorst();
     this.applyFilter();
     this.moveTo(state.t);
     if (model.areas.length + model.tracks.length > 0 && Math.abs(box[1] + box[3]) / 2 > POLAR_LAT) this.showPole(true, this.poleOfScene());
@@ -121,6 +123,16 @@ class Page {
     this.state.takeConflicts(scene, await this.source.conflicts());
   }
 
+  // How deep conflicts are: the server computes it, and the list waits for nothing.
+  async readDepths() {
+    try {
+      this.state.takeDepths(await this.source.depths());
+    } catch {
+      return; // the list is by time
+    }
+    if (this.view) this.applyFilter();
+  }
+
   hasOverview({ objects }) {
     return this.view ? this.view.overview !== null : this.source.isLive && objects > LARGE;
   }
@@ -137,6 +149,7 @@ class Page {
     view.reveal(true);
     view.renew(state.version, what === "objects" ? undefined : ["conflicts"]);
     this.describe();
+    this.readDepths();
     if (state.chosen) {
       state.chooseAgain();
       if (state.chosen) this.showDetail();
@@ -237,7 +250,7 @@ class Page {
     const { model, filter } = state;
     state.applyFilter();
     const { left } = state;
-    this.list.take(left, model.objects, this.whyEmpty());
+    this.list.take(worstFirst(left), model, this.whyEmpty());
     this.timeline.take(left, model.span);
     const isKnown = model.conflicts.length > 0 || model.scene.is_current;
     byId("count").textContent = !isKnown ? "" : state.showsChanges ? counted(left.length, "change") : filter.isNothing() ? counted(left.length, "conflict")

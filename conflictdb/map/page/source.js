@@ -51,6 +51,11 @@ export class ServerSource {
     return (await answered(fetch("/api/conflicts"))).arrayBuffer();
   }
 
+  // How deep conflicts undercut the required separation: [[id, metres, Unix seconds or null], …].
+  async depths() {
+    return (await answered(fetch("/api/depths"))).json();
+  }
+
   async areas() {
     return (await answered(fetch("/api/areas"))).json();
   }
