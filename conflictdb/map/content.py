@@ -4,11 +4,13 @@ import json
 import math
 import struct
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any, Final
 
 import psycopg
 
 from conflictdb.db import store
+from conflictdb.errors import InvalidInput
 from conflictdb.model.settings import SETTINGS, SettingType
 from conflictdb.stages.depths import depths as depths_of
 
@@ -57,6 +59,38 @@ def settings(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
         "is_current": state.is_current,
         "remark": state.remark,
     }
+
+
+def scenes(conn: psycopg.Connection[Any]) -> list[dict[str, Any]]:
+    """Return the scenes that the user may see, by name: name, number of conflicts, and of a branch its parent."""
+    with store.transaction(conn):
+        return [
+            {"scene": one.scene.name, "conflicts": one.conflicts, "branch_of": store.parent_name(conn, one.scene_id)}
+            for one in store.list_scenes(conn)
+        ]
+
+
+def known_at(conn: psycopg.Connection[Any], scene: str, at: datetime) -> dict[str, Any]:
+    """Return the conflicts of a scene as known at an instant: keys, verdict, error and periods (Unix seconds).
+
+    `refusal` says why they are not known, or is null.
+    """
+    store.scene_or_branch_id(conn, scene)  # raises if there is none
+    try:
+        found = store.conflicts_known_at(conn, scene, at)
+    except InvalidInput as error:
+        return {"refusal": error.rule, "conflicts": []}
+    return {
+        "refusal": None,
+        "conflicts": [
+            [one.a_key, one.b_key, str(one.verdict), one.time_error_s, [list(map(_unix, row)) for row in one.periods]]
+            for one in found
+        ],
+    }
+
+
+def _unix(at: datetime | None) -> float | None:
+    return None if at is None else at.timestamp()
 
 
 def conflicts(conn: psycopg.Connection[Any], scene: str) -> bytes:
@@ -132,9 +166,10 @@ def _feature(number: int, properties: dict[str, Any], geometry: dict[str, Any]) 
 
 
 def pair(conn: psycopg.Connection[Any], scene: str, asked: Pair) -> dict[str, Any]:
-    """Return why two objects are in conflict or not, and the footprints of areas among them."""
+    """Return why two objects are in conflict or not (null in a branch), and the footprints of areas among them."""
+    is_branch = store.parent_name(conn, store.scene_or_branch_id(conn, scene)) is not None
     return {
-        "explanation": store.explain_conflict(conn, scene, asked.a, asked.b),
+        "explanation": None if is_branch else store.explain_conflict(conn, scene, asked.a, asked.b),
         "footprints": {
             key: json.loads(shape)
             for layer, _, key, shape in store.map_shapes(conn, scene, [asked.a, asked.b])

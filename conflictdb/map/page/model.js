@@ -96,6 +96,14 @@ export function unpackConflicts(buffer) {
   });
 }
 
+// Conflicts as they were known before: [[a, b, verdict, error, periods], …].
+export function formerConflicts(rows) {
+  return rows.map(([a, b, verdict, error_s, spans], n) => {
+    const periods = spans.map(([start, end]) => [start ?? -Infinity, end ?? Infinity]);
+    return { ...UNKNOWN, id: -1 - n, a, b, verdict, error_s, periods, start: periods[0]?.[0] ?? -Infinity, end: periods[periods.length - 1]?.[1] ?? Infinity };
+  });
+}
+
 // Outlines of areas from what routine _map_overview packs: [{id, rings}], each ring longitudes and latitudes in turn, outer
 // ones anticlockwise and holes clockwise.
 export function unpackOutlines(buffer) {

@@ -47,6 +47,12 @@ export class State {
     if (this.changes.text === null) this.showsChanges = false;
   }
 
+  // Changes count from a state { objects, conflicts, label }.
+  compare(baseline) {
+    this.baseline = baseline;
+    this.findChanges();
+  }
+
   // Changes count from now on.
   dismissChanges() {
     const { objects, conflicts } = this.model;
