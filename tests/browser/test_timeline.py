@@ -110,13 +110,13 @@ def test_many_conflicts_are_counted_in_months(conn: Conn, dsn: str, serve: Serve
     page.mouse.move(bounds["x"] + page.evaluate("conflictdbPage.timeline.left") + 1, bounds["y"] + 60)
     expect(page.get_by_role("tooltip")).to_contain_text("at once1 Jun 2026 ")
     page.get_by_label("Object").fill("A1")
-    assert len(page.evaluate(WRITTEN, "canvas")) == len(rows(page)) == 12
+    assert len(page.evaluate(WRITTEN, "canvas")) == len(rows(page)) == 11
     assert page.evaluate(
         "(({scrollHeight, clientHeight}) => scrollHeight > clientHeight)(document.getElementById('rows'))"
     )
     top = "document.getElementById('rows').scrollTop"
     assert page.evaluate(top) == 0
-    page.locator(".row").nth(11).click()
+    page.locator(".row").nth(10).click()
     assert page.evaluate(top) > 0
 
 

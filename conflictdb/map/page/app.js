@@ -21,6 +21,7 @@ import { ObjectCard } from "./object_card.js";
 import { distanceAround, kernelOf } from "./pair_distance.js";
 import { Paced, Readings } from "./pace.js";
 import { savePicture } from "./picture.js";
+import { PlaceNames } from "./place_names.js";
 import { Player } from "./player.js";
 import { PolarView } from "./polar.js";
 import { Scenes } from "./scenes.js";
@@ -111,7 +112,9 @@ class Page {
     const box = model.box();
     this.view = await MapView.open("map", source, box, state.version, this.hasOverview(model.scene));
     this.graticule = new Graticule(byId("graticule"), this.view);
+    this.placeNames = new PlaceNames(byId("place-names"), this.view, () => source.places());
     this.havens = new Havens(byId("havens"), this.view);
+    this.havens.below = () => this.placeNames.shown.map(({ box }) => box);
     this.polar = new PolarView(byId("polar"), source, () => state.flags());
     this.draw("objects");
     this.describe();
@@ -130,9 +133,9 @@ class Page {
       });
     }
     // For the console of a browser, and tests.
-    const { view, havens, polar, graticule, timeline, side } = this;
+    const { view, havens, polar, graticule, timeline, side, placeNames } = this;
     globalThis.conflictdbPage = {
-      view, havens, polar, graticule, timeline, side, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
+      view, havens, polar, graticule, timeline, side, placeNames, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
     };
     await view.loaded;
     if (missing !== null) history.replaceState(null, "", location.pathname + location.search);
@@ -740,7 +743,7 @@ class Page {
 
   async savePicture() {
     const { state: { t, model }, view } = this;
-    const above = ["graticule", "overview", "havens", "polar"].map(byId);
+    const above = ["graticule", "place-names", "overview", "havens", "polar"].map(byId);
     await savePicture(view.map, above, [printable(model.scene.scene), byId("headline").textContent, `${day(t)} ${clock(t)} UTC`]);
   }
 

@@ -33,6 +33,9 @@ export class Timeline {
     this.brush = null; // the instants that the filter leaves, [from, to]
     this.slider = slider;
     this.buttons = buttons;
+    this.size = { width: 0, height: 0, foot: 0 }; // of the canvases, pixels: to measure them takes a layout of the page
+    this.picture = document.createElement("canvas"); // of all bars, without the time that is shown
+    this.drawn = ""; // what the picture shows
     this.span = [0, 1]; // all the time there is
     this.shown = [0, 1]; // what is shown of it
     this.bars = [];
@@ -229,11 +232,11 @@ export class Timeline {
 
   // Where the scale begins, pixels.
   get left() {
-    return this.axis.clientWidth < NARROW_PX ? GUTTERS[0] : GUTTERS[1];
+    return this.size.width < NARROW_PX ? GUTTERS[0] : GUTTERS[1];
   }
 
   width() {
-    return Math.max(1, this.axis.clientWidth - this.left - PAD);
+    return Math.max(1, this.size.width - this.left - PAD);
   }
 
   // Pixels of an instant; a pixel beyond the edge where it is not shown.
@@ -250,8 +253,9 @@ export class Timeline {
   // A row for each conflict, or each object, with a period in the time that is shown; with more than fit, how many are on at a time.
   lay() {
     const { axis, canvas, view } = this;
+    this.size = { width: axis.clientWidth, foot: axis.clientHeight };
     axis.parentElement.style.setProperty("--gutter", `${this.left}px`);
-    canvas.style.width = `${axis.clientWidth}px`;
+    canvas.style.width = `${this.size.width}px`;
     const [from, to] = this.shown;
     const isSeen = ([a, b]) => a <= to && b >= from;
     const seen = (this.conflicts ?? []).filter(({ periods }) => periods.some(isSeen));
@@ -276,7 +280,8 @@ export class Timeline {
       }),
     });
     this.bars = this.isDense ? seen.map((conflict) => bar(conflict, 0)) : this.rows.flatMap(({ conflicts }, lane) => conflicts.map((conflict) => bar(conflict, lane)));
-    canvas.style.height = `${Math.max(view.clientHeight, this.isDense ? 0 : 2 * TOP + this.rows.length * ROW)}px`;
+    this.size.height = Math.max(view.clientHeight, this.isDense ? 0 : 2 * TOP + this.rows.length * ROW);
+    canvas.style.height = `${this.size.height}px`;
     if (this.isDense) this.count();
     const what = this.isDense ? `${seen.length.toLocaleString("en")} conflicts over time; at most ${this.most.toLocaleString("en")} at once`
       : isByObject ? `Conflicts over time, ${this.rows.length} rows of objects` : "Conflicts over time, as in the list";
@@ -286,7 +291,7 @@ export class Timeline {
   }
 
   count() {
-    const width = Math.ceil(this.axis.clientWidth);
+    const width = Math.ceil(this.size.width);
     const changes = new Int32Array(width + 2);
     for (const { pieces } of this.bars) {
       for (const [x0, x1] of pieces) {
@@ -317,7 +322,7 @@ export class Timeline {
     this.reveal(t);
     this.slider.value = t;
     this.slider.setAttribute("aria-valuetext", `${moment(t)} UTC`);
-    this.draw();
+    this.drawInstant();
   }
 
   // Scrolls to the row of the chosen conflict.
@@ -328,27 +333,43 @@ export class Timeline {
     if (row >= 0 && (top < view.scrollTop || low > view.scrollTop + view.clientHeight)) view.scrollTop = top - view.clientHeight / 2;
   }
 
+  // Draws all anew.
   draw() {
-    const contexts = [this.canvas, this.axis].map((canvas) => {
-      const ratio = window.devicePixelRatio || 1;
-      const [w, h] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
-      if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
-      const context = canvas.getContext("2d");
-      context.setTransform(ratio, 0, 0, ratio, 0, 0);
-      context.clearRect(0, 0, canvas.clientWidth, canvas.clientHeight);
-      return context;
-    });
-    const [bars, axis] = contexts;
-    const [width, height] = [this.axis.clientWidth, this.canvas.clientHeight];
-    this.drawAxis(bars, axis, width, height);
-    if (this.isDense) this.drawDensity(bars, height);
-    else this.drawBars(bars);
-    if (this.brush) this.drawBrush(bars, axis, height);
-    const x = Math.round(this.x(this.t)) - 1;
-    for (const context of contexts) context.fillStyle = colour("ink");
-    bars.fillRect(x, 0, 2, height);
-    axis.fillRect(x, 0, 2, 4);
-    this.drawPart(axis);
+    this.drawn = "";
+    this.drawInstant();
+  }
+
+  // Draws the time that is shown; the rest only where other conflicts are on.
+  drawInstant() {
+    const { width, height, foot } = this.size;
+    if (!width) return;
+    const isOn = ({ conflict: { periods, change } }) => change !== "gone" && periods.some(([a, b]) => this.t >= a && this.t <= b);
+    const wanted = this.isDense ? "many" : `${this.chosen} ${this.bars.map((bar) => (isOn(bar) ? 1 : 0)).join("")}`;
+    if (wanted !== this.drawn) {
+      this.drawn = wanted;
+      const bars = this.contextOf(this.picture, width, height);
+      const axis = this.contextOf(this.axis, width, foot);
+      this.drawAxis(bars, axis, width, height);
+      if (this.isDense) this.drawDensity(bars, height);
+      else this.drawBars(bars);
+      if (this.brush) this.drawBrush(bars, axis, height);
+      this.drawPart(axis);
+    }
+    const context = this.contextOf(this.canvas, width, height);
+    context.drawImage(this.picture, 0, 0, width, height);
+    context.fillStyle = colour("ink");
+    context.fillRect(Math.round(this.x(this.t)) - 1, 0, 2, height);
+  }
+
+  // A cleared canvas of a size, in pixels of the page.
+  contextOf(canvas, width, height) {
+    const ratio = window.devicePixelRatio || 1;
+    const [w, h] = [Math.round(width * ratio), Math.round(height * ratio)];
+    if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
+    const context = canvas.getContext("2d", { willReadFrequently: true }); // in memory, as the overview
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    return context;
   }
 
   // Which part of all time is shown, if it is not all.
@@ -356,7 +377,7 @@ export class Timeline {
     const [[first, last], [from, to]] = [this.span, this.shown];
     if (to - from >= last - first) return;
     const at = (t) => this.left + ((t - first) / (last - first)) * this.width();
-    const y = this.axis.clientHeight - 2;
+    const y = this.size.foot - 2;
     context.fillStyle = colour("line");
     context.fillRect(this.left, y, this.width(), 2);
     context.fillStyle = colour("object");
@@ -382,7 +403,7 @@ export class Timeline {
     const [from, to] = this.brush.map((t) => this.x(t));
     axis.fillStyle = colour("object");
     axis.globalAlpha = 0.25;
-    axis.fillRect(from, 0, Math.max(2, to - from), this.axis.clientHeight);
+    axis.fillRect(from, 0, Math.max(2, to - from), this.size.foot);
     axis.globalAlpha = 1;
     bars.fillStyle = colour("paper");
     bars.globalAlpha = 0.65;
