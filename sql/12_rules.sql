@@ -38,7 +38,8 @@ BEGIN ATOMIC
            CASE WHEN count(*) OVER alike = 1 THEN f.vertical_m
                 ELSE max(coalesce(f.vertical_m, s.vertical_separation_m)) FILTER (WHERE NOT f.allowed) OVER alike END,
            CASE WHEN count(*) OVER alike = 1 THEN f.time_s
-                ELSE max(coalesce(f.time_s, s.time_separation_s)) FILTER (WHERE NOT f.allowed) OVER alike END, f.allowed,
+                ELSE max(coalesce(f.time_s, s.time_separation_s)) FILTER (WHERE NOT f.allowed) OVER alike END,
+           f.allowed,
            -- Which of the two objects yields: neither if the rule fits in both orders.
            CASE WHEN NOT f.is_turned THEN f.yields
                 WHEN NOT f.is_straight THEN CASE f.yields WHEN 'a' THEN 'b' WHEN 'b' THEN 'a' END END

@@ -144,12 +144,12 @@ class RuleTable:
         if len(ties):
             one, other = ties[0].tolist()
             sides = [cls._word(classes, type_) for type_ in (one, other)]
-            first, second = (side.split()[-1].strip("'") for side in sides)
+            first, last = (side.split()[-1].strip("'") for side in sides)
             raise InvalidInput(
                 str(rules[chosen[one, other]]),
                 "",
                 f"and {rules[rival[one, other]]} apply alike to a pair of {sides[0]} and {sides[1]}: "
-                f"enter a rule for {first!r} with {second!r} first",
+                f"enter a rule for {first!r} with {last!r} first",
             )
         return cls(rules, classes, chosen, second)
 
