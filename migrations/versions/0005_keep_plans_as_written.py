@@ -8,7 +8,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "6c79685d171d7a031961f5c9ca2535563104934c60d145e7b6743269c1219bc9"
+routines_sha256 = "10bdb2e8ff353c32cf4f9c66f6440e8e9fc6602c63b0a5a1fd0b9afe361fd7af"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
