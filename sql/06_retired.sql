@@ -7,9 +7,6 @@ DECLARE
     -- Name, parameters and columns of the result of public routines, e.g. 'conflicts_of(p_scene, p_key, a_key, b_key)'.
     c_retired CONSTANT text[] := ARRAY[
         'acknowledge(p_scene, p_a_key, p_b_key, p_reason, p_until)',
-        '_map_areas(p_scene, area_id, key, name, floor_m, ceiling_m, start_s, end_s, west_deg, south_deg, '
-        'east_deg, north_deg, inside_lon_deg, inside_lat_deg)',
-        '_map_tracks(p_scene, track_id, key, name, floor_m, ceiling_m, path, outline, grow_mps, outlines)',
         'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
         'p_centre_lon, p_centre_lat)',
         'create_scene(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '

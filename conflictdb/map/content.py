@@ -22,7 +22,8 @@ _PERIOD_BYTES: Final = 16
 _MOST_DEPTHS: Final = 20_000
 
 _AREA: Final = (
-    "id", "key", "name", "floor_m", "ceiling_m", "start", "end", "spans", "west", "south", "east", "north", "lon", "lat",
+    "id", "key", "name", "floor_m", "ceiling_m", "start", "end", "spans",
+    "west", "south", "east", "north", "lon", "lat",
 )  # fmt: skip
 
 

@@ -296,7 +296,9 @@ def test_plans_of_rows_are_computed_by_the_role_that_attached(
     kind, type_, value, stored = PLANS[plan]
     planner = roles["planner"]
     field, path = plan.split()[0], "ST_MakeLine(ST_MakePointM(0, 0, 1772344800), ST_MakePointM(0, 1, 1772352000))"
-    where = {"footprint": "shape"} if kind == "area" else {"path": "way", "outline": "ST_MakeEnvelope(-50, -50, 50, 50)"}
+    where = (
+        {"footprint": "shape"} if kind == "area" else {"path": "way", "outline": "ST_MakeEnvelope(-50, -50, 50, 50)"}
+    )
     with acting(conn, planner):
         conn.execute(EVIL)
         conn.execute(
