@@ -136,6 +136,7 @@ class Page {
     const { view, havens, polar, graticule, timeline, side, placeNames } = this;
     globalThis.conflictdbPage = {
       view, havens, polar, graticule, timeline, side, placeNames, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
+      moveTo: (t) => this.moveTo(t), flags: () => state.flags(),
     };
     await view.loaded;
     if (missing !== null) history.replaceState(null, "", location.pathname + location.search);

@@ -2,6 +2,7 @@
 
 import { labelOf } from "./format.js";
 import { writeNames } from "./labels.js";
+import { isThere } from "./model.js";
 import { colour } from "./theme.js";
 import { mercatorX, mercatorY, shortest } from "./world.js";
 
@@ -73,7 +74,7 @@ export class Havens {
       return [mercatorX(lon), mercatorY(lat)];
     }
     const [from, to] = [motion.points[i].t, motion.points[i + 1].t];
-    const share = (t - from) / (to - from);
+    const share = (motion.own(t) - from) / (to - from);
     return [x[i] + share * (x[i + 1] - x[i]), y[i] + share * (y[i + 1] - y[i])];
   }
 
@@ -186,8 +187,7 @@ export class Havens {
     const rank = ({ key }) => RANKS[kindOf(key, marks)];
     const named = this.shown.map(({ track, x, y, reachPx }) => ({ object: track, x, y, reach: Math.min(reachPx, 60) }));
     for (const area of this.areas) {
-      const isThere = (area.start ?? -Infinity) <= t && (area.end ?? Infinity) >= t;
-      if (!isThere || marks.hidden.has(area.key)) continue;
+      if (!isThere(area, t) || marks.hidden.has(area.key)) continue;
       const [west, , east] = area.box;
       const [lon, lat] = area.inside;
       const place = mercatorX(lon);
