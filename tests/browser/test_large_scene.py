@@ -177,7 +177,7 @@ def drones(count: int) -> list[Track]:
     return [
         Track(
             f"DRONE-{n:03}",
-            (10.70, 59.89) + rng.uniform(0, 1, (8, 2)) * (0.04, 0.02),
+            rng.uniform((10.70, 59.89), (10.74, 59.91), (8, 2)),
             T0_US + ((rng.uniform(0, 60) + 60 * np.arange(8)) * 1e6).astype(np.int64),
             outline,
             floor_m=float(floor := rng.choice([30, 50, 70, 90, 110])),

@@ -46,7 +46,9 @@ def test_names_of_a_crowd_are_apart_and_lead_to_their_ships(
     rng = np.random.default_rng(1)
     times = np.array([T0_US, T0_US + 4 * HOUR_US])
     tracks = [
-        Track(f"SHIP-{n}", (10.7, 59.2) + rng.uniform(-0.02, 0.02, (2, 2)), times, rectangle_outline_m(50, 50, 10, 10))
+        Track(
+            f"SHIP-{n}", rng.uniform((10.68, 59.18), (10.72, 59.22), (2, 2)), times, rectangle_outline_m(50, 50, 10, 10)
+        )
         for n in range(60)
     ]
     load(conn, Scene("s"), [], tracks)

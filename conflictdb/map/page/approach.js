@@ -12,7 +12,7 @@ function shareHeights(one, other, t, verticalM) {
   return a !== null && b !== null && a[0] < b[1] + verticalM && b[0] < a[1] + verticalM;
 }
 
-const varies = ({ floors, ceilings }) => Boolean(floors ?? ceilings);
+const varies = ({ floors, ceilings, spans }) => Boolean(floors ?? ceilings ?? spans);
 
 // { other, m, t } of all other objects; null: none is there at its time and heights. rings: of areas, by key.
 export function nearestOf(object, objects, rings, verticalM) {

@@ -15,15 +15,22 @@ export function layersOf({ floor, ceiling }) {
 
 // The bands of an object over time: [{ t0, t1, floor: [at t0, at t1], ceiling: [at t0, at t1] }], within a span.
 export function bandsOf(object, [from, to]) {
+  const spans = object.spans ?? object.motion?.spans ?? [[object.start ?? -Infinity, object.end ?? Infinity]];
+  return spans.flatMap((span) => bandsWithin(object, span, from, to));
+}
+
+// The bands of one voyage, or of one time that an area is active.
+function bandsWithin(object, [start, end], from, to) {
   if (!object.floors && !object.ceilings) {
-    const [t0, t1] = [Math.max(from, object.start ?? -Infinity), Math.min(to, object.end ?? Infinity)];
+    const [t0, t1] = [Math.max(from, start), Math.min(to, end)];
     return t0 <= t1 ? [{ t0, t1, floor: [low(object.floor), low(object.floor)], ceiling: [high(object.ceiling), high(object.ceiling)] }] : [];
   }
   const { points } = object.motion;
   const legs = points.length - 1;
+  const later = start - points[0].t;
   return points.slice(1).flatMap(({ t }, n) => {
     const band = {
-      t0: points[n].t, t1: t, floor: endsOf(object.floors, n, legs, object.floor, low), ceiling: endsOf(object.ceilings, n, legs, object.ceiling, high),
+      t0: points[n].t + later, t1: t + later, floor: endsOf(object.floors, n, legs, object.floor, low), ceiling: endsOf(object.ceilings, n, legs, object.ceiling, high),
     };
     return band.t1 >= from && band.t0 <= to ? [cut(band, from, to)] : [];
   });

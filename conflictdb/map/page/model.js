@@ -374,8 +374,7 @@ export class Filter {
   }
 
   leavesObject(object) {
-import { LAYERS, layersOf } from "./heights.js";
-import { begun, Motion } from "./motion.js";
+    return this.isInLayers(object) && isThere(object, this.from, this.to)
       && (object.floor ?? -Infinity) < this.ceiling && (object.ceiling ?? Infinity) > this.floor;
   }
 

@@ -36,17 +36,19 @@ function metresAlong(from, to) {
   return SPHERE_M * RADIANS * Math.hypot(to.lat - from.lat, Math.min(turn, 360 - turn) * (from.lat * to.lat < 0 ? 1 : widest));
 }
 
-// An object as something that is somewhere: { span, speed, turns, at(t): { middle, reach, rings } }; rings of an area: longitudes and
-// latitudes, null where they are not known.
+// An object as something that is somewhere: { span, speed, turns, at(t): { middle, reach, rings }, or null between voyages }; rings of an
+// area: longitudes and latitudes, null where they are not known.
 export function presence(object, rings) {
   if (object.kind === "track") {
     const { motion } = object;
-    const last = Math.max(object.start, object.end - 1e-6); // the last instant belongs to no leg
+    const first = motion.points[0].t;
+    const starts = motion.spans?.map(([start]) => start) ?? [first];
     return {
-      span: [object.start, object.end], speed: speedOf(motion), turns: motion.points.map(({ t }) => t),
+      span: [object.start, object.end], speed: speedOf(motion), turns: starts.flatMap((start) => motion.points.map(({ t }) => t - first + start)),
       at: (t) => {
-        const within = Math.min(last, t);
-        return { middle: motion.place(within), reach: motion.reachM, rings: () => [motion.haven(within)] };
+        const within = motion.place(t) ? t : t - 1e-6; // the last instant belongs to no leg
+        const middle = motion.place(within);
+        return middle && { middle, reach: motion.reachM, rings: () => [motion.haven(within)] };
       },
     };
   }
@@ -65,13 +67,16 @@ export function passes(one, other) {
   if (!(from <= to) || !Number.isFinite(from) || !Number.isFinite(to)) return [];
   const closing = one.speed + other.speed;
   const finest = Math.max(EXACT_S, (2 * (to - from)) / MOST_STEPS);
-  const share = (t) => meets(one.at(t).rings(), other.at(t).rings());
+  const share = (t) => {
+    const [a, b] = [one.at(t), other.at(t)];
+    return a !== null && b !== null && meets(a.rings(), b.rings());
+  };
   const turns = [...one.turns, ...other.turns].filter((t) => t > from && t < to).sort((a, b) => a - b);
   const found = [];
   let [t, before, was, next] = [from, from, false, 0];
   for (let n = 0; n < MOST_STEPS; n += 1) {
     const [a, b] = [one.at(t), other.at(t)];
-    let gap = SURE * metresBetween(a.middle, b.middle) - a.reach - b.reach;
+    let gap = a && b ? SURE * metresBetween(a.middle, b.middle) - a.reach - b.reach : Infinity;
     const is = gap <= 0 && share(t);
     if (gap <= 0) gap = is ? 0 : SURE_NEAR * metresApart(a.middle, a.rings(), b.rings());
     if (is && !was) found.push([n === 0 ? t : edge(share, before, t), t]);
@@ -89,6 +94,7 @@ export function passes(one, other) {
 // How far two presences are from each other at an instant, about, and no more than they are: { m, least }; 0 at one place.
 export function apartAt(one, other, t) {
   const [a, b] = [one.at(t), other.at(t)];
+  if (!a || !b) return { m: Infinity, least: Infinity };
   const far = metresBetween(a.middle, b.middle);
   const gap = SURE * far - a.reach - b.reach;
   const [own, theirs] = [a.rings(), b.rings()];
@@ -180,13 +186,15 @@ function cross(ring, other) {
   return false;
 }
 
-// Metres from the start of a track to where it is at instants of its points, and between them in proportion.
-export function wayOf({ points }) {
+// Metres from the start of a track to where it is, in proportion between its points.
+export function wayOf(motion) {
+  const { points } = motion;
   const way = [0];
   for (let n = 1; n < points.length; n += 1) {
     way.push(way[n - 1] + metresBetween([points[n - 1].lon, points[n - 1].lat], [points[n].lon, points[n].lat]));
   }
-  return (t) => {
+  return (at) => {
+    const t = motion.own(at);
     if (t <= points[0].t) return 0;
     const n = points.findIndex((point) => point.t >= t);
     if (n < 0) return way[way.length - 1];
