@@ -15,7 +15,7 @@ export function addressOf({ scene, t, view, chosen, selected, filter, departure,
     view: view?.join(","), a: chosen?.a, b: chosen?.b, object: filter.object || null,
     verdicts: filter.verdicts.length < VERDICTS.length ? filter.verdicts.join(",") : null,
     from: filter.from || null, to: filter.to || null, floor: filter.floor || null, ceiling: filter.ceiling || null,
-    now: filter.now ? "1" : null, open: filter.open ? "1" : null, departs: departure?.key,
+    now: filter.now ? "1" : null, open: filter.open ? "1" : null, departs: departure?.key, higher: departure?.upM ? String(departure.upM) : null,
     layers: filter.layers.length < LAYERS.length ? filter.layers.join(",") : null, side, rows: rows === "object" ? rows : null, table: table ? "1" : null, selected: chosen ? null : selected,
     later: departure?.laterUs ? String(departure.laterUs / 1e6) : null,
   };
@@ -44,7 +44,7 @@ export function askedBy(hash) {
       layers: layers.length ? layers : LAYERS, object: text("object").slice(0, 1000), verdicts, from: instant("from"), to: instant("to"), floor: number("floor"), ceiling: number("ceiling"),
       now: text("now") === "1", open: text("open") === "1",
     },
-    departure: asked.has("departs") ? { key: text("departs"), laterS: finite(text("later")) ?? 0 } : null,
+    departure: asked.has("departs") ? { key: text("departs"), laterS: finite(text("later")) ?? 0, upM: finite(text("higher")) ?? 0 } : null,
   };
 }
 

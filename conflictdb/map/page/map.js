@@ -141,7 +141,7 @@ export class MapView {
     const element = this.map.getContainer();
     const size = () => { this.size = [element.clientWidth, element.clientHeight]; };
     size();
-    new ResizeObserver(size).observe(element);
+    this.map.on("resize", size);
     this.map.once("style.load", () => {
       this.isReady = true;
       this.map.addImage("stale", hatch());
