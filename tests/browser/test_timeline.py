@@ -46,7 +46,7 @@ def test_rows_have_names_and_the_calendar_filters(dsn: str, serve: Serve, open_p
         db.load_demo()
         db.scene("strait").detect()
     page = open_page(serve(dsn, "strait"), size=(1280, 800))
-    written = page.evaluate(WRITTEN, "canvas")
+    written = page.evaluate(WRITTEN, "picture")
     assert written == [f"{a} · {b}" for a, b in page.evaluate("conflictdbPage.model.conflicts.map(({a, b}) => [a, b])")]
     assert len(written) == len(rows(page))
     assert "08:00" in page.evaluate(WRITTEN, "axis")
@@ -61,7 +61,7 @@ def test_rows_have_names_and_the_calendar_filters(dsn: str, serve: Serve, open_p
     expect(page.get_by_role("tooltip")).to_be_hidden()
 
     page.get_by_label("Rows of the timeline").select_option("object")
-    written = page.evaluate(WRITTEN, "canvas")
+    written = page.evaluate(WRITTEN, "picture")
     assert written == ["CABLE", "SUB-1", "FIRING", "FERRY", "DIVING", "SUB-2", "TOW", "SURVEY"]
     wait_until(page, "location.hash.includes('rows=object')")
     page.mouse.click(box["x"] + 130, box["y"] + 4 + 6.5 * 16)  # its name
@@ -100,7 +100,7 @@ def test_many_conflicts_are_counted_in_months(conn: Conn, dsn: str, serve: Serve
     detect(conn, "s", jobs=1)
     page = open_page(serve(dsn, "s"), size=(1280, 800))
     assert page.evaluate("conflictdbPage.timeline.isDense")
-    assert page.evaluate(WRITTEN, "canvas") == ["0", "3 at once"]
+    assert page.evaluate(WRITTEN, "picture") == ["0", "3 at once"]
     months = page.evaluate(WRITTEN, "axis")
     assert months[:3] == ["Jun 2026", "Jul", "Aug"]
     assert "2027" in months
@@ -110,7 +110,7 @@ def test_many_conflicts_are_counted_in_months(conn: Conn, dsn: str, serve: Serve
     page.mouse.move(bounds["x"] + page.evaluate("conflictdbPage.timeline.left") + 1, bounds["y"] + 60)
     expect(page.get_by_role("tooltip")).to_contain_text("at once1 Jun 2026 ")
     page.get_by_label("Object").fill("A1")
-    assert len(page.evaluate(WRITTEN, "canvas")) == len(rows(page)) == 11
+    assert len(page.evaluate(WRITTEN, "picture")) == len(rows(page)) == 11
     assert page.evaluate(
         "(({scrollHeight, clientHeight}) => scrollHeight > clientHeight)(document.getElementById('rows'))"
     )
