@@ -209,7 +209,7 @@ def test_changes_and_acknowledgements_show_without_reload(
 
 def test_a_bar_says_what_changed(strait: str, open_page: Open, conn: Conn, dsn: str) -> None:
     """Since the page was opened, or since that was dismissed; it shows the changes alone."""
-    page = open_page(strait)
+    page = open_page(strait, size=(900, 1000))
     bar = page.locator("#changes")
     expect(bar).to_be_hidden()
     conn.execute("SELECT conflictdb.remove_object('strait', 'CABLE')")
