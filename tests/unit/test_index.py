@@ -162,7 +162,26 @@ def test_many_changes_leave_little() -> None:
     for turn in range(200):
         index.put([square(f"{k}", 2.0 * k) for k in range(8)], owner=f"{turn % 2}") if turn % 2 == 0 else None
         index.remove("0")
-    assert sum(len(level.objects) for level in index._state.levels) == 0
+    assert sum(len(level.put.objects) for level in index._state.levels) == 0
+
+
+def test_plans_are_put_as_they_are_then() -> None:
+    """Not as they were when this thread probed them."""
+    index = Index()
+    times = [np.datetime64("2030-01-01T00:00"), np.datetime64("2030-01-01T01:00")]
+    plan = Track("moved", [(0.0, 0.5), (0.5, 0.5)], times, [(0.0, 0.0)])
+    assert not index.probe([plan, square("a", 10.0)], owner="me")
+    plan.positions_deg[:, 0] += 40.0
+    index.put([plan, square("a", 20.0)], owner="me")
+    for lon, met in ((-0.1, []), (9.9, []), (19.9, [{"a"}]), (39.9, [{"moved"}])):
+        assert [{one.a_key, one.b_key} - {"z"} for one in index.probe(square("z", lon))] == met
+    # The same plans, of which the earlier ones have changed meanwhile.
+    again = replace(plan, key="again")
+    assert not index.probe(again, owner="me")
+    twin = replace(again, positions_deg=again.positions_deg.copy())
+    again.positions_deg[:, 0] += 100.0
+    index.put(twin, owner="me")
+    assert [{one.a_key, one.b_key} - {"z"} for one in index.probe(square("z", 39.9))] == [{"again"}]
 
 
 def test_great_circles_get_a_centre_from_the_first_plans() -> None:
