@@ -1,6 +1,6 @@
 """Admit city flights one by one: how many, how fast, and whether any is refused without need.
 
-    ./run python benchmarks/admit.py [FLIGHTS ...] [--stored]
+    ./run python benchmarks/admit.py [FLIGHTS ...] [--stored] [--forms volumes tracks] [--motions rhumb great_circle]
 
 Flights of 2 to 8 km with one bend, in 20 km by 20 km within 4 hours, at 15 m/s. A flight is some six volumes (legs of a
 kilometre at most, 50 m to every side, 20 m high, 10 s before and after), or a track whose haven is as uncertain. They
@@ -11,22 +11,29 @@ are asked for until so many are accepted, then 40 more.
 - solve: `solve` of all accepted volumes and the new ones
 - stored: `scene.admit` and the function admit of SQL, in the embedded database, of 40 flights among the accepted ones,
   which a detection has seen
+- motions: processor time of `solve` of 20 tracks on great circles, as a multiple of that on rhumb lines
+- memory: of an index of as many random flights, and of their plans themselves, in a process of its own
 
-Brute force compares every pair of a flight with all accepted ones on a plane: volumes as polygons, which it maps
-straight; tracks by the Minkowski sum of both havens and the line of their relative motion. Its metres are true to
-0.5 %, so pairs of tracks count only if havens 3 m closer or further apart give the same answer. Times are processor
-milliseconds of this process, of `stored` elapsed ones, median and 95 %.
+Brute force compares a flight with every accepted one whose box in space, time and height it meets, on a plane: volumes
+as polygons, which it maps straight; tracks by the Minkowski sum of both havens and the line of their relative motion.
+Its metres are true to 0.5 %, so pairs of tracks count only if havens 3 m closer or further apart give the same answer.
+Times are processor milliseconds of this process, of `stored` with those of its backend, median and 95 %. Processor time
+grows with the machine's load, too: `beat` is that of a fixed loop of Python, 0.9 ms where it was quiet.
 """
 
 import argparse
+import gc
 import json
 import math
+import resource
 import statistics
 import time
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import measured
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -173,6 +180,34 @@ def box_of(boxes: Sequence[Box]) -> tuple[float, ...]:
     return west, south, east, north, min(one.start_s for one in boxes), max(one.end_s for one in boxes)
 
 
+class Bounds:
+    """The outer boxes of accepted flights (n, 8), for brute force: which of them it must look at."""
+
+    def __init__(self, most: int) -> None:
+        self._all, self._count = np.empty((most, 8)), 0
+
+    @staticmethod
+    def of(one: Flight) -> Floats:
+        """Return west, south, start and floor of a flight, then the other ends negated; of a track, padded."""
+        west, south, east, north, start, end = box_of(one.boxes)
+        low, high = np.array([west, south, start]), np.array([east, north, end])
+        if one.legs:
+            pad_m = math.hypot(AHEAD_M, HALF_WIDTH_M) + UNSURE_M
+            pads = np.array([pad_m, pad_m, 0.0])
+            low, high = low - pads, high + pads
+        return np.array([*low, one.boxes[0].floor_m, *-high, -one.boxes[0].ceiling_m])
+
+    def add(self, bounds: Floats) -> None:
+        """Add a flight."""
+        self._all[self._count] = bounds
+        self._count += 1
+
+    def near(self, bounds: Floats) -> list[int]:
+        """Return the flights that a flight may meet."""
+        low, high = self._all[: self._count, :4], -self._all[: self._count, 4:]
+        return np.flatnonzero(((low <= -bounds[4:]) & (bounds[:4] <= high)).all(axis=1)).tolist()
+
+
 def boxes_meet(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
     """Return whether two flights' boxes meet in space and time."""
     return a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3] and a[4] <= b[5] and b[4] <= a[5]
@@ -197,25 +232,25 @@ def run(accepted: int, form: str, motion: str, stored: bool) -> None:
     scene = Scene("admit", motion=motion, tolerance_m=0.005)  # type: ignore[arg-type]
     rng, index = np.random.default_rng(accepted), Index(scene)
     there: list[Flight] = []
-    asked = wrongly = met = of_server = 0
-    puts: list[float] = []
+    bounds = Bounds(accepted)
+    asked = wrongly = met = of_server = extra = 0
     server: list[tuple[float, ...]] = []
     asks: list[float] = []
+    puts: list[float] = []
     boxed: list[float] = []
-    extra = 0
     while extra < ASKED_MORE:
         one = flight(rng, f"f{asked}", form)
         asked += 1
-        if len(there) == accepted:
-            extra, asks = extra + 1, asks if extra else []
+        extra += len(there) == accepted
         conflicts = timed(lambda one=one: index.probe(one.plans, owner="asked"), asks)
+        mine = Bounds.of(one)
+        near = [there[k] for k in bounds.near(mine)]
         if form == "volumes":
-            near = [other for other in there if boxes_meet(box_of(one.boxes), box_of(other.boxes))]
             meets = any(a.meets(b) for other in near for a in one.boxes for b in other.boxes)
             wrongly += bool(conflicts) and not meets
             met += not conflicts and meets
         else:
-            clearance_m = min((one.clearance_m(other) for other in there), default=math.inf)
+            clearance_m = min((one.clearance_m(other) for other in near), default=math.inf)
             wrongly += bool(conflicts) and clearance_m > UNSURE_M
             met += not conflicts and clearance_m < 0.0
         whole_box = box_of(one.boxes)
@@ -225,21 +260,66 @@ def run(accepted: int, form: str, motion: str, stored: bool) -> None:
         if not conflicts and len(there) < accepted:
             timed(lambda one=one: index.put(one.plans, owner=one.plans[0].key), puts)
             there.append(one)
+            bounds.add(mine)
+    news: list[float] = []
+    for k in range(ASKED_MORE):
+        fresh = flight(rng, f"n{k}", form).plans
+        timed(lambda fresh=fresh, k=k: index.put(fresh, owner=f"n{k}"), news)
     plans = [plan for one in there for plan in one.plans]
     whole: list[float] = []
     for k in range(3):
         more = [*plans, *flight(rng, f"s{k}", form).plans]
         both = [p for p in more if isinstance(p, Track)], [p for p in more if isinstance(p, Area)]
         timed(lambda both=both: solve(*both, scene), whole)
+    last = slice(-ASKED_MORE, None)
     print(
         f"{motion} {form}: {len(there)} accepted of {asked} asked ({len(plans)} objects), box {of_server} in "
-        f"{spread(boxed[-ASKED_MORE:])}; refused "
-        f"without need {wrongly}, accepted that meet {met}; index probe {spread(asks)}, put {spread(puts)}; "
-        f"solve {spread(whole)}",
+        f"{spread(boxed[last])}; refused without need {wrongly}, accepted that meet {met}; "
+        f"index probe {spread(asks[last])}, put {spread(puts[last])}, unprobed {spread(news)}; solve {spread(whole)}; "
+        f"beat {beat():.2f} ms",
         flush=True,
     )
     if stored:
         in_database(scene, there, rng, form)
+
+
+def beat() -> float:
+    """Return the processor milliseconds of a fixed loop, median of 50."""
+    took: list[float] = []
+    for _ in range(50):
+        timed(lambda: sum(i * i for i in range(20_000)), took)
+    return statistics.median(took)
+
+
+def motions() -> float:
+    """Return how many times as long `solve` of 20 tracks takes on great circles, by turns, median of 200."""
+    rng = np.random.default_rng(20)
+    tracks = [plan for k in range(20) for plan in flight(rng, f"f{k}", "tracks").plans]
+    took: dict[str, list[float]] = {"rhumb": [], "great_circle": []}
+    for _ in range(200):
+        for motion, times in took.items():
+            timed(lambda motion=motion: solve(tracks, [], Scene("motions", motion=motion)), times)
+    return statistics.median(took["great_circle"]) / statistics.median(took["rhumb"])
+
+
+def memory(flights: int, motion: str) -> tuple[int, float, float]:
+    """Return the volumes of random flights, and the bytes a volume of an index that has them, and of the plans."""
+    rng, index = np.random.default_rng(flights), Index(Scene("admit", motion=motion, tolerance_m=0.005))  # type: ignore[arg-type]
+    index.put(flight(rng, "first", "volumes").plans, owner="first")
+    size = [resident_bytes()]
+    each = [flight(rng, f"f{k}", "volumes").plans for k in range(flights)]
+    size.append(resident_bytes())
+    for k, plans in enumerate(each):
+        index.put(plans, owner=f"f{k}")
+    size.append(resident_bytes())
+    volumes = len(index)
+    return volumes, (size[2] - size[1]) / volumes, (size[1] - size[0]) / volumes
+
+
+def resident_bytes() -> int:
+    """Return the memory of this process, after everything unused was collected."""
+    gc.collect()
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 def in_database(scene: Scene, there: list[Flight], rng: np.random.Generator, form: str) -> None:
@@ -248,19 +328,19 @@ def in_database(scene: Scene, there: list[Flight], rng: np.random.Generator, for
         city = db.scene("benchmark of admissions")
         city.put([plan for one in there for plan in one.plans], scene)
         city.detect()
+        clock = measured.processor_clock(db.connection) or time.perf_counter
         for name in ("detected", "with undetected"):
             took: list[float] = []
             for k in range(ASKED_MORE):
                 plans = flight(rng, f"{name} {k}", form).plans
-                timed(
-                    lambda plans=plans, k=k, name=name: city.admit(plans, owner=f"{name} {k}"), took, time.perf_counter
-                )
+                timed(lambda plans=plans, k=k, name=name: city.admit(plans, owner=f"{name} {k}"), took, clock)
             print(f"    stored, {name}: admit {spread(took)}", flush=True)
-        in_sql(db.connection, rng, form)
+        in_sql(db.connection, rng, form, clock)
+        print(f"    beat {beat():.2f} ms", flush=True)
         city.delete()
 
 
-def in_sql(conn: "psycopg.Connection[Any]", rng: np.random.Generator, form: str) -> None:
+def in_sql(conn: "psycopg.Connection[Any]", rng: np.random.Generator, form: str, clock: Callable[[], float]) -> None:
     """Admit flights by the function of SQL; those that a worker must decide count as undecided."""
     took: list[float] = []
     rows: list[Any] = []
@@ -272,7 +352,7 @@ def in_sql(conn: "psycopg.Connection[Any]", rng: np.random.Generator, form: str)
             rows.append(conn.execute("SELECT admitted FROM conflictdb.admit(%s, %s, %s)", given).fetchone())
             conn.commit()
 
-        timed(ask, took, time.perf_counter)
+        timed(ask, took, clock)
     said = [row[0] for row in rows]
     counts = ", ".join(f"{said.count(one)} {name}" for one, name in ANSWERS)
     print(f"    stored, in SQL: admit {spread(took)}; {counts}", flush=True)
@@ -296,10 +376,16 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("flights", nargs="*", type=int, default=[100, 1000, 5000])
     parser.add_argument("--stored", action="store_true")
+    parser.add_argument("--forms", nargs="*", default=["volumes", "tracks"])
+    parser.add_argument("--motions", nargs="*", default=["rhumb", "great_circle"])
     given = parser.parse_args()
+    print(f"solve of 20 tracks: great circles {motions():.2f} times rhumb lines", flush=True)
     for accepted in given.flights:
-        for form in ("volumes", "tracks"):
-            for motion in ("rhumb", "great_circle"):
+        for motion in given.motions:
+            volumes, of_index, of_plans = measured.in_fresh_process(memory, accepted, motion)
+            print(f"{motion}: {volumes} volumes, index {of_index:.0f} bytes a volume, plans {of_plans:.0f}", flush=True)
+        for form in given.forms:
+            for motion in given.motions:
                 run(accepted, form, motion, given.stored)
 
 

@@ -370,9 +370,13 @@ class _LastCut(threading.local):
 def _content(plan: Plan) -> tuple[Any, ...]:
     """Return the fields of a plan that count, by value: arrays and mappings may be changed in place."""
     values = (getattr(plan, name) for name in (_AREA_FIELDS if isinstance(plan, Area) else _TRACK_FIELDS))
-    return type(plan), *(
-        (v.tobytes(), v.shape) if isinstance(v, np.ndarray) else dict(v) if isinstance(v, Mapping) else v for v in values
-    )
+    return type(plan), *map(_value, values)
+
+
+def _value(given: Any) -> Any:
+    if isinstance(given, np.ndarray):
+        return given.tobytes(), given.shape
+    return dict(given) if isinstance(given, Mapping) else given
 
 
 def conflicts_between(
