@@ -1,10 +1,11 @@
 """Admit city flights one by one: how many, how fast, and whether any is refused without need.
 
-    ./run python benchmarks/admit.py [FLIGHTS ...] [--stored] [--forms volumes tracks] [--motions rhumb great_circle]
+    ./run python benchmarks/admit.py [FLIGHTS ...] [--stored] [--probed N] [--forms FORM ...] [--motions MOTION ...]
 
 Flights of 2 to 8 km with one bend, in 20 km by 20 km within 4 hours, at 15 m/s. A flight is some six volumes (legs of a
 kilometre at most, 50 m to every side, 20 m high, 10 s before and after), or a track whose haven is as uncertain. They
-are asked for until so many are accepted, then 40 more.
+are asked for until so many are accepted, then 40 more. Before the last 1,000 (--probed) that are accepted, brute force
+alone decides.
 
 - box: the flight's bounding box in space and time, the algorithm of a UTM server's own engine (openutm/flight-blender)
 - index: `Index.probe` and `put`
@@ -29,6 +30,8 @@ import resource
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -51,6 +54,7 @@ M_LON = M_LAT * math.cos(math.radians(LAT))
 CITY_M, HOURS, SPEED_MPS = 20_000.0, 4.0, 15.0
 HALF_WIDTH_M, LATE_S, BAND_M, LEG_M = 50.0, 10.0, 10.0, 1000.0
 ASKED_MORE = 40
+PROBED = 1000
 AHEAD_M = 200.0
 UNSURE_M = 3.0
 Floats = NDArray[np.float64]
@@ -107,12 +111,18 @@ class Leg(NamedTuple):
         return -UNSURE_M if moves.intersects(both.buffer(-UNSURE_M)) else 0.0
 
 
-class Flight(NamedTuple):
-    """A flight as volumes or as a track, and its volumes and legs for brute force."""
+@dataclass
+class Flight:
+    """A flight as volumes or as a track, made when they are first asked for; volumes and legs for brute force."""
 
-    plans: list[Area] | list[Track]
+    make: Callable[[], list[Area] | list[Track]]
     boxes: list[Box]
     legs: list[Leg]
+
+    @cached_property
+    def plans(self) -> list[Area] | list[Track]:
+        """Return what is admitted."""
+        return self.make()
 
     def clearance_m(self, other: "Flight") -> float:
         """Return how far apart two tracks are, at their least."""
@@ -150,7 +160,8 @@ def course(rng: np.random.Generator) -> tuple[list[tuple[float, float, float]], 
 def flight(rng: np.random.Generator, key: str, form: str) -> Flight:
     """Return a random flight."""
     points, height_m = course(rng)
-    boxes, areas = [], []
+    band = height_m - BAND_M, height_m + BAND_M
+    boxes, rings = [], []
     for (x0, y0, t0), (x1, y1, t1) in pairwise(points):
         n = math.ceil(math.hypot(x1 - x0, y1 - y0) / LEG_M)
         for i in range(n):
@@ -160,18 +171,23 @@ def flight(rng: np.random.Generator, key: str, form: str) -> Flight:
             ring = [(ax - ux - uy, ay - uy + ux), (ax - ux + uy, ay - uy - ux)]
             ring += [(bx + ux + uy, by + uy - ux), (bx + ux - uy, by + uy + ux)]
             start, end = t0 + (t1 - t0) * i / n - LATE_S, t0 + (t1 - t0) * (i + 1) / n + LATE_S
-            band = height_m - BAND_M, height_m + BAND_M
+            rings.append(ring)
             boxes.append(Box(shapely.Polygon(ring), start, end, *band))
-            span = instant(start), instant(end)
-            areas.append(Area(f"{key}#{len(areas)}", [degrees(*p) for p in ring], None, *span, *band))  # type: ignore[arg-type]
+
+    def volumes() -> list[Area]:
+        return [
+            Area(f"{key}#{i}", [degrees(*p) for p in ring], None, instant(box.start_s), instant(box.end_s), *band)  # type: ignore[arg-type]
+            for i, (ring, box) in enumerate(zip(rings, boxes, strict=True))
+        ]
+
+    def track() -> list[Track]:
+        outline = rectangle_outline_m(AHEAD_M, AHEAD_M, HALF_WIDTH_M, HALF_WIDTH_M)
+        times = np.array([instant(t) for *_, t in points])
+        return [Track(key, [degrees(x, y) for x, y, _ in points], times, outline, None, *band)]
+
     if form == "volumes":
-        return Flight(areas, boxes, [])
-    outline = rectangle_outline_m(AHEAD_M, AHEAD_M, HALF_WIDTH_M, HALF_WIDTH_M)
-    times = np.array([instant(t) for *_, t in points])
-    place = [degrees(x, y) for x, y, _ in points]
-    track = Track(key, place, times, outline, None, height_m - BAND_M, height_m + BAND_M)
-    legs = [Leg(np.array(p[:2]), np.array(q[:2]), p[2], q[2]) for p, q in pairwise(points)]
-    return Flight([track], boxes, legs)
+        return Flight(volumes, boxes, [])
+    return Flight(track, boxes, [Leg(np.array(p[:2]), np.array(q[:2]), p[2], q[2]) for p, q in pairwise(points)])
 
 
 def box_of(boxes: Sequence[Box]) -> tuple[float, ...]:
@@ -227,13 +243,21 @@ def spread(times: list[float]) -> str:
     return f"{statistics.median(times):6.2f} {times[int(0.95 * len(times))]:6.2f} ms"
 
 
-def run(accepted: int, form: str, motion: str, stored: bool) -> None:
+def brute_force(one: Flight, near: Sequence[Flight]) -> tuple[bool, bool]:
+    """Return whether a flight meets one of others, and whether that is certain."""
+    if not one.legs:
+        return any(a.meets(b) for other in near for a in one.boxes for b in other.boxes), True
+    clearance_m = min((one.clearance_m(other) for other in near), default=math.inf)
+    return clearance_m <= 0.0, clearance_m < 0.0 or clearance_m > UNSURE_M
+
+
+def run(accepted: int, form: str, motion: str, stored: bool, most_probed: int) -> None:
     """Admit flights until so many are accepted, and print what it took."""
     scene = Scene("admit", motion=motion, tolerance_m=0.005)  # type: ignore[arg-type]
     rng, index = np.random.default_rng(accepted), Index(scene)
     there: list[Flight] = []
     bounds = Bounds(accepted)
-    asked = wrongly = met = of_server = extra = 0
+    asked = probed = wrongly = met = of_server = extra = 0
     server: list[tuple[float, ...]] = []
     asks: list[float] = []
     puts: list[float] = []
@@ -242,22 +266,20 @@ def run(accepted: int, form: str, motion: str, stored: bool) -> None:
         one = flight(rng, f"f{asked}", form)
         asked += 1
         extra += len(there) == accepted
-        conflicts = timed(lambda one=one: index.probe(one.plans, owner="asked"), asks)
         mine = Bounds.of(one)
         near = [there[k] for k in bounds.near(mine)]
-        if form == "volumes":
-            meets = any(a.meets(b) for other in near for a in one.boxes for b in other.boxes)
-            wrongly += bool(conflicts) and not meets
-            met += not conflicts and meets
-        else:
-            clearance_m = min((one.clearance_m(other) for other in near), default=math.inf)
-            wrongly += bool(conflicts) and clearance_m > UNSURE_M
-            met += not conflicts and clearance_m < 0.0
+        meets, is_sure = brute_force(one, near)
+        refused = meets or not is_sure
+        if len(there) >= accepted - most_probed:
+            probed += 1
+            refused = bool(timed(lambda one=one: index.probe(one.plans, owner="asked"), asks))
+            wrongly += is_sure and refused and not meets
+            met += is_sure and meets and not refused
         whole_box = box_of(one.boxes)
         if not timed(lambda box=whole_box: any(boxes_meet(box, other) for other in server), boxed):
             server.append(whole_box)
             of_server += 1
-        if not conflicts and len(there) < accepted:
+        if not refused and len(there) < accepted:
             timed(lambda one=one: index.put(one.plans, owner=one.plans[0].key), puts)
             there.append(one)
             bounds.add(mine)
@@ -273,8 +295,8 @@ def run(accepted: int, form: str, motion: str, stored: bool) -> None:
         timed(lambda both=both: solve(*both, scene), whole)
     last = slice(-ASKED_MORE, None)
     print(
-        f"{motion} {form}: {len(there)} accepted of {asked} asked ({len(plans)} objects), box {of_server} in "
-        f"{spread(boxed[last])}; refused without need {wrongly}, accepted that meet {met}; "
+        f"{motion} {form}: {len(there)} accepted of {asked} asked, the last {probed} by the index ({len(plans)} "
+        f"objects), box {of_server} in {spread(boxed[last])}; refused without need {wrongly}, accepted that meet {met}; "
         f"index probe {spread(asks[last])}, put {spread(puts[last])}, unprobed {spread(news)}; solve {spread(whole)}; "
         f"beat {beat():.2f} ms",
         flush=True,
@@ -376,6 +398,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("flights", nargs="*", type=int, default=[100, 1000, 5000])
     parser.add_argument("--stored", action="store_true")
+    parser.add_argument("--probed", type=int, default=PROBED)
     parser.add_argument("--forms", nargs="*", default=["volumes", "tracks"])
     parser.add_argument("--motions", nargs="*", default=["rhumb", "great_circle"])
     given = parser.parse_args()
@@ -386,7 +409,7 @@ def main() -> None:
             print(f"{motion}: {volumes} volumes, index {of_index:.0f} bytes a volume, plans {of_plans:.0f}", flush=True)
         for form in given.forms:
             for motion in given.motions:
-                run(accepted, form, motion, given.stored)
+                run(accepted, form, motion, given.stored, given.probed)
 
 
 if __name__ == "__main__":

@@ -56,6 +56,9 @@ DECLARE
         '_leg_heights(p_floor_m, p_ceiling_m, p_floors_m, p_ceilings_m, p_first, p_last, floor_m, ceiling_m)',
         '_load(p_name, p_motion, p_earth, p_method, p_tolerance_m, p_separation_m, p_nearest_m, '
         'p_centre_lon, p_centre_lat, p_merge, added, updated, removed, unchanged)',
+        '_max_days_ahead()',
+        '_max_speed_kn()',
+        '_most_points(p_limit)',
         '_pieces(p_scene_id, p_piece_ids, piece_id, rank, object_kind, object_id, version, pieces, part, '
         'turn, span_start, span_end, end_inclusive, floor_m, ceiling_m, leg_start, leg_end, start_lon_deg, '
         'start_lat_deg, end_lon_deg, end_lat_deg, bearing_deg, hull, shape, shape_to, parts, cuts, leg_times, '
