@@ -296,9 +296,9 @@ def run(accepted: int, form: str, motion: str, stored: bool, most_probed: int) -
     last = slice(-ASKED_MORE, None)
     print(
         f"{motion} {form}: {len(there)} accepted of {asked} asked, the last {probed} by the index ({len(plans)} "
-        f"objects), box {of_server} in {spread(boxed[last])}; refused without need {wrongly}, accepted that meet {met}; "
-        f"index probe {spread(asks[last])}, put {spread(puts[last])}, unprobed {spread(news)}; solve {spread(whole)}; "
-        f"beat {beat():.2f} ms",
+        f"objects), box {of_server} in {spread(boxed[last])}; refused without need {wrongly}, accepted that meet "
+        f"{met}; index probe {spread(asks[last])}, put {spread(puts[last])}, unprobed {spread(news)}; "
+        f"solve {spread(whole)}; beat {beat():.2f} ms",
         flush=True,
     )
     if stored:

@@ -44,22 +44,25 @@ def shown(page: Page, layer: str, where: str = "true") -> int:
     return int(page.evaluate(f"new Set({script}.filter(({{state: s}}) => {where}).map(({{id}}) => id)).size"))
 
 
-ORDER = ["CABLE and SUB-1", "FIRING and FERRY", "DIVING and FERRY", "DIVING and FIRING", "DIVING and SUB-2"]
-ORDER += ["FERRY and TOW", "FIRING and SURVEY"]
+# The deepest first.
+ORDER = ["FIRING and SURVEY", "CABLE and SUB-1", "FIRING and FERRY", "DIVING and SUB-2", "DIVING and FERRY"]
+ORDER += ["DIVING and FIRING", "FERRY and TOW"]
 
 
 def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
-    """The list by first contact, the map, the slider and play, a conflict from the list, the map and the timeline."""
+    """The list by depth, the map, the slider and play, a conflict from the list, the map and the timeline."""
     page = open_page(strait)
     expect(page).to_have_title("strait · conflictdb")
     assert rows(page) == ORDER
     assert (shown(page, "areas"), shown(page, "tracks")) == (4, 7)
     until(lambda: shown(page, "conflicts") >= 6)
     assert page.evaluate("conflictdbPage.havens.shown.length") >= 5
-    # It begins at the first contact of all.
-    expect(page.locator("#clock")).to_have_text("07:41:56")
-    expect(page.locator("li.on .keys")).to_have_text(["CABLE and SUB-1"])
-    expect(page.locator("li.on .facts")).to_contain_text("Cable works on the sea bed and Submarine haven")
+    # It begins where the worst conflict is deepest.
+    expect(page.locator("#order")).to_have_text("Worst first")
+    expect(page.locator("#clock")).to_have_text("11:29:44")
+    expect(page.locator("li.on .keys")).to_have_text(["FIRING and SURVEY", "CABLE and SUB-1", "DIVING and FIRING"])
+    expect(page.locator("li.on .facts").first).to_contain_text("13.9 km deep")
+    expect(page.locator("li.on .facts").nth(1)).to_contain_text("Cable works on the sea bed and Submarine haven")
 
     slider = page.get_by_role("slider")
     places = "conflictdbPage.havens.shown.map(({track, x, y}) => [track.key, Math.round(x), Math.round(y)]).sort()"
@@ -128,7 +131,7 @@ def test_filters_leave_what_they_say(strait: str, open_page: Open) -> None:
     words = page.get_by_label("Object")
     words.fill("ferry")
     assert rows(page) == ["FIRING and FERRY", "DIVING and FERRY", "FERRY and TOW"]
-    expect(page.locator("#headline")).to_have_text("3 of 7 conflicts, 0 now, next in 29 min")
+    expect(page.locator("#headline")).to_have_text("3 of 7 conflicts, 0 now, none later")
     await_drawn(page)
     until(lambda: shown(page, "conflicts", "!s.hidden") == 3)
     page.get_by_text("Filter", exact=True).click()
@@ -155,7 +158,7 @@ def test_filters_leave_what_they_say(strait: str, open_page: Open) -> None:
     expect(page.locator(".row")).to_have_count(0)
     page.get_by_role("button", name="Clear").click()
     page.get_by_label("at the time shown").check()
-    assert rows(page) == ["CABLE and SUB-1"]
+    assert rows(page) == ["FIRING and SURVEY", "CABLE and SUB-1", "DIVING and FIRING"]
 
 
 def test_changes_and_acknowledgements_show_without_reload(
@@ -435,6 +438,47 @@ def test_havens_are_where_the_database_has_them(
         turned = (here[:, 0] - places[0, 0] + 180) % 360 - 180 + places[0, 0]
         far = np.hypot((turned - places[:, 0]) * math.cos(math.radians(here[0, 1])), here[:, 1] - places[:, 1])
         assert np.max(far) * 111_000 < 1e-3, (key, t)
+
+
+def test_plans_that_recur_are_there_each_time(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
+    """All voyages move, all activations are named, and nothing is there between two of them."""
+    day_us = 24 * HOUR_US
+    at_us = [T0_US + days * day_us for days in (0, 1, 4)]
+    box = rectangle_outline_m(3000, 3000, 1000, 1000)
+    ferry = Track(
+        "FERRY", [(8.0, 40.0), (8.0, 40.5)], np.array([T0_US, T0_US + 2 * HOUR_US]), box, grow_mps=0.05,
+        departures_us=np.array(at_us, "datetime64[us]"),
+    )  # fmt: skip
+    spans = [(us + HOUR_US, us + 3 * HOUR_US) for us in at_us[:2]]
+    load(conn, Scene("s"), [Area("RANGE", shapely.box(7.9, 40.2, 8.1, 40.4), spans_us=spans)], [ferry])
+    detect(conn, "s", jobs=1)
+    query = "SELECT ST_AsText(haven, 12) FROM conflictdb.haven_at('s', 'FERRY', to_timestamp(%s)) haven"
+    page = open_page(serve(dsn, "s"))
+    expect(page.locator("#count")).to_have_text("1 conflict")
+    for hours, ferry_is_there, range_is_there in [
+        (0.5, True, False), (1.5, True, True), (2.5, False, True), (12.0, False, False), (25.5, True, True),
+        (29.0, False, False), (96.5, True, False), (97.5, True, False),
+    ]:  # fmt: skip
+        t = T0_S + 3600 * hours
+        page.evaluate(f"conflictdbPage.moveTo({t})")
+        ((text,),) = conn.execute(query, [t]).fetchall() or [(None,)]
+        ring = page.evaluate(f"conflictdbPage.model.objects.get('FERRY').motion.haven({t})")
+        assert (ring is not None, text is not None) == (ferry_is_there, ferry_is_there), hours
+        if text is not None:
+            assert np.array(ring) == pytest.approx(shapely.get_coordinates(shapely.from_wkt(text)), abs=1e-8)
+        page.wait_for_function("conflictdbPage.havens.t === conflictdbPage.t")
+        seen = page.evaluate("(conflictdbPage.havens.draw(), conflictdbPage.havens.shown.map(({track}) => track.key))")
+        assert seen == ["FERRY"] * ferry_is_there, hours
+        there = page.evaluate(
+            "['RANGE', 'FERRY'].map((key) => conflictdbPage.flags()(conflictdbPage.model.objects.get(key)).on)"
+        )
+        assert there == [range_is_there, ferry_is_there], hours
+    # A filter by time leaves what is there then.
+    page.evaluate(f"conflictdbPage.filter.to = conflictdbPage.filter.from = {T0_S + 12 * 3600}")
+    leaves = page.evaluate(
+        "[...conflictdbPage.model.objects.values()].map((one) => conflictdbPage.filter.leavesObject(one))"
+    )
+    assert leaves == [False, False]
 
 
 def test_date_line_and_poles_are_true(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:

@@ -1,14 +1,14 @@
 // A scene as the page works with it: objects, their motion, conflicts, and which of them a filter leaves.
 
 import { printable } from "./format.js";
-import { Motion } from "./motion.js";
+import { begun, Motion } from "./motion.js";
 import { shorter } from "./world.js";
 
 export const MERCATOR_END = 85.051129; // degrees of latitude at which Web Mercator ends
 // What is not known of a conflict of a moved plan.
 const UNKNOWN = {
   is_current: true, lon: null, lat: null, west: null, south: null, east: null, north: null, isBeyond: false,
-  acknowledged_by: null, acknowledged_for: null, acknowledged_until: null,
+  acknowledged_by: null, acknowledged_for: null, acknowledged_until: null, depth: null, deepest: null,
 };
 export const VERDICTS = ["conflict", "grazing", "unresolved"];
 
@@ -55,15 +55,15 @@ function rings(view, at) {
 export function unpackTracks(buffer, scene) {
   const view = new DataView(buffer);
   let { head: { rows }, at } = headOf(buffer);
-  return rows.map(([id, key, name, floor, ceiling, grow, pathSize, outlineSize, outlinesSize]) => {
+  return rows.map(([id, key, name, floor, ceiling, grow, departures, pathSize, outlineSize, outlinesSize]) => {
     const path = points(view, at);
     at += pathSize;
     const outline = outlineSize === null ? null : ring(view, at);
     at += outlineSize ?? 0;
     const outlines = outlinesSize === null ? null : rings(view, at);
     at += outlinesSize ?? 0;
-    const motion = new Motion(path, outline ?? outlines[0], grow ?? 0, outlines, scene);
-    return { kind: "track", id, key, name, floor, ceiling, start: motion.start, end: motion.end, motion };
+    const motion = new Motion(path, outline ?? outlines[0], grow ?? 0, outlines, scene, departures);
+    return { kind: "track", id, key, name, floor, ceiling, start: motion.start, end: motion.end, spans: motion.spans, motion };
   });
 }
 
@@ -87,12 +87,20 @@ export function unpackConflicts(buffer) {
       lon: isPlaced ? lon : null, lat: isPlaced ? view.getFloat64(at + 28) : null,
       west: isSeen ? west : null, south: isSeen ? view.getFloat32(at + 40) : null,
       east: isSeen ? view.getFloat32(at + 44) : null, north: isSeen ? view.getFloat32(at + 48) : null,
-      acknowledged_by: by, acknowledged_for: why, acknowledged_until: until,
+      acknowledged_by: by, acknowledged_for: why, acknowledged_until: until, depth: null, deepest: null,
       periods, start: periods[0]?.[0] ?? -Infinity, end: periods[periods.length - 1]?.[1] ?? Infinity,
     };
     conflict.isBeyond = isPlaced && Math.abs(conflict.lat) > MERCATOR_END;
     at = first + 16 * periods.length;
     return conflict;
+  });
+}
+
+// Conflicts as they were known before: [[a, b, verdict, error, periods], …].
+export function formerConflicts(rows) {
+  return rows.map(([a, b, verdict, error_s, spans], n) => {
+    const periods = spans.map(([start, end]) => [start ?? -Infinity, end ?? Infinity]);
+    return { ...UNKNOWN, id: -1 - n, a, b, verdict, error_s, periods, start: periods[0]?.[0] ?? -Infinity, end: periods[periods.length - 1]?.[1] ?? Infinity };
   });
 }
 
@@ -133,10 +141,22 @@ function backward(ring) {
   return ring.map((_, i) => ring[ring.length - 2 - i + 2 * (i % 2)]);
 }
 
-function areaOf({ id, key, name, floor_m: floor, ceiling_m: ceiling, start, end, west, south, east, north, lon, lat }) {
+function areaOf({ id, key, name, floor_m: floor, ceiling_m: ceiling, start, end, spans, west, south, east, north, lon, lat }) {
   return {
-    kind: "area", id, key, name, floor, ceiling, start, end, box: [west, south, east, north], inside: [lon ?? (west + east) / 2, lat ?? (south + north) / 2],
+    kind: "area", id, key, name, floor, ceiling, start, end, spans: spans && spansOf(spans), box: [west, south, east, north], inside: [lon ?? (west + east) / 2, lat ?? (south + north) / 2],
   };
+}
+
+// Activations from their starts and ends in turn, null for no limit.
+function spansOf(ends) {
+  return Array.from({ length: ends.length / 2 }, (_, n) => [ends[2 * n] ?? -Infinity, ends[2 * n + 1] ?? Infinity]);
+}
+
+// Whether an object is there at some instant of a range, or at one instant.
+export function isThere({ spans, start, end }, from, to = from) {
+  if (!spans) return (start ?? -Infinity) <= to && (end ?? Infinity) >= from;
+  const n = begun(spans, to);
+  return n > 0 && spans[n - 1][1] >= from;
 }
 
 // A latitude beyond which the map shows nothing, of what an object reaches.
@@ -153,6 +173,7 @@ export class Model {
     this.outlines = [];
     this.objects = new Map();
     this.conflicts = [];
+    this.depths = new Map();
     this.beyond = 0;
     this.spare = null; // a span that the timeline shows, too
     this.refused = null; // why the scene is not there any more, of one of which nothing may be shown
@@ -170,6 +191,17 @@ export class Model {
   takeConflicts(conflicts) {
     this.conflicts = unpackConflicts(conflicts);
     this.span = this.spanOfAll();
+    this.setDepths();
+  }
+
+  // How deep conflicts are, metres, and at which instant, by id; of others it is not known.
+  takeDepths(depths) {
+    this.depths = new Map(depths.map(([id, ...known]) => [id, known]));
+    this.setDepths();
+  }
+
+  setDepths() {
+    for (const conflict of this.conflicts) [conflict.depth, conflict.deepest] = this.depths.get(conflict.id) ?? [null, null];
   }
 
   // From when to when something moves, or begins or ends: what the timeline shows.
@@ -292,6 +324,12 @@ export function narrowest(spans) {
   return gap <= 0 ? [-180, 180] : [west, west + 360 - gap];
 }
 
+// Conflicts in the order of a list: what a moved plan changes, the deepest, and those without a known depth; each by time.
+export function worstFirst(conflicts) {
+  const rank = ({ change, since, depth }) => (change || since ? -Infinity : depth === null ? Infinity : -depth);
+  return [...conflicts].sort((a, b) => (rank(a) === rank(b) ? 0 : rank(a) - rank(b)));
+}
+
 // Whether two spans of heights have one in common.
 export const meet = ([floor, ceiling], [other, top]) => Math.max(floor, other) < Math.min(ceiling, top);
 
@@ -322,7 +360,7 @@ export class Filter {
   }
 
   leavesObject(object) {
-    return (object.start ?? -Infinity) <= this.to && (object.end ?? Infinity) >= this.from
+    return isThere(object, this.from, this.to)
       && (object.floor ?? -Infinity) < this.ceiling && (object.ceiling ?? Infinity) > this.floor;
   }
 

@@ -1,0 +1,22 @@
+"""Private routines are replaced by upgrades."""
+
+revision = "0006"
+down_revision = "0005"
+branch_labels = None
+depends_on = None
+
+# SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
+routines_sha256 = "cdd788a87738766387d36482dbeb318e6b7c8fb8b30eca19f6756ff282718d7d"
+
+# Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
+changes_answers = False
+
+
+def upgrade() -> None:
+    pass
+
+
+def downgrade() -> None:
+    raise NotImplementedError(
+        "conflictdb does not downgrade; DROP SCHEMA conflictdb, conflictdb_internal CASCADE removes it"
+    )
