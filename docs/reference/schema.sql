@@ -1240,6 +1240,9 @@ FUNCTION _drawn_path(p_path geometry, p_plane text)
 FUNCTION _drifted_objects(p_attachment_id bigint)
     RETURNS SETOF text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _each_to_plane(p_geometries geometry[], p_plane text)
+    RETURNS geometry[] LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
 FUNCTION _end_acknowledgement(p_conflict_id bigint)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1441,6 +1444,9 @@ FUNCTION _lies_near(p_shape geometry, p_reach_m double precision, p_low_lon doub
 FUNCTION _lift_limits(p_lock_timeout_s double precision)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _limit(p_limit text)
+    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION _load(p_name text, p_settings jsonb, p_merge boolean, OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint, OUT scene_id bigint, OUT stored bigint, OUT next_page bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
 
@@ -1483,12 +1489,6 @@ FUNCTION _mark_side(p_scene_id bigint, p_side text, p_other text)
 FUNCTION _marked_objects(p_scene_id bigint, p_kind smallint)
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
-FUNCTION _max_days_ahead()
-    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION _max_speed_kn()
-    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
-
 FUNCTION _may_admit(p_role name, p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1515,9 +1515,6 @@ FUNCTION _mixed(p_one double precision[], p_share double precision, p_other doub
 
 FUNCTION _most_havens()
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
-
-FUNCTION _most_points(p_limit text)
-    RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _move_attached(p_proposal_id bigint, p_undo boolean, p_may boolean)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
