@@ -27,6 +27,7 @@ from conflictdb.model import inputs
 from conflictdb.model.limits import Limits
 from conflictdb.model.plans import Area, Scene, Track, check_datums, check_keys
 from conflictdb.model.results import Conflict, Kind, Results
+from conflictdb.model.rules import check_word
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.pieces.covers import pieces_of
@@ -92,6 +93,7 @@ class Index:
         keys that occur twice or belong to another owner.
         """
         given = listed("put", plans)
+        check_word("put", "owner", owner)
         check_keys(one.key for one in given)
         self._limits.check(given)
         with self._lock:
@@ -119,6 +121,8 @@ class Index:
 
     def remove(self, owner: str) -> bool:
         """Remove the plans of an owner, by default of the plan with that key; return whether there were any."""
+        if not isinstance(owner, str):
+            raise InvalidInput("remove", "owner", f"must be a text; got {owner!r:.60}")
         with self._lock:
             known = self._owners.get(owner)
             if known is None:
@@ -137,6 +141,7 @@ class Index:
         owner : by default each plan is its own owner: they are compared with each other, too
         """
         given = listed("probe", plans)
+        check_word("probe", "owner", owner)
         check_keys(one.key for one in given)
         self._limits.check(given)
         scene, state = centred(self._scene, *by_kind(given)), self._state

@@ -205,7 +205,7 @@ BEGIN
                             'must not be given together with active_span or schedule', 'activations_once');
         END IF;
         IF times IS NOT NULL THEN
-            path := track_path(path, times);
+            path := _timed_path(v_who, path, times);
         END IF;
         outline := ST_SetSRID(outline, 0);
         outlines := ST_SetSRID(outlines, 0);

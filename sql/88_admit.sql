@@ -146,7 +146,7 @@ BEGIN
         ), detected AS (
             SELECT DISTINCT g.kind, g.id, p.object_kind, p.object_id
             FROM given g
-            CROSS JOIN LATERAL _pieces_near(p_scene_id, g.place, g.span, g.floor_m, g.ceiling_m) p
+            CROSS JOIN LATERAL _pieces_near(p_scene_id, g.place, g.span, g.floor_m, g.ceiling_m, g.shape) p
             -- Of most objects the last detection knows the present pieces.
             WHERE NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = p.object_kind
                               AND c.object_id = p.object_id AND NOT c.is_covered)

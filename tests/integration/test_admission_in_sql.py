@@ -147,6 +147,10 @@ def test_an_owner_replaces_its_plans(db: Database, city: StoredScene) -> None:
             "times: is not a member of",
         ),
         ('[{"key": "a", "path": "LINESTRING(0 0, 1 0)", "outline": "POLYGON((0 0, 1 0, 1 1, 0 0))"}]', "LineStringM"),
+        (
+            '[{"key": "a", "path": "LINESTRING(0 0, 1 0)", "times": ["2030-01-01"], "outline": "POINT(0 0)"}]',
+            "plan 'a': times: must be one per waypoint of a LineString: 2 waypoints, 1 times",
+        ),
         ('[{"key": "a", "footprint": "POLYGON((0 0, 1 0, 1 1, 0 0))", "floor_m": "NaN"}]', "floor_m: must be a finite"),
         ('[{"key": "a", "footprint": "POLYGON((0 0, 1 0, 1 1, 0 0))", "active_span": "[x,)"}]', "cannot be read"),
     ],

@@ -209,6 +209,13 @@ def test_what_cannot_be_put_changes_nothing() -> None:
             index.put(plans, owner=owner)  # type: ignore[arg-type]
         assert len(index) == 1
         assert [one.a_key for one in index.probe(square("z", 0.5))] == ["a"]
+    for owner in ("", 5, True, b"one", ["one"], "x" * 201):
+        for ask in (index.put, index.probe):
+            with pytest.raises(InvalidInput, match="owner: must be a text of 1 to 200 bytes"):
+                ask(square("b", 0.0), owner=owner)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInput, match="remove: owner: must be a text"):
+        index.remove(["one"])  # type: ignore[arg-type]
+    assert len(index) == 1
     with pytest.raises(InvalidInput, match="must be a Scene"):
         Index("scene")  # type: ignore[arg-type]
 
