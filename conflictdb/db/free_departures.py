@@ -35,7 +35,7 @@ def delays(
     with store.snapshot(conn):
         if waypoint is None and clear_within_m is None:
             horizon_us, now_us = in_memory.horizon_and_now(within_s, now)
-            known = store.stored_delays(conn, store.scene_id(conn, scene), key, horizon_us, now_us)
+            known = store.stored_delays(conn, store.scene_or_branch_id(conn, scene), key, horizon_us, now_us)
             if known:
                 return known
         settings, areas, tracks = _read(conn, scene, key, lambda track: round(1e6 * within_s), clear_within_m or 0.0)
@@ -92,4 +92,7 @@ def _near(
     pieces = pieces_of(wide, plane_of(settings), AreaBatch.of([]), TrackBatch.of(tracks))
     horizon_us = max(map(most_us, tracks), default=0) + settings.longest_time_us
     at_any_time = replace(pieces.longer(horizon_us, horizon_us), end_inclusive=np.ones(len(pieces), np.bool_))
-    return store.keys_meeting(conn, store.scene_id(conn, scene), at_any_time, key)
+    number = store.scene_or_branch_id(conn, scene)
+    parent = store.parent_name(conn, number)
+    layers = [number] if parent is None else [number, store.scene_id(conn, parent)]
+    return [one for layer in layers for one in store.keys_meeting(conn, layer, at_any_time, key)]
