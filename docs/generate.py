@@ -4,7 +4,8 @@
 
 `cli.md` is made from the parser of the command line, `python.md` from the docstrings of the public names, `sql.md` from
 the comments in the catalog of a fresh schema, in an embedded database that is thrown away. In
-`arrow.md` the columns of a conflict are made from the table `model.record`. Tests say when a page is out of date
+`arrow.md` the columns of a conflict are made from the table `model.record`, and so are the
+columns of the model `Conflict` in conflictdb/db/models.py. Tests say when a page is out of date
 (tests/unit/test_generated_pages.py, tests/sql/test_generated_page.py).
 """
 
@@ -284,6 +285,38 @@ def arrow() -> str:
     return f"{before}{BEGIN}\n\n{table(['column', 'type', 'means'], rows)}\n\n{END}{after}"
 
 
+# --- the model of SQLAlchemy
+
+MODELS: Final = REFERENCE.parents[1] / "conflictdb" / "db" / "models.py"
+PRIMARY: Final = ("scene", "a_key", "b_key")
+ANNOTATIONS: Final = {
+    record.ColumnType.INSTANT: "datetime",
+    record.ColumnType.PERIODS: "Sequence[Range[datetime]]",
+    record.ColumnType.NUMBER: "float",
+    record.ColumnType.WHOLE: "int",
+    record.ColumnType.TRUTH: "bool",
+    record.ColumnType.POINT: "WKBElement",
+    record.ColumnType.REGION: "WKBElement",
+}
+
+
+def models() -> str:
+    """Return the module of models, with the columns of the record in `Conflict`."""
+    text = MODELS.read_text()
+    begin = text.index("    scene: ", text.index("class Conflict(Base)"))
+    return text[:begin] + "".join(map(_mapped, record.COLUMNS)) + text[text.index("\n\n\n", begin) + 1 :]
+
+
+def _mapped(column: record.Column) -> str:
+    may_be_null = column.type is record.ColumnType.REGION or re.search(r"\bnull\b", column.meaning)
+    annotation = ANNOTATIONS.get(column.type, "str") + (" | None" if may_be_null else "")
+    made = {
+        record.ColumnType.POINT: ' = mapped_column(_geometry("POINT"))',
+        record.ColumnType.REGION: ' = mapped_column(_geometry("GEOMETRY"), deferred=True)  # it takes long',
+    }.get(column.type, " = mapped_column(primary_key=True)" if column.name in PRIMARY else "")
+    return f"    {column.name}: Mapped[{annotation}]{made}\n"
+
+
 def _arrow(text: str) -> str:
     return text.replace("double", "float64").replace("tz=UTC", "UTC")
 
@@ -458,6 +491,7 @@ def main() -> None:
             pages = {"cli.md": cli(), "python.md": python(), "arrow.md": arrow(), "sql.md": sql(db.connection)}
     for name, text in pages.items():
         (REFERENCE / name).write_text(text)
+    MODELS.write_text(models())
 
 
 if __name__ == "__main__":

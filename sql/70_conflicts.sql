@@ -108,6 +108,22 @@ COMMENT ON COLUMN conflicts.certainty IS
 'must: all voyages within the tolerances of both objects conflict; may: it is not proven that all do; null if neither '
 'has tolerances, or if the verdict is unresolved.';
 
+-- Tables with these columns have these comments, unless a later file says more.
+DO $$
+DECLARE
+    v_column record;
+BEGIN
+    FOR v_column IN
+        SELECT t.attrelid::regclass AS of_table, t.attname, col_description(v.attrelid, v.attnum) AS said
+        FROM pg_attribute v JOIN pg_attribute t USING (attname)
+        WHERE v.attrelid = 'conflicts'::regclass
+          AND t.attrelid IN ('conflict'::regclass, 'conflict_event'::regclass, 'probe_reply'::regclass)
+    LOOP
+        EXECUTE format('COMMENT ON COLUMN %s.%I IS %L', v_column.of_table, v_column.attname, v_column.said);
+    END LOOP;
+END
+$$;
+
 CREATE OR REPLACE VIEW approaches WITH (security_invoker = true) AS
 SELECT s.name AS scene,
        c.a_key, CASE c.a_kind WHEN 0 THEN 'area' ELSE 'track' END AS a_kind,

@@ -503,16 +503,3 @@ COMMENT ON COLUMN probe_reply.verdict IS
 'conflict, grazing or unresolved, as in the view conflicts; near: no conflict, within nearest_m.';
 COMMENT ON COLUMN probe_reply.periods IS
 'When they conflict; bounds inclusive, rounded outward to the microsecond; empty if only near.';
-COMMENT ON COLUMN probe_reply.time_error_s IS 'Error bound of every period''s start and end, seconds.';
-COMMENT ON COLUMN probe_reply.first_contact_point IS
-'First contact, longitude and latitude, degrees; null if not computed.';
-COMMENT ON COLUMN probe_reply.closest_at IS
-'Closest approach: its time; null if not computed, or for areas that are always active.';
-COMMENT ON COLUMN probe_reply.closest_m IS 'Closest approach: least distance, metres; null if not computed.';
-COMMENT ON COLUMN probe_reply.closest_error_m IS
-'Closest approach: error bound of closest_m, metres; null if not computed.';
-COMMENT ON COLUMN probe_reply.lacking_s IS
-'Separation in time: seconds by which it is missed; null if none is required, or if the verdict is unresolved.';
-COMMENT ON COLUMN probe_reply.certainty IS
-'must: all voyages within the tolerances of both conflict; may: it is not proven that all do; null if neither has '
-'tolerances, or if the verdict is unresolved or near.';

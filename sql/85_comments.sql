@@ -181,42 +181,20 @@ COMMENT ON COLUMN run.error IS 'Why it failed; null if it succeeded.';
 COMMENT ON TABLE conflict IS
 'Pairs that conflict or come near, from the last detection. Derived; query the views conflicts and approaches.';
 COMMENT ON COLUMN conflict.scene_id IS 'Scene of both objects.';
-COMMENT ON COLUMN conflict.run_id IS 'Run that wrote the row; later runs confirmed it unchanged.';
 COMMENT ON COLUMN conflict.a_kind IS 'First object: 0 area, 1 track. The area is first, else the smaller key.';
 COMMENT ON COLUMN conflict.a_id IS 'First object: area_id or track_id; may have been removed since.';
 COMMENT ON COLUMN conflict.a_version IS 'First object: version used by the detection.';
-COMMENT ON COLUMN conflict.a_key IS 'First object: key.';
 COMMENT ON COLUMN conflict.b_kind IS 'Second object: 0 area, 1 track.';
 COMMENT ON COLUMN conflict.b_id IS 'Second object: area_id or track_id; may have been removed since.';
 COMMENT ON COLUMN conflict.b_version IS 'Second object: version used by the detection.';
-COMMENT ON COLUMN conflict.b_key IS 'Second object: key.';
-COMMENT ON COLUMN conflict.lacking_s IS
-'Separation in time: seconds by which it is missed, within time_error_s; null if none is required, or if the verdict '
-'is unresolved.';
-COMMENT ON COLUMN conflict.certainty IS
-'must: all voyages within the tolerances of both objects conflict; may: it is not proven that all do; null if neither '
-'has tolerances, or if the verdict is unresolved or near.';
 COMMENT ON COLUMN conflict.periods IS 'When they conflict, bounds inclusive; empty for pairs that are only near.';
 COMMENT ON COLUMN conflict.verdict IS
 'conflict: they meet; grazing: within the tolerance of the limit; unresolved: neither proven apart nor decided; '
 'near: no conflict, but within the scene''s nearest_m. Every detection of the pair decides afresh.';
 COMMENT ON COLUMN conflict.region IS
 'Where, longitude and latitude: see the view conflicts; null for pairs that are only near.';
-COMMENT ON COLUMN conflict.first_contact_point IS
-'First contact, longitude and latitude, degrees; null if not computed.';
 COMMENT ON COLUMN conflict.method IS 'Method that found it (see scene.method).';
-COMMENT ON COLUMN conflict.time_error_s IS 'Error bound of every period''s start and end, seconds.';
 COMMENT ON COLUMN conflict.found_at IS 'When the pair was first found in conflict or near.';
-COMMENT ON COLUMN conflict.closest_at IS
-'Closest approach: its time, the first if several; null if not computed, or for areas that are always active.';
-COMMENT ON COLUMN conflict.closest_m IS
-'Closest approach: least distance, metres on the earth, 0 if they touch; null if not computed.';
-COMMENT ON COLUMN conflict.closest_error_m IS
-'Closest approach: error bound of closest_m, metres; null if not computed.';
-COMMENT ON COLUMN conflict.closest_a_point IS
-'Closest approach: nearest point of the first object, longitude and latitude, degrees; null if not computed.';
-COMMENT ON COLUMN conflict.closest_b_point IS
-'Closest approach: nearest point of the second object, longitude and latitude, degrees; null if not computed.';
 COMMENT ON COLUMN conflict.digest IS
 'Digest of the row without region, and of the settings; 0: unknown. Detection does not rewrite a row with an equal '
 'digest.';
@@ -232,23 +210,14 @@ COMMENT ON TABLE conflict_event IS
 'History of conflicts, written by detections and pruned by prune_history. Query the view conflict_events.';
 COMMENT ON COLUMN conflict_event.conflict_event_id IS 'Id; events of a scene become visible in this order.';
 COMMENT ON COLUMN conflict_event.scene_id IS 'Scene.';
-COMMENT ON COLUMN conflict_event.run_id IS 'Run that found it.';
 COMMENT ON COLUMN conflict_event.conflict_id IS 'Id of the conflict.';
 COMMENT ON COLUMN conflict_event.kind IS 'opened, changed or closed.';
 COMMENT ON COLUMN conflict_event.at IS 'When the run started to write; equal for all its events.';
 COMMENT ON COLUMN conflict_event.opened_at IS 'When the conflict opened.';
 COMMENT ON COLUMN conflict_event.a_kind IS 'First object: 0 area, 1 track.';
-COMMENT ON COLUMN conflict_event.a_key IS 'First object: key.';
 COMMENT ON COLUMN conflict_event.b_kind IS 'Second object: 0 area, 1 track.';
-COMMENT ON COLUMN conflict_event.b_key IS 'Second object: key.';
 COMMENT ON COLUMN conflict_event.periods IS 'When they conflict; for a closed conflict the last known periods.';
 COMMENT ON COLUMN conflict_event.verdict IS 'Verdict; for a closed conflict the last known one.';
-COMMENT ON COLUMN conflict_event.time_error_s IS 'Error bound of every period''s start and end, seconds.';
-COMMENT ON COLUMN conflict_event.closest_at IS
-'Closest approach: its time; null if not computed, or for areas that are always active.';
-COMMENT ON COLUMN conflict_event.closest_m IS 'Closest approach: least distance, metres; null if not computed.';
-COMMENT ON COLUMN conflict_event.closest_error_m IS
-'Closest approach: error bound of closest_m, metres; null if not computed.';
 COMMENT ON COLUMN conflict_event.proposal_id IS
 'The proposal whose application, or its undoing, caused the event; else null.';
 

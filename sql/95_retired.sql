@@ -7,7 +7,7 @@ DECLARE
                               AND starts_with(p.proname, '_retired_'));
 BEGIN
     IF v_routines IS NOT NULL THEN
-        EXECUTE 'DROP FUNCTION ' || v_routines;
+        EXECUTE 'DROP ROUTINE ' || v_routines;
     END IF;
 END
 $$;

@@ -3,12 +3,15 @@
 import argparse
 import os
 import shlex
+import sys
+from importlib.util import find_spec
 from typing import Final
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import conflict_table
 from conflictdb.cli.meter import shown_phases
 from conflictdb.cli.output import out, program
+from conflictdb.cli.pictures import show_map
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import show_table, table, wrapped
 from conflictdb.db.detect import Run
@@ -20,7 +23,7 @@ _BELOW: Final = ("SUB-1", "SUB-2")
 
 
 def demo(args: argparse.Namespace) -> int:
-    """Load the scene, detect it completely, and show the conflicts and the stages, after how to load a file."""
+    """Load the scene, detect it completely, and show conflicts and stages; at a terminal, show the map, too."""
     # A database from the environment need not be named, and its password must not be printed.
     given = args.dsn and args.dsn != os.environ.get("CONFLICTDB_DSN")
     command = f"{program()} --dsn {shlex.quote(args.dsn)}" if given else program()
@@ -52,8 +55,14 @@ def demo(args: argparse.Namespace) -> int:
     out(f"  {command} detect {DEMO_SCENE}.geojson")
     out(f"  {command} status")
     out(f"  {command} psql   # the view conflictdb.conflicts, and what else SQL can ask")
-    out(f"  {command} map   # the scene in your browser, with time")
-    return DONE
+    out(f"  {command} map   # the scene in your browser, with time; Ctrl-C ends it")
+    return show_map(args) if _is_watched() else DONE
+
+
+def _is_watched() -> bool:
+    """Return whether a person sees this, who has what the map needs."""
+    is_terminal = sys.stdin.isatty() and sys.stdout.isatty() and not os.environ.get("CI")
+    return is_terminal and all(map(find_spec, ("starlette", "uvicorn")))
 
 
 def funnel_table(run: Run) -> str:

@@ -89,15 +89,16 @@ def _write_map(args: argparse.Namespace) -> int:
 
 
 def _scene_of_map(db: Database, name: str | None) -> str:
-    """Return the name of the scene to show, by default the usual one, else the demo's, which is loaded.
+    """Return the name of the scene to show first, by default the usual one, else the first, else the demo's.
 
     Raises InvalidInput if it does not exist.
     """
     name = name or usual_scene(db)
     if name is None:
-        if all(status.scene.name != DEMO_SCENE for status in db.scenes()):
-            db.load_demo()
-            db.scene(DEMO_SCENE).detect()
+        if scenes := db.scenes():
+            return scenes[0].scene.name
+        db.load_demo()
+        db.scene(DEMO_SCENE).detect()
         return DEMO_SCENE
     store.scene_or_branch_id(db.connection, name)
     return name

@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager
+from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 from queue import LifoQueue
@@ -21,7 +22,7 @@ from conflictdb.errors import ConflictDBError, InvalidInput, NotPermitted
 from conflictdb.map import content, land, what_if
 from conflictdb.map.content import Pair, to_json
 from conflictdb.map.guard import Access, Guard
-from conflictdb.map.live import SceneChanges
+from conflictdb.map.views import SceneView, SceneViews
 
 Connection = psycopg.Connection[Any]
 Connect = Callable[[], Connection]
@@ -37,8 +38,6 @@ _TYPES: Final = {
 }
 # Concurrent connections to the database; a browser requests six tiles at a time.
 _CONNECTIONS: Final = 4
-# Cached tiles of one state of the scene: some ten megabytes.
-_MOST_TILES: Final = 1_000
 # Size limit of a writing request, bytes: a reason has at most 10,000.
 _MOST_BYTES: Final = 65_536
 # Longest change of a departure, seconds: a day.
@@ -94,48 +93,77 @@ class Connections:
 
 
 class Answers:
-    """Request handlers for the page of one scene; they run in threads, except `events`."""
+    """Request handlers for pages of the scenes of a database; they run in threads, except `events`.
 
-    def __init__(self, scene: str, connect: Connect, access: Access) -> None:
-        self.changes = SceneChanges(scene, connect)
+    A request has its scene as parameter `scene`; without it the scene is `usual`.
+    """
+
+    def __init__(self, usual: str, connect: Connect, access: Access) -> None:
+        self.views = SceneViews(connect)
         self.connections = Connections(connect)
-        self._scene = scene
+        self._usual = usual
         self._connect = connect
         self._access = access
-        self._tiles: dict[tuple[int, str, int, int, int], bytes] = {}
+
+    def view(self, request: Request) -> SceneView:
+        """Return the view of the scene of a request."""
+        return self.views.of(self._name(request))
+
+    def _name(self, request: Request) -> str:
+        return _parameter(request, "scene") or self._usual
+
+    def scenes(self, request: Request) -> Response:
+        """Return the scenes that the user may see, and which one a page shows unless it is asked for another."""
+        with self.connections.one() as connection:
+            return _json({"usual": self._usual, "scenes": content.scenes(connection)})
+
+    def known(self, request: Request) -> Response:
+        """Return the conflicts of a scene as they were known at an instant, or why they are not known."""
+        try:
+            at = datetime.fromisoformat(_parameter(request, "at") or "")
+        except ValueError:
+            raise HTTPException(400, "at: must be an instant as 2026-06-01T09:30:00Z") from None
+        with self.connections.one() as connection:
+            return _json(content.known_at(connection, self._name(request), at if at.tzinfo else at.replace(tzinfo=UTC)))
 
     def scene(self, request: Request) -> Response:
         """Return name, settings and state of the scene, the page's rights, and the secret for its writing requests."""
+        view = self.view(request)
         with self.connections.one() as connection:
-            facts = content.settings(connection, self._scene)
+            facts = content.settings(connection, view.name)
             may = store.may_acknowledge(connection)
-        return _json({**facts, "version": self.changes.version, "may_acknowledge": may, "secret": self._access.secret})
+        return _json({**facts, "version": view.changes.version, "may_acknowledge": may, "secret": self._access.secret})
 
     def conflicts(self, request: Request) -> Response:
         """Return all conflicts, for the list and the timeline."""
         with self.connections.one() as connection:
-            return Response(content.conflicts(connection, self._scene), media_type="application/octet-stream")
+            return Response(content.conflicts(connection, self._name(request)), media_type="application/octet-stream")
+
+    def depths(self, request: Request) -> Response:
+        """Return how deep conflicts undercut the required separation, for the order of the list."""
+        with self.connections.one() as connection:
+            return _json(content.depths(connection, self._name(request)))
 
     def areas(self, request: Request) -> Response:
         """Return all areas without their shapes, which are in tiles."""
         with self.connections.one() as connection:
-            return _json(content.areas(connection, self._scene))
+            return _json(content.areas(connection, self._name(request)))
 
     def overview(self, request: Request) -> Response:
         """Return the outlines of all areas, simplified for small scales."""
         with self.connections.one() as connection:
-            return Response(store.map_overview(connection, self._scene), media_type="application/octet-stream")
+            return Response(store.map_overview(connection, self._name(request)), media_type="application/octet-stream")
 
     def shapes(self, request: Request) -> Response:
         """Return GeoJSON of all areas, paths, conflict regions and first contacts."""
         with self.connections.one() as connection, store.transaction(connection):
-            known = content.listed(content.conflicts(connection, self._scene))
-            return _json(content.shapes(connection, self._scene, known))
+            known = content.listed(content.conflicts(connection, self._name(request)))
+            return _json(content.shapes(connection, self._name(request), known))
 
     def tracks(self, request: Request) -> Response:
         """Return all tracks with the data for drawing their havens."""
         with self.connections.one() as connection:
-            return Response(content.tracks(connection, self._scene), media_type="application/octet-stream")
+            return Response(content.tracks(connection, self._name(request)), media_type="application/octet-stream")
 
     def pieces(self, request: Request) -> Response:
         """Return the pieces of a track and of what it may meet if it departs earlier or later."""
@@ -143,14 +171,14 @@ class Answers:
         if within_s > _LONGEST_S:
             raise HTTPException(400, f"within_s: must be at most {_LONGEST_S}")
         with self.connections.one() as connection:
-            packed = what_if.pieces(connection, self._scene, key, within_s)
+            packed = what_if.pieces(connection, self._name(request), key, within_s)
             return Response(packed, media_type="application/octet-stream")
 
     def pair(self, request: Request) -> Response:
         """Return why two objects are in conflict."""
         asked = Pair(_parameter(request, "a") or "", _parameter(request, "b") or "")
         with self.connections.one() as connection:
-            return _json(content.pair(connection, self._scene, asked))
+            return _json(content.pair(connection, self._name(request), asked))
 
     def tile(self, request: Request) -> Response:
         """Return a vector tile."""
@@ -158,16 +186,14 @@ class Answers:
         if kind not in store.TILES:
             raise HTTPException(404, "no such tiles")
         z, x, y = (_number(name, request.path_params[name]) for name in "zxy")
-        key = (self.changes.version, kind, z, x, y)
+        view = self.view(request)
+        key = (view.changes.version, kind, z, x, y)
         with self.connections.one() as connection:
-            if (tile := self._tiles.get(key)) is not None:
-                store.scene_or_branch_id(connection, self._scene)  # raises if the scene is no longer shared
+            if (tile := view.tile(key)) is not None:
+                store.scene_or_branch_id(connection, view.name)  # raises if the scene is no longer shared
             else:
-                tile = store.tile(connection, kind, z, x, y, self._scene)
-        if key not in self._tiles:
-            if len(self._tiles) >= _MOST_TILES or any(known[0] != key[0] for known in list(self._tiles)[:1]):
-                self._tiles.clear()
-            self._tiles[key] = tile
+                tile = store.tile(connection, kind, z, x, y, view.name)
+                view.keep(key, tile)
         return Response(tile, media_type="application/vnd.mapbox-vector-tile")
 
     def land(self, request: Request) -> Response:
@@ -186,15 +212,15 @@ class Answers:
         # Needs a connection that may write.
         with self._connect() as connection:
             if reason is None:
-                store.unacknowledge(connection, self._scene, pair.a, pair.b)
+                store.unacknowledge(connection, self._name(request), pair.a, pair.b)
             else:
-                store.acknowledge(connection, self._scene, pair.a, pair.b, reason, None)
+                store.acknowledge(connection, self._name(request), pair.a, pair.b, reason, None)
         return _json({})
 
 
-def application(scene: str, connect: Connect, access: Access) -> Starlette:
-    """Return the application that shows a scene, on connections made by `connect`, to clients with access."""
-    answers = Answers(scene, connect, access)
+def application(usual: str, connect: Connect, access: Access) -> Starlette:
+    """Return the application that shows scenes of a database, `usual` first, to clients with access."""
+    answers = Answers(usual, connect, access)
     known = assets()
 
     async def asset(request: Request) -> Response:
@@ -202,24 +228,27 @@ def application(scene: str, connect: Connect, access: Access) -> Starlette:
         return Response(body, media_type=kind)
 
     async def events(request: Request) -> Response:
-        return StreamingResponse(answers.changes.each(), media_type="text/event-stream")
+        return StreamingResponse(answers.view(request).changes.each(), media_type="text/event-stream")
 
     async def acknowledge(request: Request) -> Response:
         return await run_in_threadpool(answers.acknowledge, request, await _body(request))
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        answers.changes.start()
+        answers.views.start()
         yield
-        answers.changes.end()
+        answers.views.end()
         answers.connections.close()
 
     app = Starlette(
         routes=[
             *(Route(path, asset) for path in known),
+            Route("/api/scenes", answers.scenes),
             Route("/api/scene", answers.scene),
+            Route("/api/known", answers.known),
             Route("/api/conflicts", answers.conflicts),
             Route("/api/areas", answers.areas),
+            Route("/api/depths", answers.depths),
             Route("/api/overview", answers.overview),
             Route("/api/tracks", answers.tracks),
             Route("/api/shapes", answers.shapes),
@@ -234,7 +263,7 @@ def application(scene: str, connect: Connect, access: Access) -> Starlette:
         exception_handlers={ConflictDBError: _failed, psycopg.Error: _failed, HTTPException: _refused},
         lifespan=lifespan,
     )
-    app.state.changes = answers.changes
+    app.state.views = answers.views
     return app
 
 

@@ -4,17 +4,22 @@ import json
 import math
 import struct
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any, Final
 
 import psycopg
 
 from conflictdb.db import store
+from conflictdb.errors import InvalidInput
 from conflictdb.model.settings import SETTINGS, SettingType
+from conflictdb.stages.depths import depths as depths_of
 
 _LENGTH: Final = struct.Struct("<I")
 # A conflict in the numbers of routine _map_conflicts, without its periods, each of which is two 8-byte numbers.
 _CONFLICT: Final = struct.Struct(">qhhddd4fi")
 _PERIOD_BYTES: Final = 16
+# Larger scenes have no depths: they would take tens of seconds.
+_MOST_DEPTHS: Final = 20_000
 
 _AREA: Final = (
     "id", "key", "name", "floor_m", "ceiling_m", "start", "end", "west", "south", "east", "north", "lon", "lat",
@@ -56,6 +61,38 @@ def settings(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
     }
 
 
+def scenes(conn: psycopg.Connection[Any]) -> list[dict[str, Any]]:
+    """Return the scenes that the user may see, by name: name, number of conflicts, and of a branch its parent."""
+    with store.transaction(conn):
+        return [
+            {"scene": one.scene.name, "conflicts": one.conflicts, "branch_of": store.parent_name(conn, one.scene_id)}
+            for one in store.list_scenes(conn)
+        ]
+
+
+def known_at(conn: psycopg.Connection[Any], scene: str, at: datetime) -> dict[str, Any]:
+    """Return the conflicts of a scene as known at an instant: keys, verdict, error and periods (Unix seconds).
+
+    `refusal` says why they are not known, or is null.
+    """
+    store.scene_or_branch_id(conn, scene)  # raises if there is none
+    try:
+        found = store.conflicts_known_at(conn, scene, at)
+    except InvalidInput as error:
+        return {"refusal": error.rule, "conflicts": []}
+    return {
+        "refusal": None,
+        "conflicts": [
+            [one.a_key, one.b_key, str(one.verdict), one.time_error_s, [list(map(_unix, row)) for row in one.periods]]
+            for one in found
+        ],
+    }
+
+
+def _unix(at: datetime | None) -> float | None:
+    return None if at is None else at.timestamp()
+
+
 def conflicts(conn: psycopg.Connection[Any], scene: str) -> bytes:
     """Pack the conflicts of a scene: length of a JSON head (little-endian), head, numbers (as _map_conflicts)."""
     head, numbers = store.map_conflicts(conn, scene)
@@ -72,6 +109,21 @@ def listed(packed: bytes) -> list[Listed]:
         at += _CONFLICT.size + _PERIOD_BYTES * periods
         found.append(Listed(number, Pair(a, b), bool(is_current), None if math.isnan(lon) else (lon, lat)))
     return found
+
+
+def depths(conn: psycopg.Connection[Any], scene: str) -> list[tuple[int, float, float | None]]:
+    """Return how deep current conflicts undercut the required separation: number, metres, and when, Unix seconds.
+
+    Conflicts without a known depth are left out; all of them if there are more than _MOST_DEPTHS.
+    """
+    with store.snapshot(conn):
+        some = [one for one in listed(conflicts(conn, scene)) if one.is_current]
+        if not 0 < len(some) <= _MOST_DEPTHS:
+            return []
+        keys = sorted({key for one in some for key in (one.pair.a, one.pair.b)})
+        known = depths_of(*store.read_scene(conn, scene, keys))
+    found = ((one.number, known.get((one.pair.a, one.pair.b))) for one in some)
+    return [(number, one.depth_m, one.at_us and one.at_us / 1e6) for number, one in found if one is not None]
 
 
 def areas(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
@@ -114,9 +166,10 @@ def _feature(number: int, properties: dict[str, Any], geometry: dict[str, Any]) 
 
 
 def pair(conn: psycopg.Connection[Any], scene: str, asked: Pair) -> dict[str, Any]:
-    """Return why two objects are in conflict or not, and the footprints of areas among them."""
+    """Return why two objects are in conflict or not (null in a branch), and the footprints of areas among them."""
+    is_branch = store.parent_name(conn, store.scene_or_branch_id(conn, scene)) is not None
     return {
-        "explanation": store.explain_conflict(conn, scene, asked.a, asked.b),
+        "explanation": None if is_branch else store.explain_conflict(conn, scene, asked.a, asked.b),
         "footprints": {
             key: json.loads(shape)
             for layer, _, key, shape in store.map_shapes(conn, scene, [asked.a, asked.b])

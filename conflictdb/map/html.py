@@ -72,6 +72,7 @@ def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], s
     near = _near(shapes)
     return {
         "scene": {**settings, "version": 0, "may_acknowledge": False, "copied": f"{now:%Y-%m-%d %H:%M} UTC"},
+        "depths": content.depths(conn, scene),
         "conflicts": base64.b64encode(conflicts).decode(),
         "areas": areas,
         "tracks": base64.b64encode(tracks).decode(),

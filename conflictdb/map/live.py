@@ -47,9 +47,14 @@ class SceneChanges:
         self._subscribers: set[asyncio.Queue[str | None]] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
 
-    def start(self) -> None:
-        """Start listening; call it in the event loop."""
-        self._loop = asyncio.get_running_loop()
+    @property
+    def has_subscribers(self) -> bool:
+        """Whether a page hears of changes."""
+        return bool(self._subscribers)
+
+    def start(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Start listening, for subscribers in an event loop."""
+        self._loop = loop
         self._thread.start()
 
     def end(self) -> None:

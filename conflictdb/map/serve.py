@@ -22,7 +22,9 @@ USUAL_PORTS: Final = range(8620, 8630)
 
 
 class PageServer(uvicorn.Server):
-    """Shows a scene at an address: to this machine only, or to clients with the token in `address`.
+    """Shows the scenes of a database, `scene` first, at an address.
+
+    Only to this machine, or to clients with the token in `address`.
 
     port : None is the first free one of `USUAL_PORTS`, 0 any free one
 
@@ -39,7 +41,7 @@ class PageServer(uvicorn.Server):
         shown = f"[{host}]" if ":" in host else host
         self.address = f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
         app = application(scene, connect, Access(local_hosts(port, host, bound), token))
-        self._end_streams = app.state.changes.end
+        self._end_streams = app.state.views.end
         super().__init__(
             uvicorn.Config(
                 app,

@@ -1,10 +1,17 @@
 """The columns of a conflict: one table, which every output reads.
 
 The views `conflicts` and `approaches`, CSV, JSON, GeoJSON, data frames, Arrow and GeoParquet have these columns, by
-these names. To add a column: add a row here, a field to `Conflict` (model/results.py), and where it is computed a field
-to `Conflicts` (arrays/answers.py); a column to the table (a revision), to the views (sql/70_conflicts.sql), to the
-models (db/models.py), to the rows that are written (sql/60_write_back.sql: MEASURED is in the order of its parameters)
-and to the rows that Python reads (sql/80_listing.sql; the former routines go into sql/06_retired.sql).
+these names. To add a column, change these files:
+
+- model/record.py: a row of the table here
+- model/results.py: a field of `Conflict`
+- where it is computed, and arrays/answers.py: a field of `Conflicts`
+- a revision: a column of the table
+- sql/70_conflicts.sql: a column of the view, with its comment
+- sql/60_write_back.sql: the rows that are written (MEASURED is in the order of its parameters)
+- sql/80_listing.sql: the rows that Python reads
+
+docs/generate.py writes the models and the reference pages.
 """
 
 from dataclasses import dataclass, replace

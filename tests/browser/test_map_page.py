@@ -44,22 +44,25 @@ def shown(page: Page, layer: str, where: str = "true") -> int:
     return int(page.evaluate(f"new Set({script}.filter(({{state: s}}) => {where}).map(({{id}}) => id)).size"))
 
 
-ORDER = ["CABLE and SUB-1", "FIRING and FERRY", "DIVING and FERRY", "DIVING and FIRING", "DIVING and SUB-2"]
-ORDER += ["FERRY and TOW", "FIRING and SURVEY"]
+# The deepest first.
+ORDER = ["FIRING and SURVEY", "CABLE and SUB-1", "FIRING and FERRY", "DIVING and SUB-2", "DIVING and FERRY"]
+ORDER += ["DIVING and FIRING", "FERRY and TOW"]
 
 
 def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
-    """The list by first contact, the map, the slider and play, a conflict from the list, the map and the timeline."""
+    """The list by depth, the map, the slider and play, a conflict from the list, the map and the timeline."""
     page = open_page(strait)
     expect(page).to_have_title("strait · conflictdb")
     assert rows(page) == ORDER
     assert (shown(page, "areas"), shown(page, "tracks")) == (4, 7)
     until(lambda: shown(page, "conflicts") >= 6)
     assert page.evaluate("conflictdbPage.havens.shown.length") >= 5
-    # It begins at the first contact of all.
-    expect(page.locator("#clock")).to_have_text("07:41:56")
-    expect(page.locator("li.on .keys")).to_have_text(["CABLE and SUB-1"])
-    expect(page.locator("li.on .facts")).to_contain_text("Cable works on the sea bed and Submarine haven")
+    # It begins where the worst conflict is deepest.
+    expect(page.locator("#order")).to_have_text("Worst first")
+    expect(page.locator("#clock")).to_have_text("11:29:44")
+    expect(page.locator("li.on .keys")).to_have_text(["FIRING and SURVEY", "CABLE and SUB-1", "DIVING and FIRING"])
+    expect(page.locator("li.on .facts").first).to_contain_text("13.9 km deep")
+    expect(page.locator("li.on .facts").nth(1)).to_contain_text("Cable works on the sea bed and Submarine haven")
 
     slider = page.get_by_role("slider")
     places = "conflictdbPage.havens.shown.map(({track, x, y}) => [track.key, Math.round(x), Math.round(y)]).sort()"
@@ -128,7 +131,7 @@ def test_filters_leave_what_they_say(strait: str, open_page: Open) -> None:
     words = page.get_by_label("Object")
     words.fill("ferry")
     assert rows(page) == ["FIRING and FERRY", "DIVING and FERRY", "FERRY and TOW"]
-    expect(page.locator("#headline")).to_have_text("3 of 7 conflicts, 0 now, next in 29 min")
+    expect(page.locator("#headline")).to_have_text("3 of 7 conflicts, 0 now, none later")
     await_drawn(page)
     until(lambda: shown(page, "conflicts", "!s.hidden") == 3)
     page.get_by_text("Filter", exact=True).click()
@@ -155,7 +158,7 @@ def test_filters_leave_what_they_say(strait: str, open_page: Open) -> None:
     expect(page.locator(".row")).to_have_count(0)
     page.get_by_role("button", name="Clear").click()
     page.get_by_label("at the time shown").check()
-    assert rows(page) == ["CABLE and SUB-1"]
+    assert rows(page) == ["FIRING and SURVEY", "CABLE and SUB-1", "DIVING and FIRING"]
 
 
 def test_changes_and_acknowledgements_show_without_reload(

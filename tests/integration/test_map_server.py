@@ -3,6 +3,8 @@
 import gzip
 import hashlib
 import json
+import os
+import pty
 import re
 import signal
 import socket
@@ -12,7 +14,7 @@ import threading
 import time
 import webbrowser
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.client import HTTPConnection
 from importlib.resources import files
 from pathlib import Path
@@ -48,12 +50,21 @@ BAD_TILES = [
 ]
 BAD_TILES += [f"0/{'9' * 30}/0", f"0/0/{'9' * 30}", "0/0/-1"]
 READS = ["/", "/api/scene", "/api/conflicts", "/api/areas", "/api/overview", "/api/tracks", "/api/pair?a=CABLE&b=SUB-1"]
-READS += ["/api/pieces?key=FERRY&within_s=3600", "/page/kernel.wasm", "/tiles/areas/0/0/0", "/land/50m"]
+READS += [
+    "/api/depths",
+    "/api/scenes",
+    "/api/scene?scene=strait",
+    "/api/known?at=2026-06-01T09:00:00Z",
+    "/api/pieces?key=FERRY&within_s=3600",
+    "/page/kernel.wasm",
+    "/tiles/areas/0/0/0",
+    "/land/50m",
+]
 READS += ["/page/app.js", "/vendor/maplibre-gl.css", "/api/events"]
 
 
 @contextmanager
-def killed_at_last(process: subprocess.Popen[str]) -> Iterator[None]:
+def killed_at_last(process: "subprocess.Popen[Any]") -> Iterator[None]:
     try:
         yield
     finally:
@@ -472,6 +483,30 @@ def test_command_prints_where_and_ends_cleanly(dsn: str, capsys: pytest.CaptureF
     assert used.code == 1
     assert "cannot listen on 127.0.0.1: port" in used.err
     assert "--port 0" in used.err
+
+
+def test_demo_ends_with_the_map_for_a_person_at_a_terminal(dsn: str) -> None:
+    """In a program of continuous integration, which may have a terminal too, it names the command only."""
+    command = [sys.executable, "-m", "conflictdb", "--dsn", dsn, "demo"]
+    plain = {name: value for name, value in os.environ.items() if name not in ("CI", "DISPLAY", "WAYLAND_DISPLAY")}
+    for env in (plain, plain | {"CI": "true"}):
+        ours, theirs = pty.openpty()
+        with (
+            subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, env=env) as process,
+            killed_at_last(process),
+            killed_after(process, 60.0),
+        ):
+            os.close(theirs)
+            said = ""
+            with suppress(OSError):  # the end of a terminal
+                while "http://127.0.0.1:" not in said:
+                    said += os.read(ours, 10_000).decode()
+            assert "map   # the scene in your browser" in said
+            assert ("http://" in said) == ("CI" not in env)
+            if "http://" in said:
+                process.send_signal(signal.SIGINT)
+            assert process.wait(20) == 0
+        os.close(ours)
 
 
 def _no_connection() -> "psycopg.Connection[Any]":

@@ -25,6 +25,12 @@ def test_page_is_up_to_date(name: str) -> None:
     assert (DOCS / "reference" / f"{name}.md").read_text() == getattr(script("generate"), name)()
 
 
+def test_models_are_up_to_date() -> None:
+    """Otherwise: ./run python docs/generate.py."""
+    generate = script("generate")
+    assert generate.MODELS.read_text() == generate.models()
+
+
 def test_picture_is_up_to_date() -> None:
     """Otherwise: ./run python docs/picture.py."""
     assert (DOCS / "strait.svg").read_text() == script("picture").picture()

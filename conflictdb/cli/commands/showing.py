@@ -28,7 +28,7 @@ def add(commands: Any) -> None:
 
     more = "Prints the address of a page, opens it, and serves it until interrupted."
     parser = command(commands, "map", "pictures:show_map", "show a scene on a map, in a browser", more)
-    add_scene(parser, ", else the demo")
+    add_scene(parser, ", else the first, or the demo")
     parser.set_defaults(needs_scene=False)
     about = "address to listen on (default: this machine)"
     parser.add_argument("--host", default="127.0.0.1", metavar="HOST", help=about)

@@ -21,6 +21,9 @@ export function addressOf({ scene, t, view, chosen, filter, departure }) {
   return `#${new URLSearchParams(known)}`;
 }
 
+// The address of a scene, as it opens.
+export const addressOfScene = (scene) => `#${new URLSearchParams({ scene })}`;
+
 // What an address asks for; whatever is not understood is as at first.
 export function askedBy(hash) {
   const asked = new URLSearchParams(hash.replace(/^#/, ""));

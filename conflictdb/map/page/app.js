@@ -1,7 +1,7 @@
 // The page: joins the state to what draws it, and to what people do. Only the state (state.js) changes what is shown, chosen
 // or filtered, only the player what plays; methods here change one of them, and then tell those that draw.
 
-import { Address } from "./address.js";
+import { Address, addressOfScene, askedBy } from "./address.js";
 import { byId } from "./dom.js";
 import { Departure } from "./departure.js";
 import { Detail } from "./detail.js";
@@ -12,12 +12,13 @@ import { Graticule } from "./graticule.js";
 import { Havens } from "./havens.js";
 import { List } from "./list.js";
 import { MapView } from "./map.js";
-import { MERCATOR_END } from "./model.js";
+import { formerConflicts, MERCATOR_END, Model, worstFirst } from "./model.js";
 import { distanceAround, kernelOf } from "./pair_distance.js";
 import { Paced, Readings } from "./pace.js";
 import { savePicture } from "./picture.js";
 import { Player } from "./player.js";
 import { PolarView } from "./polar.js";
+import { Scenes } from "./scenes.js";
 import { ServerSource } from "./source.js";
 import { State } from "./state.js";
 import { theme } from "./theme.js";
@@ -25,6 +26,7 @@ import { Timeline } from "./timeline.js";
 
 const MARKS_MS = 120; // how often the map hears what is on, while the time moves
 const REST_MS = 250; // after the last move of a plan the map hears of it: it draws all of its layers again
+const DEPTHS_MS = 1500; // for so long the page waits for depths before it is shown without
 const MARKS_SHARE = 0.2; // of the time, at most, that this takes
 const POLAR_LAT = 75; // degrees: what is chosen beyond is shown about the pole
 const POLE_LAT = 60; // scenes that reach beyond can be
@@ -64,12 +66,15 @@ class Page {
     this.resting = null; // the timer of a plan that is being moved
     this.filtering = null; // the timer of a filter that waits
     this.readings = new Readings((what) => this.readAgain(what), (error) => this.failed(error));
+    this.scenes = this.source.isLive ? new Scenes(this.source, { open: (name) => this.goToScene(name), compare: (choice) => this.compare(choice) }) : null;
     this.address = new Address(() => this.shown(), (asked) => this.show(asked));
     // Made when the scene is read: view, havens, polar.
   }
 
   async start() {
+    const missing = await this.openScene();
     await this.readAll();
+    await Promise.race([this.readDepths(), new Promise((done) => { setTimeout(done, DEPTHS_MS); })]);
     const { source, state } = this;
     const { model } = state;
     const box = model.box();
@@ -82,11 +87,12 @@ class Page {
     this.player.offerSpeeds();
     this.listen();
     byId("legend").open = innerWidth > NARROW_PX;
-    state.moveToFirst();
+    state.moveToWorst();
     this.applyFilter();
     this.moveTo(state.t);
     if (model.areas.length + model.tracks.length > 0 && Math.abs(box[1] + box[3]) / 2 > POLAR_LAT) this.showPole(true, this.poleOfScene());
     if (source.isLive) {
+      this.scenes.read(model.scene.scene);
       source.watch((what) => this.changed(what), (isHeard) => {
         if (isHeard) this.describe();
         else tell("The server does not answer; trying again.", true);
@@ -98,11 +104,66 @@ class Page {
       view, havens, polar, graticule, timeline, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
     };
     await view.loaded;
+    if (missing !== null) history.replaceState(null, "", location.pathname + location.search);
     await this.address.begin();
+    if (missing !== null) tell(`The scene ${missing} was deleted, renamed or unshared: this is another one.`, true);
     view.map.on("moveend", () => this.address.soon());
     if (view.showsDetail()) this.marks.now();
     performance.mark("shown");
     document.documentElement.dataset.ready = "true";
+  }
+
+  // --- the scene -----------------------------------------------------------------------------------------------------
+
+  // Finds the scene that the address asks for. Returns its name if it is not there, or else null.
+  async openScene() {
+    if (!this.source.isLive) return null;
+    const { scene } = askedBy(location.hash);
+    if (scene === null) return null;
+    const { usual, scenes } = await this.source.scenes();
+    const isThere = scenes.some((one) => one.scene === scene);
+    this.source.name = isThere ? scene : usual;
+    return isThere ? null : scene;
+  }
+
+  // Opens another scene of the database.
+  goToScene(name) {
+    this.address.flush();
+    history.pushState(null, "", addressOfScene(name));
+    location.reload();
+  }
+
+  // Counts changes from an instant of the history, or from another scene; null: from now on.
+  async compare(choice) {
+    const { state } = this;
+    if (choice === null) {
+      state.dismissChanges();
+      this.showChanges(false);
+      return;
+    }
+    try {
+      state.compare({ ...await (choice.scene === undefined ? this.knownAt(choice.t) : this.otherScene(choice.scene)), label: choice.scene === undefined ? `Since ${choice.label}` : `Compared with ${choice.label}` });
+    } catch (error) {
+      this.scenes.reset();
+      tell(error.message, true);
+      return;
+    }
+    this.showChanges(state.changes.conflicts.length > 0);
+  }
+
+  async knownAt(t) {
+    const { refusal, conflicts } = await this.source.known(t);
+    if (refusal !== null) throw new Error(`The instant ${refusal}`);
+    return { objects: this.state.model.objects, conflicts: formerConflicts(conflicts) };
+  }
+
+  async otherScene(name) {
+    const source = new ServerSource(name);
+    const [scene, conflicts, areas, tracks] = await Promise.all([source.scene(), source.conflicts(), source.areas(), source.tracks()]);
+    const model = new Model(scene);
+    model.takeObjects(areas, tracks, null);
+    model.takeConflicts(conflicts);
+    return model;
   }
 
   // --- reading -------------------------------------------------------------------------------------------------------
@@ -121,6 +182,16 @@ class Page {
     this.state.takeConflicts(scene, await this.source.conflicts());
   }
 
+  // How deep conflicts are: the server computes it, and the list waits for nothing.
+  async readDepths() {
+    try {
+      this.state.takeDepths(await this.source.depths());
+    } catch {
+      return; // the list is by time
+    }
+    if (this.view) this.applyFilter();
+  }
+
   hasOverview({ objects }) {
     return this.view ? this.view.overview !== null : this.source.isLive && objects > LARGE;
   }
@@ -137,6 +208,7 @@ class Page {
     view.reveal(true);
     view.renew(state.version, what === "objects" ? undefined : ["conflicts"]);
     this.describe();
+    this.readDepths();
     if (state.chosen) {
       state.chooseAgain();
       if (state.chosen) this.showDetail();
@@ -237,7 +309,7 @@ class Page {
     const { model, filter } = state;
     state.applyFilter();
     const { left } = state;
-    this.list.take(left, model.objects, this.whyEmpty());
+    this.list.take(worstFirst(left), model, this.whyEmpty());
     this.timeline.take(left, model.span);
     const isKnown = model.conflicts.length > 0 || model.scene.is_current;
     byId("count").textContent = !isKnown ? "" : state.showsChanges ? counted(left.length, "change") : filter.isNothing() ? counted(left.length, "conflict")
@@ -456,6 +528,10 @@ class Page {
   async show({ scene, t, view, pair, filter, departure }) {
     const { state } = this;
     if (scene !== null && scene !== state.model.scene.scene) {
+      if (this.source.isLive) {
+        location.reload(); // Back leads to another scene
+        return;
+      }
       tell(`The link is to the scene ${scene}: this page shows another one.`, true);
       return;
     }
@@ -540,6 +616,7 @@ class Page {
     byId("show-changes").addEventListener("click", () => this.showChanges(!state.showsChanges));
     byId("dismiss-changes").addEventListener("click", () => {
       state.dismissChanges();
+      this.scenes?.reset();
       this.showChanges(false);
       byId("words").focus();
     });

@@ -2,6 +2,7 @@
 
 import { counted, printable } from "./format.js";
 
+const UNKNOWN = "Conflicts changed"; // though no object did
 const MOVED_S = 1; // of the same pair: first or last contact at another second
 
 const pairOf = ({ a, b }) => JSON.stringify([a, b]);
@@ -22,7 +23,8 @@ function verbOf(before, now) {
   return rest[0] === rest[1] ? null : "changed";
 }
 
-// Conflicts of two states { objects, conflicts } of a scene that differ, each with `since`: "new", "gone" or "moved"; and a sentence, null where there are none.
+// Conflicts of two states { objects, conflicts, label } of a scene that differ, each with `since`: "new", "gone" or "moved"; and a
+// sentence, null where there are none and nobody asked for it (label).
 export function changesOf(before, now) {
   const [old, known] = [byPair(before.conflicts), byPair(now.conflicts)];
   const conflicts = [];
@@ -32,11 +34,14 @@ export function changesOf(before, now) {
     else if (differ(same, conflict)) conflicts.push({ ...conflict, since: "moved" });
   }
   for (const [pair, conflict] of old) if (!known.has(pair)) conflicts.push({ ...conflict, since: "gone", change: "gone" });
-  if (!conflicts.length) return { conflicts, text: null };
+  const label = before.label ? `${before.label}: ` : "";
+  if (!conflicts.length) return { conflicts, text: label ? `${label}the same conflicts` : null };
   conflicts.sort((one, other) => one.start - other.start || one.id - other.id);
   const count = (since) => conflicts.filter((one) => one.since === since).length;
   const moved = count("moved") ? `, ${count("moved")} at another time` : "";
-  return { conflicts, text: `${whatOf(before.objects, now.objects)}: ${count("new")} new, ${count("gone")} gone${moved}` };
+  const what = whatOf(before.objects, now.objects);
+  const said = label ? `${label}${what === UNKNOWN ? "" : `${what}, `}` : `${what}: `;
+  return { conflicts, text: `${said}${count("new")} new, ${count("gone")} gone${moved}` };
 }
 
 function whatOf(before, now) {
@@ -44,7 +49,7 @@ function whatOf(before, now) {
     const verb = before.get(key) === now.get(key) ? null : verbOf(before.get(key), now.get(key));
     return verb ? [[key, verb]] : [];
   });
-  if (verbs.length === 0) return "Conflicts changed";
+  if (verbs.length === 0) return UNKNOWN;
   const [[key, verb]] = verbs;
   return verbs.length === 1 ? `${printable(key)} ${verb}` : `${counted(verbs.length, "object")} changed`;
 }

@@ -23,6 +23,10 @@ export class EmbeddedSource {
     return bytes((await this.content).conflicts);
   }
 
+  async depths() {
+    return (await this.content).depths;
+  }
+
   async areas() {
     return (await this.content).areas;
   }

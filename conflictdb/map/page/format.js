@@ -94,6 +94,11 @@ export function metres(m) {
   return `${m >= 100 ? Math.round(m) : Number(m.toPrecision(3))} m`;
 }
 
+// How deep two objects undercut their separation.
+export function depth(m, separationM) {
+  return `${metres(Math.max(0, m))} ${separationM > 0 ? "too near" : "deep"}`;
+}
+
 export function heights(floor, ceiling) {
   if (floor === null && ceiling === null) return "all heights";
   if (floor === null) return `below ${ceiling} m`;

@@ -1,7 +1,7 @@
-// The list of conflicts, by first contact. Only rows in view are elements: there may be tens of thousands.
+// The list of conflicts, the worst first. Only rows in view are elements: there may be tens of thousands.
 
-import { element } from "./dom.js";
-import { bound, clock, duration, moment, printable } from "./format.js";
+import { byId, element } from "./dom.js";
+import { bound, clock, depth, duration, moment, printable } from "./format.js";
 
 const ROW = 60; // height of a row, pixels, as style.css has it
 const MORE = 6; // rows beyond the view, above and below
@@ -13,12 +13,15 @@ export class List {
     this.container = container;
     this.rows = container.querySelector("ul");
     this.empty = container.querySelector("p");
+    this.order = document.getElementById("order");
     this.onChoose = onChoose;
     this.conflicts = [];
     this.objects = new Map();
     this.shown = new Map();
     this.chosen = null;
     this.t = 0;
+    this.order = byId("order");
+    this.separationM = 0;
     this.isPrinted = false;
     container.addEventListener("scroll", () => this.render(), { passive: true });
     new ResizeObserver(() => this.render()).observe(container);
@@ -31,9 +34,11 @@ export class List {
     });
   }
 
-  // Shows conflicts of a scene's objects, by key; without any conflict it says why there is none.
-  take(conflicts, objects, why) {
+  // Shows conflicts of a scene; without any conflict it says why there is none.
+  take(conflicts, { objects, scene }, why) {
     this.objects = objects;
+    this.separationM = scene.separation_m;
+    this.order.hidden = !conflicts.some(({ depth }) => depth !== null);
     this.empty.hidden = conflicts.length > 0;
     this.empty.textContent = why;
     const focused = this.rows.contains(document.activeElement) ? Number(document.activeElement.closest("li").dataset.n) : -1;
@@ -111,6 +116,7 @@ export class List {
     const lasts = conflict.periods.reduce((sum, [a, b]) => sum + (b - a), 0);
     const facts = [
       conflict.verdict === "conflict" ? null : conflict.verdict,
+      conflict.depth === null ? null : depth(conflict.depth, this.separationM),
       Number.isFinite(lasts) ? duration(lasts) : "without end",
       conflict.error_s !== null && conflict.error_s < TOLD_S ? null : `± ${bound(conflict.error_s, "s")}`,
       conflict.periods.length > 1 ? `${conflict.periods.length} periods` : null,

@@ -8,7 +8,7 @@ export const MERCATOR_END = 85.051129; // degrees of latitude at which Web Merca
 // What is not known of a conflict of a moved plan.
 const UNKNOWN = {
   is_current: true, lon: null, lat: null, west: null, south: null, east: null, north: null, isBeyond: false,
-  acknowledged_by: null, acknowledged_for: null, acknowledged_until: null,
+  acknowledged_by: null, acknowledged_for: null, acknowledged_until: null, depth: null, deepest: null,
 };
 export const VERDICTS = ["conflict", "grazing", "unresolved"];
 
@@ -87,12 +87,20 @@ export function unpackConflicts(buffer) {
       lon: isPlaced ? lon : null, lat: isPlaced ? view.getFloat64(at + 28) : null,
       west: isSeen ? west : null, south: isSeen ? view.getFloat32(at + 40) : null,
       east: isSeen ? view.getFloat32(at + 44) : null, north: isSeen ? view.getFloat32(at + 48) : null,
-      acknowledged_by: by, acknowledged_for: why, acknowledged_until: until,
+      acknowledged_by: by, acknowledged_for: why, acknowledged_until: until, depth: null, deepest: null,
       periods, start: periods[0]?.[0] ?? -Infinity, end: periods[periods.length - 1]?.[1] ?? Infinity,
     };
     conflict.isBeyond = isPlaced && Math.abs(conflict.lat) > MERCATOR_END;
     at = first + 16 * periods.length;
     return conflict;
+  });
+}
+
+// Conflicts as they were known before: [[a, b, verdict, error, periods], …].
+export function formerConflicts(rows) {
+  return rows.map(([a, b, verdict, error_s, spans], n) => {
+    const periods = spans.map(([start, end]) => [start ?? -Infinity, end ?? Infinity]);
+    return { ...UNKNOWN, id: -1 - n, a, b, verdict, error_s, periods, start: periods[0]?.[0] ?? -Infinity, end: periods[periods.length - 1]?.[1] ?? Infinity };
   });
 }
 
@@ -153,6 +161,7 @@ export class Model {
     this.outlines = [];
     this.objects = new Map();
     this.conflicts = [];
+    this.depths = new Map();
     this.beyond = 0;
     this.spare = null; // a span that the timeline shows, too
     this.refused = null; // why the scene is not there any more, of one of which nothing may be shown
@@ -170,6 +179,17 @@ export class Model {
   takeConflicts(conflicts) {
     this.conflicts = unpackConflicts(conflicts);
     this.span = this.spanOfAll();
+    this.setDepths();
+  }
+
+  // How deep conflicts are, metres, and at which instant, by id; of others it is not known.
+  takeDepths(depths) {
+    this.depths = new Map(depths.map(([id, ...known]) => [id, known]));
+    this.setDepths();
+  }
+
+  setDepths() {
+    for (const conflict of this.conflicts) [conflict.depth, conflict.deepest] = this.depths.get(conflict.id) ?? [null, null];
   }
 
   // From when to when something moves, or begins or ends: what the timeline shows.
@@ -290,6 +310,12 @@ export function narrowest(spans) {
     reached = Math.max(reached, end);
   }
   return gap <= 0 ? [-180, 180] : [west, west + 360 - gap];
+}
+
+// Conflicts in the order of a list: what a moved plan changes, the deepest, and those without a known depth; each by time.
+export function worstFirst(conflicts) {
+  const rank = ({ change, since, depth }) => (change || since ? -Infinity : depth === null ? Infinity : -depth);
+  return [...conflicts].sort((a, b) => (rank(a) === rank(b) ? 0 : rank(a) - rank(b)));
 }
 
 // Whether two spans of heights have one in common.

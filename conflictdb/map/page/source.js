@@ -41,32 +41,58 @@ function seenAround([west, south, east, north]) {
 export class ServerSource {
   isLive = true;
 
+  // Of a scene of the server's database; null: the one that it shows first.
+  constructor(name = null) {
+    this.name = name;
+  }
+
+  // The address of an answer on the scene.
+  at(path, asked = {}) {
+    const all = new URLSearchParams({ ...asked, ...(this.name !== null && { scene: this.name }) });
+    return all.size ? `${path}?${all}` : path;
+  }
+
+  // The scenes of the database, and which one a page shows first: { usual, scenes: [{ scene, conflicts, branch_of }, …] }.
+  async scenes() {
+    return (await answered(fetch("/api/scenes"))).json();
+  }
+
+  // Conflicts as they were known at an instant (Unix seconds): { refusal, conflicts: [[a, b, verdict, error, periods], …] }.
+  async known(t) {
+    return (await answered(fetch(this.at("/api/known", { at: new Date(1000 * t).toISOString() })))).json();
+  }
+
   async scene() {
-    const { secret, ...scene } = await (await answered(fetch("/api/scene"))).json();
+    const { secret, ...scene } = await (await answered(fetch(this.at("/api/scene")))).json();
     this.secret = secret;
     return scene;
   }
 
   async conflicts() {
-    return (await answered(fetch("/api/conflicts"))).arrayBuffer();
+    return (await answered(fetch(this.at("/api/conflicts")))).arrayBuffer();
+  }
+
+  // How deep conflicts undercut the required separation: [[id, metres, Unix seconds or null], …].
+  async depths() {
+    return (await answered(fetch(this.at("/api/depths")))).json();
   }
 
   async areas() {
-    return (await answered(fetch("/api/areas"))).json();
+    return (await answered(fetch(this.at("/api/areas")))).json();
   }
 
   async tracks() {
-    return (await answered(fetch("/api/tracks"))).arrayBuffer();
+    return (await answered(fetch(this.at("/api/tracks")))).arrayBuffer();
   }
 
   // Outlines of areas as they are seen from afar.
   async overview() {
-    return (await answered(await fetch("/api/overview"))).arrayBuffer();
+    return (await answered(await fetch(this.at("/api/overview")))).arrayBuffer();
   }
 
   // GeoJSON of each layer, whole.
   async shapes() {
-    return (await answered(fetch("/api/shapes"))).json();
+    return (await answered(fetch(this.at("/api/shapes")))).json();
   }
 
   // All land: features of polygons and of coasts.
@@ -76,7 +102,7 @@ export class ServerSource {
 
   // Why two objects are in conflict, and the shapes of those that are areas.
   async pair(a, b) {
-    return (await answered(fetch(`/api/pair?${new URLSearchParams({ a, b })}`))).json();
+    return (await answered(fetch(this.at("/api/pair", { a, b })))).json();
   }
 
   // The kernel as WebAssembly.
@@ -86,11 +112,11 @@ export class ServerSource {
 
   // Pieces of a track, and of what it may meet if it departs that much earlier or later.
   async pieces(key, withinS) {
-    return (await answered(fetch(`/api/pieces?${new URLSearchParams({ key, within_s: withinS })}`))).arrayBuffer();
+    return (await answered(fetch(this.at("/api/pieces", { key, within_s: withinS })))).arrayBuffer();
   }
 
   async acknowledge(a, b, reason) {
-    await answered(fetch("/api/acknowledge", {
+    await answered(fetch(this.at("/api/acknowledge"), {
       method: "POST",
       headers: { "Content-Type": "application/json", "X-Conflictdb-Secret": this.secret },
       body: JSON.stringify({ a, b, reason }),
@@ -122,12 +148,12 @@ export class ServerSource {
   }
 
   tilesAt(kind, version) {
-    return `${location.origin}/tiles/${kind}/{z}/{x}/{y}?v=${version}`;
+    return this.at(`${location.origin}/tiles/${kind}/{z}/{x}/{y}`, { v: version });
   }
 
   // Calls `told` with "objects" or "conflicts" when these changed, and `state` with whether changes are heard of.
   watch(told, state) {
-    const events = new EventSource("/api/events");
+    const events = new EventSource(this.at("/api/events"));
     let wasLost = false;
     events.addEventListener("open", () => {
       state(true);

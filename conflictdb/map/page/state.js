@@ -1,7 +1,7 @@
 // What the page shows: a scene, an instant of it, what the filter leaves, and the conflict that is chosen. It draws nothing.
 
 import { changesOf } from "./changes.js";
-import { Filter, meet, Model } from "./model.js";
+import { Filter, meet, Model, worstFirst } from "./model.js";
 
 export class State {
   constructor() {
@@ -24,6 +24,7 @@ export class State {
   takeAll(scene, areas, tracks, outlines, conflicts) {
     const model = new Model(scene);
     model.takeObjects(areas, tracks, outlines);
+    if (this.model) model.depths = this.model.depths; // until they are read again
     model.takeConflicts(conflicts);
     [this.model, this.version] = [model, scene.version];
     this.findChanges();
@@ -36,10 +37,20 @@ export class State {
     this.findChanges();
   }
 
+  takeDepths(depths) {
+    this.model.takeDepths(depths);
+  }
+
   findChanges() {
     if (this.baseline === null) this.dismissChanges();
     else this.changes = changesOf(this.baseline, this.model);
     if (this.changes.text === null) this.showsChanges = false;
+  }
+
+  // Changes count from a state { objects, conflicts, label }.
+  compare(baseline) {
+    this.baseline = baseline;
+    this.findChanges();
   }
 
   // Changes count from now on.
@@ -61,10 +72,11 @@ export class State {
 
   // --- the instant ---------------------------------------------------------------------------------------------------
 
-  // The first contact of all, or else where the scene begins.
-  moveToFirst() {
+  // Where the worst conflict is deepest, or else the first contact of all, or where the scene begins.
+  moveToWorst() {
     const { conflicts, tracks, span } = this.model;
-    this.t = conflicts.find((c) => Number.isFinite(c.start))?.start ?? (tracks.length ? span[0] : Date.now() / 1000);
+    const [worst] = worstFirst(conflicts.filter(({ start, deepest }) => Number.isFinite(deepest ?? start)));
+    this.t = worst?.deepest ?? worst?.start ?? (tracks.length ? span[0] : Date.now() / 1000);
   }
 
   // An instant, or the nearest that the scene has.

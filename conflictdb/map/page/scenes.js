@@ -1,0 +1,70 @@
+// Which scene the page shows, and since when or from which other scene changes count.
+
+import { byId } from "./dom.js";
+import { clock, counted, day, printable } from "./format.js";
+
+const HOUR_S = 3600;
+const HOURS = 12; // full hours that can be chosen
+const FURTHER = [["a day ago", 24 * HOUR_S], ["a week ago", 168 * HOUR_S]];
+
+export class Scenes {
+  // `on`: open(name) another scene, compare(choice): { t } or { scene }, with a label, or null for what changed since the page was opened.
+  constructor(source, on) {
+    this.source = source;
+    this.on = on;
+    this.choices = [];
+    byId("scene").addEventListener("change", () => on.open(byId("scene").value));
+    byId("compare").addEventListener("change", () => on.compare(this.choices[Number(byId("compare").value)]));
+    for (const id of ["scene", "compare"]) byId(id).addEventListener("focus", () => this.read());
+  }
+
+  // Reads which scenes there are, and shows one of them as chosen.
+  async read(shown = this.shown) {
+    this.shown = shown;
+    let scenes;
+    try {
+      ({ scenes } = await this.source.scenes());
+    } catch {
+      return; // the page says so
+    }
+    const text = JSON.stringify(scenes);
+    if (text !== this.known) this.list(scenes);
+    this.known = text;
+    byId("scenes").hidden = false;
+  }
+
+  list(scenes) {
+    const names = scenes.map(({ scene, conflicts, branch_of: parent }) => (
+      new Option(`${printable(scene)}: ${counted(conflicts, "conflict")}${parent === null ? "" : `, branch of ${printable(parent)}`}`, scene, false, scene === this.shown)));
+    if (!scenes.some(({ scene }) => scene === this.shown)) names.unshift(new Option(`${printable(this.shown)}: not there`, this.shown, true, true));
+    byId("scene").replaceChildren(...names);
+    this.offer(scenes);
+  }
+
+  offer(scenes) {
+    const now = Date.now() / 1000;
+    const hours = Array.from({ length: HOURS }, (_, n) => (Math.floor(now / HOUR_S) - n) * HOUR_S);
+    const parent = scenes.find(({ scene }) => scene === this.shown)?.branch_of ?? null;
+    const others = scenes.map(({ scene }) => scene).filter((scene) => scene !== this.shown).sort((a, b) => (b === parent) - (a === parent));
+    const times = [...hours.map((t) => [`${clock(t, false)} UTC${day(t) === day(now) ? "" : ", yesterday"}`, t]), ...FURTHER.map(([name, s]) => [name, now - s])];
+    const ofTimes = times.map(([label, t]) => ({ label, t }));
+    const ofScenes = others.map((scene) => ({ label: `scene ${printable(scene)}${scene === parent ? ", its parent" : ""}`, scene }));
+    const before = byId("compare").selectedOptions[0]?.text;
+    this.choices = [null, ...ofTimes, ...ofScenes];
+    const options = this.choices.map((choice, n) => new Option(choice?.label ?? "the page was opened", n));
+    const group = (label, some) => {
+      const made = document.createElement("optgroup");
+      made.label = label;
+      made.append(...some);
+      return made;
+    };
+    byId("compare").replaceChildren(options[0], group("As known at", options.slice(1, 1 + ofTimes.length)),
+      ...(ofScenes.length ? [group("Compared with", options.slice(1 + ofTimes.length))] : []));
+    for (const option of options) option.selected = option.text === before;
+  }
+
+  // Nothing is compared any more.
+  reset() {
+    byId("compare").value = "0";
+  }
+}

@@ -1,0 +1,22 @@
+"""Private routines are replaced by upgrades."""
+
+revision = "0006"
+down_revision = "0005"
+branch_labels = None
+depends_on = None
+
+# SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
+routines_sha256 = "212c599d2371482a3f82b46db98f8bf1a24193046048eebb1c21bc334167d33c"
+
+# Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
+changes_answers = False
+
+
+def upgrade() -> None:
+    pass
+
+
+def downgrade() -> None:
+    raise NotImplementedError(
+        "conflictdb does not downgrade; DROP SCHEMA conflictdb, conflictdb_internal CASCADE removes it"
+    )

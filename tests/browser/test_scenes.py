@@ -1,0 +1,112 @@
+"""The scenes of a database in one page: which one is shown, and since when or from which other one changes count."""
+
+from datetime import UTC, datetime
+
+import psycopg
+import pytest
+from browsing import Open, rows
+from map_page import Client, Serve
+from playwright.sync_api import Page, expect
+
+import conflictdb
+
+HOSTILE = "<img src=x onerror=\"document.title='taken'\"> & co."
+
+
+@pytest.fixture
+def several(dsn: str, serve: Serve) -> str:
+    """Serve a strait, a branch of it without the ferry, and a scene with a hostile name."""
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+        strait = db.scene("strait")
+        strait.detect()
+        branch = strait.branch("no ferry")
+        branch.delete_objects("FERRY")
+        branch.detect()
+        strait.copy(HOSTILE)
+    return serve(dsn, "strait")
+
+
+def opened(page: Page, scene: str) -> None:
+    page.wait_for_selector("html[data-ready=true]", state="attached")
+    expect(page.locator("#title")).to_have_text(scene)
+
+
+def test_one_page_shows_all_scenes(several: str, open_page: Open) -> None:
+    """The picker opens another scene; the address carries it, Back returns, and a scene that is gone is named."""
+    page = open_page(several)
+    picker = page.get_by_label("Scene")
+    expect(picker.locator("option")).to_have_text(
+        [f"{HOSTILE}: 0 conflicts", "no ferry: 4 conflicts, branch of strait", "strait: 7 conflicts"]
+    )
+    picker.select_option("no ferry")
+    opened(page, "no ferry")
+    assert len(rows(page)) == 4
+    expect(page.get_by_label("Scene")).to_have_value("no ferry")
+    page.get_by_role("button", name="CABLE and SUB-1").click()
+    expect(page.locator(".card")).to_contain_text("deep at")  # of pieces of the branch
+    page.go_back()
+    page.go_back()
+    opened(page, "strait")
+    assert len(rows(page)) == 7
+    other = open_page(f"{several}#scene=no+ferry")
+    assert len(rows(other)) == 4
+    other.get_by_label("Scene").select_option(HOSTILE)
+    opened(other, HOSTILE)
+    expect(other).to_have_title(f"{HOSTILE} · conflictdb")
+    gone = open_page(f"{several}#scene=gone&a=FERRY&b=TOW")
+    expect(gone.locator("#state")).to_have_text("The scene gone was deleted, renamed or unshared: this is another one.")
+    expect(gone.locator("#detail")).to_be_hidden()
+    assert len(rows(gone)) == 7
+
+
+def test_changes_of_another_scene_reach_its_pages_only(several: str, open_page: Open, dsn: str) -> None:
+    page, other = open_page(several), open_page(f"{several}#scene=no+ferry")
+    with conflictdb.connect(dsn) as db:
+        db.scene("no ferry").delete_objects("TOW")
+    expect(other.locator("#state")).to_contain_text("5 tracks")
+    expect(page.locator("#state")).to_contain_text("7 tracks")
+
+
+def test_a_branch_compared_with_its_parent_shows_what_the_diff_says(several: str, open_page: Open, dsn: str) -> None:
+    page = open_page(f"{several}#scene=no+ferry")
+    page.get_by_label("Changes since").select_option(label="scene strait, its parent")
+    said = page.locator("#changed")
+    expect(said).to_have_text("Compared with scene strait, its parent: FERRY is gone, 0 new, 3 gone")
+    with conflictdb.connect(dsn) as db:
+        diff = db.scene("no ferry").diff()
+    gone = sorted(f"{one.a_key} and {one.b_key}" for one in diff.conflicts if one.change == "gone")
+    assert sorted(rows(page)) == gone
+    assert len(gone) == len(diff.conflicts)
+    page.get_by_role("button", name="Dismiss").click()
+    expect(page.locator("#changes")).to_be_hidden()
+    expect(page.get_by_label("Changes since")).to_have_value("0")
+    assert len(rows(page)) == 4
+
+
+def test_then_and_now_over_the_history(several: str, open_page: Open, conn: psycopg.Connection[None], dsn: str) -> None:
+    """Conflicts that were known at an instant, beside those of now; before the first detection it says so."""
+    conn.execute("UPDATE conflictdb.run SET finished_at = finished_at - interval '5 hours'")
+    conn.execute("UPDATE conflictdb.conflict_event SET at = at - interval '5 hours'")
+    conn.commit()
+    with conflictdb.connect(dsn) as db:
+        db.scene("strait").delete_objects("TOW")
+        db.scene("strait").detect()
+    page = open_page(several)
+    since = page.get_by_label("Changes since")
+    label = f"{datetime.now(UTC):%H}:00 UTC"
+    since.select_option(label=label)
+    expect(page.locator("#changed")).to_have_text(f"Since {label}: 0 new, 1 gone")
+    expect(page.locator("li.gone .keys")).to_have_text("FERRY and TOW")
+    since.select_option(label="a week ago")
+    expect(page.locator("#state")).to_contain_text("The instant is before the first detection of the scene")
+
+
+def test_scenes_of_others_are_not_named(several: str) -> None:
+    """The list has what the role may see; another scene is refused like one that is not there."""
+    client = Client(several)
+    assert [one["scene"] for one in client.read("/api/scenes")["scenes"]] == [HOSTILE, "no ferry", "strait"]
+    assert client.ask("GET", "/api/scene?scene=secret")[0] == 410
+    assert client.ask("GET", "/api/conflicts?scene=secret")[0] == 410
+    assert client.ask("GET", "/api/known?scene=secret&at=2026-06-01T00:00:00Z")[0] == 410
+    assert client.ask("GET", "/api/known?at=never")[0] == 400
