@@ -470,10 +470,8 @@ def test_killed_at_any_step_moves_all_or_nothing(
     db: Database, dsn: str, request: pytest.FixtureRequest, is_attached: bool
 ) -> None:
     """Sessions that are terminated while they apply or undo, row after row, leave one of two states."""
-    if is_attached:
-        number = voyages(db, dsn).resolve().proposal_id or 0
-    else:
-        number = proposed(request.getfixturevalue("scene"))
+    scene = voyages(db, dsn) if is_attached else request.getfixturevalue("scene")
+    number = proposed(scene)
     table, rows = ("mission.fix", FIXES) if is_attached else ("conflictdb.track", PATHS)
     with db.connection.transaction():
         db.connection.execute(
