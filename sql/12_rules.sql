@@ -31,18 +31,29 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._rule_between(
 )
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT r.rule_id, r.a_class, r.b_class, r.separation_m, r.vertical_m, r.time_s, r.allowed,
+    SELECT f.rule_id, f.a_class, f.b_class,
+           -- Two rules of a class with 'area' both apply to two areas: the larger distances and time count.
+           CASE WHEN count(*) OVER alike = 1 THEN f.separation_m
+                ELSE max(coalesce(f.separation_m, s.separation_m)) FILTER (WHERE NOT f.allowed) OVER alike END,
+           CASE WHEN count(*) OVER alike = 1 THEN f.vertical_m
+                ELSE max(coalesce(f.vertical_m, s.vertical_separation_m)) FILTER (WHERE NOT f.allowed) OVER alike END,
+           CASE WHEN count(*) OVER alike = 1 THEN f.time_s
+                ELSE max(coalesce(f.time_s, s.time_separation_s)) FILTER (WHERE NOT f.allowed) OVER alike END,
+           f.allowed,
            -- Which of the two objects yields: neither if the rule fits in both orders.
-           CASE WHEN NOT o.is_turned THEN r.yields
-                WHEN NOT o.is_straight THEN CASE r.yields WHEN 'a' THEN 'b' WHEN 'b' THEN 'a' END END
-    FROM rule r
-    CROSS JOIN LATERAL (SELECT _side_fits(r.a_class, p_a_kind, p_a_class)
-                               AND _side_fits(r.b_class, p_b_kind, p_b_class) AS is_straight,
-                               _side_fits(r.a_class, p_b_kind, p_b_class)
-                               AND _side_fits(r.b_class, p_a_kind, p_a_class) AS is_turned) o
-    WHERE r.scene_id = p_scene_id AND _side_rank(r.a_class) + _side_rank(r.b_class) > p_above
-      AND (o.is_straight OR o.is_turned)
-    ORDER BY _side_rank(r.a_class) + _side_rank(r.b_class) DESC LIMIT 1;
+           CASE WHEN NOT f.is_turned THEN f.yields
+                WHEN NOT f.is_straight THEN CASE f.yields WHEN 'a' THEN 'b' WHEN 'b' THEN 'a' END END
+    FROM (SELECT r.*, o.*, _side_rank(r.a_class) + _side_rank(r.b_class) AS rank
+          FROM rule r
+          CROSS JOIN LATERAL (SELECT _side_fits(r.a_class, p_a_kind, p_a_class)
+                                     AND _side_fits(r.b_class, p_b_kind, p_b_class) AS is_straight,
+                                     _side_fits(r.a_class, p_b_kind, p_b_class)
+                                     AND _side_fits(r.b_class, p_a_kind, p_a_class) AS is_turned) o
+          WHERE r.scene_id = p_scene_id AND _side_rank(r.a_class) + _side_rank(r.b_class) > p_above
+            AND (o.is_straight OR o.is_turned)) f
+    JOIN scene s ON s.scene_id = p_scene_id
+    WINDOW alike AS (PARTITION BY f.rank)
+    ORDER BY f.rank DESC, f.allowed, f.separation_m DESC NULLS LAST, f.rule_id LIMIT 1;
 END;
 COMMENT ON FUNCTION _rule_between(bigint, smallint, text, smallint, text, integer) IS
 'The most specific separation rule of a scene for two objects (kind 0 area, 1 track; class), with the distances and '

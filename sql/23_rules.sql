@@ -62,9 +62,11 @@ BEGIN
         FROM one p JOIN one q ON q.rule_id > p.rule_id AND q.rank = p.rank AND p.rank IN (1, 3, 4)
         CROSS JOIN (SELECT a::smallint AS a_kind, b::smallint AS b_kind
                     FROM generate_series(0, 1) a CROSS JOIN generate_series(0, 1) b) k
-        WHERE ((p.separation_m, p.vertical_m, p.time_s, p.allowed)
-               IS DISTINCT FROM (q.separation_m, q.vertical_m, q.time_s, q.allowed)
-               OR num_nonnulls(p.yields, q.yields) > 0)
+        -- Two areas keep the larger distances of both (_rule_between).
+        WHERE (p.rank <> 4 OR k.a_kind + k.b_kind > 0)
+          AND ((p.separation_m, p.vertical_m, p.time_s, p.allowed)
+                IS DISTINCT FROM (q.separation_m, q.vertical_m, q.time_s, q.allowed)
+                OR num_nonnulls(p.yields, q.yields) > 0)
           AND CASE WHEN p.rank = 1 THEN _side_fits(p.first, k.a_kind, NULL) AND _side_fits(q.first, k.b_kind, NULL)
                    ELSE _side_fits(p.other, k.b_kind, NULL) AND _side_fits(q.other, k.a_kind, NULL) END
           AND (_rule_between(p_scene_id, k.a_kind, CASE WHEN p.rank > 1 THEN p.first END,
@@ -241,7 +243,8 @@ $$;
 COMMENT ON FUNCTION put_rule(text, text, text, double precision, double precision, double precision, boolean, text) IS
 'Adds a separation rule for the pairs of two classes, or replaces the one of the same two, in either order. A class, '
 '''area'' or ''track'' for all of a kind, null for any object. Of several rules the most specific applies: two '
-'classes, a class and a kind, a class and any, two kinds, a kind and any. Metres and seconds; null: as in the scene. '
+'classes, a class and a kind, a class and any, two kinds, a kind and any. Two rules of a class with ''area'' both '
+'apply to two areas: the larger values count. Metres and seconds; null: as in the scene. '
 'p_allowed: the pairs are not compared. p_yields: ''a'' or ''b'', the side that yields. Raises ZC019 for a rule that '
 'is as specific as another for some pair.';
 

@@ -38,7 +38,7 @@ COMMENT ON FUNCTION _map_conflicts(text) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._map_areas(p_scene text) RETURNS TABLE (
     area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision,
-    start_s double precision, end_s double precision,
+    start_s double precision, end_s double precision, spans_s double precision[],
     west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision,
     inside_lon_deg double precision, inside_lat_deg double precision
 )
@@ -53,6 +53,10 @@ BEGIN ATOMIC
                ::double precision,
            nullif(extract(epoch FROM upper(_active_within(a.active_span, a.activations))), 'infinity')
                ::double precision,
+           (SELECT array_agg(nullif(nullif(extract(epoch FROM e.at), '-infinity'), 'infinity')::double precision
+                             ORDER BY lower(s.span) NULLS FIRST, e.nth)
+            FROM unnest(a.activations) s (span)
+            CROSS JOIN LATERAL (VALUES (1, lower(s.span)), (2, upper(s.span))) e (nth, at)),
            ST_XMin(a.footprint), ST_YMin(a.footprint), ST_XMax(a.footprint), ST_YMax(a.footprint),
            ST_X(i.place), ST_Y(i.place)
     FROM place p CROSS JOIN LATERAL _seen_areas(p.scene_id) a
@@ -71,7 +75,8 @@ BEGIN ATOMIC
     ORDER BY a.area_id;
 END;
 COMMENT ON FUNCTION _map_areas(text) IS
-'Areas of a scene: span (Unix seconds, null: no limit), bounding box (degrees, not wrapped) and, if its middle is '
+'Areas of a scene: span (Unix seconds, null: no limit), starts and ends of activations in turn (null: active for the '
+'whole span), bounding box (degrees, not wrapped) and, if its middle is '
 'outside the area, a point inside.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._map_overview(p_scene text) RETURNS bytea
@@ -104,16 +109,20 @@ COMMENT ON FUNCTION _map_overview(text) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._map_tracks(p_scene text) RETURNS TABLE (
     track_id bigint, key text, name text, floor_m double precision, ceiling_m double precision,
-    path bytea, outline bytea, grow_mps double precision, outlines bytea
+    path bytea, outline bytea, grow_mps double precision, outlines bytea, departures_s double precision[]
 )
 LANGUAGE sql STABLE CALLED ON NULL INPUT
 BEGIN ATOMIC
     SELECT t.track_id, t.key, t.name, t.floor_m, t.ceiling_m, ST_AsBinary(t.path, 'NDR'), ST_AsBinary(t.outline, 'NDR'),
-           t.grow_mps, ST_AsBinary(t.outlines, 'NDR')
+           t.grow_mps, ST_AsBinary(t.outlines, 'NDR'),
+           -- No voyages are an empty array.
+           CASE WHEN t.departures IS NOT NULL
+                THEN ARRAY(SELECT extract(epoch FROM d.at)::double precision FROM unnest(t.departures) d (at)) END
     FROM _seen_tracks(_scene_or_branch(p_scene)) t ORDER BY t.track_id;
 END;
 COMMENT ON FUNCTION _map_tracks(text) IS
-'Tracks of a scene: path (longitude, latitude, Unix seconds) and outlines (metres) as WKB (little-endian).';
+'Tracks of a scene: path (longitude, latitude, Unix seconds) and outlines (metres) as WKB (little-endian), and the '
+'departures of its voyages (Unix seconds, in order; null: one voyage, as the path says).';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._map_shapes(p_scene text, p_keys text[]) RETURNS TABLE (
     layer text, feature_id bigint, key text, shape text

@@ -142,7 +142,7 @@ def track_of(who: str, route: Route, max_speed_kn: float) -> Track:
     # Whole turns, so that a route over the antimeridian is continuous and keeps its digits.
     lonlat[1:, 0] -= 360.0 * np.cumsum(np.round(np.diff(lonlat[:, 0]) / 360.0))
     members: dict[str, Any] = {"outline_m": _haven(deviation_m), "name": route.name}
-    members["tolerances"] = _tolerances(points, lonlat, times, owner) or None
+    members["tolerances"] = _tolerances(who, points, lonlat, times, owner) or None
     members |= {
         "properties": route.properties,
         "legs": Motion.RHUMB if _has_loxodromes(route) else None,
@@ -167,7 +167,11 @@ def _haven(deviation_m: float) -> NDArray[np.float64]:
 
 
 def _tolerances(
-    points: Sequence[Waypoint], lonlat: NDArray[np.float64], times_us: Sequence[int], owner: Sequence[int]
+    who: str,
+    points: Sequence[Waypoint],
+    lonlat: NDArray[np.float64],
+    times_us: Sequence[int],
+    owner: Sequence[int],
 ) -> dict[str, Any]:
     """Return how far voyages may differ from the plan, as members of a track; empty if nothing is said.
 
@@ -199,7 +203,14 @@ def _tolerances(
         length_m = geodesy.rhumb_distance(earth, *lonlat[:-1].T, *lonlat[1:].T)
         speed_kn = length_m / (np.diff(times_us) * 1e-6) / MPS_PER_KNOT
         window = np.array([points[of].speed_window_kn for of in owner])
-        found["min_speed_kn"] = np.maximum(speed_kn - window, 0.0).tolist()
+        slowest_kn = np.maximum(speed_kn - window, 0.0)
+        # A stay takes its time, whatever these bounds are.
+        slowest_kn[is_stay] = _LEAST_SPEED_KN
+        if not late_us and not early_us and (slowest_kn == 0.0).any():
+            where = points[owner[int(np.argmin(slowest_kn))]].name
+            rule = "is at least the planned speed: the ship might never arrive; give a window of the arrival, too"
+            raise InvalidInput(who, f"{where}, speedWindow", rule)
+        found["min_speed_kn"] = slowest_kn.tolist()
         found["max_speed_kn"] = np.maximum(speed_kn + window, _LEAST_SPEED_KN).tolist()
     return found
 

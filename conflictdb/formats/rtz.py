@@ -21,7 +21,8 @@ from conflictdb.formats.xml_text import Element
 from conflictdb.model.plans import Scene
 
 VERSIONS: Final = ("1.0", "1.1", "1.2")
-_NAMESPACE: Final = "http://www.cirm.org/RTZ/"
+# The second one is of the reference routes of the Norwegian Coastal Administration.
+_NAMESPACES: Final = ("http://www.cirm.org/RTZ/", "https://cirm.org/rtz-xml-schemas")
 _GEOMETRY: Final = {"Loxodrome": False, "Orthodrome": True}
 # The schema of version 1.0 misspells it.
 _ELEMENTS: Final = ("scheduleElement", "sheduleElement")
@@ -29,7 +30,7 @@ _ELEMENTS: Final = ("scheduleElement", "sheduleElement")
 
 def is_rtz(root: Element) -> bool:
     """Return whether an XML document is an RTZ route, of any version."""
-    return root.name == "route" and root.namespace.startswith(_NAMESPACE)
+    return root.name == "route" and root.namespace.startswith(_NAMESPACES)
 
 
 def read_rtz(

@@ -22,7 +22,8 @@ _PERIOD_BYTES: Final = 16
 _MOST_DEPTHS: Final = 20_000
 
 _AREA: Final = (
-    "id", "key", "name", "floor_m", "ceiling_m", "start", "end", "west", "south", "east", "north", "lon", "lat",
+    "id", "key", "name", "floor_m", "ceiling_m", "start", "end", "spans",
+    "west", "south", "east", "north", "lon", "lat",
 )  # fmt: skip
 
 
@@ -134,14 +135,16 @@ def areas(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
 def tracks(conn: psycopg.Connection[Any], scene: str) -> bytes:
     """Pack the tracks of a scene: length of a JSON head (little-endian), head, all geometries (WKB).
 
-    For each track the head has id, key, name, floor_m, ceiling_m, grow_mps and the lengths of path, outline and
-    outlines; null for a missing one.
+    For each track the head has id, key, name, floor_m, ceiling_m, grow_mps, departures and the lengths of path, outline
+    and outlines; null for a missing one.
     """
     rows, blobs = [], []
-    for number, key, name, floor_m, ceiling_m, path, outline, grow_mps, outlines in store.map_tracks(conn, scene):
+    for number, key, name, floor_m, ceiling_m, path, outline, grow_mps, outlines, departures in store.map_tracks(
+        conn, scene
+    ):
         geometries = (path, outline, outlines)
         sizes = [None if one is None else len(one) for one in geometries]
-        rows.append([number, key, name, floor_m, ceiling_m, grow_mps, *sizes])
+        rows.append([number, key, name, floor_m, ceiling_m, grow_mps, departures, *sizes])
         blobs += [one for one in geometries if one is not None]
     head = to_json({"rows": rows})
     return b"".join([_LENGTH.pack(len(head)), head, *blobs])

@@ -16,6 +16,7 @@ KINDS: Final = ("area", "track")
 MAX_WORD_BYTES: Final = 200
 # Rules of a scene; each class in them adds two rows and columns to the table of all pairs.
 MAX_RULES: Final = 1_000
+RANK_OF_CLASS_AND_KIND: Final = 4
 # The settings that a rule replaces, by its own names.
 REPLACED: Final = {
     "separation_m": "separation_m",
@@ -31,6 +32,7 @@ class Rule:
 
     Of several rules for a pair the most specific applies: first those with two classes, then those with a class and
     `area` or `track`, a class and any, two kinds, a kind and any. Distances are of the pair, the same from both sides.
+    Two rules of a class with `area` both apply to two areas: the larger distances and time count.
 
     a_class, b_class : a class; `area` or `track` for all objects of that kind; None for any object
     separation_m, vertical_m, time_s : in place of the scene's `separation_m`, `vertical_separation_m` and
@@ -99,11 +101,13 @@ class RuleTable:
     rules : checked
     classes : names of classes, in order
     rule : (t, t) int64, number of the rule for two types, symmetric; -1: the scene's settings
+    second : (t, t) int64, number of another rule that applies as well, -1: none; of two areas only
     """
 
     rules: Sequence[Rule]
     classes: Sequence[str]
     rule: NDArray[np.int64]
+    second: NDArray[np.int64]
 
     @classmethod
     def of(cls, rules: Iterable[Rule]) -> "RuleTable":
@@ -115,6 +119,7 @@ class RuleTable:
         n = 2 * (len(classes) + 1)
         chosen, rank = np.full((n, n), -1), np.zeros((n, n), np.int64)
         rival = np.full((n, n), -1)
+        areas = np.arange(n) % 2 == KINDS.index("area")
 
         def types(side: str | None) -> NDArray[np.int64]:
             if side is None:
@@ -132,18 +137,21 @@ class RuleTable:
             own_chosen[better], own_rank[better], own_rival[better] = number, rule.rank, -1
             for of_all, own in ((chosen, own_chosen), (rank, own_rank), (rival, own_rival)):
                 of_all[block], of_all[mirrored] = own, own.T
-        ties = np.argwhere(rival >= 0)
+        # The classes of two rules with areas are those of tracks, usually; areas have to keep the distances of both.
+        is_second = np.outer(areas, areas) & (rank == RANK_OF_CLASS_AND_KIND)
+        second = np.where(is_second, rival, -1)
+        ties = np.argwhere((rival >= 0) & ~is_second)
         if len(ties):
             one, other = ties[0].tolist()
             sides = [cls._word(classes, type_) for type_ in (one, other)]
-            first, second = (side.split()[-1].strip("'") for side in sides)
+            first, last = (side.split()[-1].strip("'") for side in sides)
             raise InvalidInput(
                 str(rules[chosen[one, other]]),
                 "",
                 f"and {rules[rival[one, other]]} apply alike to a pair of {sides[0]} and {sides[1]}: "
-                f"enter a rule for {first!r} with {second!r} first",
+                f"enter a rule for {first!r} with {last!r} first",
             )
-        return cls(rules, classes, chosen)
+        return cls(rules, classes, chosen, second)
 
     def does_yield(self, own_class: str | None, track_class: str | None, kind: str = "track") -> bool:
         """Return whether an object of a class and kind yields to a track; no rule says that of two alike."""

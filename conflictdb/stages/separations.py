@@ -52,9 +52,20 @@ class Separations:
             given = {setting: getattr(rule, name) for name, setting in REPLACED.items()}
             own = replace(plain, **{name: value for name, value in given.items() if value is not None})
             of_rules[i] = NEVER if rule.allowed else found.setdefault(own, len(found))
+        of_types = of_rules[table.rule]
+        both = np.argwhere(table.second >= 0)
+        given_two = np.column_stack((of_types[tuple(both.T)], of_rules[table.second[tuple(both.T)]]))
+        distinct, place = np.unique(given_two, axis=0, return_inverse=True)
+        of_two = np.full(len(distinct), NEVER)
+        for i, pair in enumerate(distinct.tolist()):
+            one = [list(found)[k] for k in pair if k != NEVER]
+            if one:
+                larger = {name: max(getattr(settings, name) for settings in one) for name in REPLACED.values()}
+                of_two[i] = found.setdefault(replace(plain, **larger), len(found))
+        of_types[tuple(both.T)] = of_two[place.ravel()]
         numbers = numbers_of_words(table.classes)
         order = np.argsort(numbers)
-        settings, of_types = list(found), of_rules[table.rule]
+        settings = list(found)
         height_m = np.array([one.vertical_separation_m for one in settings])
         vertical_m = np.where(of_types == NEVER, 0.0, height_m[of_types]).max(axis=1)
         vertical_m[(of_types == NEVER).all(axis=1)] = height_m[0]

@@ -1457,7 +1457,7 @@ FUNCTION _longest_time_s(p_scene_id bigint)
     RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _map_areas(p_scene text)
-    RETURNS TABLE(area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision, start_s double precision, end_s double precision, west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision, inside_lon_deg double precision, inside_lat_deg double precision) LANGUAGE sql STABLE PARALLEL UNSAFE;
+    RETURNS TABLE(area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision, start_s double precision, end_s double precision, spans_s double precision[], west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision, inside_lon_deg double precision, inside_lat_deg double precision) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _map_conflicts(p_scene text)
     RETURNS TABLE(head text, numbers bytea) LANGUAGE sql STABLE PARALLEL UNSAFE;
@@ -1478,7 +1478,7 @@ FUNCTION _map_shapes(p_scene text, p_keys text[])
     RETURNS TABLE(layer text, feature_id bigint, key text, shape text) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _map_tracks(p_scene text)
-    RETURNS TABLE(track_id bigint, key text, name text, floor_m double precision, ceiling_m double precision, path bytea, outline bytea, grow_mps double precision, outlines bytea) LANGUAGE sql STABLE PARALLEL UNSAFE;
+    RETURNS TABLE(track_id bigint, key text, name text, floor_m double precision, ceiling_m double precision, path bytea, outline bytea, grow_mps double precision, outlines bytea, departures_s double precision[]) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
 FUNCTION _mark_all(p_scene_id bigint)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;

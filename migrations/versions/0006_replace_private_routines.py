@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "24244a7e434c731643c308fb80ad0bab9f7dedc8ddb5532c712c986085e43b3a"
+routines_sha256 = "cdd788a87738766387d36482dbeb318e6b7c8fb8b30eca19f6756ff282718d7d"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -440,6 +440,47 @@ def test_havens_are_where_the_database_has_them(
         assert np.max(far) * 111_000 < 1e-3, (key, t)
 
 
+def test_plans_that_recur_are_there_each_time(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
+    """All voyages move, all activations are named, and nothing is there between two of them."""
+    day_us = 24 * HOUR_US
+    at_us = [T0_US + days * day_us for days in (0, 1, 4)]
+    box = rectangle_outline_m(3000, 3000, 1000, 1000)
+    ferry = Track(
+        "FERRY", [(8.0, 40.0), (8.0, 40.5)], np.array([T0_US, T0_US + 2 * HOUR_US]), box, grow_mps=0.05,
+        departures_us=np.array(at_us, "datetime64[us]"),
+    )  # fmt: skip
+    spans = [(us + HOUR_US, us + 3 * HOUR_US) for us in at_us[:2]]
+    load(conn, Scene("s"), [Area("RANGE", shapely.box(7.9, 40.2, 8.1, 40.4), spans_us=spans)], [ferry])
+    detect(conn, "s", jobs=1)
+    query = "SELECT ST_AsText(haven, 12) FROM conflictdb.haven_at('s', 'FERRY', to_timestamp(%s)) haven"
+    page = open_page(serve(dsn, "s"))
+    expect(page.locator("#count")).to_have_text("1 conflict")
+    for hours, ferry_is_there, range_is_there in [
+        (0.5, True, False), (1.5, True, True), (2.5, False, True), (12.0, False, False), (25.5, True, True),
+        (29.0, False, False), (96.5, True, False), (97.5, True, False),
+    ]:  # fmt: skip
+        t = T0_S + 3600 * hours
+        page.evaluate(f"conflictdbPage.moveTo({t})")
+        ((text,),) = conn.execute(query, [t]).fetchall() or [(None,)]
+        ring = page.evaluate(f"conflictdbPage.model.objects.get('FERRY').motion.haven({t})")
+        assert (ring is not None, text is not None) == (ferry_is_there, ferry_is_there), hours
+        if text is not None:
+            assert np.array(ring) == pytest.approx(shapely.get_coordinates(shapely.from_wkt(text)), abs=1e-8)
+        page.wait_for_function("conflictdbPage.havens.t === conflictdbPage.t")
+        seen = page.evaluate("(conflictdbPage.havens.draw(), conflictdbPage.havens.shown.map(({track}) => track.key))")
+        assert seen == ["FERRY"] * ferry_is_there, hours
+        there = page.evaluate(
+            "['RANGE', 'FERRY'].map((key) => conflictdbPage.flags()(conflictdbPage.model.objects.get(key)).on)"
+        )
+        assert there == [range_is_there, ferry_is_there], hours
+    # A filter by time leaves what is there then.
+    page.evaluate(f"conflictdbPage.filter.to = conflictdbPage.filter.from = {T0_S + 12 * 3600}")
+    leaves = page.evaluate(
+        "[...conflictdbPage.model.objects.values()].map((one) => conflictdbPage.filter.leavesObject(one))"
+    )
+    assert leaves == [False, False]
+
+
 def test_date_line_and_poles_are_true(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
     """A scene on both sides of the date line is one piece; objects off the map are reported, listed and drawn."""
     times = np.array([T0_US, T0_US + 10 * HOUR_US])

@@ -275,6 +275,61 @@ def test_code_of_who_attached_runs_as_nobody_else(conn: Conn, roles: dict[str, s
     assert caught <= {planner}
 
 
+# The table's column, a value of it, and what is stored of it.
+PLANS = {
+    "activations": ("area", "tstzmultirange", "{[2026-03-01 06:00Z, 2026-03-01 07:00Z)}", "upper(activations)::text"),
+    "schedule of areas": ("area", "jsonb", '{"days": ["TUE"], "timezone": "UTC"}', "schedule ->> 'timezone'"),
+    "departures": ("track", "timestamptz[]", "{2026-03-01 06:00Z, 2026-03-02 06:00Z}", "cardinality(departures)"),
+    "schedule of tracks": (
+        "track", "jsonb", '{"days": ["TUE"], "timezone": "UTC", "periods": [["06:00", "07:00"]]}',
+        "schedule ->> 'timezone'"),
+    "tolerances": ("track", "jsonb", '{"xtd_port_m": 50}', "tolerances ->> 'xtd_port_m'"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("way", ["function", "domain"])
+@pytest.mark.parametrize("plan", PLANS)
+def test_plans_of_rows_are_computed_by_the_role_that_attached(
+    conn: Conn, roles: dict[str, str], plan: str, way: str
+) -> None:
+    """Expressions and types of the table's owner run in its own sessions; schedules are expanded by everybody."""
+    kind, type_, value, stored = PLANS[plan]
+    planner = roles["planner"]
+    field, path = plan.split()[0], "ST_MakeLine(ST_MakePointM(0, 0, 1772344800), ST_MakePointM(0, 1, 1772352000))"
+    where = (
+        {"footprint": "shape"} if kind == "area" else {"path": "way", "outline": "ST_MakeEnvelope(-50, -50, 50, 50)"}
+    )
+    with acting(conn, planner):
+        conn.execute(EVIL)
+        conn.execute(
+            f"""CREATE FUNCTION mission.evil_plan({type_}) RETURNS {type_} LANGUAGE plpgsql IMMUTABLE AS
+                    $$ BEGIN PERFORM mission.evil(); RETURN $1; END $$;
+                CREATE DOMAIN mission.plan AS {type_} CHECK (mission.evil());
+                ALTER TABLE mission.ops ADD plan {type_}, ADD way geometry;
+                UPDATE mission.ops SET plan = '{value}', way = ST_SetSRID({path}, 4326)""".encode()
+        )
+        given = "mission.evil_plan(plan)" if way == "function" else f"plan::mission.plan::{type_}"
+        with connect(conn) as db:
+            db.scene("s").attach(kind, "mission.ops", {"key": "id", **where, field: given})
+    conn.execute("DELETE FROM mission.caught")
+    conn.commit()
+    for role in (roles["keeper"], str(conn.info.user)):
+        with acting(conn, role):
+            follow_attached.follow(conn, "s", again=True)
+            detect.detect(conn, "s", jobs=1)
+    assert conn.execute("SELECT DISTINCT by_role FROM mission.caught").fetchall() == []
+    assert conn.execute(f"SELECT count(*) FROM conflictdb.{kind}".encode()).fetchone() == (0,)
+    follow(conn, planner)
+    caught = {role for (role,) in conn.execute("SELECT DISTINCT by_role FROM mission.caught")}
+    assert caught <= {planner}
+    ((found,),) = conn.execute(f"SELECT {stored} FROM conflictdb.{kind}".encode()).fetchall()
+    assert found is not None
+    with acting(conn, roles["keeper"]):
+        detect.detect(conn, "s", jobs=1)
+        assert store.scene_state(conn, "s").is_current
+    assert {role for (role,) in conn.execute("SELECT DISTINCT by_role FROM mission.caught")} <= {planner}
+
+
 def test_a_planted_function_of_another_role_is_not_run(conn: Conn, roles: dict[str, str]) -> None:
     """An editor may create functions next to the reading functions: only the caller's own function is called."""
     with acting(conn, roles["planner"]), connect(conn) as db:

@@ -180,6 +180,33 @@ def test_explain_names_the_rule_and_who_yields(dsn: str) -> None:
         assert "yields" not in explained(db.connection, *pair)["rule"]
 
 
+def test_two_rules_of_areas_both_apply_to_two_areas(dsn: str) -> None:
+    """Areas of both classes keep the larger distances; the rules of planners are entered."""
+    rules = [
+        Rule("ferry", "area", 500.0, vertical_m=40.0),
+        Rule("submarine", "area", 900.0),
+        Rule("escort", "area", allowed=True),
+        Rule("area", "area", allowed=True),
+    ]
+    rng = np.random.default_rng(11)
+    _, areas = sea(rng, 240, 0.4)
+    areas = [replace(one, owner=None) for one in areas]
+    scene = Scene("s", separation_m=100.0, vertical_separation_m=10.0, rules=rules)
+    expected = verdicts(solve([], areas, scene))
+    class_of = {one.key: one.object_class for one in areas}
+    assert any({class_of[a], class_of[b]} == {"ferry", "submarine"} for a, b in expected)
+    assert any({class_of[a], class_of[b]} == {"escort", "submarine"} for a, b in expected)
+    with connect(dsn) as db:
+        store.replace_scene(db.connection, scene, areas, [], merge=False)
+        db.scene("s").detect()
+        assert verdicts(db.scene("s").conflicts()) == expected
+        pair = next(pair for pair in expected if {class_of[key] for key in pair} == {"ferry", "submarine"})
+        told = explained(db.connection, *pair)["rule"]
+        assert (told["text"], told["separation_m"], told["vertical_m"]) == ('of "submarine" with "area"', 900.0, 40.0)
+        pair = next(pair for pair in expected if {class_of[key] for key in pair} == {"escort", "submarine"})
+        assert explained(db.connection, *pair)["rule"]["separation_m"] == 900.0
+
+
 def test_two_sessions_do_not_enter_ambiguous_rules(conn: Conn, dsn: str) -> None:
     """The second session waits for the first, and sees its rule."""
     conn.execute("SELECT conflictdb.create_scene('s')")

@@ -10,6 +10,7 @@ from conflictdb import Area, InvalidInput, Scene, Track
 from conflictdb.model.rules import Rule, RuleTable
 
 KINDS = ("area", "track")
+OWN = {"separation_m": "separation_m", "vertical_m": "vertical_separation_m", "time_s": "time_separation_s"}
 CLASSES = ("ferry", "submarine", "drone", "range", "escort")
 
 
@@ -78,22 +79,26 @@ def settings_of(scene: Scene, one: Area | Track, other: Area | Track) -> Scene |
     def fits(side: str | None, item: Area | Track) -> bool:
         return side in (None, "area" if isinstance(item, Area) else "track", item.object_class)
 
-    best, rank = None, -1
+    best: list[Rule] = []
+    rank = 0
     for rule in scene.rules:
         sides = (rule.a_class, rule.b_class)
         if any(fits(sides[0], x) and fits(sides[1], y) for x, y in ((one, other), (other, one))):
             classes = sum(side is not None and side not in KINDS for side in sides)
             score = 10 * classes + sum(side in KINDS for side in sides)
-            if score > rank:
-                best, rank = rule, score
+            if score >= rank:
+                best = [*best, rule] if score == rank else [rule]
+                rank = score
     plain = replace(scene, rules=())
-    if best is None:
+    compared = [own(plain, rule) for rule in best if not rule.allowed]
+    if not best:
         return plain
-    if best.allowed:
+    if not compared:
         return None
-    values = {
-        "separation_m": best.separation_m,
-        "vertical_separation_m": best.vertical_m,
-        "time_separation_s": best.time_s,
-    }
+    larger = {name: max(getattr(each, name) for each in compared) for name in OWN.values()}
+    return replace(plain, **larger)
+
+
+def own(plain: Scene, rule: Rule) -> Scene:
+    values = {setting: getattr(rule, name) for name, setting in OWN.items()}
     return replace(plain, **{name: value for name, value in values.items() if value is not None})

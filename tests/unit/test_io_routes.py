@@ -52,6 +52,11 @@ def test_a_route_becomes_a_track(version: str, tmp_path: Path) -> None:
     assert not found.outline_m.any()
 
 
+def test_reference_routes_of_the_norwegian_coast_have_a_namespace_of_their_own(tmp_path: Path) -> None:
+    text = rtz(version="1.0").replace("http://www.cirm.org/RTZ/1/0", "https://cirm.org/rtz-xml-schemas")
+    assert len(track(tmp_path, text, STARTED).positions_deg) == 3
+
+
 def test_a_stay_is_two_waypoints(tmp_path: Path) -> None:
     schedule = manual(
         '"1" etd="2026-03-01T06:00:00Z"',
@@ -102,6 +107,17 @@ def test_windows_and_stays_are_tolerances_of_the_track(tmp_path: Path) -> None:
     speeds = np.array([found.tolerances["min_speed_kn"], found.tolerances["max_speed_kn"]])
     assert speeds[1, 2] - speeds[0, 2] == pytest.approx(2.0)
     assert speeds[0, 0] == pytest.approx(speeds[1, 0])
+
+
+def test_a_stay_has_no_bounds_of_speed(tmp_path: Path) -> None:
+    """Its speed is 0; the file was refused for a plan that might take for ever."""
+    calls = ['"1" etd="2026-03-01T06:00:00Z"', '"2" speed="12" stay="PT1H"', '"3" speed="12" speedWindow="1"']
+    found = track(tmp_path, rtz(schedules=manual(*calls)))
+    assert found.tolerances is not None
+    assert found.tolerances["min_speed_kn"] == pytest.approx([12.0, 0.0, 11.0], abs=1e-5)
+    calls[2] = calls[2].replace('Window="1"', 'Window="12.5"')
+    with pytest.raises(InvalidInput, match="waypoint 3, speedWindow: is at least the planned speed"):
+        track(tmp_path, rtz(schedules=manual(*calls)))
 
 
 def test_a_route_with_tolerances_meets_an_area_beside_it(tmp_path: Path) -> None:

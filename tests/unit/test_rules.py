@@ -12,6 +12,7 @@ from ruled import random_rules, sea, settings_of
 
 from conflictdb import Area, InvalidInput, Scene, Track, solve
 from conflictdb.model.rules import Rule, RuleTable
+from conflictdb.stages.separations import Separations
 
 
 def check(seed: int, n: int, width_deg: float, **settings: Any) -> tuple[int, int]:
@@ -92,6 +93,39 @@ def test_ambiguous_rules_are_refused(rules: list[Any], message: str) -> None:
         return
     with pytest.raises(InvalidInput, match=message):
         Scene("s", rules=rules)
+
+
+def test_rules_of_planners_are_entered() -> None:
+    """Submarines and ferries are tracks: no object is concerned by both rules with areas, and none is refused."""
+    rules = [
+        Rule("submarine", "submarine", 5000.0),
+        Rule("submarine", "area", 1000.0, yields="a"),
+        Rule("ferry", "area", 500.0, vertical_m=40.0),
+        Rule("area", "area", allowed=True),
+    ]
+    scene = Scene("s", rules=rules)
+    found = Separations.of(scene)
+    box = shapely.box(0.0, 0.0, 1.0, 1.0)
+    times = np.array(["2026-03-01T06", "2026-03-01T07"], "datetime64[us]")
+    ferry, submarine = (
+        Track(name, [(0, 0), (1, 0)], times, [(1, 1), (-1, 1), (0, -1)], object_class=name)
+        for name in ("ferry", "submarine")
+    )
+    area = Area("A", box)
+    assert found.of_two(area, replace(area, key="B")) is None
+    assert [one.separation_m for one in map(found.of_two, (ferry, submarine), (area, area)) if one] == [500.0, 1000.0]
+    assert (found.of_two(ferry, submarine) or scene).separation_m == 0.0
+    # Areas that have these names satisfy both.
+    areas = replace(area, object_class="ferry"), replace(area, key="B", object_class="submarine")
+    both = found.of_two(*areas)
+    assert both is not None
+    assert (both.separation_m, both.vertical_separation_m) == (1000.0, 40.0)
+    with pytest.raises(InvalidInput) as refused:
+        Scene("s", rules=[Rule("submarine", "track", 5000.0), Rule("ferry", "track", 500.0)])
+    assert str(refused.value) == (
+        "rule 'ferry' with 'track': and rule 'submarine' with 'track' apply alike to a pair of "
+        "track of class 'ferry' and track of class 'submarine': enter a rule for 'ferry' with 'submarine' first"
+    )
 
 
 def test_a_rule_of_both_classes_resolves_a_tie() -> None:

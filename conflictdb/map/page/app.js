@@ -102,6 +102,7 @@ class Page {
     const { view, havens, polar, graticule, timeline } = this;
     globalThis.conflictdbPage = {
       view, havens, polar, graticule, timeline, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
+      moveTo: (t) => this.moveTo(t), flags: () => state.flags(),
     };
     await view.loaded;
     if (missing !== null) history.replaceState(null, "", location.pathname + location.search);

@@ -1,6 +1,7 @@
 // The chosen pair on the map: its overlap now, where its tracks are at first and last contact, its letters and names.
 
 import { clock, labelOf } from "./format.js";
+import { isThere } from "./model.js";
 import { colour } from "./theme.js";
 import { mercatorX, mercatorY } from "./world.js";
 
@@ -115,7 +116,6 @@ export class Focus {
   }
 }
 
-const isThere = (object, t) => (object.start ?? -Infinity) <= t && (object.end ?? Infinity) >= t;
 const bounded = (value, low, high) => Math.max(low, Math.min(high, value));
 const boxAt = ([x, y], half) => [x - half, y - LABEL_PX / 2, x + half, y + LABEL_PX / 2];
 const meets = (one, other) => one[0] < other[2] && other[0] < one[2] && one[1] < other[3] && other[1] < one[3];

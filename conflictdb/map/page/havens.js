@@ -1,6 +1,7 @@
 // What moves: havens at the time that is shown, drawn on a canvas above the map, and the names of what is there.
 
 import { labelOf } from "./format.js";
+import { isThere } from "./model.js";
 import { colour } from "./theme.js";
 import { mercatorX, mercatorY, shortest } from "./world.js";
 
@@ -69,7 +70,7 @@ export class Havens {
       return [mercatorX(lon), mercatorY(lat)];
     }
     const [from, to] = [motion.points[i].t, motion.points[i + 1].t];
-    const share = (t - from) / (to - from);
+    const share = (motion.own(t) - from) / (to - from);
     return [x[i] + share * (x[i + 1] - x[i]), y[i] + share * (y[i + 1] - y[i])];
   }
 
@@ -182,8 +183,7 @@ export class Havens {
     const rank = ({ key }) => RANKS[kindOf(key, marks)];
     const named = this.shown.map(({ track, x, y, reachPx }) => ({ object: track, x, y: y - Math.min(reachPx, 60) - 9 }));
     for (const area of this.areas) {
-      const isThere = (area.start ?? -Infinity) <= t && (area.end ?? Infinity) >= t;
-      if (!isThere || marks.hidden.has(area.key)) continue;
+      if (!isThere(area, t) || marks.hidden.has(area.key)) continue;
       const [west, , east] = area.box;
       const [lon, lat] = area.inside;
       const place = mercatorX(lon);

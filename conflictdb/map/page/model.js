@@ -1,7 +1,7 @@
 // A scene as the page works with it: objects, their motion, conflicts, and which of them a filter leaves.
 
 import { printable } from "./format.js";
-import { Motion } from "./motion.js";
+import { begun, Motion } from "./motion.js";
 import { shorter } from "./world.js";
 
 export const MERCATOR_END = 85.051129; // degrees of latitude at which Web Mercator ends
@@ -55,15 +55,15 @@ function rings(view, at) {
 export function unpackTracks(buffer, scene) {
   const view = new DataView(buffer);
   let { head: { rows }, at } = headOf(buffer);
-  return rows.map(([id, key, name, floor, ceiling, grow, pathSize, outlineSize, outlinesSize]) => {
+  return rows.map(([id, key, name, floor, ceiling, grow, departures, pathSize, outlineSize, outlinesSize]) => {
     const path = points(view, at);
     at += pathSize;
     const outline = outlineSize === null ? null : ring(view, at);
     at += outlineSize ?? 0;
     const outlines = outlinesSize === null ? null : rings(view, at);
     at += outlinesSize ?? 0;
-    const motion = new Motion(path, outline ?? outlines[0], grow ?? 0, outlines, scene);
-    return { kind: "track", id, key, name, floor, ceiling, start: motion.start, end: motion.end, motion };
+    const motion = new Motion(path, outline ?? outlines[0], grow ?? 0, outlines, scene, departures);
+    return { kind: "track", id, key, name, floor, ceiling, start: motion.start, end: motion.end, spans: motion.spans, motion };
   });
 }
 
@@ -141,10 +141,22 @@ function backward(ring) {
   return ring.map((_, i) => ring[ring.length - 2 - i + 2 * (i % 2)]);
 }
 
-function areaOf({ id, key, name, floor_m: floor, ceiling_m: ceiling, start, end, west, south, east, north, lon, lat }) {
+function areaOf({ id, key, name, floor_m: floor, ceiling_m: ceiling, start, end, spans, west, south, east, north, lon, lat }) {
   return {
-    kind: "area", id, key, name, floor, ceiling, start, end, box: [west, south, east, north], inside: [lon ?? (west + east) / 2, lat ?? (south + north) / 2],
+    kind: "area", id, key, name, floor, ceiling, start, end, spans: spans && spansOf(spans), box: [west, south, east, north], inside: [lon ?? (west + east) / 2, lat ?? (south + north) / 2],
   };
+}
+
+// Activations from their starts and ends in turn, null for no limit.
+function spansOf(ends) {
+  return Array.from({ length: ends.length / 2 }, (_, n) => [ends[2 * n] ?? -Infinity, ends[2 * n + 1] ?? Infinity]);
+}
+
+// Whether an object is there at some instant of a range, or at one instant.
+export function isThere({ spans, start, end }, from, to = from) {
+  if (!spans) return (start ?? -Infinity) <= to && (end ?? Infinity) >= from;
+  const n = begun(spans, to);
+  return n > 0 && spans[n - 1][1] >= from;
 }
 
 // A latitude beyond which the map shows nothing, of what an object reaches.
@@ -348,7 +360,7 @@ export class Filter {
   }
 
   leavesObject(object) {
-    return (object.start ?? -Infinity) <= this.to && (object.end ?? Infinity) >= this.from
+    return isThere(object, this.from, this.to)
       && (object.floor ?? -Infinity) < this.ceiling && (object.ceiling ?? Infinity) > this.floor;
   }
 

@@ -185,13 +185,27 @@ function between(from, to, share) {
   return from.map(([x, y], i) => [x + share * (to[i][0] - x), y + share * (to[i][1] - y)]);
 }
 
+// How many of some spans, in order, have begun at an instant.
+export function begun(spans, t) {
+  let [low, high] = [0, spans.length];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (spans[middle][0] <= t) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
 // What havens of one track are computed from. points: {lon, lat, t} degrees and seconds; outline: a ring in metres
-// (starboard, ahead); outlines: one for each point, or null; grow: metres per second.
+// (starboard, ahead); outlines: one for each point, or null; grow: metres per second; departures: seconds, of the voyages,
+// which do not overlap; null: one voyage, at the times of the points.
 export class Motion {
-  constructor(points, outline, grow, outlines, scene) {
+  constructor(points, outline, grow, outlines, scene, departures = null) {
     this.points = points;
-    this.start = points[0].t;
-    this.end = points[points.length - 1].t;
+    const lasts = points[points.length - 1].t - points[0].t;
+    this.spans = departures && departures.map((at) => [at, at + lasts]);
+    this.start = departures ? departures[0] ?? Infinity : points[0].t;
+    this.end = departures ? (departures[departures.length - 1] ?? -Infinity) + lasts : points[points.length - 1].t;
     this.outline = outline;
     this.grow = grow;
     this.outlines = outlines;
@@ -199,13 +213,22 @@ export class Motion {
     this.legs = null; // made when they are first needed: of most tracks of a large scene nothing but points is shown
     this.hint = 0;
     const widest = Math.max(...(outlines ?? [outline]).flat().map(([x, y]) => Math.hypot(x, y)));
-    this.reachM = widest + 2 * grow * (this.end - this.start);
+    this.reachM = widest + 2 * grow * lasts;
+  }
+
+  // The time of the points at an instant: that of the last voyage that has begun.
+  own(t) {
+    const { spans, points } = this;
+    if (!spans) return t;
+    const n = begun(spans, t);
+    return n ? t - spans[n - 1][0] + points[0].t : -Infinity;
   }
 
   // The number of the leg at an instant, -1 when the track is not under way. The last instant belongs to none.
-  legAt(t) {
-    if (!(t >= this.start && t < this.end)) return -1;
+  legAt(at) {
     const { points } = this;
+    const t = this.own(at);
+    if (!(t >= points[0].t && t < points[points.length - 1].t)) return -1;
     let i = this.hint;
     if (!(t >= points[i].t && t < points[i + 1].t)) {
       let [low, high] = [0, points.length - 1];
@@ -231,18 +254,19 @@ export class Motion {
     const i = this.legAt(t);
     if (i < 0) return null;
     const leg = this.leg(i);
-    return leg.at((t - leg.t0) / (leg.t1 - leg.t0), null)[0];
+    return leg.at((this.own(t) - leg.t0) / (leg.t1 - leg.t0), null)[0];
   }
 
   // The haven: a ring [[lon, lat], …], degrees, not wrapped; null when the track is not under way.
-  haven(t) {
-    const i = this.legAt(t);
+  haven(at) {
+    const i = this.legAt(at);
     if (i < 0) return null;
+    const t = this.own(at);
     const leg = this.leg(i);
     const share = (t - leg.t0) / (leg.t1 - leg.t0);
     let { outline } = this;
     if (this.outlines) outline = between(this.outlines[i], this.outlines[i + 1], share);
-    else if (this.grow > 0) outline = grown(outline, this.grow * (t - this.start));
+    else if (this.grow > 0) outline = grown(outline, this.grow * (t - this.points[0].t));
     return leg.at(share, outline);
   }
 }

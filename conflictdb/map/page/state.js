@@ -1,7 +1,7 @@
 // What the page shows: a scene, an instant of it, what the filter leaves, and the conflict that is chosen. It draws nothing.
 
 import { changesOf } from "./changes.js";
-import { Filter, meet, Model, worstFirst } from "./model.js";
+import { Filter, isThere, meet, Model, worstFirst } from "./model.js";
 
 export class State {
   constructor() {
@@ -162,7 +162,7 @@ export class State {
       }
       const [a, b] = [one.key === chosen?.a, one.key === chosen?.b];
       return {
-        on: (one.start ?? -Infinity) <= t && (one.end ?? Infinity) >= t, hidden: hiddenObjects.has(one.key),
+        on: isThere(one, t), hidden: hiddenObjects.has(one.key),
         chosen: a || b, dim: chosen !== null && !a && !b, a, b,
       };
     };
