@@ -310,6 +310,33 @@ def test_two_sessions_merge_once(db: Database, scene: StoredScene, dsn: str) -> 
     assert "scene 'branch': name: is not in this database" in refusal
 
 
+def test_branches_that_go_during_a_detection_of_the_scene(
+    db: Database, scene: StoredScene, dsn: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A detection of the scene succeeds if a branch is dropped or merged meanwhile, and marks the others."""
+    for name in ("dropped", "merged", "kept"):
+        scene.branch(name).put(Area(name, [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]]))
+        db.scene(name).detect()
+    begin = store.begin_write
+
+    def late(*values: Any) -> Any:
+        monkeypatch.undo()
+        with connect(dsn) as other:
+            other.scene("dropped").drop()
+            other.scene("merged").merge()
+        return begin(*values)
+
+    monkeypatch.setattr(store, "begin_write", late)
+    scene.delete_objects("T0")
+    scene.detect()
+    assert not db.scene("kept").state().is_current
+    scene.detect(), db.scene("kept").detect()
+    assert db.scene("kept").state().is_current
+    copy = db.scene("kept").copy("copy")
+    copy.detect()
+    assert_same(db.scene("kept"), copy)
+
+
 def test_branch_follows_settings_and_rules(scene: StoredScene) -> None:
     """Settings and rules of the parent are those of its branches, which refuse others."""
     branch = scene.branch("branch")

@@ -387,6 +387,26 @@ def test_edit_that_commits_during_apply_is_named(db: Database, scene: StoredScen
     assert ask(db, PATHS) == paths
 
 
+def test_object_that_is_added_during_apply_is_detected(db: Database, scene: StoredScene, dsn: str) -> None:
+    """Applying waits for nobody who edits other objects: the next detection reports what comes of both."""
+    found = scene.resolve(within_s=6 * 3600.0)
+    number, moved_keys = found.proposal_id or 0, {one.key for one in found.moves}
+    with psycopg.connect(dsn) as editor:
+        editor.execute(
+            """SELECT conflictdb.put_area(%s, 'NEW', o.shape)
+               FROM (SELECT ST_SetSRID(ST_Expand(ST_Extent(t.path), 1)::geometry, 4326) AS shape
+                     FROM conflictdb.track t) o""",
+            [scene.name],
+        )
+        assert db.apply_proposal(number) == len(moved_keys)
+        editor.commit()
+    scene.detect()
+    assert {("NEW", key) for key in moved_keys} <= pairs(scene)
+    opened = [one for one in scene.conflict_events() if one.kind == "opened" and "NEW" in (one.a_key, one.b_key)]
+    assert {one.b_key for one in opened} >= moved_keys
+    assert db.undo_proposal(number) == len(moved_keys)
+
+
 FIXES = "SELECT voyage, n, at FROM mission.fix ORDER BY voyage, n"
 
 
