@@ -10,6 +10,7 @@ import psycopg
 
 from conflictdb import in_memory
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
+from conflictdb.arrays.pieces import level_m
 from conflictdb.db import store
 from conflictdb.earth.registry import plane_of
 from conflictdb.model import inputs
@@ -58,17 +59,26 @@ def speeds(
 
 
 def read_departing(
-    conn: psycopg.Connection[Any], scene: str, key: str, within_s: float
+    conn: psycopg.Connection[Any], scene: str, key: str, within_s: float, *, at_any_height: bool = False
 ) -> tuple[Scene, list[Area], list[Track]]:
     """Return a scene, a track, and what it may meet if it departs up to `within_s` earlier or later.
 
+    at_any_height : also what is at other heights
+
+
     Without the track the scene has none of this key. Raises InvalidInput if the scene does not exist.
     """
-    return _read(conn, scene, key, lambda track: round(1e6 * within_s))
+    return _read(conn, scene, key, lambda track: round(1e6 * within_s), at_any_height=at_any_height)
 
 
 def _read(
-    conn: psycopg.Connection[Any], scene: str, key: str | None, most_us: Callable[[Track], int], near_m: float = 0.0
+    conn: psycopg.Connection[Any],
+    scene: str,
+    key: str | None,
+    most_us: Callable[[Track], int],
+    near_m: float = 0.0,
+    *,
+    at_any_height: bool = False,
 ) -> tuple[Scene, list[Area], list[Track]]:
     """Return a scene and its objects, or those that a track may meet if it is earlier or later by up to `most_us`.
 
@@ -76,12 +86,19 @@ def _read(
     """
     with store.snapshot(conn):
         is_current = store.scene_state(conn, scene).is_current
-        keys = [*_near(conn, scene, key, most_us, near_m), key] if key is not None and is_current else None
+        keys = None
+        if key is not None and is_current:
+            keys = [*_near(conn, scene, key, most_us, near_m, at_any_height), key]
         return store.read_scene(conn, scene, keys)
 
 
 def _near(
-    conn: psycopg.Connection[Any], scene: str, key: str, most_us: Callable[[Track], int], near_m: float
+    conn: psycopg.Connection[Any],
+    scene: str,
+    key: str,
+    most_us: Callable[[Track], int],
+    near_m: float,
+    at_any_height: bool,
 ) -> list[str]:
     """Return the keys of the objects whose boxes a track may meet if it is earlier or later, or come near to.
 
@@ -92,6 +109,9 @@ def _near(
     pieces = pieces_of(wide, plane_of(settings), AreaBatch.of([]), TrackBatch.of(tracks))
     horizon_us = max(map(most_us, tracks), default=0) + settings.longest_time_us
     at_any_time = replace(pieces.longer(horizon_us, horizon_us), end_inclusive=np.ones(len(pieces), np.bool_))
+    if at_any_height:
+        all_m = np.full(len(pieces), np.inf)
+        at_any_time = replace(at_any_time, floor_m=-all_m, ceiling_m=all_m, climb_m=level_m(-all_m, all_m))
     number = store.scene_or_branch_id(conn, scene)
     parent = store.parent_name(conn, number)
     layers = [number] if parent is None else [number, store.scene_id(conn, parent)]

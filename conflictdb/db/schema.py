@@ -47,6 +47,22 @@ _FROM_BEFORE_RELEASE: Final = (
     "export its scenes with the program that made it, run DROP SCHEMA conflictdb CASCADE (of the extension: DROP "
     "EXTENSION conflictdb), then `conflictdb admin init`, and load them"
 )
+# Takes private routines out of the extension, so that they can be dropped.
+_RELEASE: Final = """
+DO $$
+DECLARE
+    v_routine regprocedure;
+BEGIN
+    FOR v_routine IN
+        SELECT p.oid FROM pg_catalog.pg_proc p
+        JOIN pg_catalog.pg_depend d ON d.classid = 'pg_proc'::regclass::oid AND d.objid = p.oid
+        WHERE p.pronamespace IN ('conflictdb'::regnamespace::oid, 'conflictdb_internal'::regnamespace::oid)
+            AND pg_catalog.starts_with(p.proname::text, '_') AND d.deptype = 'e'::"char" LOOP
+        EXECUTE pg_catalog.format('ALTER EXTENSION conflictdb DROP ROUTINE %s', v_routine);
+    END LOOP;
+END
+$$
+"""
 # Adds recreated routines to the extension, except the functions of single attached tables.
 _ADOPT: Final = """
 DO $$
@@ -374,6 +390,7 @@ def _update_extension(conn: psycopg.Connection[Any], found: str) -> None:
         prepare(conn)
         if found == head():
             # Between releases routines change without a revision, and a restore can reset triggers.
+            conn.execute(_RELEASE)
             apply_routines(conn)
             conn.execute(_ADOPT)
             return

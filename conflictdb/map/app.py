@@ -1,6 +1,6 @@
-"""Serve the requests of the page as an ASGI application. Only acknowledging writes; all else reads."""
+"""Serve the requests of the page as an ASGI application. Only acknowledging and moving a plan write; all else reads."""
 
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager
 from datetime import UTC, datetime
 from importlib.resources import files
@@ -19,7 +19,7 @@ from starlette.routing import Route
 
 from conflictdb.db import store
 from conflictdb.errors import ConflictDBError, InvalidInput, NotPermitted
-from conflictdb.map import content, land, what_if
+from conflictdb.map import content, editing, land, what_if
 from conflictdb.map.content import Pair, to_json
 from conflictdb.map.guard import Access, Guard
 from conflictdb.map.views import SceneView, SceneViews
@@ -42,6 +42,10 @@ _CONNECTIONS: Final = 4
 _MOST_BYTES: Final = 65_536
 # Longest change of a departure, seconds: a day.
 _LONGEST_S: Final = 86_400
+# Largest moves of a plan: a day, and any height on the earth.
+_MOST_MOVED: Final = {"later_us": _LONGEST_S * 1e6, "up_m": 20_000.0}
+# Members of a moved waypoint.
+_WAYPOINT: Final = 3
 # Limits on numbers of requests: digits, and the range of a database parameter.
 _MOST_DIGITS: Final = 10
 _MOST_NUMBER: Final = 2**31 - 1
@@ -131,8 +135,11 @@ class Answers:
         view = self.view(request)
         with self.connections.one() as connection:
             facts = content.settings(connection, view.name)
-            may = store.may_acknowledge(connection)
-        return _json({**facts, "version": view.changes.version, "may_acknowledge": may, "secret": self._access.secret})
+            may = {
+                "may_acknowledge": store.may_acknowledge(connection),
+                "may_edit": store.may_edit(connection, view.name),
+            }
+        return _json({**facts, **may, "version": view.changes.version, "secret": self._access.secret})
 
     def conflicts(self, request: Request) -> Response:
         """Return all conflicts, for the list and the timeline."""
@@ -217,6 +224,24 @@ class Answers:
                 store.acknowledge(connection, self._name(request), pair.a, pair.b, reason, None)
         return _json({})
 
+    def move(self, request: Request, asked: Mapping[str, Any]) -> Response:
+        """Store a track that the page moved, in the scene or in a new branch of it; return its digest."""
+        branch, place = asked.get("branch"), asked.get("waypoint")
+        if branch is not None and not isinstance(branch, str):
+            raise HTTPException(400, "branch: must be a text, or null")
+        later_us, up_m = (_real(name, asked.get(name, 0), most) for name, most in _MOST_MOVED.items())
+        waypoint = None
+        if place is not None:
+            if not isinstance(place, list) or len(place) != _WAYPOINT:
+                raise HTTPException(400, "waypoint: must be number, longitude and latitude, or null")
+            number, lon, lat = (
+                _real("waypoint", one, most) for one, most in zip(place, (_MOST_NUMBER, 540, 90), strict=True)
+            )
+            waypoint = (abs(int(number)), lon, lat)
+        move = editing.Move(_text(asked, "key"), _text(asked, "plan"), round(later_us), up_m, waypoint, branch)
+        with self._connect() as connection:
+            return _json({"plan": editing.put(connection, self._name(request), move)})
+
 
 def application(usual: str, connect: Connect, access: Access) -> Starlette:
     """Return the application that shows scenes of a database, `usual` first, to clients with access."""
@@ -230,8 +255,11 @@ def application(usual: str, connect: Connect, access: Access) -> Starlette:
     async def events(request: Request) -> Response:
         return StreamingResponse(answers.view(request).changes.each(), media_type="text/event-stream")
 
-    async def acknowledge(request: Request) -> Response:
-        return await run_in_threadpool(answers.acknowledge, request, await _body(request))
+    def writes(handler: Callable[[Request, Mapping[str, Any]], Response]) -> Callable[[Request], Awaitable[Response]]:
+        async def handled(request: Request) -> Response:
+            return await run_in_threadpool(handler, request, await _body(request))
+
+        return handled
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -255,7 +283,8 @@ def application(usual: str, connect: Connect, access: Access) -> Starlette:
             Route("/api/pair", answers.pair),
             Route("/api/pieces", answers.pieces),
             Route("/api/events", events),
-            Route("/api/acknowledge", acknowledge, methods=["POST"]),
+            Route("/api/acknowledge", writes(answers.acknowledge), methods=["POST"]),
+            Route("/api/move", writes(answers.move), methods=["POST"]),
             Route("/tiles/{kind}/{z}/{x}/{y}", answers.tile),
             Route("/land/{detail}", answers.land),
         ],
@@ -315,6 +344,13 @@ def _text(asked: Mapping[str, Any], name: str) -> str:
     value = asked.get(name)
     if not isinstance(value, str):
         raise HTTPException(400, f"{name}: must be a text")
+    return value
+
+
+def _real(name: str, value: object, most: float) -> float:
+    """Return a number of a request between -most and most."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not -most <= value <= most:
+        raise HTTPException(400, f"{name}: must be a number from {-most:g} to {most:g}")
     return value
 
 

@@ -53,9 +53,11 @@ def settings(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
     with store.transaction(conn):
         own = store.read_settings(conn, store.scene_or_branch_id(conn, scene))
         state = store.scene_state(conn, scene)
+        parent = store.parent_name(conn, store.scene_or_branch_id(conn, scene))
     return {
         "scene": scene,
         **{one.name: getattr(own, one.name) for one in SETTINGS if one.type is not SettingType.PLACE},
+        "branch_of": parent,
         "objects": state.objects,
         "is_current": state.is_current,
         "remark": state.remark,

@@ -71,7 +71,13 @@ def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], s
         left_out += f", and why of all but the first {MOST_EXPLAINED:,} conflicts"
     near = _near(shapes)
     return {
-        "scene": {**settings, "version": 0, "may_acknowledge": False, "copied": f"{now:%Y-%m-%d %H:%M} UTC"},
+        "scene": {
+            **settings,
+            "version": 0,
+            "may_acknowledge": False,
+            "may_edit": False,
+            "copied": f"{now:%Y-%m-%d %H:%M} UTC",
+        },
         "depths": content.depths(conn, scene),
         "conflicts": base64.b64encode(conflicts).decode(),
         "areas": areas,

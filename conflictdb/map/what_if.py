@@ -18,6 +18,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import feature_of
 from conflictdb.in_memory import numbered
 from conflictdb.map.content import to_json
+from conflictdb.map.editing import digest
 from conflictdb.model.methods import METHODS, Solver
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.stages.object_pairs import object_numbers
@@ -32,12 +33,12 @@ _INSTANTS: Final = ("start_us", "end_us", "leg_start_us", "leg_end_us")
 
 
 def pieces(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float) -> bytes:
-    """Pack the pieces of a track, and of what it may meet if it departs at most `within_s` earlier or later.
+    """Pack the pieces of a track, and of what it may meet at any height, departing at most `within_s` earlier or later.
 
     Raises InvalidInput if the scene or the track does not exist.
     """
     if store.parent_name(conn, store.scene_or_branch_id(conn, scene)) is None:
-        settings, areas, tracks = read_departing(conn, scene, key, within_s)
+        settings, areas, tracks = read_departing(conn, scene, key, within_s, at_any_height=True)
     else:
         settings, areas, tracks = store.read_scene(conn, scene)  # its pieces are in two scenes
     if all(track.key != key for track in tracks):
@@ -50,8 +51,8 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
 
     The head has the settings that the kernel takes, `objects` (keys, in the order of a detection), `base_us` (the
     instant that others count from, as text), `refusal` (why moved plans are not shown, or null), `plans` (features of
-    the tracks that may be moved, by key; null: its voyages repeat), and `arrays`: name, type of typed arrays, place in
-    the packed bytes, and number of elements of each array.
+    the tracks that may be moved, by key; null: its voyages repeat), `digests` of those (for `editing.Move`), and
+    `arrays`: name, type of typed arrays, place in the packed bytes, and number of elements of each array.
 
     moved : keys of the tracks that may be moved; None: all
     """
@@ -89,6 +90,8 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
         "refusal": None,
         "base_us": str(base_us),
         "separation_m": scene.separation_m,
+        "vertical_separation_m": scene.vertical_separation_m,
+        "intervals": str(scene.intervals),
         "tolerance_m": scene.tolerance_m,
         "reach_m": scene.reach_m,
         "objects": [keys[one] for one in objects.tolist()],
@@ -97,6 +100,7 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
             for track in tracks
             if moved is None or track.key in moved
         },
+        "digests": {track.key: digest(track) for track in tracks if moved is not None and track.key in moved},
     }
     return _with_head(head, arrays)
 

@@ -85,6 +85,7 @@ def test_moved_track_shows_what_goes_and_what_comes(strait: str, conn: Conn, dsn
     page.get_by_role("button", name="Clear 1 h 7 min 24 s earlier").click()
     said(page, "1 h 7 min 24 s earlier: 3 fewer, none new; clear.")
     assert page.evaluate("conflictdbPage.havens.plan.laterUs") == -4_044_000_000
+    page.locator(".what-if canvas").scroll_into_view_if_needed()
     box = page.locator(".what-if canvas").bounding_box()
     assert box is not None
     page.mouse.click(box["x"] + 10 + (box["width"] - 20) * 0.75, box["y"] + 10)
@@ -108,6 +109,50 @@ def test_moved_track_shows_what_goes_and_what_comes(strait: str, conn: Conn, dsn
     times = [at.removesuffix("Z") for at in feature["properties"]["times"]]
     moved_us = np.array(times, "datetime64[us]").astype(np.int64)
     assert np.abs(moved_us - track.times_us).max() <= 1  # the database has seconds, as doubles
+
+
+def conflicts_of(dsn: str, scene: str, key: str) -> list[str]:
+    with conflictdb.connect(dsn) as db:
+        db.scene(scene).detect()
+        every = db.scene(scene).conflicts()
+    return sorted(f"{one.a_key} and {one.b_key}" for one in every if key in (one.a_key, one.b_key))
+
+
+def test_a_plan_is_moved_in_height_proposed_applied_and_undone(
+    strait: str, conn: Conn, dsn: str, open_page: Open
+) -> None:
+    """In a branch, in the scene, and back to the bit; what is stored has the conflicts that the page showed."""
+    shape = "SELECT encode(ST_AsBinary(path), 'hex'), floor_m, ceiling_m FROM conflictdb.track WHERE key = 'SUB-2'"
+    before = conn.execute(shape).fetchall()
+    conn.rollback()
+    page = open_page(strait, size=(1440, 900), **COPIES)
+    ask(page, "DIVING and SUB-2", "SUB-2")
+    said(page, "As planned: 1 conflict.")
+    expect(page.get_by_role("button", name="Apply")).to_be_hidden()
+    height = page.get_by_role("slider", name="Height")
+    height.fill("-20")
+    said(page, "20 m lower: none fewer, 1 new; 2 in all.")
+    height.fill("-40")
+    said(page, "40 m lower: 1 fewer, 2 new; 2 in all.")
+    page.get_by_role("slider", name="Departure").press("ArrowRight")
+    expect(page.locator(".what-if .said")).to_contain_text("15 s later, 40 m lower: 1 fewer, 2 new")
+    shown = sorted(set(rows(page)) - set(page.locator("li.gone .keys").all_text_contents()))
+    assert shown == ["CABLE and SUB-2", "SUB-1 and SUB-2"]
+    assert "floor_m = floor_m + -40" in copied(page, "SQL")
+    page.get_by_role("button", name="Propose").click()
+    branch = "strait: SUB-2 15 s later, 40 m lower"
+    expect(page.locator(".what-if")).to_contain_text(f"Proposed as the branch {branch}.")
+    assert conflicts_of(dsn, branch, "SUB-2") == shown
+    page.get_by_role("button", name="Apply").click()
+    expect(page.locator(".what-if")).to_contain_text("Applied: 15 s later, 40 m lower.")
+    said(page, "As planned: 2 conflicts.")
+    assert conflicts_of(dsn, "strait", "SUB-2") == shown
+    page.get_by_role("button", name="Undo").click()
+    expect(page.locator(".what-if")).to_contain_text("Undone.")
+    said(page, "As planned: 1 conflict.")
+    own = f"{shape} AND scene_id = (SELECT scene_id FROM conflictdb.scene WHERE name = 'strait')"
+    assert conn.execute(own.encode()).fetchall() == before
+    conn.rollback()
 
 
 def test_a_file_computes_it_without_a_server(

@@ -35,7 +35,7 @@ AN_INSTANT_M: Final = 1e-3
 PAGE: Final = Path(conflictdb.__file__).parent / "map" / "page"
 EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 HORIZON_US: Final = 3_600_000_000
-# Reads scenes: [pack, [[key, delays], …]] each; prints the conflicts of each delay, and what is forbidden to each key.
+# Reads scenes: [pack, [[key, moves], …]] each; prints the conflicts of each move, and what is forbidden to each key.
 DRIVER: Final = """
 import { readFileSync } from "node:fs";
 import { Kernel } from "./kernel.mjs";
@@ -48,19 +48,22 @@ const answers = scenes.map(([text, asked]) => {
   return asked.map(([key, delays]) => {
     const one = new WhatIf(kernel, pack, key);
     if (one.refusal !== null) return { refusal: one.refusal };
-    const conflicts = delays.map((us) => one.conflicts(us));
+    const conflicts = delays.map(([us, up]) => one.conflicts(us, up));
     for (const conflict of conflicts[0]) {
       const pair = new PairDistance(kernel, pack, [key, conflict.other]);
       const [start, end] = [conflict.periods[0][0], conflict.periods.at(-1)[1]];
       conflict.inside_m = pair.at(conflict.periods.map(([from, to]) => (from + to) / 2));
       conflict.least_m = pair.around({ start, end, periods: conflict.periods })?.least[1] ?? null;
     }
-    return { conflicts, forbidden: [...one.forbidden(horizon)], base: pack.base_us };
+    const ups = [...new Set(delays.map(([, up]) => up))];
+    const forbidden = ups.map((up) => [up, [...one.forbidden(horizon, up)]]);
+    return { conflicts, forbidden, mayRise: one.mayRise, base: pack.base_us };
   });
 });
 console.log(JSON.stringify(answers));
 """
-Asked = list[tuple[str, list[int]]]
+# Of each track how much later, microseconds, and how much higher, metres.
+Asked = list[tuple[str, list[tuple[int, float]]]]
 Plans = tuple[Scene, list[Area], list[Track]]
 WORKLOADS: Final = (LOW_LATITUDE, HIGH_LATITUDE, SEAM, EQUATOR, HARBOUR, OCEAN, GROWING, GROWING_CIRCLES)
 
@@ -84,9 +87,14 @@ def later(track: Track, by_us: int) -> Track:
     return replace(track, times_us=track.times_us + by_us, max_speed_kn=np.inf)
 
 
-def of_copy(scene: Scene, areas: list[Area], tracks: list[Track], key: str, by_us: int) -> dict[str, Any]:
-    """The conflicts of a track in a copy of the scene in which it departs so much later, by the other object."""
-    moved = [later(one, by_us) if one.key == key else one for one in tracks]
+def higher(track: Track, up_m: float) -> Track:
+    floor_m, ceiling_m = (None if end is None else end + up_m for end in (track.floor_m, track.ceiling_m))
+    return replace(track, floor_m=floor_m, ceiling_m=ceiling_m)
+
+
+def of_copy(scene: Scene, areas: list[Area], tracks: list[Track], key: str, by_us: int, up_m: float) -> dict[str, Any]:
+    """The conflicts of a track in a copy of the scene in which it is so much later and higher, by the other object."""
+    moved = [higher(later(one, by_us), up_m) if one.key == key else one for one in tracks]
     return {
         one.b_key if one.a_key == key else one.a_key: one
         for one in conflictdb.solve(moved, areas, scene)
@@ -115,12 +123,12 @@ def instant_us(at: datetime) -> int:
     return round((at - EPOCH) / timedelta(microseconds=1))
 
 
-def differing(answer: Any, plans: Plans, key: str, delays: list[int]) -> list[str]:
+def differing(answer: Any, plans: Plans, key: str, delays: list[tuple[int, float]]) -> list[str]:
     """What differs between the answers of the page and of copies: pairs, verdicts, periods beyond a microsecond."""
     scene, areas, tracks = plans
     found, base_us = [], int(answer["base"])
-    for by_us, conflicts in zip(delays, answer["conflicts"], strict=True):
-        copy = of_copy(scene, areas, tracks, key, by_us)
+    for (by_us, up_m), conflicts in zip(delays, answer["conflicts"], strict=True):
+        copy = of_copy(scene, areas, tracks, key, by_us, up_m)
         here = {one["other"]: one for one in conflicts}
         if here.keys() != copy.keys():
             found.append(f"{scene.name} {key} {by_us}: {here.keys() ^ copy.keys()}")
@@ -128,19 +136,25 @@ def differing(answer: Any, plans: Plans, key: str, delays: list[int]) -> list[st
             unlikes = unlike(here[other], copy[other], base_us)
             found += [f"{scene.name} {key} {by_us} {other}: {text}" for text in unlikes]
         for other in copy:
-            spans = dict(answer["forbidden"]).get(other, [])
+            spans = dict(dict(answer["forbidden"])[up_m]).get(other, [])
             if abs(by_us) <= HORIZON_US and not any(low <= by_us <= high for low, high in spans):
                 found.append(f"{scene.name} {key} {by_us}: {other} is met, and allowed by {spans}")
     return found
 
 
-def check(tmp_path: Path, count: int, scenes: list[Plans], each: int) -> None:
-    """A number of random (track, delay) over scenes."""
+def check(tmp_path: Path, count: int, scenes: list[Plans], each: int, ups_m: tuple[float, ...] = (0.0,)) -> None:
+    """A number of random (track, delay, height) over scenes."""
     rng = np.random.default_rng(7)
     asked: list[tuple[bytes, Asked]] = []
     for scene, areas, tracks in scenes:
         chosen = rng.choice(len(tracks), each, replace=False)
-        delays = [[0, *rng.integers(-HORIZON_US, HORIZON_US, count - 1).tolist()] for _ in chosen]
+        delays = [
+            [
+                (0, 0.0),
+                *((int(rng.integers(-HORIZON_US, HORIZON_US)), float(rng.choice(ups_m))) for _ in range(count - 1)),
+            ]
+            for _ in chosen
+        ]
         asked.append(
             (
                 what_if.packed(scene, areas, tracks),
@@ -151,6 +165,7 @@ def check(tmp_path: Path, count: int, scenes: list[Plans], each: int) -> None:
     for (scene, areas, tracks), (_, own), answers in zip(scenes, asked, on_page(tmp_path, asked), strict=True):
         for (key, delays), answer in zip(own, answers, strict=True):
             assert "refusal" not in answer, (scene.name, key, answer)
+            assert answer["mayRise"] or ups_m == (0.0,), (scene.name, key)
             found += differing(answer, (scene, areas, tracks), key, delays)
             met += sum(map(len, answer["conflicts"]))
             for one in answer["conflicts"][0]:
@@ -192,3 +207,33 @@ def test_owners_heights_and_closed_intervals_count_as_in_a_detection(tmp_path: P
             own = replace(scene, **settings)
             plans.append((own, owned[: len(areas)], owned[len(areas) :]))
     check(tmp_path, 3, plans, 2)
+
+
+def at_heights(scene: Scene, areas: list[Area], tracks: list[Track], seed: int) -> Plans:
+    """The objects of a scene in bands of some decimals, two without a floor; of every other seed with a separation."""
+    rng = np.random.default_rng(seed)
+
+    def banded(one: Any, n: int, **more: Any) -> Any:
+        floor_m, thick_m = round(float(rng.integers(-600, 600)) / 10, 1), float(rng.integers(5, 40))
+        return replace(one, floor_m=None if n == 0 else floor_m, ceiling_m=round(floor_m + thick_m, 1), **more)
+
+    own = replace(scene, vertical_separation_m=[0.0, 12.3][seed % 2])
+    return (
+        own,
+        [banded(area, n) for n, area in enumerate(areas)],
+        [banded(track, n, max_speed_kn=np.inf) for n, track in enumerate(tracks)],
+    )
+
+
+def test_track_at_another_height_meets_what_a_detection_of_its_copy_finds(tmp_path: Path) -> None:
+    """Bands that only touch do not overlap, also after they moved by decimals."""
+    plans = [at_heights(*scenes_of(workload, seed), seed) for seed, workload in enumerate((HARBOUR, LOW_LATITUDE))]
+    check(tmp_path, 6, plans, 4, (-40.0, -10.1, -0.1, 0.0, 0.2, 7.0, 25.3))
+
+
+@pytest.mark.slow
+def test_many_tracks_at_other_heights_meet_what_detections_of_copies_find(tmp_path: Path) -> None:
+    """A thousand."""
+    seeds = range(2, 5)
+    plans = [at_heights(*scenes_of(workload, seed), seed) for workload in WORKLOADS for seed in seeds]
+    check(tmp_path, 12, plans, 4, (-40.0, -10.1, -0.1, 0.0, 0.2, 7.0, 25.3))

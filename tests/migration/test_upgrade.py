@@ -285,7 +285,7 @@ def test_views_of_users_survive_when_routines_are_retired(dsn: str, other_dsn: s
     retired = next_release / "sql" / "06_retired.sql"
     assert "ARRAY[" in retired.read_text()
     names = "ARRAY['gone(p_a)', "
-    retired.write_text(retired.read_text().replace("ARRAY[", names))
+    retired.write_text(retired.read_text().replace("ARRAY[", names, 1))
     schema.upgrade(dsn)
     with psycopg.connect(dsn) as conn:
         assert conn.execute("SELECT * FROM public.mine").fetchall() == []

@@ -90,6 +90,7 @@ from conflictdb.db.store.map_rows import (
     map_shapes,
     map_tracks,
     may_acknowledge,
+    may_edit,
     never_write,
     tile,
 )

@@ -4,9 +4,11 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 import psycopg
+from psycopg.rows import tuple_row
 from psycopg.types.json import Json
 
 from conflictdb.db.store.connection import call, call_many, transaction, translated
+from conflictdb.errors import NotPermitted
 
 # Every change of the data that a page shows notifies one of these channels (sql/14_marks.sql, 60_write_back.sql,
 # 69_acknowledge.sql).
@@ -52,6 +54,21 @@ def may_acknowledge(conn: psycopg.Connection[Any]) -> bool:
     """Return whether the user of a connection may acknowledge conflicts."""
     with transaction(conn):
         return bool(call(conn, "_map_may_acknowledge")[0])
+
+
+def may_edit(conn: psycopg.Connection[Any], scene: str) -> bool:
+    """Return whether the user of a connection may change the objects of a scene; InvalidInput if it does not exist."""
+    statement = b"SELECT has_any_column_privilege('conflictdb.track', 'UPDATE') AND NOT pg_is_in_recovery()"
+    try:
+        with translated(), conn.transaction(), psycopg.Cursor(conn, row_factory=tuple_row) as cursor:
+            row = cursor.execute(statement, prepare=False).fetchone()
+        if row is None or not row[0]:
+            return False
+        with transaction(conn):
+            call(conn, "_scene_or_branch_to_change", scene)
+    except NotPermitted:
+        return False
+    return True
 
 
 def tile(conn: psycopg.Connection[Any], kind: str, z: int, x: int, y: int, scene: str) -> bytes:

@@ -14,7 +14,7 @@ export function addressOf({ scene, t, view, chosen, filter, departure }) {
     view: view?.join(","), a: chosen?.a, b: chosen?.b, object: filter.object || null,
     verdicts: filter.verdicts.length < VERDICTS.length ? filter.verdicts.join(",") : null,
     from: filter.from || null, to: filter.to || null, floor: filter.floor || null, ceiling: filter.ceiling || null,
-    now: filter.now ? "1" : null, open: filter.open ? "1" : null, departs: departure?.key,
+    now: filter.now ? "1" : null, open: filter.open ? "1" : null, departs: departure?.key, higher: departure?.upM ? String(departure.upM) : null,
     later: departure?.laterUs ? String(departure.laterUs / 1e6) : null,
   };
   const known = Object.entries(given).filter(([, value]) => value !== null && value !== undefined);
@@ -40,7 +40,7 @@ export function askedBy(hash) {
       object: text("object").slice(0, 1000), verdicts, from: instant("from"), to: instant("to"), floor: number("floor"), ceiling: number("ceiling"),
       now: text("now") === "1", open: text("open") === "1",
     },
-    departure: asked.has("departs") ? { key: text("departs"), laterS: finite(text("later")) ?? 0 } : null,
+    departure: asked.has("departs") ? { key: text("departs"), laterS: finite(text("later")) ?? 0, upM: finite(text("higher")) ?? 0 } : null,
   };
 }
 

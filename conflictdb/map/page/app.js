@@ -61,6 +61,7 @@ class Page {
     this.kernel = kernelOf(this.source);
     this.departure = new Departure(byId("what-if"), this.source, this.kernel, {
       range: (track, s) => this.state.model.spareSpan([track.start - s, track.end + s]), change: (plan) => this.replan(plan), close: () => this.planClosed(),
+      rights: () => this.state.model.scene, move: (what) => this.source.move(what), openScene: (name) => this.goToScene(name),
     });
     this.marks = new Paced(() => this.mark(), MARKS_MS, MARKS_SHARE);
     this.resting = null; // the timer of a plan that is being moved
@@ -544,7 +545,7 @@ class Page {
     const track = departure && state.model.objects.get(departure.key);
     if (track?.kind === "track") {
       if (this.departure.key !== track.key) await this.askWhatIf(track);
-      await this.departure.moveWithin(1e6 * departure.laterS);
+      await this.departure.moveWithin(1e6 * departure.laterS, departure.upM);
       byId("words").value = filter.object;
       this.readFilter();
     } else {

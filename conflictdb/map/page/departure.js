@@ -1,7 +1,8 @@
-// What if a track departed earlier or later: which departures are clear, what forbids the others, and what a slider changes.
+// What if a track departed earlier or later, or went higher or lower: which departures are clear, what forbids the others, and
+// what sliders change.
 
 import { element } from "./dom.js";
-import { counted, duration, printable } from "./format.js";
+import { counted, duration, metres, printable } from "./format.js";
 import { moved, statement } from "./moved_plan.js";
 import { DepartureStrip } from "./strip.js";
 import { union, unpackPieces, WhatIf } from "./what_if.js";
@@ -18,6 +19,10 @@ export function laterBy(us) {
   return `${said.join(" ")} ${us > 0 ? "later" : "earlier"}`;
 }
 
+// ", 20 m higher".
+const higherBy = (m) => (m === 0 ? "" : `, ${metres(Math.abs(m))} ${m > 0 ? "higher" : "lower"}`);
+
+const MOST_UP_M = 20_000;
 const SECOND = 1e6;
 const seconds = (us) => Math.round(us / SECOND) * SECOND;
 
@@ -38,7 +43,8 @@ export function stretchesOf(forbidden) {
 }
 
 export class Departure {
-  // `on`: range(track, s) hears by how much it may be moved, change(plan) of a moved plan (null: as planned), close().
+  // `on`: range(track, s) hears by how much it may be moved, change(plan) of a moved plan (null: as planned), close(), rights()
+  // of the scene, move(what) stores a plan, openScene(name).
   constructor(container, source, kernel, on) {
     this.container = container;
     this.canvas = element("canvas", { role: "img", "aria-label": "Departures in conflict, by what they meet" });
@@ -49,6 +55,7 @@ export class Departure {
     this.key = null;
     this.rangeS = 3600;
     this.laterUs = 0;
+    this.upM = 0;
     this.asked = 0; // which answer is awaited
   }
 
@@ -62,26 +69,33 @@ export class Departure {
     this.scene = scene;
     this.key = track.key;
     this.track = track;
-    this.laterUs = 0;
+    this.laterUs = this.upM = 0;
     this.summary = element("p", { class: "said", role: "status" });
     this.slider = element("input", { type: "range", step: "any", "aria-label": "Departure", input: () => this.moveTo(seconds(1e6 * this.slider.value)), keydown: (event) => this.pressed(event) });
     this.range = element("select", { "aria-label": "Range", change: () => { this.rangeS = Number(this.range.value); this.read(); } },
       ...RANGES.map((s) => new Option(`± ${duration(s).replace(/ 00 (s|min)/, "")}`, s, s === this.rangeS, s === this.rangeS)));
+    this.height = element("input", { type: "range", step: 1, "aria-label": "Height", input: () => this.moveTo(this.laterUs, Number(this.height.value)) });
+    this.heights = element("div", { class: "heights", hidden: true }, element("span", { class: "soft" }, "Height"), this.height);
+    this.stored = element("p", { role: "status" });
+    this.writing = element("div", { class: "copies", hidden: true },
+      element("button", { type: "button", click: () => this.propose() }, "Propose"),
+      element("button", { type: "button", click: () => this.apply(this.laterUs, this.upM) }, "Apply"));
     this.buttons = {
       earlier: element("button", { type: "button", click: () => this.moveTo(this.clear.earlier) }),
-      planned: element("button", { type: "button", click: () => this.moveTo(0) }, "As planned"),
+      planned: element("button", { type: "button", click: () => this.moveTo(0, 0) }, "As planned"),
       later: element("button", { type: "button", click: () => this.moveTo(this.clear.later) }),
     };
     this.stretches = element("ol");
     this.copied = element("p", { class: "soft", role: "status" });
     this.text = element("textarea", { "aria-label": "The moved plan", readonly: true, hidden: true, spellcheck: "false" });
     this.more = element("div", { hidden: true },
-      this.canvas, this.slider,
+      this.canvas, this.slider, this.heights,
       element("div", { class: "clear" }, this.buttons.earlier, this.buttons.planned, this.buttons.later),
       element("details", {}, element("summary", {}, "What forbids which departures"), this.stretches),
+      this.writing, this.stored,
       element("div", { class: "copies" },
-        element("button", { type: "button", class: "plain", click: () => this.copy("SQL", (plan) => statement(this.scene, plan, this.laterUs)) }, "Copy as SQL"),
-        element("button", { type: "button", class: "plain", click: () => this.copy("GeoJSON", (plan) => JSON.stringify(moved(plan, this.laterUs), null, 1)) }, "Copy as GeoJSON")),
+        element("button", { type: "button", class: "plain", click: () => this.copy("SQL", (plan) => statement(this.scene, plan, this.laterUs, this.upM)) }, "Copy as SQL"),
+        element("button", { type: "button", class: "plain", click: () => this.copy("GeoJSON", (plan) => JSON.stringify(moved(plan, this.laterUs, this.upM), null, 1)) }, "Copy as GeoJSON")),
       this.copied, this.text);
     container.replaceChildren(
       element("header", {},
@@ -126,23 +140,41 @@ export class Departure {
       return;
     }
     this.whatIf = whatIf;
-    const forbidden = whatIf.forbidden(1e6 * this.rangeS);
+    this.planned = new Set(whatIf.conflicts(0).map(({ other }) => other));
+    this.heights.hidden = !whatIf.mayRise;
+    if (!whatIf.mayRise) this.upM = 0;
+    this.limitHeight(whatIf);
+    this.showForbidden();
+    [this.slider.min, this.slider.max] = [-this.rangeS, this.rangeS];
+    this.on.range(this.track, this.rangeS);
+    this.more.hidden = false;
+    this.moveTo(Math.min(1e6 * this.rangeS, Math.max(-1e6 * this.rangeS, this.laterUs)));
+  }
+
+  // As high and as low as whatever is around, and clear of it.
+  limitHeight({ heights: [low, high], plan: { properties } }) {
+    const ends = [properties.floor_m, properties.ceiling_m].filter(Number.isFinite);
+    if (!ends.length) return;
+    const thick = Math.max(1, ends[ends.length - 1] - ends[0]);
+    [this.height.min, this.height.max] = [Math.max(-MOST_UP_M, Math.floor(low - ends[0] - thick)), Math.min(MOST_UP_M, Math.ceil(high - ends[0] + thick))];
+  }
+
+  // Which departures are in conflict at the height that is shown.
+  showForbidden() {
+    const { whatIf } = this;
+    this.shownUpM = this.upM;
+    const forbidden = whatIf.forbidden(1e6 * this.rangeS, this.upM);
     const all = union([...forbidden.values()].flat());
     const now = all.find(([low, high]) => low <= 0 && high >= 0);
     const within = (us) => (Math.abs(us) <= 1e6 * this.rangeS ? us : null);
     this.clear = { earlier: now ? within(clearFrom(all, now[0] - 1, -1)) : null, later: now ? within(clearFrom(all, now[1] + 1, 1)) : null };
-    this.planned = new Set(whatIf.conflicts(0).map(({ other }) => other));
     for (const [name, us] of Object.entries(this.clear)) {
       this.buttons[name].disabled = us === null;
       this.buttons[name].textContent = us !== null ? laterBy(us) : now ? `none ${name}` : "–";
       this.buttons[name].setAttribute("aria-label", us !== null ? `Clear ${laterBy(us)}` : `No clear departure ${name}`);
     }
     this.strip.take(forbidden, 1e6 * this.rangeS);
-    [this.slider.min, this.slider.max] = [-this.rangeS, this.rangeS];
     this.list(stretchesOf(forbidden));
-    this.on.range(this.track, this.rangeS);
-    this.more.hidden = false;
-    this.moveTo(Math.min(1e6 * this.rangeS, Math.max(-1e6 * this.rangeS, this.laterUs)));
   }
 
   say(text) {
@@ -160,23 +192,30 @@ export class Departure {
     if (!stretches.length) this.stretches.append(element("li", {}, "Nothing: all are clear."));
   }
 
-  moveTo(us) {
-    this.laterUs = us;
+  moveTo(us, upM = this.upM) {
+    [this.laterUs, this.upM] = [us, upM];
+    if (upM !== this.shownUpM) this.showForbidden();
+    this.height.value = upM;
+    this.height.setAttribute("aria-valuetext", upM === 0 ? "as planned" : higherBy(upM).slice(2));
     this.slider.value = us / 1e6;
     this.slider.setAttribute("aria-valuetext", laterBy(us));
     this.strip.mark(us);
-    const conflicts = this.whatIf.conflicts(us);
+    const conflicts = this.whatIf.conflicts(us, upM);
     this.summary.textContent = this.told(conflicts);
     this.copied.textContent = "";
     this.text.hidden = true;
-    this.on.change(us === 0 ? null : { key: this.key, laterUs: us, conflicts });
+    const isPlanned = us === 0 && upM === 0;
+    const { may_edit: mayEdit, branch_of: parent } = this.on.rights();
+    this.writing.hidden = !mayEdit || isPlanned;
+    this.writing.firstChild.hidden = parent !== null; // a branch has no branches
+    this.on.change(isPlanned ? null : { key: this.key, laterUs: us, upM, conflicts });
   }
 
   // "4 min 10 s later: 2 fewer, none new; 1 left."
   told(conflicts) {
-    const by = laterBy(this.laterUs);
+    const by = this.moveText();
     const said = by.charAt(0).toUpperCase() + by.slice(1);
-    if (this.laterUs === 0) return `${said}: ${conflicts.length ? counted(conflicts.length, "conflict") : "clear"}.`;
+    if (this.laterUs === 0 && this.upM === 0) return `${said}: ${conflicts.length ? counted(conflicts.length, "conflict") : "clear"}.`;
     const now = new Set(conflicts.map(({ other }) => other));
     const gone = [...this.planned].filter((key) => !now.has(key)).length;
     const come = [...now].filter((key) => !this.planned.has(key)).length;
@@ -184,9 +223,45 @@ export class Departure {
     return `${said}: ${gone ? `${gone} fewer` : "none fewer"}, ${come ? `${come} new` : "none new"}${now.size ? `; ${now.size} in all` : "; clear"}.`;
   }
 
+  // "10 min later, 20 m higher".
+  moveText() {
+    return this.laterUs === 0 && this.upM !== 0 ? higherBy(this.upM).slice(2) : laterBy(this.laterUs) + higherBy(this.upM);
+  }
+
+  // Stores the moved plan in a new branch.
+  async propose() {
+    const branch = `${this.scene}: ${this.key} ${this.moveText()}`;
+    if (await this.store({ later_us: this.laterUs, up_m: this.upM, branch }) === null) return;
+    this.stored.replaceChildren("Proposed as the branch ", element("bdi", {}, printable(branch)), ". ",
+      element("button", { type: "button", class: "link", click: () => this.on.openScene(branch) }, "Open"));
+  }
+
+  // Stores the moved plan in the scene, which is then as planned.
+  async apply(laterUs, upM, isUndo = false) {
+    const [key, said] = [this.key, this.moveText()];
+    const plan = await this.store({ later_us: laterUs, up_m: upM, branch: null });
+    if (plan === null || this.key !== key) return;
+    this.whatIf.digest = plan; // until it is read again
+    this.moveTo(0, 0);
+    if (isUndo) this.stored.replaceChildren("Undone.");
+    else this.stored.replaceChildren(`Applied: ${said}. `, element("button", { type: "button", class: "link", click: () => this.apply(-laterUs, -upM, true) }, "Undo"));
+  }
+
+  // Returns the digest of what is stored; null if it is refused, which the page says.
+  async store(what) {
+    this.stored.textContent = "Storing …";
+    try {
+      return await this.on.move({ key: this.key, plan: this.whatIf.digest, ...what });
+    } catch (error) {
+      this.stored.textContent = `Not stored: ${printable(error.message)}.`;
+      return null;
+    }
+  }
+
   // Moves the plan if it is known, and widens the range if need be.
-  moveWithin(us) {
+  moveWithin(us, upM = 0) {
     if (this.more.hidden) return;
+    this.upM = this.whatIf.mayRise ? Math.min(MOST_UP_M, Math.max(-MOST_UP_M, upM)) : 0;
     const wide = RANGES.find((s) => 1e6 * s >= Math.abs(us)) ?? RANGES[RANGES.length - 1];
     this.laterUs = Math.sign(us) * Math.min(Math.abs(us), 1e6 * wide);
     if (wide > this.rangeS) {
@@ -210,7 +285,7 @@ export class Departure {
     const text = textOf(this.whatIf.plan);
     try {
       await navigator.clipboard.writeText(text);
-      this.copied.textContent = `Copied as ${what}: ${laterBy(this.laterUs)}.`;
+      this.copied.textContent = `Copied as ${what}: ${this.moveText()}.`;
     } catch {
       this.text.value = text;
       this.text.hidden = false;

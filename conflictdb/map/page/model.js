@@ -256,30 +256,34 @@ export class Model {
   }
 
   // The conflicts if a track departs at another time: those that would be gone, moved or new have a `change`.
-  withPlan({ key, conflicts }) {
+  withPlan({ key, upM, conflicts }) {
     const known = new Map(conflicts.map((one) => [one.other, one]));
     const changed = this.conflicts.map((conflict) => {
       if (conflict.a !== key && conflict.b !== key) return conflict;
       const other = conflict.a === key ? conflict.b : conflict.a;
       const now = known.get(other);
       known.delete(other);
-      return now ? this.planned(conflict, now, "moved") : { ...conflict, change: "gone" };
+      return now ? this.planned(conflict, now, "moved", key, upM) : { ...conflict, change: "gone" };
     });
     const added = [...known.values()].map((now, n) => {
       const [a, b] = this.objects.get(now.other)?.kind === "area" || now.other < key ? [now.other, key] : [key, now.other];
-      return this.planned({ ...UNKNOWN, id: -1 - n, a, b }, now, "new");
+      return this.planned({ ...UNKNOWN, id: -1 - n, a, b }, now, "new", key, upM);
     });
     return [...changed, ...added].sort((one, other) => one.start - other.start || one.id - other.id);
   }
 
-  planned(conflict, { verdict, periods, error_s }, change) {
-    return { ...conflict, ...UNKNOWN, verdict: verdict ?? "unresolved", periods, error_s, start: periods[0][0], end: periods[periods.length - 1][1], change };
+  planned(conflict, { verdict, periods, error_s }, change, key, upM) {
+    return { ...conflict, ...UNKNOWN, verdict: verdict ?? "unresolved", periods, error_s, start: periods[0][0], end: periods[periods.length - 1][1], change, higher: [key, upM] };
   }
 
   // The heights where both objects of a conflict may be: [floor, ceiling], metres.
-  heightsOf({ a, b }) {
+  heightsOf({ a, b, higher: [key, upM] = [null, 0] }) {
     const pair = [this.objects.get(a), this.objects.get(b)];
-    return [Math.max(...pair.map((object) => object?.floor ?? -Infinity)), Math.min(...pair.map((object) => object?.ceiling ?? Infinity))];
+    const moved = (object, end) => end + (object.key === key ? upM : 0);
+    return [
+      Math.max(...pair.map((object) => (object ? moved(object, object.floor ?? -Infinity) : -Infinity))),
+      Math.min(...pair.map((object) => (object ? moved(object, object.ceiling ?? Infinity) : Infinity))),
+    ];
   }
 
   // The box to show of a conflict: both havens at an instant, and the place of contact.

@@ -115,11 +115,20 @@ export class ServerSource {
     return (await answered(fetch(this.at("/api/pieces", { key, within_s: withinS })))).arrayBuffer();
   }
 
-  async acknowledge(a, b, reason) {
-    await answered(fetch(this.at("/api/acknowledge"), {
+  acknowledge(a, b, reason) {
+    return this.write("/api/acknowledge", { a, b, reason });
+  }
+
+  // Stores a moved plan: { key, plan (its digest), later_us, up_m, branch }. Returns the digest of what is stored.
+  async move(what) {
+    return (await (await this.write("/api/move", what)).json()).plan;
+  }
+
+  write(path, what) {
+    return answered(fetch(this.at(path), {
       method: "POST",
       headers: { "Content-Type": "application/json", "X-Conflictdb-Secret": this.secret },
-      body: JSON.stringify({ a, b, reason }),
+      body: JSON.stringify(what),
     }));
   }
 

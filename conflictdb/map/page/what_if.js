@@ -1,4 +1,4 @@
-// What a track would meet if it departed earlier or later: the stages of a detection (conflictdb/stages), on the pieces that
+// What a track would meet if it departed earlier or later, or went higher or lower: the stages of a detection (conflictdb/stages), on the pieces that
 // conflictdb/map/what_if.py packs. Instants are microseconds since the base of the pack.
 
 import { CONTACT, DIFFERENCE } from "./kernel.js";
@@ -9,6 +9,7 @@ const BEYOND_US = 10; // differences are asked for this much beyond the horizon
 const ROUNDING_US = 0.1; // more than times of pieces are rounded by
 const LOOSE_S = 1; // where more stays open between outer and inner interval, times are halved
 const MOST_SPLITS = 6;
+const ROUNDED_M = 1e6; // heights below are rounded to nanometres, where heights have a margin (separations.py)
 
 // The arrays of a pack, and its head.
 export function unpackPieces(buffer) {
@@ -62,6 +63,18 @@ function boxes({ xy, offset }) {
 
 const overlap = (a, b) => a[0] <= b[2] && b[0] <= a[2] && a[1] <= b[3] && b[1] <= a[3];
 
+// Why pairs of rows of a pack are not compared; null if they are.
+function refusalOf(pack, pairs) {
+  const rows = [...new Set(pairs.flat())];
+  if (rows.some((row) => pack.is_cover[row])) return "one of the objects there could not be cut into pieces";
+  const climbs = (row) => pack.climb_m[4 * row] !== pack.climb_m[4 * row + 1] || pack.climb_m[4 * row + 2] !== pack.climb_m[4 * row + 3];
+  return pack.climb_m && rows.some(climbs) ? "heights change along a leg there" : null;
+}
+
+// Whether a plan has one band of heights, with an end that can be moved.
+const hasOneBand = ({ properties }) => (
+  [properties.floor_m, properties.ceiling_m].some(Number.isFinite) && !Object.keys(properties).some((name) => ["floors_m", "ceilings_m", "legs"].includes(name)));
+
 export class WhatIf {
   // A track of a pack by its key. `refusal` says why nothing is known, or is null.
   constructor(kernel, pack, key) {
@@ -70,6 +83,7 @@ export class WhatIf {
     this.refusal = pack.refusal ?? (pack.plans[key] === null ? "its voyages repeat" : pack.objects.includes(key) ? null : "it is never under way");
     if (this.refusal !== null) return;
     this.plan = pack.plans[key];
+    this.digest = pack.digests?.[key] ?? null;
     this.pack = pack;
     this.baseUs = BigInt(pack.base_us);
     this.object = pack.objects.indexOf(key);
@@ -85,27 +99,44 @@ export class WhatIf {
     // Pairs in the order of a detection: by the pieces of the earlier object, then of the later one.
     for (const other of others.filter(isNear)) {
       for (const row of mine) {
-        if ((pack.turn[row] === 0 || pack.turn[other] === 0) && overlap(box[row], box[other])
-          && pack.floor_m[row] < pack.ceiling_m[other] && pack.floor_m[other] < pack.ceiling_m[row]) {
+        if ((pack.turn[row] === 0 || pack.turn[other] === 0) && overlap(box[row], box[other])) {
           a.push(row);
           b.push(other);
         }
       }
     }
     const isApart = kernel.apart(hulls, BigInt64Array.from(a, BigInt), BigInt64Array.from(b, BigInt));
-    const kept = a.flatMap((row, n) => (isApart[n] ? [] : [[row, b[n]]]));
-    const rows = [...new Set(kept.flat())].sort((one, other) => one - other);
-    if (kept.flat().some((row) => pack.is_cover[row])) this.refusal = "one of the objects there could not be cut into pieces";
-    else if (pack.climb_m && rows.some((row) => pack.climb_m[4 * row] !== pack.climb_m[4 * row + 1] || pack.climb_m[4 * row + 2] !== pack.climb_m[4 * row + 3])) {
-      this.refusal = "heights change along a leg there";
-    }
+    const near = a.flatMap((row, n) => (isApart[n] ? [] : [[row, b[n]]]));
+    const atHeights = near.filter(([row, other]) => pack.floor_m[row] < pack.ceiling_m[other] && pack.floor_m[other] < pack.ceiling_m[row]);
+    this.refusal = refusalOf(pack, atHeights);
     if (this.refusal !== null) return;
+    // At other heights it may meet others.
+    this.mayRise = pack.intervals !== "closed" && hasOneBand(this.plan) && refusalOf(pack, near) === null;
+    const kept = this.mayRise ? near : atHeights;
+    const rows = [...new Set(kept.flat())].sort((one, other) => one - other);
     const place = new Map(rows.map((row, n) => [row, n]));
     this.pieces = taken(pack, rows);
     this.start = Array.from(this.pieces.start_us, (us) => unbounded(Number(us)));
     this.end = Array.from(this.pieces.end_us, (us) => unbounded(Number(us)));
     this.isMine = Array.from(this.pieces.object, (object) => object === this.object);
     this.pairs = kept.map(([row, other]) => ({ mine: place.get(row), other: place.get(other) }));
+  }
+
+  // The lowest floor and the highest ceiling of the objects around, metres.
+  get heights() {
+    const { floor_m: floors, ceiling_m: ceilings } = this.pieces;
+    const known = [...floors, ...ceilings].filter(Number.isFinite);
+    return known.length ? [Math.min(...known), Math.max(...known)] : [0, 0];
+  }
+
+  // Whether the heights of two pieces overlap if the track is so much higher, metres.
+  share({ mine, other }, upM) {
+    const { floor_m: floors, ceiling_m: ceilings } = this.pieces;
+    const risen = (m) => {
+      const sum = m + upM;
+      return upM !== 0 && this.pack.vertical_separation_m > 0 && Math.abs(sum) < ROUNDED_M ? Number(sum.toFixed(9)) : sum;
+    };
+    return risen(floors[mine]) < ceilings[other] && floors[other] < risen(ceilings[mine]);
   }
 
   // The keys of the objects that it may meet.
@@ -117,11 +148,11 @@ export class WhatIf {
     return this.pack.objects[this.pieces.object[row]];
   }
 
-  // Departures that are in conflict, later by [low, high] microseconds, with each object by its key: at no other one within the
-  // horizon it comes within the separation and the tolerance of it.
-  forbidden(horizonUs) {
-    const { pieces, pairs, start, end } = this;
-    const asked = pairs.map(({ mine, other }) => {
+  // Departures that are in conflict, later by [low, high] microseconds, with each object by its key, if the track is so much higher:
+  // at no other one within the horizon it comes within the separation and the tolerance of it.
+  forbidden(horizonUs, upM = 0) {
+    const { pieces, start, end } = this;
+    const asked = this.pairs.filter((pair) => this.share(pair, upM)).map(({ mine, other }) => {
       const isStill = pieces.moves[other] === 0;
       const [zero, first] = [start[mine], start[other]];
       const last = isStill ? end[other] : first;
@@ -169,15 +200,17 @@ export class WhatIf {
     return done;
   }
 
-  // The conflicts of the track if it departs so much later, microseconds: in the order of the other objects, with their
+  // The conflicts of the track if it departs so much later, microseconds, and is so much higher, metres: in the order of the other objects, with their
   // periods in Unix seconds, and as `us` in microseconds since the base. A verdict of null: conflict or grazing.
-  conflicts(laterUs) {
+  conflicts(laterUs, upM = 0) {
     const { pieces, pack } = this;
     const mineIs = (row, by) => (this.isMine[row] ? by : 0);
     const starts = this.start.map((us, row) => us + mineIs(row, laterUs));
     const ends = this.end.map((us, row) => us + mineIs(row, laterUs));
     const isLast = (row, end) => ends[row] > end || pieces.end_inclusive[row] !== 0;
-    const together = this.pairs.flatMap(({ mine, other }) => {
+    const together = this.pairs.flatMap((pair) => {
+      const { mine, other } = pair;
+      if (!this.share(pair, upM)) return [];
       const [from, to] = [Math.max(starts[mine], starts[other]), Math.min(ends[mine], ends[other])];
       const hasEnd = isLast(mine, to) && isLast(other, to);
       if (!(from < to || (from === to && hasEnd))) return [];

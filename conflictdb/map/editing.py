@@ -1,0 +1,87 @@
+"""Store a plan that a page moved: in its scene, or in a branch of it."""
+
+import hashlib
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import psycopg
+
+from conflictdb.db import store
+from conflictdb.db.detect import detect
+from conflictdb.errors import ConflictDBError, InvalidInput
+from conflictdb.formats.scene_file import feature_of
+from conflictdb.map.content import to_json
+from conflictdb.model.horizon import later
+from conflictdb.model.plans import Track
+from conflictdb.session import loading
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """A move of a track.
+
+    plan : digest of the track that the page moved
+    later_us, up_m : how much later it departs, and how much higher it is
+    waypoint : number from 0, longitude and latitude of a waypoint, or None
+    branch : name of a new branch for it; None: in the scene
+    """
+
+    key: str
+    plan: str
+    later_us: int
+    up_m: float
+    waypoint: tuple[int, float, float] | None
+    branch: str | None
+
+
+def digest(track: Track) -> str:
+    """Return a digest of all that a track is, for `Move.plan`."""
+    return hashlib.sha256(to_json(feature_of(track))).hexdigest()
+
+
+def moved(track: Track, move: Move) -> Track:
+    """Return the track as a page moved it; raises InvalidInput if that is no track."""
+    if track.departures_us or track.schedule:
+        raise InvalidInput(f"track {track.key!r}", "schedule", "its voyages repeat")
+    if move.later_us:
+        track = later(track, move.later_us)
+    if move.up_m:
+        if track.floors_m is not None or track.ceilings_m is not None:
+            raise InvalidInput(f"track {track.key!r}", "floors_m", "its heights change along the way")
+        floor_m, ceiling_m = (None if end is None else end + move.up_m for end in (track.floor_m, track.ceiling_m))
+        track = replace(track, floor_m=floor_m, ceiling_m=ceiling_m)
+    if move.waypoint is not None:
+        number, *place = move.waypoint
+        if number >= len(track.positions_deg):
+            raise InvalidInput(f"track {track.key!r}", "waypoint", f"must be below {len(track.positions_deg)}")
+        places = np.array(track.positions_deg)
+        places[number] = place
+        track = replace(track, positions_deg=places, max_speed_kn=np.inf)
+    return track
+
+
+def put(conn: psycopg.Connection[Any], scene: str, move: Move) -> str:
+    """Store a moved track, and detect its conflicts if the user may; return its digest.
+
+    Raises InvalidInput if the track changed since, or is not known, and NotPermitted.
+    """
+    with store.transaction(conn):
+        target = scene
+        if move.branch is not None:
+            store.create_branch(conn, scene, move.branch, None)
+            target = move.branch
+        _, _, tracks = store.read_scene(conn, target, [move.key])
+        if not tracks:
+            raise InvalidInput(f"scene {scene!r}", "track", f"{move.key!r} is not known")
+        if digest(tracks[0]) != move.plan:
+            raise InvalidInput(f"track {move.key!r}", "plan", "was changed meanwhile: look at it again")
+        track = moved(tracks[0], move)
+        loading.put(conn, target, [track], None)
+        _, _, (stored,) = store.read_scene(conn, target, [move.key])
+    try:
+        store.require_detecting(conn)
+        detect(conn, target, jobs=1)
+    except ConflictDBError:
+        pass  # a worker does, or the page says that changes wait
+    return digest(stored)

@@ -1,0 +1,94 @@
+"""Plans that the page of `conflictdb map` moves: who may store them, and what is refused."""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import psycopg
+import pytest
+from map_page import Client, served_page
+
+import conflictdb
+
+HOSTILE = "<img src=x onerror=alert(1)>\u202e"
+SHAPE = "SELECT ST_AsText(path), floor_m, ceiling_m FROM conflictdb.track ORDER BY track_id"
+
+
+@pytest.fixture
+def strait(dsn: str) -> Iterator[Client]:
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+        db.scene("strait").detect()
+    with served_page(dsn, "strait") as address:
+        yield Client(address)
+
+
+def plan_of(client: Client, key: str) -> str:
+    """Return the digest of a track as the page has it."""
+    packed = client.ask("GET", f"/api/pieces?key={key}&within_s=0")[1]
+    return str(json.loads(packed[4 : 4 + int.from_bytes(packed[:4], "little")])["digests"][key])
+
+
+def post(client: Client, asked: object, **more: str | None) -> tuple[int, Any]:
+    secret = client.read("/api/scene")["secret"]
+    good = {"X_Conflictdb_Secret": secret, "Content_Type": "application/json", "Origin": f"http://{client.host}"}
+    status, body, _ = client.ask("POST", "/api/move", asked, **{**good, **more})
+    return status, json.loads(body)
+
+
+def test_only_the_page_moves_what_it_shows(strait: Client, conn: psycopg.Connection[Any]) -> None:
+    """No other site, no odd number, and no plan that somebody changed meanwhile; nothing is stored then."""
+    conn.autocommit = True
+    before = conn.execute(SHAPE).fetchall()
+    asked = {"key": "FERRY", "plan": plan_of(strait, "FERRY"), "later_us": 1_000_000, "up_m": 0, "branch": None}
+    for wrong in ({"X_Conflictdb_Secret": None}, {"Origin": "http://evil.example"}, {"Content_Type": "text/plain"}):
+        assert post(strait, asked, **wrong)[0] == 403
+    for name, values in {
+        "later_us": (1e12, "1", None, True, [1]),
+        "up_m": (1e6, -1e6, "x"),
+        "branch": (5, "", "x\0", "strait"),
+        "key": (None, "nobody", "CABLE"),
+        "plan": (None, "0" * 64),
+        "waypoint": (5, [0, 1], [99, 1, 1], [0, 1, 91], [0, None, 1]),
+    }.items():
+        for value in values:
+            assert post(strait, {**asked, name: value})[0] == 400, (name, value)
+    assert post(strait, b'{"later_us": NaN}')[0] == 400
+    assert conn.execute(SHAPE).fetchall() == before
+    assert [one["scene"] for one in strait.read("/api/scenes")["scenes"]] == ["strait"]
+    assert post(strait, asked)[0] == 200
+    assert conn.execute(SHAPE).fetchall() != before
+    status, said = post(strait, asked)
+    assert (status, "changed meanwhile" in said["error"]) == (400, True)
+
+
+def test_a_moved_waypoint_and_a_branch_with_any_name(strait: Client, dsn: str) -> None:
+    """The scene stays as it is."""
+    asked = {"key": "FERRY", "plan": plan_of(strait, "FERRY"), "waypoint": [1, 9.4, 57.7], "branch": HOSTILE}
+    assert post(strait, asked)[0] == 200
+    with conflictdb.connect(dsn) as db:
+        (_, _, (moved,)), (_, _, (same,)) = (db.scene(name)._read(["FERRY"]) for name in (HOSTILE, "strait"))
+        assert db.scene(HOSTILE).state().is_current
+    assert moved.positions_deg[1].tolist() == [9.4, 57.7]
+    assert same.positions_deg[1].tolist() == [9.4, 57.79]
+    assert moved.times_us.tolist() == same.times_us.tolist()
+
+
+def test_who_only_reads_moves_nothing(dsn: str, conn: psycopg.Connection[Any]) -> None:
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+        db.scene("strait").detect()
+    role = f"reader_of_moves_{conn.info.backend_pid}"
+    conn.autocommit = True
+    conn.execute(f"CREATE ROLE {role} LOGIN IN ROLE conflictdb_reader".encode())
+    before = conn.execute(SHAPE).fetchall()
+    try:
+        with served_page(psycopg.conninfo.make_conninfo(dsn, options=f"-c role={role}"), "strait") as address:
+            client = Client(address)
+            assert client.read("/api/scene")["may_edit"] is False
+            for branch in (None, "mine"):
+                asked = {"key": "FERRY", "plan": plan_of(client, "FERRY"), "later_us": 1_000_000, "branch": branch}
+                assert post(client, asked)[0] == 403
+        assert conn.execute(SHAPE).fetchall() == before
+    finally:
+        conn.execute(f"DROP ROLE {role}".encode())
