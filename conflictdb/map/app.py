@@ -18,8 +18,9 @@ from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
 
 from conflictdb.db import store
+from conflictdb.drawing import land
 from conflictdb.errors import ConflictDBError, InvalidInput, NotPermitted
-from conflictdb.map import content, editing, land, what_if
+from conflictdb.map import content, editing, what_if
 from conflictdb.map.content import Pair, to_json
 from conflictdb.map.guard import Access, Guard
 from conflictdb.map.views import SceneView, SceneViews

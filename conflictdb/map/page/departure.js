@@ -77,7 +77,7 @@ export class Departure {
     this.height = element("input", { type: "range", step: 1, "aria-label": "Height", input: () => this.moveTo(this.laterUs, Number(this.height.value)) });
     this.heights = element("div", { class: "heights", hidden: true }, element("span", { class: "soft" }, "Height"), this.height);
     this.stored = element("p", { role: "status" });
-    this.writing = element("div", { class: "copies", hidden: true },
+    this.writing = element("div", { class: "stores", hidden: true },
       element("button", { type: "button", click: () => this.propose() }, "Propose"),
       element("button", { type: "button", click: () => this.apply(this.laterUs, this.upM) }, "Apply"));
     this.buttons = {
