@@ -89,7 +89,7 @@ def _land(panel: Any, plane: Plane, bounds: tuple[float, float, float, float]) -
     frame = shapely.segmentize(shapely.box(*bounds), max(bounds[2] - bounds[0], bounds[3] - bounds[1]) / 20)
     lon, lat = plane.from_plane(*shapely.get_coordinates(frame).T)
     box = float(lon.min()), float(lat.min()), float(lon.max()), float(lat.max())
-    is_whole = -_TURN_DEG / 2 <= box[0] and box[2] <= _TURN_DEG / 2 and box[2] - box[0] <= _WIDEST_LAND_DEG
+    is_whole = box[0] >= -_TURN_DEG / 2 and box[2] <= _TURN_DEG / 2 and box[2] - box[0] <= _WIDEST_LAND_DEG
     if not is_whole or box[1] < -_LAST_LAND_DEG or box[3] > _LAST_LAND_DEG:
         return
     detail = land.FINE if box[2] - box[0] < _FINE_DEG else land.COARSE

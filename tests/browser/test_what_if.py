@@ -136,6 +136,9 @@ def test_a_plan_is_moved_in_height_proposed_applied_and_undone(
     said(page, "40 m lower: 1 fewer, 2 new; 2 in all.")
     page.get_by_role("slider", name="Departure").press("ArrowRight")
     expect(page.locator(".what-if .said")).to_contain_text("15 s later, 40 m lower: 1 fewer, 2 new")
+    page.evaluate(gzip.decompress(AXE.read_bytes()).decode())
+    violations = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+    assert [(one["id"], one["nodes"][0]["html"]) for one in violations] == []
     shown = sorted(set(rows(page)) - set(page.locator("li.gone .keys").all_text_contents()))
     assert shown == ["CABLE and SUB-2", "SUB-1 and SUB-2"]
     assert "floor_m = floor_m + -40" in copied(page, "SQL")
