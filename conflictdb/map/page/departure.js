@@ -171,7 +171,8 @@ export class Departure {
     for (const [name, us] of Object.entries(this.clear)) {
       this.buttons[name].disabled = us === null;
       this.buttons[name].textContent = us !== null ? laterBy(us) : now ? `none ${name}` : "–";
-      this.buttons[name].setAttribute("aria-label", us !== null ? `Clear ${laterBy(us)}` : `No clear departure ${name}`);
+      if (us !== null) this.buttons[name].setAttribute("aria-label", `Clear ${laterBy(us)}`);
+      else this.buttons[name].removeAttribute("aria-label");
     }
     this.strip.take(forbidden, 1e6 * this.rangeS);
     this.list(stretchesOf(forbidden));
