@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 
 from conflictdb.db import store
 from conflictdb.errors import InvalidInput
-from conflictdb.model.horizon import area_spans, track_departures, window_over
+from conflictdb.model.horizon import area_spans, idle_text, track_departures, window_over
 from conflictdb.model.results import Kind
 
 
 def expand(conn: psycopg.Connection[Any], scene: str, say: store.Say, now_us: int | None = None) -> None:
     """Expand the schedules of a scene that are not expanded, or not far enough, in one transaction.
 
-    say : called with the object and the reason for each schedule that is not understood
+    say : called with the object and the reason for each schedule that is not understood, and with the objects whose
+        schedules have no activation
     now_us : today, microseconds; None: by the clock
     """
     with store.transaction(conn):
@@ -45,6 +46,10 @@ def expand(conn: psycopg.Connection[Any], scene: str, say: store.Say, now_us: in
     for error in errors:
         if error is not None:
             say(f"{error}; its pairs are unresolved")
+    found = zip(objects, expanded, strict=True)
+    idle = [f"{one.kind.value} {one.key!r}" for one, (instants, error) in found if error is None and not len(instants)]
+    if idle:
+        say(idle_text(idle, window))
 
 
 def _expanded(one: store.Scheduled, window: tuple[int, int]) -> tuple[NDArray[np.int64], str | None]:

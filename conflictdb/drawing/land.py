@@ -1,4 +1,4 @@
-"""Read coastlines of Natural Earth, for figures and as GeoJSON for the page.
+"""Read coastlines and places of Natural Earth, for figures and as GeoJSON for the page.
 
 map/vendor/land-50m.json.gz and land-10m.json.gz are TopoJSON
 (https://github.com/topojson/topojson-specification): rings of arcs, which are integer differences on a grid.
@@ -62,6 +62,13 @@ def land(detail: str) -> Land:
             coasts += [shell, *holes]
             polygons.append(shapely.Polygon(_closed(shell), [_beside(hole, shell) for hole in holes]))
     return Land(_cut(polygons), _cut([shapely.LineString(coast) for coast in coasts]))
+
+
+@cache
+def places() -> list[dict[str, Any]]:
+    """Return countries and towns: name, kind, longitude, latitude, and the zoom from which maps show them."""
+    text = (files("conflictdb") / "map" / "vendor" / "places.json").read_text(encoding="utf-8")
+    return [dict(zip(("name", "kind", "lon", "lat", "zoom"), row, strict=True)) for row in json.loads(text)]
 
 
 def _closed(ring: NDArray[np.float64]) -> NDArray[np.float64]:

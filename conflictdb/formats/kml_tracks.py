@@ -70,6 +70,9 @@ def _positions(who: str, track: Element) -> tuple[NDArray[np.float64], list[int]
         numbers = [number_of(who, f"gx:coord in line {coord.line}", one) for one in coord.text.split()]
         if len(numbers) not in (2, 3):
             raise InvalidInput(who, f"gx:coord in line {coord.line}", f"must be lon lat height; got {coord.text!r:.40}")
+        if not (abs(numbers[0]) <= 360.0 and abs(numbers[1]) <= 90.0):
+            rule = f"must lie within +-360 degrees of longitude and +-90 of latitude; got {coord.text!r:.40}"
+            raise InvalidInput(who, f"gx:coord in line {coord.line}", rule)
         positions.append(numbers[:2])
     times = []
     for when in whens:

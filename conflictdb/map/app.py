@@ -173,6 +173,16 @@ class Answers:
         with self.connections.one() as connection:
             return Response(content.tracks(connection, self._name(request)), media_type="application/octet-stream")
 
+    def table(self, request: Request) -> Response:
+        """Return all conflicts as CSV, as the command line writes them."""
+        with self.connections.one() as connection:
+            return Response(content.table(connection, self._name(request)), media_type="text/csv; charset=utf-8")
+
+    def heights(self, request: Request) -> Response:
+        """Return the heights of tracks whose heights change."""
+        with self.connections.one() as connection:
+            return _json(content.heights(connection, self._name(request)))
+
     def pieces(self, request: Request) -> Response:
         """Return the pieces of a track and of what it may meet if it departs earlier or later."""
         key, within_s = _parameter(request, "key") or "", _number("within_s", _parameter(request, "within_s") or "")
@@ -253,6 +263,9 @@ def application(usual: str, connect: Connect, access: Access) -> Starlette:
         kind, body = known[request.url.path]
         return Response(body, media_type=kind)
 
+    async def places(request: Request) -> Response:
+        return _json(land.places())
+
     async def events(request: Request) -> Response:
         return StreamingResponse(answers.view(request).changes.each(), media_type="text/event-stream")
 
@@ -281,12 +294,15 @@ def application(usual: str, connect: Connect, access: Access) -> Starlette:
             Route("/api/overview", answers.overview),
             Route("/api/tracks", answers.tracks),
             Route("/api/shapes", answers.shapes),
+            Route("/api/table", answers.table),
+            Route("/api/heights", answers.heights),
             Route("/api/pair", answers.pair),
             Route("/api/pieces", answers.pieces),
             Route("/api/events", events),
             Route("/api/acknowledge", writes(answers.acknowledge), methods=["POST"]),
             Route("/api/move", writes(answers.move), methods=["POST"]),
             Route("/tiles/{kind}/{z}/{x}/{y}", answers.tile),
+            Route("/places", places),
             Route("/land/{detail}", answers.land),
         ],
         middleware=[Middleware(Guard, access=access)],

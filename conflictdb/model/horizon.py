@@ -1,7 +1,8 @@
 """Expand schedules of areas and tracks to activations, as far as a horizon."""
 
 import time
-from collections.abc import Iterable, Iterator
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Any, Final, TypeVar
@@ -10,7 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.errors import InvalidInput
+from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.model.activations import INFINITY_US, MINUS_INFINITY_US, departures_of
 from conflictdb.model.inputs import all_certain, certain
 from conflictdb.model.plans import MAX_INSTANT_US, MIN_INSTANT_US, Area, Track
@@ -19,6 +20,7 @@ Window = tuple[int, int]
 _One = TypeVar("_One", Area, Track)
 
 _DAY_US: Final = 86_400_000_000
+_MOST_NAMED: Final = 3
 
 
 def window_over(now_us: int, horizon_days: float, voyages: Iterable[Window], known: Window | None = None) -> Window:
@@ -51,13 +53,20 @@ def expanded(
 ) -> tuple[list[Area], list[Track]]:
     """Return areas and tracks with the activations of their schedules; raises InvalidInput.
 
+    Issues an IncompleteWarning for schedules without an activation.
+
     now_us : today, for the window; None: by the clock
     """
     items: list[Area | Track] = [*areas, *tracks]
     if all(one.schedule is None for one in items):
         return areas, tracks
     window = window_over(time.time_ns() // 1000 if now_us is None else now_us, horizon_days, _voyages(tracks))
-    return [expanded_area(area, window) for area in areas], [expanded_track(track, window) for track in tracks]
+    areas, tracks = [expanded_area(area, window) for area in areas], [expanded_track(track, window) for track in tracks]
+    idle = [f"area {one.key!r}" for one in areas if one.schedule is not None and not one.spans_us]
+    idle += [f"track {one.key!r}" for one in tracks if one.schedule is not None and not one.departures_us]
+    if idle:
+        warnings.warn(idle_text(idle, window), IncompleteWarning, stacklevel=2)
+    return areas, tracks
 
 
 def later(one: _One, by_us: int) -> _One:
@@ -96,6 +105,13 @@ def expanded_track(track: Track, window: Window) -> Track:
     lasts_us = int(track.times_us[-1] - track.times_us[0])
     departs = track_departures(f"track {track.key!r}", track.schedule, lasts_us, track.positions_deg[0], window)
     return _made(track, departures_us=tuple(departs.tolist()))
+
+
+def idle_text(who: Sequence[str], window: Window) -> str:
+    """Return that the schedules of some objects, as `area 'A'`, have no activation in a window."""
+    start, end = (f"{np.datetime64(at_us, 'us').astype('datetime64[m]')}Z" for at_us in window)
+    named = ", ".join(who[:_MOST_NAMED]) + (f" and {len(who) - _MOST_NAMED:,} more" * (len(who) > _MOST_NAMED))
+    return f"{named}: no activation of the schedule from {start} until {end}, as far as schedules are expanded"
 
 
 def area_spans(

@@ -1,6 +1,7 @@
 """Stored plans that recur: spans, departures and schedules, from files, SQL and Python, to conflicts."""
 
 import json
+import re
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
@@ -290,6 +291,27 @@ def repeated(db: Any, tmp_path: Path, **settings: Any) -> Any:
     db.load(scene_file(tmp_path, one_day, voyage("T", departures=twice), voyage("Once"), **settings))
     db.scene("plans").detect()
     return db.scene("plans")
+
+
+def test_schedules_without_an_activation_are_named(conn: psycopg.Connection[Any], tmp_path: Path) -> None:
+    """A schedule that ended in the past is not expanded: a detection that finds nothing says so."""
+    ended = {"rrule": "DTSTART:20200602T080000Z\nRRULE:FREQ=WEEKLY;COUNT=3", "duration": "PT2H"}
+    said: list[str] = []
+    with conflictdb.connect(conn) as db:
+        db.load(scene_file(tmp_path, feature("A", schedule=ended), feature("B"), feature("C", schedule=TUESDAYS)))
+        expansion.expand(conn, "plans", said.append)
+        expansion.expand(conn, "plans", said.append)
+        scene, areas, tracks = store.read_scene(conn, "plans")
+    rule = r"^area 'A': no activation of the schedule from \S+Z until \S+Z, as far as schedules are expanded$"
+    (only,) = said
+    assert re.search(rule, only)
+    with pytest.warns(IncompleteWarning, match=rule):
+        assert [one.a_key for one in conflictdb.solve(tracks, areas, scene)] == ["B"]
+    # Where a voyage reaches that far, it is expanded.
+    with conflictdb.connect(conn) as db:
+        db.load(scene_file(tmp_path, voyage("T", times=["2020-06-02T06:00:00Z", "2020-06-02T09:00:00Z"])))
+        db.scene("plans").detect()
+        assert ("A", "B") in verdicts(conn)
 
 
 def test_explain_says_all_of_a_repeated_voyage(conn: psycopg.Connection[Any], tmp_path: Path) -> None:

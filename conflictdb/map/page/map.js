@@ -137,6 +137,11 @@ export class MapView {
     this.map.getCanvas().setAttribute("aria-label", "Map");
     theme.onChange(() => this.paint());
     this.isReady = false; // for states of features
+    // To measure the container takes a layout of the page, in each frame.
+    const element = this.map.getContainer();
+    const size = () => { this.size = [element.clientWidth, element.clientHeight]; };
+    size();
+    this.map.on("resize", size);
     this.map.once("style.load", () => {
       this.isReady = true;
       this.map.addImage("stale", hatch());
@@ -220,7 +225,7 @@ export class MapView {
 
   // Says the shape of the map and the width of its scale to style.css, which prints all canvases as one picture.
   measure() {
-    const { clientWidth: width, clientHeight: height } = this.map.getContainer();
+    const [width, height] = this.size;
     const measured = `${width} ${height} ${this.map.getZoom()} ${this.map.getCenter().lat}`; // only time has moved
     if (measured === this.measured || matchMedia("print").matches) return;
     this.measured = measured;
@@ -235,7 +240,7 @@ export class MapView {
     const { map } = this;
     const size = 512 * 2 ** map.getZoom();
     const centre = map.getCenter();
-    const { clientWidth: width, clientHeight: height } = map.getContainer();
+    const [width, height] = this.size;
     return {
       size, width, height,
       left: mercatorX(centre.lng) - width / 2 / size,
@@ -245,8 +250,8 @@ export class MapView {
   }
 
   // Goes to a box (degrees; east may be beyond 180), or to a place in it.
-  goTo([west, south, east, north], padding) {
-    this.map.fitBounds([[west, clamp(south)], [east, clamp(north)]], { padding, maxZoom: 15, duration: 600 });
+  goTo([west, south, east, north], padding, maxZoom = 15) {
+    this.map.fitBounds([[west, clamp(south)], [east, clamp(north)]], { padding, maxZoom, duration: 600 });
   }
 
   // The middle and the zoom: longitude, latitude, zoom; and goes there.
