@@ -7,10 +7,14 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Final
 
+import numpy as np
 import psycopg
+from numpy.typing import NDArray
 
 from conflictdb.db import store
 from conflictdb.errors import InvalidInput
+from conflictdb.formats.writing import lines_of
+from conflictdb.model.results import Conflict
 from conflictdb.model.settings import SETTINGS, SettingType
 from conflictdb.stages.depths import depths as depths_of
 
@@ -150,6 +154,22 @@ def tracks(conn: psycopg.Connection[Any], scene: str) -> bytes:
         blobs += [one for one in geometries if one is not None]
     head = to_json({"rows": rows})
     return b"".join([_LENGTH.pack(len(head)), head, *blobs])
+
+
+def table(conn: psycopg.Connection[Any], scene: str) -> str:
+    """Return the conflicts of a scene as the CSV of the command line, earliest first."""
+    return "".join(lines_of(store.conflicts(conn, scene), "csv", Conflict))
+
+
+def heights(conn: psycopg.Connection[Any], scene: str) -> dict[str, list[list[float | None] | None]]:
+    """Return floors and ceilings, metres per leg or per waypoint, of tracks whose heights change; None: no limit."""
+    with store.transaction(conn):
+        known = store.changing_heights(conn, store.scene_or_branch_id(conn, scene))
+        return {key: [_limits(floors_m), _limits(ceilings_m)] for key, floors_m, ceilings_m in known}
+
+
+def _limits(heights_m: NDArray[np.float64] | None) -> list[float | None] | None:
+    return None if heights_m is None else [one if math.isfinite(one) else None for one in heights_m.tolist()]
 
 
 def shapes(conn: psycopg.Connection[Any], scene: str, conflicts: list[Listed]) -> dict[str, Any]:

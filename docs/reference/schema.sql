@@ -1057,6 +1057,9 @@ FUNCTION _check_attachable(p_who text, p_table regclass, p_has_triggers boolean)
 FUNCTION _check_attached_owner(p_who text, p_table regclass, p_has_triggers boolean)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _check_attached_rows(p_who text, p_since text, p_attachment attachment, p_identity text, p_key text)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb, p_class text, p_owner text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1338,6 +1341,9 @@ FUNCTION _horizon(p_scene_id bigint, OUT horizon_days double precision, OUT from
 
 FUNCTION _hulls_meet(p_a geometry, p_b geometry)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _identity_condition(p_columns text[], p_identity text)
+    RETURNS text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _identity_of(p_alias text, p_columns text[])
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;

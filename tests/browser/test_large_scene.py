@@ -168,3 +168,40 @@ def test_twenty_thousand_objects_are_shown_and_moved(
         sys.stdout.write(f"\nfirst view {np.round(views_s, 2)} s, {np.round(pictures_per_s)} pictures a second\n")
     assert np.median(views_s) < (MOST_DETECTED_VIEW_S if is_detected else MOST_FIRST_VIEW_S)
     assert np.median(pictures_per_s) > LEAST_PICTURES_PER_S
+
+
+def drones(count: int) -> list[Track]:
+    """`count` drones that cross a harbour of 2 by 2 kilometres, again and again."""
+    rng = np.random.default_rng(3)
+    outline = rectangle_outline_m(15, 15, 15, 15)
+    return [
+        Track(
+            f"DRONE-{n:03}",
+            rng.uniform((10.70, 59.89), (10.74, 59.91), (8, 2)),
+            T0_US + ((rng.uniform(0, 60) + 60 * np.arange(8)) * 1e6).astype(np.int64),
+            outline,
+            floor_m=float(floor := rng.choice([30, 50, 70, 90, 110])),
+            ceiling_m=float(floor + 15),
+            max_speed_kn=1000.0,
+        )
+        for n in range(count)
+    ]
+
+
+@pytest.mark.slow
+def test_a_crowded_harbour_plays_as_smoothly_as_twenty_thousand_objects(
+    conn: Conn, dsn: str, open_page: Open, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """300 drones, 1,878 conflicts among them."""
+    load(conn, Scene("s"), [], drones(300))
+    detect(conn, "s", jobs=1)
+    conn.commit()
+    with served_page(dsn, "s") as address:
+        page = open_page(address, size=(1440, 900))
+        pictures_per_s = []
+        for _ in range(TRIES):
+            pictures_ms = page.evaluate(SLID_MS)
+            pictures_per_s.append(1000 * len(pictures_ms) / sum(pictures_ms))
+    with capsys.disabled():
+        sys.stdout.write(f"\n{np.round(pictures_per_s)} pictures a second\n")
+    assert np.median(pictures_per_s) > LEAST_PICTURES_PER_S

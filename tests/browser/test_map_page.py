@@ -112,7 +112,7 @@ def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
     bar = page.evaluate(
         "(() => { const box = document.getElementById('bars').getBoundingClientRect(); return [box.x, box.y]; })()"
     )
-    page.mouse.click(bar[0] + page.locator("#bars").bounding_box()["width"] * 0.35, bar[1] + 6)  # type: ignore[index]
+    page.mouse.click(bar[0] + page.evaluate("conflictdbPage.timeline.x(1780303200)"), bar[1] + 6)  # 08:40
     expect(detail.get_by_role("heading")).to_have_text("CABLE and SUB-1")
     page.keyboard.press("Escape")
     point = page.evaluate("""(() => {
@@ -327,17 +327,10 @@ def test_names_are_written_within_areas(conn: Conn, dsn: str, serve: Serve, open
     corner = shapely.Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)])
     load(conn, Scene("s"), [Area("CORNER", corner, name="Corner of all the world's ends")], [])
     page = open_page(serve(dsn, "s"))
-    # Where the page writes them, as it draws.
-    ((name, lon, lat),) = page.evaluate("""(() => {
-        const { havens, view } = conflictdbPage, { context } = havens, written = [];
-        context.fillText = (text, x, y) => {
-            const { lng, lat } = view.map.unproject([x, y]);
-            written.push([text, lng, lat]);
-        };
-        havens.draw();
-        delete context.fillText;
-        return written;
-    })()""")
+    ((name, lon, lat),) = page.evaluate("""conflictdbPage.havens.names.map(({text, box: [x0, y0, x1, y1]}) => {
+        const { lng, lat } = conflictdbPage.view.map.unproject([(x0 + x1) / 2, (y0 + y1) / 2]);
+        return [text, lng, lat];
+    })""")
     assert name == "Corner of all the world…"
     assert shapely.contains_xy(corner, lon, lat)
 

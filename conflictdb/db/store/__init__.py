@@ -136,6 +136,7 @@ from conflictdb.db.store.stored_objects import (
     LoadCounts,
     Numbered,
     SceneStatus,
+    changing_heights,
     each_object,
     is_scene,
     list_scenes,

@@ -253,6 +253,16 @@ def each_track_row(conn: psycopg.Connection[Any], scene_id: int) -> Iterator[_Ro
     return copy_binary.receive_each(conn, "_read_tracks", [scene_id, None], *_READ_TRACKS)
 
 
+def changing_heights(
+    conn: psycopg.Connection[Any], scene_id: int
+) -> Iterator[tuple[str, NDArray[np.float64] | None, NDArray[np.float64] | None]]:
+    """Yield key, floors and ceilings (metres, infinite: no limit) of the tracks of a scene whose heights change."""
+    for _, strings in each_track_row(conn, scene_id):
+        for key, floors, ceilings in zip(strings["key"], strings["floors"], strings["ceilings"], strict=True):
+            if floors or ceilings:
+                yield key.decode(), decode_heights(floors, -np.inf), decode_heights(ceilings, np.inf)
+
+
 def scene_settings(conn: psycopg.Connection[Any], name: str) -> Scene | None:
     """Return the settings of a scene; None if it does not exist."""
     with transaction(conn):

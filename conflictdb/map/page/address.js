@@ -1,6 +1,7 @@
 // What the page shows, in its address after the #, so that Back, reload and a copied link show it again.
 
 import { instantOf } from "./format.js";
+import { LAYERS } from "./heights.js";
 import { VERDICTS } from "./model.js";
 
 const REST_MS = 400; // after the last change it is written: browsers limit how often
@@ -8,13 +9,14 @@ const REST_MS = 400; // after the last change it is written: browsers limit how 
 const finite = (text) => (text !== null && text.trim() !== "" && Number.isFinite(Number(text)) ? Number(text) : null);
 
 // Texts of what is shown: absent where it is as at first.
-export function addressOf({ scene, t, view, chosen, filter, departure }) {
+export function addressOf({ scene, t, view, chosen, selected, filter, departure, side, rows, table }) {
   const given = {
     scene, t: Number.isFinite(t) ? new Date(Math.round(t) * 1000).toISOString().slice(0, 19).replace("T", " ") : null,
     view: view?.join(","), a: chosen?.a, b: chosen?.b, object: filter.object || null,
     verdicts: filter.verdicts.length < VERDICTS.length ? filter.verdicts.join(",") : null,
     from: filter.from || null, to: filter.to || null, floor: filter.floor || null, ceiling: filter.ceiling || null,
     now: filter.now ? "1" : null, open: filter.open ? "1" : null, departs: departure?.key, higher: departure?.upM ? String(departure.upM) : null,
+    layers: filter.layers.length < LAYERS.length ? filter.layers.join(",") : null, side, rows: rows === "object" ? rows : null, table: table ? "1" : null, selected: chosen ? null : selected,
     later: departure?.laterUs ? String(departure.laterUs / 1e6) : null,
   };
   const known = Object.entries(given).filter(([, value]) => value !== null && value !== undefined);
@@ -29,6 +31,7 @@ export function askedBy(hash) {
   const asked = new URLSearchParams(hash.replace(/^#/, ""));
   const text = (name) => asked.get(name) ?? "";
   const verdicts = asked.has("verdicts") ? text("verdicts").split(",").filter((one) => VERDICTS.includes(one)) : VERDICTS;
+  const layers = asked.has("layers") ? text("layers").split(",").filter((one) => LAYERS.includes(one)) : LAYERS;
   const view = text("view").split(",").map(finite);
   const isPlace = view.length === 3 && !view.includes(null) && Math.abs(view[1]) <= 90;
   const number = (name) => (finite(text(name)) === null ? "" : text(name));
@@ -36,8 +39,9 @@ export function askedBy(hash) {
   return {
     scene: asked.get("scene"), t: instantOf(text("t")), view: isPlace ? view : null,
     pair: asked.has("a") && asked.has("b") ? [text("a"), text("b")] : null,
+    side: ["time", "track"].includes(text("side")) ? text("side") : null, selected: asked.get("selected"), table: text("table") === "1", rows: text("rows") === "object" ? "object" : "conflict",
     filter: {
-      object: text("object").slice(0, 1000), verdicts, from: instant("from"), to: instant("to"), floor: number("floor"), ceiling: number("ceiling"),
+      layers: layers.length ? layers : LAYERS, object: text("object").slice(0, 1000), verdicts, from: instant("from"), to: instant("to"), floor: number("floor"), ceiling: number("ceiling"),
       now: text("now") === "1", open: text("open") === "1",
     },
     departure: asked.has("departs") ? { key: text("departs"), laterS: finite(text("later")) ?? 0, upM: finite(text("higher")) ?? 0 } : null,

@@ -2,35 +2,48 @@
 // or filtered, only the player what plays; methods here change one of them, and then tell those that draw.
 
 import { Address, addressOfScene, askedBy } from "./address.js";
+import { nearestOf } from "./approach.js";
 import { byId } from "./dom.js";
 import { Departure } from "./departure.js";
 import { Detail } from "./detail.js";
 import { EmbeddedSource } from "./embedded.js";
+import { FilterChips } from "./filter_chips.js";
+import { Finder } from "./find.js";
 import { Focus } from "./focus.js";
 import { about, clock, counted, day, instantOf, printable } from "./format.js";
 import { Graticule } from "./graticule.js";
 import { Havens } from "./havens.js";
+import { LAYERS } from "./heights.js";
 import { List } from "./list.js";
 import { MapView } from "./map.js";
 import { formerConflicts, MERCATOR_END, Model, worstFirst } from "./model.js";
+import { ObjectCard } from "./object_card.js";
 import { distanceAround, kernelOf } from "./pair_distance.js";
 import { Paced, Readings } from "./pace.js";
 import { savePicture } from "./picture.js";
+import { PlaceNames } from "./place_names.js";
 import { Player } from "./player.js";
 import { PolarView } from "./polar.js";
 import { Scenes } from "./scenes.js";
+import { SideView } from "./side_view.js";
 import { ServerSource } from "./source.js";
 import { State } from "./state.js";
+import { Table } from "./table.js";
 import { theme } from "./theme.js";
 import { Timeline } from "./timeline.js";
+
+// An instant as fields have it.
+const written = (t) => new Date(t * 1000).toISOString().slice(0, 19).replace("T", " ");
 
 const MARKS_MS = 120; // how often the map hears what is on, while the time moves
 const REST_MS = 250; // after the last move of a plan the map hears of it: it draws all of its layers again
 const DEPTHS_MS = 1500; // for so long the page waits for depths before it is shown without
+const MOST_WAYPOINTS = 50; // of a track, that can be dragged
 const MARKS_SHARE = 0.2; // of the time, at most, that this takes
 const POLAR_LAT = 75; // degrees: what is chosen beyond is shown about the pole
 const POLE_LAT = 60; // scenes that reach beyond can be
 const NARROW_PX = 900; // the legend opens on wider screens
+const OBJECT_ZOOM = 11; // the most, of an object that was found
 const LARGE = 2000; // a scene of more objects or conflicts has an overview
 
 // Places all around a box.
@@ -52,16 +65,37 @@ class Page {
     this.player = new Player(this.state, moveTo);
     this.list = new List(byId("list"), choose);
     this.timeline = new Timeline(
-      { canvas: byId("bars"), slider: byId("slider"), buttons: { closer: byId("closer"), wider: byId("wider"), whole: byId("whole") } },
-      (t) => { this.player.pause(); this.moveTo(t); }, choose,
+      { canvas: byId("bars"), view: byId("rows"), axis: byId("axis"), tip: byId("tip"), grouping: byId("grouping"), slider: byId("slider"), buttons: { closer: byId("closer"), wider: byId("wider"), whole: byId("whole") } },
+      (t) => { this.player.pause(); this.moveTo(t); }, choose, (from, to) => this.filterTime(from, to),
     );
+    this.side = new SideView(byId("heights"), this.timeline, () => this.rings(), {
+      layers: (layers) => this.changeFilter(() => { this.state.filter.layers = layers; }),
+      mode: (mode) => { byId("side-view").setAttribute("aria-expanded", mode !== null); this.address.soon(); },
+      time: (t) => { this.player.pause(); this.moveTo(t); },
+    });
+    this.chips = new FilterChips(byId("chips"), (field) => this.clearLimit(field));
+    this.finder = new Finder(byId("words"), byId("found"), () => this.source.places(), {
+      object: (object) => this.chooseObject(object), place: ({ lon, lat, zoom }) => this.goToPlace([lon, lat], zoom),
+    });
+    this.card = new ObjectCard(byId("object"), {
+      whatIf: (track) => this.askWhatIf(track), close: () => this.deselect(), goTo: (object, t) => this.goToObject(object, t),
+    });
+    this.table = new Table(byId("table"), () => this.source.table(), {
+      choose: (conflict) => { this.table.show(false); this.choose(conflict); },
+      shown: (isShown) => {
+        byId("as-table").setAttribute("aria-expanded", isShown);
+        if (!isShown) byId("as-table").focus();
+        this.address.soon();
+      },
+    });
     this.detail = new Detail(byId("detail"), {
       whatIf: (track) => this.askWhatIf(track), back: () => this.unchoose(), goTo: moveTo, acknowledge: (conflict, reason) => this.acknowledge(conflict, reason),
     });
     this.kernel = kernelOf(this.source);
     this.departure = new Departure(byId("what-if"), this.source, this.kernel, {
       range: (track, s) => this.state.model.spareSpan([track.start - s, track.end + s]), change: (plan) => this.replan(plan), close: () => this.planClosed(),
-      rights: () => this.state.model.scene, move: (what) => this.source.move(what), openScene: (name) => this.goToScene(name),
+      rights: () => this.state.model.scene, move: (what) => this.source.move(what), probe: (what) => this.source.probe(what),
+      waypoints: (track) => this.showWaypoints(track), openScene: (name) => this.goToScene(name),
     });
     this.marks = new Paced(() => this.mark(), MARKS_MS, MARKS_SHARE);
     this.resting = null; // the timer of a plan that is being moved
@@ -81,7 +115,9 @@ class Page {
     const box = model.box();
     this.view = await MapView.open("map", source, box, state.version, this.hasOverview(model.scene));
     this.graticule = new Graticule(byId("graticule"), this.view);
+    this.placeNames = new PlaceNames(byId("place-names"), this.view, () => source.places());
     this.havens = new Havens(byId("havens"), this.view);
+    this.havens.below = () => this.placeNames.shown.map(({ box }) => box);
     this.polar = new PolarView(byId("polar"), source, () => state.flags());
     this.draw("objects");
     this.describe();
@@ -100,9 +136,9 @@ class Page {
       });
     }
     // For the console of a browser, and tests.
-    const { view, havens, polar, graticule, timeline } = this;
+    const { view, havens, polar, graticule, timeline, side, placeNames } = this;
     globalThis.conflictdbPage = {
-      view, havens, polar, graticule, timeline, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
+      view, havens, polar, graticule, timeline, side, placeNames, filter: state.filter, get model() { return state.model; }, get t() { return state.t; },
       moveTo: (t) => this.moveTo(t), flags: () => state.flags(),
     };
     await view.loaded;
@@ -221,6 +257,7 @@ class Page {
       if (track?.kind === "track") await this.departure.readAgain(track);
       else this.departure.close();
     }
+    if (state.selected !== null) this.select(state.selected);
     this.applyFilter();
     this.moveTo(state.t);
   }
@@ -238,6 +275,8 @@ class Page {
     if (state.chosen) this.unchoose();
     this.departure.close();
     byId("detail").replaceChildren();
+    this.select(null);
+    this.table.show(false);
     this.draw("objects");
     this.view.reveal(false);
     this.describe();
@@ -255,7 +294,10 @@ class Page {
   // Gives what was read, "objects" or "conflicts", to those that draw it.
   draw(what) {
     const { state: { model }, view, havens } = this;
-    if (what === "objects") havens.take(model.tracks, model.areas);
+    if (what === "objects") {
+      havens.take(model.tracks, model.areas);
+      this.finder.take([...model.areas, ...model.tracks]);
+    }
     if (model.refused === null) this.drawPole();
     else this.showPole(false);
     if (!view.overview) return;
@@ -312,7 +354,11 @@ class Page {
     state.applyFilter();
     const { left } = state;
     this.list.take(worstFirst(left), model, this.whyEmpty());
-    this.timeline.take(left, model.span);
+    const isWithin = Number.isFinite(filter.from) || Number.isFinite(filter.to);
+    this.timeline.take(left, model.span, isWithin ? [Math.max(filter.from, model.span[0]), Math.min(filter.to, model.span[1])] : null);
+    this.side.take(state.side());
+    this.chips.take(filter);
+    this.table.take(left.filter(({ id }) => id > 0), state.version, model.scene.scene);
     const isKnown = model.conflicts.length > 0 || model.scene.is_current;
     byId("count").textContent = !isKnown ? "" : state.showsChanges ? counted(left.length, "change") : filter.isNothing() ? counted(left.length, "conflict")
       : `${left.length.toLocaleString("en")} of ${counted(model.conflicts.length, "conflict")}`;
@@ -320,6 +366,36 @@ class Page {
     clearTimeout(this.resting);
     if (isQuick) this.resting = setTimeout(() => this.marks.now(), REST_MS);
     else this.marks.now();
+  }
+
+  // Changes the filter, as a step that Back takes back.
+  changeFilter(change) {
+    this.address.flush();
+    change();
+    this.readFilter();
+    this.address.step();
+  }
+
+  // Leaves what is on between two instants, outward to seconds; null: that end stays as it is.
+  filterTime(from, to) {
+    this.changeFilter(() => {
+      if (from !== null) byId("from").value = written(Math.floor(from));
+      if (to !== null) byId("to").value = written(Math.ceil(to));
+    });
+  }
+
+  // Rings of areas by key, longitudes and latitudes; with them come heights that change.
+  rings() {
+    const { version, model } = this.state;
+    if (this.ringsOf?.version !== version) {
+      const read = Promise.all([this.source.shapes(), this.source.heights()]).then(([{ areas }, heights]) => {
+        model.takeHeights(heights);
+        return new Map(areas.features.map(({ properties: { key }, geometry: { type, coordinates } }) => [key, type === "Polygon" ? coordinates : coordinates.flat()]));
+      });
+      this.ringsOf = { version, read };
+      read.catch(() => { this.ringsOf = null; });
+    }
+    return this.ringsOf.read;
   }
 
   filterSoon() {
@@ -371,6 +447,7 @@ class Page {
     byId("clock").dateTime = new Date(t * 1000).toISOString();
     byId("day").textContent = `UTC, ${day(t)}`;
     this.timeline.mark(t, chosen?.id ?? null);
+    this.side.mark(t);
     this.list.show(t, chosen?.id ?? null);
     this.detail.mark(t);
     havens.t = polar.t = t;
@@ -391,7 +468,7 @@ class Page {
   // --- the conflict that is chosen -----------------------------------------------------------------------------------
 
   choose(conflict) {
-    const { state, view } = this;
+    const { state } = this;
     this.player.pause();
     this.address.flush();
     if (conflict.since === "gone" || (conflict.change && conflict.change !== "gone")) { // nothing more is known
@@ -399,20 +476,25 @@ class Page {
       return;
     }
     state.choose(conflict);
+    this.side.take(state.side());
     byId("all").hidden = true;
     byId("detail").hidden = false;
     this.showDetail();
     this.moveTo(Number.isFinite(conflict.start) ? conflict.start : state.t);
-    const box = state.model.around(conflict, state.t);
+    this.goToBox(state.model.around(conflict, state.t));
+    this.address.step();
+  }
+
+  // Shows a box, on the map or about the pole.
+  goToBox(box, mostZoom) {
     const lat = (box[1] + box[3]) / 2;
     if (Math.abs(lat) > POLAR_LAT || (this.polar.isShown && Math.abs(lat) > POLE_LAT)) {
       this.showPole(true, corners(box));
     } else {
       this.showPole(false);
       const { clientWidth, clientHeight } = byId("map");
-      view.goTo(box, Math.min(120, clientWidth / 5, clientHeight / 5));
+      this.view.goTo(box, Math.min(120, clientWidth / 5, clientHeight / 5), mostZoom);
     }
-    this.address.step();
   }
 
   unchoose(isStep = true) {
@@ -420,6 +502,7 @@ class Page {
     if (isStep) this.address.flush();
     const id = state.chosen?.id;
     state.choose(null);
+    this.side.take(state.side());
     this.havens.focus = null;
     byId("detail").hidden = true;
     byId("all").hidden = false;
@@ -429,12 +512,99 @@ class Page {
     if (isStep) this.address.step();
   }
 
+  // Selects an object by its key, if there is one; null: none.
+  select(key) {
+    const { state } = this;
+    state.selected = state.model.objects.has(key) ? key : null;
+    this.side.take(state.side());
+    this.showCard();
+  }
+
+  // The card of the selected object.
+  showCard() {
+    const { model, selected } = this.state;
+    const object = model.objects.get(selected);
+    if (!object) {
+      this.card.hide();
+      return;
+    }
+    const count = model.conflicts.filter(({ a, b }) => a === selected || b === selected).length;
+    this.card.show(object, count, { isCurrent: model.scene.is_current, asksWhatIf: this.departure.key !== selected },
+      async () => nearestOf(object, [...model.areas, ...model.tracks], await this.rings(), model.scene.vertical_separation_m));
+  }
+
+  // An object that was found: its conflicts alone, and where it is.
+  chooseObject(object) {
+    this.address.flush();
+    if (this.state.chosen) this.unchoose(false);
+    if (this.departure.isOpen) this.departure.close();
+    this.select(object.key);
+    byId("words").value = printable(object.key);
+    this.readFilter();
+    this.goToObject(object);
+    this.address.step();
+  }
+
+  deselect() {
+    this.address.flush();
+    const { selected } = this.state;
+    if (this.departure.isOpen) this.departure.close();
+    if (selected !== null && byId("words").value === printable(selected)) byId("words").value = "";
+    this.select(null);
+    this.readFilter();
+    byId("words").focus();
+    this.address.step();
+  }
+
+  // Shows an object where it is, or was and will be, at an instant.
+  goToObject(object, t = this.state.t) {
+    this.player.pause();
+    const [from, to] = [object.start ?? -Infinity, object.end ?? Infinity];
+    const at = Math.min(Math.max(t, from), Math.max(from, to - 1e-3));
+    if (at !== this.state.t) this.moveTo(at);
+    const ring = object.kind === "track" ? object.motion.haven(at) : [object.box.slice(0, 2), object.box.slice(2)];
+    const [lons, lats] = [0, 1].map((n) => ring.map((place) => place[n]));
+    this.goToBox([Math.min(...lons), Math.min(...lats), Math.max(...lons), Math.max(...lats)], OBJECT_ZOOM);
+  }
+
+  goToPlace([lon, lat], zoom) {
+    this.address.flush();
+    byId("words").value = "";
+    this.readFilter();
+    this.goToBox([lon, lat, lon, lat], zoom);
+    this.address.step();
+  }
+
+  // Takes one limit of the filter away.
+  clearLimit(field) {
+    if (field === "words" && this.state.selected !== null && byId("words").value === printable(this.state.selected)) {
+      this.deselect();
+      return;
+    }
+    this.changeFilter(() => {
+      if (field === "layers") {
+        this.side.takeLayers(new Set(LAYERS));
+        this.state.filter.layers = this.side.layers;
+      } else if (field === "verdicts") {
+        for (const box of document.querySelectorAll("input[name=verdict]")) box.checked = true;
+      } else if (field === "now" || field === "open") {
+        byId(field).checked = false;
+      } else {
+        byId(field).value = "";
+      }
+    });
+    checkInstants();
+    this.finder.hide();
+    if (!byId("chips").contains(document.activeElement)) byId("words").focus();
+  }
+
   // --- a track that departs at another time --------------------------------------------------------------------------
 
   askWhatIf(track) {
     this.address.flush();
     if (this.state.chosen) this.unchoose(false);
     const { model } = this.state;
+    this.select(track.key);
     byId("words").value = printable(track.key);
     this.readFilter();
     const opened = this.departure.open(track, model.scene.scene);
@@ -450,6 +620,13 @@ class Page {
     this.describeChanges();
     this.applyFilter(plan !== null);
     this.showInstant();
+  }
+
+  // Waypoints that can be dragged, where the server says what that would meet; null: none.
+  showWaypoints(track) {
+    const { branch_of: parent } = this.state.model.scene;
+    const isAble = track !== null && this.source.isLive && parent === null && track.motion.points.length <= MOST_WAYPOINTS;
+    this.view.showWaypoints(isAble ? track.motion.points : null, (n, lon, lat) => this.departure.moveWaypoint(n, lon, lat));
   }
 
   planClosed() {
@@ -518,16 +695,16 @@ class Page {
     const { state, departure } = this;
     const value = (id) => byId(id).value.trim();
     return {
-      scene: state.model.scene.scene, t: state.t, view: this.view.place(), chosen: state.chosen,
+      scene: state.model.scene.scene, t: state.t, view: this.view.place(), chosen: state.chosen, selected: state.selected, side: this.side.mode, rows: byId("grouping").value, table: this.table.isShown,
       filter: {
         object: byId("words").value, verdicts: [...state.filter.verdicts], from: value("from"), to: value("to"),
-        floor: value("floor"), ceiling: value("ceiling"), now: state.filter.now, open: state.filter.open,
+        layers: [...state.filter.layers], floor: value("floor"), ceiling: value("ceiling"), now: state.filter.now, open: state.filter.open,
       },
       departure: departure.isOpen ? departure : null,
     };
   }
 
-  async show({ scene, t, view, pair, filter, departure }) {
+  async show({ scene, t, view, pair, filter, departure, side, selected, rows, table }) {
     const { state } = this;
     if (scene !== null && scene !== state.model.scene.scene) {
       if (this.source.isLive) {
@@ -541,6 +718,9 @@ class Page {
     for (const name of ["from", "to", "floor", "ceiling"]) byId(name).value = filter[name];
     for (const name of ["now", "open"]) byId(name).checked = filter[name];
     for (const box of document.querySelectorAll("input[name=verdict]")) box.checked = filter.verdicts.includes(box.value);
+    byId("grouping").value = rows;
+    this.side.takeLayers(new Set(filter.layers));
+    state.filter.layers = this.side.layers;
     this.readFilter();
     const track = departure && state.model.objects.get(departure.key);
     if (track?.kind === "track") {
@@ -554,6 +734,9 @@ class Page {
     const conflict = pair && state.model.conflicts.find(({ a, b }) => a === pair[0] && b === pair[1]);
     if (conflict) this.choose(conflict);
     else if (state.chosen) this.unchoose();
+    if (!conflict) this.select(selected);
+    this.side.show(side);
+    this.table.show(table);
     if (t !== null) this.moveTo(t);
     if (view) this.view.jumpTo(view);
   }
@@ -571,7 +754,7 @@ class Page {
 
   async savePicture() {
     const { state: { t, model }, view } = this;
-    const above = ["graticule", "overview", "havens", "polar"].map(byId);
+    const above = ["graticule", "place-names", "overview", "havens", "polar"].map(byId);
     await savePicture(view.map, above, [printable(model.scene.scene), byId("headline").textContent, `${day(t)} ${clock(t)} UTC`]);
   }
 
@@ -622,10 +805,18 @@ class Page {
       this.showChanges(false);
       byId("words").focus();
     });
+    byId("grouping").addEventListener("change", () => this.address.soon());
+    byId("as-table").addEventListener("click", () => this.table.show(!this.table.isShown));
+    byId("side-view").addEventListener("click", () => this.side.show(this.side.mode === null ? "time" : null));
     byId("picture").addEventListener("click", () => this.savePicture());
     byId("link").addEventListener("click", () => this.copyLink());
     byId("filter").addEventListener("change", checkInstants);
-    byId("filter").addEventListener("reset", () => setTimeout(() => { checkInstants(); this.readFilter(); }));
+    byId("filter").addEventListener("reset", () => setTimeout(() => {
+      checkInstants();
+      this.side.takeLayers(new Set(LAYERS));
+      state.filter.layers = this.side.layers;
+      this.readFilter();
+    }));
     byId("filter").addEventListener("submit", (event) => event.preventDefault());
     byId("play").addEventListener("click", () => this.player.toggle());
     byId("before").addEventListener("click", () => this.chooseNeighbour(-1));
@@ -661,9 +852,9 @@ class Page {
     // The map has keys of its own for its scale.
     const isMap = event.target.closest("#map") && ["+", "=", "-"].includes(event.key);
     const does = isMap ? null : {
-      j: () => this.chooseNeighbour(1), k: () => this.chooseNeighbour(-1),
+      "[": () => this.filterTime(state.t, null), "]": () => this.filterTime(null, state.t), h: () => byId("side-view").click(), j: () => this.chooseNeighbour(1), k: () => this.chooseNeighbour(-1),
       "/": () => { if (state.chosen) this.unchoose(); byId("words").focus(); },
-      Escape: () => (state.chosen ? this.unchoose() : this.departure.isOpen ? this.departure.close() : event.target.blur()),
+      Escape: () => (this.table.isShown ? this.table.show(false) : state.chosen ? this.unchoose() : this.departure.isOpen ? this.departure.close() : event.target.blur()),
       "+": () => timeline.zoom(0.5), "=": () => timeline.zoom(0.5), "-": () => timeline.zoom(2), 0: () => timeline.showAll(),
       " ": event.target.closest("button, summary, a, input:not([type=range])") ? null : () => this.player.toggle(),
     }[event.key];

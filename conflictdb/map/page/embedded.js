@@ -35,6 +35,18 @@ export class EmbeddedSource {
     return bytes((await this.content).tracks);
   }
 
+  async table() {
+    return (await this.content).table;
+  }
+
+  async places() {
+    return (await this.content).places;
+  }
+
+  async heights() {
+    return (await this.content).heights;
+  }
+
   async shapes() {
     return (await this.content).shapes;
   }

@@ -2,7 +2,7 @@
 
 import { clock, labelOf } from "./format.js";
 import { isThere } from "./model.js";
-import { colour } from "./theme.js";
+import { colour, font } from "./theme.js";
 import { mercatorX, mercatorY } from "./world.js";
 
 const SIDES = ["a", "b"];
@@ -76,7 +76,7 @@ export class Focus {
   drawNames(context, frame, t) {
     const taken = [];
     context.save();
-    context.font = `600 12px ${colour("font")}`;
+    context.font = font("small", 600);
     this.objects.forEach((object, n) => {
       const place = object && isThere(object, t) ? (object.kind === "area" ? object.inside : object.motion.place(t)) : null;
       if (!place) return;
@@ -99,7 +99,7 @@ export class Focus {
   drawContacts(context, frame, taken) {
     const track = this.objects.find((object) => object?.kind === "track");
     context.save();
-    context.font = `12px ${colour("font")}`;
+    context.font = font("small");
     for (const [name, t] of track ? this.contacts : []) {
       const at = bounded(t, track.start, track.end);
       const place = track.motion.place(at) ?? track.motion.place(at - 1e-6);

@@ -1,7 +1,7 @@
 // Meridians and parallels above the map, and what they are. On Web Mercator they are straight, to the pixel.
 
 import { MERCATOR_END } from "./model.js";
-import { colour } from "./theme.js";
+import { colour, font } from "./theme.js";
 import { mercatorX, mercatorY } from "./world.js";
 
 const STEPS = [60, 30, 20, 10, 5, 2, 1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005, 0.0002, 0.0001];
@@ -65,7 +65,7 @@ export class Graticule {
     context.fillStyle = colour("line-map");
     for (const { x } of this.shown.meridians) context.fillRect(Math.round(x), 0, 1, height);
     for (const { y } of this.shown.parallels) context.fillRect(0, Math.round(y), width, 1);
-    context.font = `12px ${colour("font")}`;
+    context.font = font("small");
     context.textBaseline = "alphabetic";
     context.lineJoin = "round";
     for (const { x, name } of this.shown.meridians) {

@@ -1,7 +1,9 @@
 // What moves: havens at the time that is shown, drawn on a canvas above the map, and the names of what is there.
 
 import { labelOf } from "./format.js";
+import { writeNames } from "./labels.js";
 import { isThere } from "./model.js";
+import { Motion } from "./motion.js";
 import { colour } from "./theme.js";
 import { mercatorX, mercatorY, shortest } from "./world.js";
 
@@ -30,6 +32,9 @@ export class Havens {
     this.tracks = [];
     this.areas = [];
     this.shown = []; // of each track that was drawn: x, y, reach in pixels
+    this.names = []; // that were written, { text, box }
+    this.namePlaces = new Map(); // where, by key (labels.js)
+    this.below = () => []; // boxes of names on the map
     this.t = 0;
     this.plan = null; // of a track that departs later, { key, laterUs }
     this.focus = null; // of the pair that is chosen (focus.js)
@@ -41,18 +46,14 @@ export class Havens {
   // Paths in units of the world, once; between waypoints they are straight but for what `bend` says, in those units.
   take(tracks, areas) {
     this.areas = areas;
-    this.tracks = tracks.map((track) => {
-      const { points } = track.motion;
-      const [x, y] = [new Float64Array(points.length), new Float64Array(points.length)];
-      const bend = new Float64Array(points.length);
-      points.forEach(({ lon, lat }, i) => {
-        x[i] = mercatorX(lon);
-        if (i > 0) x[i] = x[i - 1] + shortest(x[i] - x[i - 1]);
-        y[i] = mercatorY(lat);
-        if (i > 0) bend[i - 1] = bent(points[i - 1], points[i], track.motion.scene.motion);
-      });
-      return { ...track, x, y, bend };
-    });
+    this.tracks = tracks.map(withLine);
+  }
+
+  // A track one of whose waypoints is elsewhere.
+  bentTrack(track, [n, lon, lat]) {
+    const { points, outline, grow, outlines, scene } = track.motion;
+    const moved = points.map((point, i) => (i === n ? { ...point, lon, lat } : point));
+    return withLine({ ...track, motion: new Motion(moved, outline, grow, outlines, scene) });
   }
 
   // Paths as lines on the map, x and y in turn (units of the world, without jumps), within a share of a unit of the truth.
@@ -122,8 +123,9 @@ export class Havens {
   // The path of a moved plan and its haven, dashed.
   drawPlan(frame) {
     const { context } = this;
-    const track = this.tracks.find(({ key }) => key === this.plan.key);
-    if (!track) return;
+    const known = this.tracks.find(({ key }) => key === this.plan.key);
+    if (!known) return;
+    const track = this.plan.waypoint ? this.bentTrack(known, this.plan.waypoint) : known;
     const middle = frame.left + frame.width / frame.size / 2;
     context.strokeStyle = context.fillStyle = colour("a");
     context.lineWidth = 2;
@@ -181,7 +183,7 @@ export class Havens {
   drawNames(frame, taken) {
     const { context, marks, t } = this;
     const rank = ({ key }) => RANKS[kindOf(key, marks)];
-    const named = this.shown.map(({ track, x, y, reachPx }) => ({ object: track, x, y: y - Math.min(reachPx, 60) - 9 }));
+    const named = this.shown.map(({ track, x, y, reachPx }) => ({ object: track, x, y, reach: Math.min(reachPx, 60) }));
     for (const area of this.areas) {
       if (!isThere(area, t) || marks.hidden.has(area.key)) continue;
       const [west, , east] = area.box;
@@ -190,30 +192,15 @@ export class Havens {
       const y = (mercatorY(Math.max(-85, Math.min(85, lat))) - frame.top) * frame.size;
       for (let x = place - Math.floor(place - frame.left); x < frame.left + frame.width / frame.size; x += 1) {
         const widthPx = ((east - west) / 360) * frame.size;
-        if (widthPx > 24) named.push({ object: area, x: (x - frame.left) * frame.size, y });
+        if (widthPx > 24) named.push({ object: area, x: (x - frame.left) * frame.size, y, reach: -9 });
       }
     }
     const isWritten = this.focus ? ({ key }) => marks.pair.includes(key) : () => false;
     const near = named.filter(({ object, x, y }) => !isWritten(object) && x > 0 && y > 8 && x < frame.width && y < frame.height - 8);
     const some = near.filter(({ object }) => near.length <= MOST_NAMES || rank(object) < 2).slice(0, MOST_NAMES);
     some.sort((a, b) => rank(a.object) - rank(b.object));
-    context.font = `12px ${colour("font")}`;
-    context.textAlign = "center";
-    context.textBaseline = "middle";
-    context.lineJoin = "round";
     context.globalAlpha = this.focus ? NAMES_DIMMED : 1;
-    for (const { object, x, y } of some) {
-      const text = labelOf(object);
-      const half = context.measureText(text).width / 2 + 3;
-      const box = [x - half, y - 8, x + half, y + 8];
-      if (taken.some((o) => box[0] < o[2] && o[0] < box[2] && box[1] < o[3] && o[1] < box[3])) continue;
-      taken.push(box);
-      context.strokeStyle = colour("sea");
-      context.lineWidth = 3;
-      context.strokeText(text, x, y);
-      context.fillStyle = colour(INKS[kindOf(object.key, marks)]);
-      context.fillText(text, x, y);
-    }
+    this.names = writeNames(context, some.map(({ object, x, y, reach }) => ({ key: object.key, text: labelOf(object), ink: INKS[kindOf(object.key, marks)], x, y, reach })), [...taken, ...this.below()], frame, this.namePlaces);
     context.globalAlpha = 1;
   }
 
@@ -225,6 +212,20 @@ export class Havens {
       .sort((a, b) => a.d - b.d);
     return found[0]?.one.track ?? null;
   }
+}
+
+// A track with its path in units of the world.
+function withLine(track) {
+  const { points } = track.motion;
+  const [x, y] = [new Float64Array(points.length), new Float64Array(points.length)];
+  const bend = new Float64Array(points.length);
+  points.forEach(({ lon, lat }, i) => {
+    x[i] = mercatorX(lon);
+    if (i > 0) x[i] = x[i - 1] + shortest(x[i] - x[i - 1]);
+    y[i] = mercatorY(lat);
+    if (i > 0) bend[i - 1] = bent(points[i - 1], points[i], track.motion.scene.motion);
+  });
+  return { ...track, x, y, bend };
 }
 
 // Longitudes of a ring run on from those of its reference point, which may be a turn away from what `place` gives.

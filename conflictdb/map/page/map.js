@@ -8,6 +8,8 @@ import { mercatorX, mercatorY } from "./world.js";
 
 maplibregl.prewarm(); // its threads load while the scene does
 
+const KEY_PX = 10; // by which an arrow key moves a waypoint
+
 const state = (name) => ["boolean", ["feature-state", name], false];
 // Hidden: nothing; else what holds for a feature that is chosen, dimmed since others are, on at the time that is shown, or
 // none of these.
@@ -137,6 +139,11 @@ export class MapView {
     this.map.getCanvas().setAttribute("aria-label", "Map");
     theme.onChange(() => this.paint());
     this.isReady = false; // for states of features
+    // To measure the container takes a layout of the page, in each frame.
+    const element = this.map.getContainer();
+    const size = () => { this.size = [element.clientWidth, element.clientHeight]; };
+    size();
+    this.map.on("resize", size);
     this.map.once("style.load", () => {
       this.isReady = true;
       this.map.addImage("stale", hatch());
@@ -220,7 +227,7 @@ export class MapView {
 
   // Says the shape of the map and the width of its scale to style.css, which prints all canvases as one picture.
   measure() {
-    const { clientWidth: width, clientHeight: height } = this.map.getContainer();
+    const [width, height] = this.size;
     const measured = `${width} ${height} ${this.map.getZoom()} ${this.map.getCenter().lat}`; // only time has moved
     if (measured === this.measured || matchMedia("print").matches) return;
     this.measured = measured;
@@ -235,7 +242,7 @@ export class MapView {
     const { map } = this;
     const size = 512 * 2 ** map.getZoom();
     const centre = map.getCenter();
-    const { clientWidth: width, clientHeight: height } = map.getContainer();
+    const [width, height] = this.size;
     return {
       size, width, height,
       left: mercatorX(centre.lng) - width / 2 / size,
@@ -245,11 +252,39 @@ export class MapView {
   }
 
   // Goes to a box (degrees; east may be beyond 180), or to a place in it.
-  goTo([west, south, east, north], padding) {
-    this.map.fitBounds([[west, clamp(south)], [east, clamp(north)]], { padding, maxZoom: 15, duration: 600 });
+  goTo([west, south, east, north], padding, maxZoom = 15) {
+    this.map.fitBounds([[west, clamp(south)], [east, clamp(north)]], { padding, maxZoom, duration: 600 });
   }
 
   // The middle and the zoom: longitude, latitude, zoom; and goes there.
+  // Shows waypoints (degrees) that can be dragged, or moved by the arrow keys; `onMove(n, lon, lat)` hears of it. null: none.
+  showWaypoints(points, onMove = null) {
+    for (const marker of this.waypoints ?? []) marker.remove();
+    this.waypoints = (points ?? []).map(({ lon, lat }, n) => {
+      const handle = document.createElement("button");
+      handle.type = "button";
+      handle.className = "waypoint";
+      const marker = new maplibregl.Marker({ element: handle, draggable: true }).setLngLat([lon, lat]).addTo(this.map);
+      handle.setAttribute("aria-label", `Waypoint ${n + 1}`);
+      const moved = () => {
+        const place = marker.getLngLat();
+        onMove(n, place.lng, place.lat);
+      };
+      marker.on("drag", moved);
+      handle.addEventListener("click", (event) => event.stopPropagation());
+      handle.addEventListener("keydown", (event) => {
+        const [x, y] = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key] ?? [0, 0];
+        if (x === 0 && y === 0) return;
+        event.preventDefault();
+        event.stopPropagation();
+        const at = this.map.project(marker.getLngLat());
+        marker.setLngLat(this.map.unproject([at.x + KEY_PX * x, at.y + KEY_PX * y]));
+        moved();
+      });
+      return marker;
+    });
+  }
+
   place() {
     const { lng, lat } = this.map.getCenter();
     return [lng.toFixed(5), lat.toFixed(5), this.map.getZoom().toFixed(2)].map(Number);

@@ -1,6 +1,7 @@
 // A scene as the page works with it: objects, their motion, conflicts, and which of them a filter leaves.
 
 import { printable } from "./format.js";
+import { LAYERS, layersOf } from "./heights.js";
 import { begun, Motion } from "./motion.js";
 import { shorter } from "./world.js";
 
@@ -188,6 +189,14 @@ export class Model {
     this.span = this.spanOfAll();
   }
 
+  // floors and ceilings of tracks whose heights change, per leg or per waypoint.
+  takeHeights(heights) {
+    for (const [key, [floors, ceilings]] of Object.entries(heights)) {
+      const track = this.objects.get(key);
+      if (track) Object.assign(track, { floors, ceilings });
+    }
+  }
+
   takeConflicts(conflicts) {
     this.conflicts = unpackConflicts(conflicts);
     this.span = this.spanOfAll();
@@ -346,13 +355,14 @@ export class Filter {
     this.to = Infinity;
     this.floor = -Infinity;
     this.ceiling = Infinity;
+    this.layers = new Set(LAYERS); // below the sea level, at it, in the air (heights.js)
     this.open = false; // only what is not acknowledged
     this.now = false; // only what is on at the time that is shown
   }
 
   isNothing() {
     const plain = new Filter();
-    return this.text === "" && this.verdicts.size === VERDICTS.length && !this.open && !this.now
+    return this.text === "" && this.verdicts.size === VERDICTS.length && this.layers.size === LAYERS.length && !this.open && !this.now
       && ["from", "to", "floor", "ceiling"].every((name) => this[name] === plain[name]);
   }
 
@@ -363,8 +373,12 @@ export class Filter {
       && [object.key, object.name ?? ""].some((text) => [text, printable(text)].some((one) => one.toLowerCase().includes(wanted)));
   }
 
+  isInLayers(object) {
+    return this.layers.size === LAYERS.length || layersOf(object).some((one) => this.layers.has(one));
+  }
+
   leavesObject(object) {
-    return isThere(object, this.from, this.to)
+    return this.isInLayers(object) && isThere(object, this.from, this.to)
       && (object.floor ?? -Infinity) < this.ceiling && (object.ceiling ?? Infinity) > this.floor;
   }
 
@@ -374,6 +388,7 @@ export class Filter {
       && conflict.periods.some(([a, b]) => a <= this.to && b >= this.from && (!this.now || (t >= a && t <= b)))
       && meet(model.heightsOf(conflict), [this.floor, this.ceiling])
       && !(this.open && conflict.acknowledged_by !== null)
+      && pair.every((object) => object === undefined || this.isInLayers(object))
       && pair.some((object, i) => this.names(object ?? { key: [conflict.a, conflict.b][i], name: null }));
   }
 }

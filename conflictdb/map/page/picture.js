@@ -1,6 +1,6 @@
 // The map as it is shown, under its headline, as a PNG.
 
-import { colour } from "./theme.js";
+import { colour, font } from "./theme.js";
 
 const [HEAD_PX, MARGIN_PX] = [56, 12];
 
@@ -23,9 +23,9 @@ async function drawn(map, gl, above, [title, headline, instant]) {
   });
   above.forEach(draw);
   context.fillStyle = colour("ink");
-  context.font = `600 18px ${colour("font")}`;
+  context.font = font("large", 600);
   context.fillText(title, MARGIN_PX, 24, width - 2 * MARGIN_PX);
-  context.font = `14px ${colour("font")}`;
+  context.font = font("text");
   context.fillText(`${headline} · ${instant}`, MARGIN_PX, 45, width - 2 * MARGIN_PX);
   return new Promise((resolve) => { canvas.toBlob(resolve, "image/png"); });
 }

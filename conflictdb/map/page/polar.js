@@ -1,7 +1,7 @@
 // The map about a pole, where Web Mercator ends: polar stereographic, so that shapes are true. All of it is drawn here.
 
 import { labelOf, metres } from "./format.js";
-import { colour, theme } from "./theme.js";
+import { colour, font, theme } from "./theme.js";
 import { RADIANS, SPHERE_M } from "./world.js";
 
 const LOWEST_LAT = -30; // degrees, seen from the pole: what lies beyond is drawn there, far outside of what is shown
@@ -272,7 +272,7 @@ export class PolarView {
   }
 
   prepareText(align) {
-    Object.assign(this.context, { font: `12px ${colour("font")}`, textAlign: align, textBaseline: "middle", lineJoin: "round" });
+    Object.assign(this.context, { font: font("small"), textAlign: align, textBaseline: "middle", lineJoin: "round" });
   }
 
   write(text, x, y, ink) {

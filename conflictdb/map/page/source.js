@@ -95,6 +95,22 @@ export class ServerSource {
     return (await answered(fetch(this.at("/api/shapes")))).json();
   }
 
+  // CSV of all conflicts, as the command line writes it.
+  async table() {
+    return (await answered(fetch(this.at("/api/table")))).text();
+  }
+
+  // Towns and countries: [{ name, kind, lon, lat, zoom }].
+  async places() {
+    this.readPlaces ??= answered(fetch("/places")).then((answer) => answer.json());
+    return this.readPlaces;
+  }
+
+  // Floors and ceilings of tracks whose heights change, by key.
+  async heights() {
+    return (await answered(fetch(this.at("/api/heights")))).json();
+  }
+
   // All land: features of polygons and of coasts.
   async landShapes() {
     return (await (await answered(fetch("/land/50m"))).json()).features;
@@ -122,6 +138,11 @@ export class ServerSource {
   // Stores a moved plan: { key, plan (its digest), later_us, up_m, branch }. Returns the digest of what is stored.
   async move(what) {
     return (await (await this.write("/api/move", what)).json()).plan;
+  }
+
+  // The conflicts of a moved plan, which is not stored: [[other, verdict, error, periods], …].
+  async probe(what) {
+    return (await this.write("/api/probe", what)).json();
   }
 
   write(path, what) {

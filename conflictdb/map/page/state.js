@@ -16,6 +16,7 @@ export class State {
     this.baseline = null; // objects and conflicts that changes count from
     this.changes = null; // since then: { conflicts, text } (changes.js)
     this.showsChanges = false; // rather than all conflicts
+    this.selected = null; // the key of an object
     this.plan = null; // of a track that departs at another time: { key, laterUs, conflicts } (what_if.js)
   }
 
@@ -130,6 +131,20 @@ export class State {
   // null: none.
   choose(conflict) {
     this.chosen = conflict;
+  }
+
+  // The track that the side view is about: of the chosen pair, or else the selected object; null: none.
+  subject() {
+    const { chosen, model } = this;
+    const keys = chosen ? [chosen.a, chosen.b] : [this.selected];
+    return keys.map((key) => model.objects.get(key)).find((object) => object?.kind === "track") ?? null;
+  }
+
+  // The objects and conflicts that the filter leaves, as the side view takes them.
+  side() {
+    const { model, chosen, hiddenObjects, left, version } = this;
+    const objects = [...model.areas, ...model.tracks].filter(({ key }) => !hiddenObjects.has(key));
+    return { objects, conflicts: left, subject: this.subject(), pair: chosen ? [chosen.a, chosen.b] : [], version };
   }
 
   // Chooses the same conflict, or another one of the same pair, among those that were read again.

@@ -1,7 +1,7 @@
 // The strip of departures: what forbids each, in a lane for each object, and all together above.
 
 import { printable } from "./format.js";
-import { colour, theme } from "./theme.js";
+import { colour, font, theme } from "./theme.js";
 import { union } from "./what_if.js";
 
 const PAD = 10; // half of the slider's thumb, pixels: both have one scale
@@ -76,7 +76,7 @@ export class DepartureStrip {
     context.fillRect(PAD, 2, this.width(), TOP - 6);
     context.fillStyle = colour("conflict");
     for (const span of this.all) bar(span, 2, TOP - 6);
-    context.font = `12px ${colour("font")}`;
+    context.font = font("small");
     context.textBaseline = "middle";
     this.lanes.forEach(({ label, spans }, n) => {
       const y = TOP + n * LANE;

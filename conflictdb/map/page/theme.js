@@ -3,6 +3,7 @@
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const CHOICES = ["system", "light", "dark"];
 const heard = new Set();
+const known = new Map(); // values of style.css, which take some microseconds each to be read
 
 function stored() {
   try {
@@ -15,6 +16,7 @@ function stored() {
 let choice = CHOICES.includes(stored()) ? stored() : "system";
 
 function apply() {
+  known.clear();
   const isDark = choice === "dark" || (choice === "system" && dark.matches);
   document.documentElement.dataset.theme = isDark ? "dark" : "light";
   for (const listener of heard) listener();
@@ -38,10 +40,14 @@ export const theme = {
   },
 };
 
-// A colour by its name in style.css.
+// A colour, or another value, by its name in style.css.
 export function colour(name) {
-  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  if (!known.has(name)) known.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  return known.get(name);
 }
+
+// A font of the type scale: "small", "text" or "large".
+export const font = (size, weight = 400) => `${weight} ${colour(size)} ${colour("font")}`;
 
 dark.addEventListener("change", apply);
 apply();

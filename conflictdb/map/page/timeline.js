@@ -1,12 +1,17 @@
-// Conflicts as bars over time, and the slider below them: of all the time there is, or of a part of it.
+// Conflicts over time, a row for each with its name, or for each object; with many rows, how many are on at a time. Below are
+// the calendar and the slider: of all the time there is, or of a part of it.
 
-import { clock, day, moment } from "./format.js";
-import { colour, theme } from "./theme.js";
+import { ticks } from "./calendar.js";
+import { duration, moment, period, printable } from "./format.js";
+import { colour, font, theme } from "./theme.js";
 
-const PAD = 10; // half of the slider's thumb, pixels: bars and slider have one scale
-const AXIS = 18; // height of the axis
-const LANE = 10; // height of a lane of bars and the gap below it; with many lanes less
-const LEAST_LANE = 3;
+const PAD = 10; // half of the slider's thumb, pixels: bars and slider have one scale; on the left are names (`left`)
+const GUTTERS = [112, 148]; // room for names, on a narrow and on a wide page
+const NARROW_PX = 560;
+const ROW = 16; // height of a row
+const TOP = 4;
+const MOST_ROWS = 40;
+const TICK_PX = 84;
 const LEAST_BAR = 3; // width of a bar
 const LEAST_S = 2; // of time that is shown
 const ZOOM = 2; // by a button or a key
@@ -19,11 +24,18 @@ const STEPS = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10
   1209600, 2592000, 7776000, 31536000, 63072000, 157680000];
 
 export class Timeline {
-  // `onTime(t)` hears of the slider, `onChoose(conflict)` of a bar that is clicked; `buttons`: closer, wider, whole.
-  constructor({ canvas, slider, buttons }, onTime, onChoose) {
+  // `onTime(t)` hears of the slider, `onChoose(conflict)` of a bar that is clicked, `onBrush(from, to)` of a part of the calendar
+  // that is drawn over; `buttons`: closer, wider, whole. `view` scrolls the canvas of bars.
+  constructor({ canvas, view, axis, tip, grouping, slider, buttons }, onTime, onChoose, onBrush) {
     this.canvas = canvas;
+    Object.assign(this, { view, axis, tip, grouping });
+    this.rows = []; // { texts, conflicts }
+    this.brush = null; // the instants that the filter leaves, [from, to]
     this.slider = slider;
     this.buttons = buttons;
+    this.size = { width: 0, height: 0, foot: 0 }; // of the canvases, pixels: to measure them takes a layout of the page
+    this.picture = document.createElement("canvas"); // of all bars, without the time that is shown
+    this.drawn = ""; // what the picture shows
     this.span = [0, 1]; // all the time there is
     this.shown = [0, 1]; // what is shown of it
     this.bars = [];
@@ -41,11 +53,13 @@ export class Timeline {
       }
     });
     this.listenToPointers(onTime, onChoose);
-    for (const one of [canvas, slider]) one.addEventListener("wheel", (event) => this.wheeled(event), { passive: false });
+    this.listenToBrush(onTime, onBrush);
+    grouping.addEventListener("change", () => this.lay());
+    for (const one of [canvas, axis, slider]) one.addEventListener("wheel", (event) => this.wheeled(event), { passive: false });
     buttons.closer.addEventListener("click", () => this.zoom(1 / ZOOM));
     buttons.wider.addEventListener("click", () => this.zoom(ZOOM));
     buttons.whole.addEventListener("click", () => this.showAll());
-    new ResizeObserver(() => this.lay()).observe(canvas);
+    new ResizeObserver(() => this.lay()).observe(axis);
     theme.onChange(() => this.draw());
   }
 
@@ -66,6 +80,7 @@ export class Timeline {
     canvas.addEventListener("pointermove", (event) => {
       if (!held.has(event.pointerId)) {
         canvas.classList.toggle("on-bar", this.barAt(event) !== null);
+        this.hint(event);
         return;
       }
       const before = [...held.values()];
@@ -74,6 +89,7 @@ export class Timeline {
       if (held.size === 2) this.pinched(before, [...held.values()]);
       else if (!isPinch && !pressed) onTime(this.timeAt(event.offsetX));
     });
+    canvas.addEventListener("pointerleave", () => this.hint(null));
     for (const end of ["pointerup", "pointercancel"]) {
       canvas.addEventListener(end, ({ pointerId }) => {
         if (pressed && end === "pointerup") onChoose(pressed.bar);
@@ -84,17 +100,65 @@ export class Timeline {
     }
   }
 
+  // Drawing over the calendar filters by time.
+  listenToBrush(onTime, onBrush) {
+    const { axis } = this;
+    let from = null;
+    const span = ({ offsetX }) => [this.timeAt(Math.min(from, offsetX)), this.timeAt(Math.max(from, offsetX))];
+    axis.addEventListener("pointerdown", (event) => { axis.setPointerCapture(event.pointerId); from = event.offsetX; });
+    axis.addEventListener("pointermove", (event) => {
+      if (from === null || Math.abs(event.offsetX - from) <= STILL_PX) return;
+      this.brush = span(event);
+      this.draw();
+    });
+    axis.addEventListener("pointerup", (event) => {
+      if (from === null) return;
+      if (Math.abs(event.offsetX - from) > STILL_PX) onBrush(...span(event));
+      else onTime(this.timeAt(event.offsetX));
+      from = null;
+    });
+    axis.addEventListener("pointercancel", () => { from = null; });
+  }
+
+  // Says what is under the mouse: a conflict, or how many.
+  hint(event) {
+    const { tip } = this;
+    tip.hidden = event === null || event.pointerType === "touch" || !this.hintAt(event);
+    if (tip.hidden) return;
+    const [title, text] = this.hintAt(event);
+    tip.replaceChildren(Object.assign(document.createElement("b"), { textContent: title }), document.createElement("br"), text);
+    const { offsetWidth: width, offsetHeight: height } = tip;
+    tip.style.left = `${Math.max(4, Math.min(innerWidth - width - 4, event.clientX + 12))}px`;
+    tip.style.top = `${Math.max(4, event.clientY - height - 12)}px`;
+  }
+
+  // A title and a text; null where nothing is.
+  hintAt(event) {
+    if (this.isDense) {
+      const n = event.offsetX < this.left ? undefined : this.density[Math.floor(event.offsetX)];
+      return n === undefined ? null : [`${n.toLocaleString("en")} at once`, `${moment(this.timeAt(event.offsetX))} UTC`];
+    }
+    const conflict = this.barAt(event);
+    if (!conflict) return null;
+    const lasts = conflict.periods.reduce((sum, [a, b]) => sum + b - a, 0);
+    const count = conflict.periods.length > 1 ? `, ${conflict.periods.length} periods` : "";
+    const long = Number.isFinite(lasts) ? ` · ${duration(lasts)}${count}` : "";
+    return [`${printable(conflict.a)} and ${printable(conflict.b)}`, `${period(conflict.start, conflict.end, null)}${long} · ${conflict.verdict}`];
+  }
+
   // Two fingers keep the instants that they are on.
   pinched(before, after) {
     const [first, second] = before.map((x) => this.timeAt(x));
     const [a, b] = after;
     if (Math.abs(b - a) < 1 || first === second) return;
     const perPixel = Math.abs((second - first) / (b - a));
-    const from = (first + second) / 2 - ((a + b) / 2 - PAD) * perPixel;
+    const from = (first + second) / 2 - ((a + b) / 2 - this.left) * perPixel;
     this.show([from, from + perPixel * this.width()]);
   }
 
+  // On names the wheel moves rows, elsewhere the time.
   wheeled(event) {
+    if (event.target === this.canvas && event.offsetX < this.left && this.view.scrollHeight > this.view.clientHeight) return;
     event.preventDefault();
     const pixels = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? LINE_PX : 1;
     const across = event.shiftKey && event.deltaX === 0 ? event.deltaY : event.deltaX;
@@ -157,53 +221,77 @@ export class Timeline {
   }
 
   // Takes what the filter leaves, and all the time there is; what is shown of it stays, unless it was all.
-  take(conflicts, span) {
+  // brush: the instants that the filter leaves, [from, to], or null.
+  take(conflicts, span, brush) {
+    this.brush = brush;
     const wasAll = this.shown[0] === this.span[0] && this.shown[1] === this.span[1];
     this.span = span;
     this.conflicts = conflicts;
     this.show(wasAll ? span : this.shown);
   }
 
+  // Where the scale begins, pixels.
+  get left() {
+    return this.size.width < NARROW_PX ? GUTTERS[0] : GUTTERS[1];
+  }
+
   width() {
-    return Math.max(1, this.canvas.clientWidth - 2 * PAD);
+    return Math.max(1, this.size.width - this.left - PAD);
   }
 
   // Pixels of an instant; a pixel beyond the edge where it is not shown.
   x(t) {
     const [from, to] = this.shown;
-    return PAD + Math.min(this.width() + PAD + 1, Math.max(-PAD - 1, ((t - from) / (to - from)) * this.width()));
+    return this.left + Math.min(this.width() + PAD + 1, Math.max(-PAD - 1, ((t - from) / (to - from)) * this.width()));
   }
 
   timeAt(x) {
     const [from, to] = this.shown;
-    return from + Math.min(1, Math.max(0, (x - PAD) / this.width())) * (to - from);
+    return from + Math.min(1, Math.max(0, (x - this.left) / this.width())) * (to - from);
   }
 
-  // Each conflict in the first lane where it overlaps nothing; with more than fit, how many are on at a time.
+  // A row for each conflict, or each object, with a period in the time that is shown; with more than fit, how many are on at a time.
   lay() {
-    const room = this.canvas.clientHeight - AXIS - 6;
-    const ends = [];
+    const { axis, canvas, view } = this;
+    this.size = { width: axis.clientWidth, foot: axis.clientHeight };
+    axis.parentElement.style.setProperty("--gutter", `${this.left}px`);
+    canvas.style.width = `${this.size.width}px`;
     const [from, to] = this.shown;
     const isSeen = ([a, b]) => a <= to && b >= from;
-    this.bars = (this.conflicts ?? []).filter(({ periods }) => periods.some(isSeen)).map((conflict) => {
-      const pieces = conflict.periods.filter(isSeen).map(([a, b]) => {
+    const seen = (this.conflicts ?? []).filter(({ periods }) => periods.some(isSeen));
+    const isByObject = this.grouping.value === "object";
+    const rows = new Map();
+    const add = (name, texts, conflict) => {
+      if (!rows.has(name)) rows.set(name, { texts, conflicts: [] });
+      rows.get(name).conflicts.push(conflict);
+    };
+    for (const conflict of seen) {
+      if (isByObject) for (const key of [conflict.a, conflict.b]) add(key, [key], conflict);
+      else add(conflict, [conflict.a, conflict.b], conflict);
+    }
+    this.isDense = rows.size > MOST_ROWS;
+    this.rows = this.isDense ? [] : [...rows.values()];
+    this.lane = ROW;
+    const bar = (conflict, lane) => ({
+      conflict, lane,
+      pieces: conflict.periods.filter(isSeen).map(([a, b]) => {
         const [x0, x1] = [this.x(a), this.x(b)];
         return [x0, Math.max(x1, x0 + LEAST_BAR)];
-      });
-      const [first, last] = [pieces[0]?.[0] ?? 0, pieces[pieces.length - 1]?.[1] ?? 0];
-      let lane = ends.findIndex((end) => end + 2 < first);
-      if (lane < 0) lane = ends.length < room / LEAST_LANE + 1 ? ends.push(0) - 1 : 0;
-      ends[lane] = last;
-      return { conflict, pieces, lane };
+      }),
     });
-    this.lane = Math.min(LANE, Math.floor(room / Math.max(1, ends.length)));
-    this.isDense = this.lane < LEAST_LANE;
+    this.bars = this.isDense ? seen.map((conflict) => bar(conflict, 0)) : this.rows.flatMap(({ conflicts }, lane) => conflicts.map((conflict) => bar(conflict, lane)));
+    this.size.height = Math.max(view.clientHeight, this.isDense ? 0 : 2 * TOP + this.rows.length * ROW);
+    canvas.style.height = `${this.size.height}px`;
     if (this.isDense) this.count();
+    const what = this.isDense ? `${seen.length.toLocaleString("en")} conflicts over time; at most ${this.most.toLocaleString("en")} at once`
+      : isByObject ? `Conflicts over time, ${this.rows.length} rows of objects` : "Conflicts over time, as in the list";
+    canvas.setAttribute("aria-label", what);
     this.draw();
+    this.onShown?.();
   }
 
   count() {
-    const width = Math.ceil(this.canvas.clientWidth);
+    const width = Math.ceil(this.size.width);
     const changes = new Int32Array(width + 2);
     for (const { pieces } of this.bars) {
       for (const [x0, x1] of pieces) {
@@ -218,7 +306,8 @@ export class Timeline {
 
   barAt({ offsetX: x, offsetY: y }) {
     if (this.isDense) return null;
-    const lane = Math.floor((y - 4) / this.lane);
+    const lane = Math.floor((y - TOP) / ROW);
+    if (x < this.left) return this.rows[lane]?.conflicts[0] ?? null; // its name
     const found = this.bars.find((bar) => bar.lane === lane && bar.pieces.some(([a, b]) => x >= a - 2 && x <= b + 2));
     return found?.conflict ?? null;
   }
@@ -226,81 +315,154 @@ export class Timeline {
   // Shows an instant, and which conflict is chosen.
   mark(t, chosen) {
     this.t = t;
-    this.chosen = chosen;
+    if (this.chosen !== chosen) {
+      this.chosen = chosen;
+      this.revealRow();
+    }
     this.reveal(t);
     this.slider.value = t;
     this.slider.setAttribute("aria-valuetext", `${moment(t)} UTC`);
-    this.draw();
+    this.drawInstant();
   }
 
+  // Scrolls to the row of the chosen conflict.
+  revealRow() {
+    const { view } = this;
+    const row = this.rows.findIndex(({ conflicts }) => conflicts.some(({ id }) => id === this.chosen));
+    const [top, low] = [TOP + row * ROW, TOP + (row + 1) * ROW];
+    if (row >= 0 && (top < view.scrollTop || low > view.scrollTop + view.clientHeight)) view.scrollTop = top - view.clientHeight / 2;
+  }
+
+  // Draws all anew.
   draw() {
-    const { canvas } = this;
-    const ratio = window.devicePixelRatio || 1;
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-    const [w, h] = [Math.round(width * ratio), Math.round(height * ratio)];
-    if (canvas.width !== w || canvas.height !== h) {
-      canvas.width = w;
-      canvas.height = h;
+    this.drawn = "";
+    this.drawInstant();
+  }
+
+  // Draws the time that is shown; the rest only where other conflicts are on.
+  drawInstant() {
+    const { width, height, foot } = this.size;
+    if (!width) return;
+    const isOn = ({ conflict: { periods, change } }) => change !== "gone" && periods.some(([a, b]) => this.t >= a && this.t <= b);
+    const wanted = this.isDense ? "many" : `${this.chosen} ${this.bars.map((bar) => (isOn(bar) ? 1 : 0)).join("")}`;
+    if (wanted !== this.drawn) {
+      this.drawn = wanted;
+      const bars = this.contextOf(this.picture, width, height);
+      const axis = this.contextOf(this.axis, width, foot);
+      this.drawAxis(bars, axis, width, height);
+      if (this.isDense) this.drawDensity(bars, height);
+      else this.drawBars(bars);
+      if (this.brush) this.drawBrush(bars, axis, height);
+      this.drawPart(axis);
     }
-    const context = canvas.getContext("2d");
+    const context = this.contextOf(this.canvas, width, height);
+    context.drawImage(this.picture, 0, 0, width, height);
+    context.fillStyle = colour("ink");
+    context.fillRect(Math.round(this.x(this.t)) - 1, 0, 2, height);
+  }
+
+  // A cleared canvas of a size, in pixels of the page.
+  contextOf(canvas, width, height) {
+    const ratio = window.devicePixelRatio || 1;
+    const [w, h] = [Math.round(width * ratio), Math.round(height * ratio)];
+    if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
+    const context = canvas.getContext("2d", { willReadFrequently: true }); // in memory, as the overview
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, width, height);
-    this.drawAxis(context, width, height);
-    if (this.isDense) this.drawDensity(context, height);
-    else this.drawBars(context);
-    context.fillStyle = colour("ink");
-    context.fillRect(Math.round(this.x(this.t)) - 1, 0, 2, height - AXIS + 4);
-    this.drawPart(context, width);
+    return context;
   }
 
   // Which part of all time is shown, if it is not all.
-  drawPart(context, width) {
+  drawPart(context) {
     const [[first, last], [from, to]] = [this.span, this.shown];
     if (to - from >= last - first) return;
-    const at = (t) => PAD + ((t - first) / (last - first)) * this.width();
+    const at = (t) => this.left + ((t - first) / (last - first)) * this.width();
+    const y = this.size.foot - 2;
     context.fillStyle = colour("line");
-    context.fillRect(PAD, 0, width - 2 * PAD, 2);
+    context.fillRect(this.left, y, this.width(), 2);
     context.fillStyle = colour("object");
-    context.fillRect(Math.min(at(from), width - PAD - 4), 0, Math.max(4, at(to) - at(from)), 2);
+    context.fillRect(Math.min(at(from), this.left + this.width() - 4), y, Math.max(4, at(to) - at(from)), 2);
   }
 
-  drawAxis(context, width, height) {
-    const [from, to] = this.shown;
-    const wanted = ((to - from) * 84) / Math.max(1, width - 2 * PAD);
-    const step = STEPS.find((one) => one >= wanted) ?? STEPS[STEPS.length - 1];
-    context.font = `12px ${colour("font")}`;
-    context.textBaseline = "alphabetic";
-    context.textAlign = "center";
-    let before = "";
-    for (let t = Math.ceil(from / step) * step; t <= to; t += step) {
+  drawAxis(bars, axis, width, height) {
+    axis.font = font("small");
+    axis.textBaseline = "alphabetic";
+    axis.textAlign = "center";
+    for (const { t, text } of ticks(this.shown, this.width() / TICK_PX)) {
       const x = Math.round(this.x(t));
-      context.fillStyle = colour("line");
-      context.fillRect(x, 0, 1, height - AXIS);
-      const date = day(t).split(" ").slice(0, step < 2592000 ? 2 : 3).join(" ");
-      const text = step >= 86400 || (date !== before && before !== "") ? date : clock(t, step < 60);
-      before = date;
-      const half = context.measureText(text).width / 2;
-      context.fillStyle = colour("ink-soft");
-      if (x - half > 0 && x + half < width) context.fillText(text, x, height - 4);
+      bars.fillStyle = colour("line");
+      bars.fillRect(x, 0, 1, height);
+      const half = axis.measureText(text).width / 2;
+      axis.fillStyle = colour("ink-soft");
+      if (x - half > this.left - 40 && x + half < width) axis.fillText(text, x, 14);
     }
   }
 
+  // What the filter leaves of the time.
+  drawBrush(bars, axis, height) {
+    const [from, to] = this.brush.map((t) => this.x(t));
+    axis.fillStyle = colour("object");
+    axis.globalAlpha = 0.25;
+    axis.fillRect(from, 0, Math.max(2, to - from), this.size.foot);
+    axis.globalAlpha = 1;
+    bars.fillStyle = colour("paper");
+    bars.globalAlpha = 0.65;
+    bars.fillRect(this.left, 0, Math.max(0, from - this.left), height);
+    bars.fillRect(to, 0, Math.max(0, this.left + this.width() - to), height);
+    bars.globalAlpha = 1;
+  }
+
+  // How many are on at a time: darker and higher where there are more.
   drawDensity(context, height) {
-    const room = height - AXIS - 6;
+    const room = height - 2 * TOP - 4;
     context.fillStyle = colour("conflict");
     this.density.forEach((on, x) => {
+      if (x < this.left - 1 || !on) return;
       const tall = Math.ceil((on / this.most) * room);
-      context.fillRect(x, room + 4 - tall, 1, tall);
+      context.globalAlpha = 0.35 + (0.65 * on) / this.most;
+      context.fillRect(x, height - TOP - tall, 1, tall);
     });
+    context.globalAlpha = 1;
+    context.font = font("small");
+    context.textAlign = "right";
+    context.textBaseline = "middle";
+    const halves = this.most >= 4 && room > 48 ? [0, Math.round(this.most / 2), this.most] : [0, this.most];
+    for (const n of halves) {
+      const y = height - TOP - (n / this.most) * room;
+      context.fillStyle = colour("line");
+      context.fillRect(this.left, Math.round(y), this.width(), 1);
+      context.fillStyle = colour("ink-soft");
+      context.fillText(n === this.most ? `${n.toLocaleString("en")} at once` : n.toLocaleString("en"), this.left - 6, Math.min(height - 8, Math.max(8, y)));
+    }
+  }
+
+  // The name of a row, each key cut to its share of the room.
+  drawName(context, { texts }, y) {
+    const room = this.left - 14;
+    const between = texts.length > 1 ? " · " : "";
+    const rest = room - context.measureText(between).width;
+    const wide = texts.map((text) => context.measureText(printable(text)).width);
+    const least = Math.min(...wide, rest / texts.length);
+    const cut = texts.map((text, n) => fitted(context, printable(text), wide.length > 1 && wide[n] > least ? Math.max(rest / 2, rest - Math.min(...wide)) : rest));
+    context.fillText(cut.join(between), this.left - 8, y);
   }
 
   drawBars(context) {
-    const thick = Math.max(2, this.lane - 3);
+    const thick = ROW - 6;
+    context.font = font("small");
+    context.textAlign = "right";
+    context.textBaseline = "middle";
+    this.rows.forEach((row, lane) => {
+      const isChosen = row.conflicts.some(({ id }) => id === this.chosen);
+      const isOn = row.conflicts.some(({ periods, change }) => change !== "gone" && periods.some(([a, b]) => this.t >= a && this.t <= b));
+      context.fillStyle = colour(isChosen ? "ink" : isOn ? "conflict-ink" : "ink-soft");
+      this.drawName(context, row, TOP + (lane + 0.5) * ROW);
+    });
     for (const { conflict, pieces, lane } of this.bars) {
       const isGone = conflict.change === "gone"; // by a moved plan
       const isOn = !isGone && conflict.periods.some(([a, b]) => this.t >= a && this.t <= b);
       const isChosen = this.chosen === conflict.id;
-      const y = 4 + lane * this.lane;
+      const y = TOP + lane * ROW + 3;
       context.globalAlpha = isOn || isChosen ? 1 : 0.5;
       context.fillStyle = context.strokeStyle = colour(isGone ? "ink-soft" : "conflict");
       if (pieces.length > 1) context.fillRect(pieces[0][0], y + thick / 2 - 0.5, pieces[pieces.length - 1][1] - pieces[0][0], 1);
@@ -321,4 +483,16 @@ export class Timeline {
     }
     context.globalAlpha = 1;
   }
+}
+
+// A text, cut to a width.
+function fitted(context, text, room) {
+  if (context.measureText(text).width <= room) return text;
+  let [low, high] = [0, text.length];
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (context.measureText(`${text.slice(0, middle)}…`).width <= room) low = middle;
+    else high = middle;
+  }
+  return `${text.slice(0, low)}…`;
 }

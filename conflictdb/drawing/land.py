@@ -1,7 +1,7 @@
-"""Read coastlines of Natural Earth and write them as GeoJSON.
+"""Read coastlines and places of Natural Earth, for figures and as GeoJSON for the page.
 
-vendor/land-50m.json.gz and land-10m.json.gz are TopoJSON (https://github.com/topojson/topojson-specification): rings of
-arcs, which are integer differences on a grid.
+map/vendor/land-50m.json.gz and land-10m.json.gz are TopoJSON
+(https://github.com/topojson/topojson-specification): rings of arcs, which are integer differences on a grid.
 """
 
 import gzip
@@ -64,6 +64,13 @@ def land(detail: str) -> Land:
     return Land(_cut(polygons), _cut([shapely.LineString(coast) for coast in coasts]))
 
 
+@cache
+def places() -> list[dict[str, Any]]:
+    """Return countries and towns: name, kind, longitude, latitude, and the zoom from which maps show them."""
+    text = (files("conflictdb") / "map" / "vendor" / "places.json").read_text(encoding="utf-8")
+    return [dict(zip(("name", "kind", "lon", "lat", "zoom"), row, strict=True)) for row in json.loads(text)]
+
+
 def _closed(ring: NDArray[np.float64]) -> NDArray[np.float64]:
     """Close a ring around the south pole along the pole; return other rings unchanged."""
     (first, _), (last, _) = ring[0], ring[-1]
@@ -107,6 +114,11 @@ def geojson(detail: str, box: Box, but: Box | None = None) -> str:
         )
     ]
     return json.dumps({"type": "FeatureCollection", "features": features}, separators=(",", ":"))
+
+
+def polygons(detail: str, box: Box) -> NDArray[Any]:
+    """Return the land in a box, as polygons in degrees."""
+    return _part(land(detail).polygons, box, None)
 
 
 def _part(shapes: NDArray[Any], box: Box, but: Box | None) -> NDArray[Any]:

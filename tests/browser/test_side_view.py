@@ -1,0 +1,178 @@
+"""The side view of the page of `conflictdb map`: heights over time and along a track."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psycopg
+import pytest
+import shapely
+from browsing import Open, rows, time_of, wait_until
+from commands import runner
+from map_page import Serve
+from piecework import load
+from playwright.sync_api import Page, expect
+
+import conflictdb
+from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
+
+Conn = psycopg.Connection[Any]
+HOUR_US = 3_600_000_000
+T0_US = 1_780_272_000_000_000  # 2026-06-01 00:00 UTC
+T0_S = T0_US / 1e6
+MOST_MS = 1000
+SAID = (
+    "FERRY: SUB-2 13 m below, 08:56 \N{EN DASH} 09:20; SUB-1 93 m below, 09:41; "
+    "CABLE 113 m below, 09:30 \N{EN DASH} 10:17."
+)
+
+
+@pytest.fixture
+def strait(dsn: str, serve: Serve) -> str:
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+        db.scene("strait").detect()
+    return serve(dsn, "strait")
+
+
+def colour_at(page: Page, hours: float, height_m: float) -> list[int]:
+    """Return red, green, blue and opacity of the side view at a time and a height."""
+    return list(
+        page.evaluate(
+            """([t, m]) => {
+                const {side} = conflictdbPage, at = [side.x(t), side.y(m)].map((one) => Math.round(one));
+                return [...side.picture.getContext('2d').getImageData(...at, 1, 1).data];
+            }""",
+            [T0_S + 3600 * hours, height_m],
+        )
+    )
+
+
+def said(page: Page) -> str:
+    return page.locator("#heights .said").inner_text()
+
+
+@pytest.mark.parametrize("is_file", [False, True], ids=["served", "file"])
+def test_a_submarine_under_a_ferry_is_seen(
+    strait: str, dsn: str, open_page: Open, tmp_path: Path, capsys: pytest.CaptureFixture[str], is_file: bool
+) -> None:
+    """Within a second of the click, in words and as a band below that of the ferry, while it is below it."""
+    address = strait
+    if is_file:
+        assert runner(dsn, capsys)("map", "--html", tmp_path / "strait.html").code == 0
+        address = (tmp_path / "strait.html").as_uri()
+    page = open_page(address, size=(1280, 900))
+    button = page.get_by_role("button", name="Side view")
+    expect(button).to_have_attribute("aria-expanded", "false")
+    page.keyboard.press("h")
+    expect(button).to_have_attribute("aria-expanded", "true")
+    expect(page.locator("#heights .said")).to_contain_text("Select an object")
+    page.get_by_role("button", name="FERRY and TOW").click()
+    took_ms = page.evaluate(
+        """async () => {
+            const {side} = conflictdbPage, began = performance.now();
+            side.find();
+            while (!side.said.textContent.includes('SUB-2')) await new Promise((again) => setTimeout(again, 5));
+            return performance.now() - began;
+        }"""
+    )
+    assert took_ms < MOST_MS
+    assert said(page) == SAID
+    below, beside = colour_at(page, 9.13, -85.0), colour_at(page, 10.6, -85.0)
+    assert sum(below[:3]) < sum(beside[:3]) - 60  # SUB-2 stands out while the ferry is above it, and only then
+    assert colour_at(page, 9.13, -85.0) != colour_at(page, 9.13, -10.0)
+    red, green, blue, _ = colour_at(page, 9.784, 20.0)
+    assert red > green > blue  # the conflict
+    page.get_by_label("Side view along").select_option("track")
+    wait_until(page, "conflictdbPage.side.isAlong")
+    at = page.evaluate(
+        "conflictdbPage.side.x(conflictdbPage.model.objects.get('FERRY').end) - conflictdbPage.side.x(0)"
+    )
+    assert at == pytest.approx(page.evaluate("conflictdbPage.timeline.width()"))
+    assert sum(colour_at(page, 9.13, -85.0)[:3]) < sum(colour_at(page, 10.6, -85.0)[:3]) - 60
+    box = page.locator("#heights canvas").bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + page.evaluate("conflictdbPage.side.x(1780305600)"), box["y"] + 40)
+    assert time_of(page) == pytest.approx(1780305600, abs=120)
+    wait_until(page, "location.hash.includes('side=track')")
+    page.reload()
+    page.wait_for_selector("html[data-ready=true]", state="attached")
+    wait_until(page, "conflictdbPage.side.isAlong")
+    assert "SUB-2 13 m below" in said(page)
+
+
+def test_chips_leave_what_is_below_at_the_surface_or_in_the_air(strait: str, open_page: Open) -> None:
+    page = open_page(strait, size=(390, 844))
+    page.get_by_role("button", name="Side view").click()
+    chips = {name: page.get_by_role("button", name=name, exact=True) for name in ("below", "surface", "air")}
+    chips["surface"].click()
+    chips["air"].click()
+    assert rows(page) == ["CABLE and SUB-1"]
+    expect(chips["surface"]).to_have_attribute("aria-pressed", "false")
+    wait_until(page, "location.hash.includes('layers=below')")
+    keys = page.evaluate("conflictdbPage.side.scene.objects.map(({key}) => key)")
+    assert sorted(keys) == ["CABLE", "RESERVE", "SUB-1", "SUB-2"]  # RESERVE has no floor
+    page.go_back()
+    expect(chips["air"]).to_have_attribute("aria-pressed", "true")
+    expect(page.locator("#count")).to_contain_text("of 7 conflicts")
+    page.go_back()
+    expect(page.locator("#count")).to_have_text("7 conflicts")
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_heights_change_along_legs(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
+    """A climb is a slope, steps per leg are steps, and what passes is told by its least distance there."""
+    times = np.array([T0_US, T0_US + HOUR_US, T0_US + 2 * HOUR_US])
+    outline = rectangle_outline_m(500, 500, 500, 500)
+    way = [(10.0, 50.0), (10.5, 50.0), (11.0, 50.0)]
+    climb = Track("CLIMB", way, times, outline, floors_m=[0.0, 1000.0, 1000.0], ceilings_m=[100.0, 1100.0, 1100.0])
+    steps = Track("STEPS", way, times, outline, floors_m=[2000.0, -200.0], ceilings_m=[2100.0, -100.0])
+    jets = [
+        Track("JET", [(10.75, 49.0), (10.75, 51.0)], np.array([T0_US + 84 * HOUR_US // 60, T0_US + 96 * HOUR_US // 60]),
+              rectangle_outline_m(20, 20, 20, 20), floor_m=3000.0, ceiling_m=3100.0),
+    ]  # fmt: skip
+    load(conn, Scene("s"), [Area("FLAT", shapely.box(10.1, 49.9, 10.2, 50.1))], [climb, steps, *jets])
+    page = open_page(serve(dsn, "s"))
+    page.keyboard.press("h")
+    expect(page.locator("#heights .said")).to_contain_text("Select an object")
+    assert page.evaluate(
+        """async (t0) => {
+            const {bandAt, layersOf} = await import('/page/heights.js'), {objects} = conflictdbPage.model;
+            const bands = (key) => [0.5, 1.5].map((hour) => bandAt(objects.get(key), t0 + 3600 * hour));
+            return [bands('CLIMB'), bands('STEPS'), layersOf(objects.get('FLAT'))];
+        }""",
+        T0_S,
+    ) == [[[500, 600], [1000, 1100]], [[2000, 2100], [-200, -100]], ["below", "surface", "air"]]
+    page.evaluate("location.hash = '#selected=CLIMB&side=time'")
+    page.reload()
+    page.wait_for_selector("html[data-ready=true]", state="attached")
+    # The jet needs 12 seconds for the haven's width: it is not missed.
+    expect(page.locator("#heights .said")).to_contain_text("JET 1900 m above, 01:")
+    expect(page.locator("#heights .said")).to_contain_text("STEPS")
+
+
+def test_passes_are_those_of_polygons(strait: str, open_page: Open) -> None:
+    """Brute force in the plane: every ten seconds."""
+    page = open_page(strait)
+    found = page.evaluate(
+        """async () => {
+            const {passes, presence} = await import('/page/passes.js'), {tracks} = conflictdbPage.model, found = [];
+            for (const one of tracks) for (const other of tracks) {
+                if (one.key >= other.key) continue;
+                const [a, b] = [one, other].map((track) => presence(track, null));
+                const times = [];
+                for (let t = Math.max(one.start, other.start); t < Math.min(one.end, other.end); t += 10) times.push(t);
+                found.push([passes(a, b), times, times.map((t) => [one.motion.haven(t), other.motion.haven(t)])]);
+            }
+            return JSON.stringify(found);
+        }"""
+    )
+    checked = 0
+    for spans, times, pairs in json.loads(found):
+        for t, (a, b) in zip(times, pairs, strict=True):
+            if min((abs(t - end) for span in spans for end in span), default=99) > 1:
+                overlaps = shapely.intersects(shapely.Polygon(a), shapely.Polygon(b))
+                assert overlaps == any(low <= t <= high for low, high in spans)
+                checked += overlaps
+    assert checked > 100
