@@ -14,8 +14,9 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb.db import store
+from conflictdb.drawing import land
 from conflictdb.errors import InvalidInput
-from conflictdb.map import content, land, what_if
+from conflictdb.map import content, what_if
 from conflictdb.map.content import to_json
 
 _ROOT: Final = Path(str(files("conflictdb") / "map"))
