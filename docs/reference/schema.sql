@@ -1615,7 +1615,7 @@ FUNCTION _pieces_before(p_scene_id bigint, p_kind smallint, p_id bigint, p_until
 FUNCTION _pieces_meeting(p_scene_id bigint, p_most_compared bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[])
     RETURNS TABLE(n bigint, piece_id bigint, pieces integer, object_number bigint, part integer) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
 
-FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
+FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision, p_shape geometry DEFAULT NULL::geometry)
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _pieces_near(p_scene_id bigint, p_numbers bigint[], p_horizon_us bigint, OUT piece_ids bytea, OUT pieces bigint, OUT compared bigint)
@@ -1924,6 +1924,9 @@ FUNCTION _tile_time(p_params json, p_name text)
 FUNCTION _tile_windows(p_z integer, p_x integer, p_y integer, p_plane text)
     RETURNS SETOF geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _timed_path(p_who text, p_waypoints geometry, p_times timestamp with time zone[])
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _to_micrometres(p_height_m double precision, p_more_m double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
@@ -2165,7 +2168,7 @@ FUNCTION tile_tracks(z integer, x integer, y integer, query_params json DEFAULT 
     RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION track_path(p_waypoints geometry, p_times timestamp with time zone[])
-    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
