@@ -7,7 +7,7 @@ come too close in size are merged. A tree never changes, so questions need no lo
 
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, Final, NamedTuple, Self
 
@@ -27,6 +27,7 @@ from conflictdb.model import inputs
 from conflictdb.model.limits import Limits
 from conflictdb.model.plans import Area, Scene, Track, check_datums, check_keys
 from conflictdb.model.results import Conflict, Kind, Results
+from conflictdb.model.rules import check_word
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.pieces.covers import pieces_of
@@ -38,6 +39,9 @@ from conflictdb.stages.to_results import to_results
 
 Plan = Area | Track
 _NO_TRACKS: Final = TrackBatch.of([])
+_AREA_FIELDS, _TRACK_FIELDS = (
+    tuple(one.name for one in fields(kind) if one.name != "properties") for kind in (Area, Track)
+)
 
 
 class Index:
@@ -65,6 +69,7 @@ class Index:
         self._owners: dict[str, _Owner] = {}
         self._owner_of: dict[str, _Owner] = {}
         self._state = _State()
+        self._cut = _LastCut()
 
     @property
     def scene(self) -> Scene:
@@ -88,17 +93,18 @@ class Index:
         keys that occur twice or belong to another owner.
         """
         given = listed("put", plans)
+        check_word("put", "owner", owner)
         check_keys(one.key for one in given)
         self._limits.check(given)
         with self._lock:
             self._scene = centred(self._scene, *by_kind(given))
-        mine = Members.of_plans(self._scene, plane_of(self._scene), given)
+        mine = self._cut.members(self._scene, plane_of(self._scene), given)
         names = [one.key if owner is None else owner for one in given]
         owners = {name: _Owner(name) for name in names}
         objects = [_Object(one, owners[name]) for one, name in zip(given, names, strict=True)]
         for item in objects:
             item.owner.keys.append(item.plan.key)
-        level = _Level.of(self._scene, mine.pieces, mine.of, objects)
+        added = _Put(mine.pieces, mine.of.astype(np.int32), objects)
         with self._lock:
             # Plans that are their own owners may take the place of several owners.
             former = [self._owners[name] for name in dict.fromkeys(names) if name in self._owners]
@@ -111,10 +117,12 @@ class Index:
             self._forget(former, number)
             self._owners |= owners
             self._owner_of |= {item.plan.key: item.owner for item in objects}
-            self._state = self._state.with_level(self._scene, level, number, len(self))
+            self._state = self._state.with_plans(self._scene, added, number, len(self))
 
     def remove(self, owner: str) -> bool:
         """Remove the plans of an owner, by default of the plan with that key; return whether there were any."""
+        if not isinstance(owner, str):
+            raise InvalidInput("remove", "owner", f"must be a text; got {owner!r:.60}")
         with self._lock:
             known = self._owners.get(owner)
             if known is None:
@@ -133,26 +141,27 @@ class Index:
         owner : by default each plan is its own owner: they are compared with each other, too
         """
         given = listed("probe", plans)
+        check_word("probe", "owner", owner)
         check_keys(one.key for one in given)
         self._limits.check(given)
         scene, state = centred(self._scene, *by_kind(given)), self._state
         plane = plane_of(scene)
-        mine = Members.of_plans(scene, plane, given)
+        mine = self._cut.members(scene, plane, given)
         keys = {one.key for one in given}
         boxes, met = _boxes(scene, mine.pieces), _Met(mine)
         if owner is None:
             met.add_among(boxes)
         plans_of = {one.key: one for one in given}
-        for level in state.levels:
-            first, second = level.tree.pairs(boxes)
-            met_by = [level.objects[k] for k in level.object_of[second].tolist()]
+        for tree, put in state.levels:
+            first, second = tree.pairs(boxes)
+            met_by = [put.objects[k] for k in put.object_of[second].tolist()]
             seen = [
                 state.shows(one) and one.plan.key not in keys and (owner is None or one.owner.name != owner)
                 for one in met_by
             ]
             rows = np.flatnonzero(np.array(seen, np.bool_))
             plans_of |= {met_by[k].plan.key: met_by[k].plan for k in rows.tolist()}
-            met.add(level.pieces, level.object_of, level.member, first[rows], second[rows])
+            met.add(put.pieces, put.object_of, put.member, first[rows], second[rows])
         origin = Objects(scene, plans_of)
         return Results((conflict.found_by(origin) for conflict in met.conflicts(scene, plane)), Conflict)
 
@@ -182,14 +191,9 @@ class _Object(NamedTuple):
     owner: _Owner
 
 
-@dataclass(frozen=True, slots=True)
-class _Level:
-    """Pieces of some plans, and their boxes in a tree.
+class _Put(NamedTuple):
+    """Some plans and their pieces; object_of : (n,) the place of each piece's plan in `objects`."""
 
-    object_of : (n,) the place of each piece's plan in `objects`
-    """
-
-    tree: BoxTree
     pieces: Pieces
     object_of: NDArray[np.int32]
     objects: list[_Object]
@@ -198,21 +202,28 @@ class _Level:
         return Member.of(self.objects[k].plan)
 
     @classmethod
-    def of(cls, scene: Scene, pieces: Pieces, object_of: NDArray[np.int64], objects: list[_Object]) -> "_Level":
-        return cls(BoxTree(_boxes(scene, pieces)), pieces, object_of.astype(np.int32), objects)
-
-    @classmethod
-    def merged(cls, scene: Scene, levels: "Sequence[_Level]") -> "_Level":
-        """Return one level of the plans that the newest state shows."""
-        kept = [np.array([item.owner.ended is None for item in level.objects], np.bool_) for level in levels]
+    def merged(cls, puts: "Sequence[_Put]") -> "_Put":
+        """Return the plans that the newest state shows."""
+        kept = [np.array([item.owner.ended is None for item in put.objects], np.bool_) for put in puts]
         firsts = np.cumsum([0, *(int(one.sum()) for one in kept)])
         parts, of = [], []
-        for level, live, first in zip(levels, kept, firsts.tolist(), strict=False):
-            rows = np.flatnonzero(live[level.object_of])
-            parts.append(level.pieces if len(rows) == len(level.pieces) else level.pieces.take(rows))
-            of.append((np.cumsum(live) - 1)[level.object_of[rows]] + first)
-        objects = [item for level in levels for item in level.objects if item.owner.ended is None]
-        return cls.of(scene, Pieces.concatenate(parts), np.concatenate(of), objects)
+        for put, live, first in zip(puts, kept, firsts.tolist(), strict=False):
+            rows = np.flatnonzero(live[put.object_of])
+            parts.append(put.pieces if len(rows) == len(put.pieces) else put.pieces.take(rows))
+            of.append((np.cumsum(live) - 1)[put.object_of[rows]] + first)
+        objects = [item for put in puts for item in put.objects if item.owner.ended is None]
+        return cls(Pieces.concatenate(parts), np.concatenate(of).astype(np.int32), objects)
+
+
+class _Level(NamedTuple):
+    """Plans, and the boxes of their pieces in a tree."""
+
+    tree: BoxTree
+    put: _Put
+
+    @classmethod
+    def of(cls, scene: Scene, put: _Put) -> "_Level":
+        return cls(BoxTree(_boxes(scene, put.pieces)), put)
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,22 +240,23 @@ class _State:
         ended = item.owner.ended
         return ended is None or ended > self.number
 
-    def with_level(self, scene: Scene, level: _Level, number: int, live: int) -> "_State":
-        """Return the state of a number with one more level; live : plans that it shows."""
-        levels, size = [*self.levels], len(level.pieces)
-        merged = [level]
-        while levels and len(levels[-1].pieces) < 2 * size:
-            merged.insert(0, levels.pop())
+    def with_plans(self, scene: Scene, put: _Put, number: int, live: int) -> "_State":
+        """Return the state of a number with more plans; live : plans that it shows."""
+        levels, size = [*self.levels], len(put.pieces)
+        merged = [put]
+        while levels and len(levels[-1].put.pieces) < 2 * size:
+            merged.insert(0, levels.pop().put)
             size += len(merged[0].pieces)
         if len(merged) > 1:
-            level = _Level.merged(scene, merged)
-        return _State(number, (*levels, level)).without_dead(scene, number, live)
+            put = _Put.merged(merged)
+        return _State(number, (*levels, _Level.of(scene, put))).without_dead(scene, number, live)
 
     def without_dead(self, scene: Scene, number: int, live: int) -> "_State":
         """Return the state of a number; levels are merged once half of their plans have ended."""
-        if 2 * live >= sum(len(level.objects) for level in self.levels):
+        puts = [level.put for level in self.levels]
+        if 2 * live >= sum(len(put.objects) for put in puts):
             return _State(number, self.levels)
-        return _State(number, (_Level.merged(scene, self.levels),) if live else ())
+        return _State(number, (_Level.of(scene, _Put.merged(puts)),) if live else ())
 
 
 class _Given:
@@ -342,6 +354,34 @@ class Members(NamedTuple):
             each.append(known[Kind.TRACK.code, number]._replace(plan=partial(tracks.take, np.array([k]))))
         ids = zip(pieces.kind.tolist(), pieces.object_id.tolist(), strict=True)
         return cls(pieces, np.array([place[one] for one in ids], np.int64), each)
+
+
+class _LastCut(threading.local):
+    """The plans that a thread asked about last, and their pieces: a server puts the plans that it has probed."""
+
+    def __init__(self) -> None:
+        self._asked: tuple[Scene, list[tuple[Any, ...]]] | None = None
+        self._members: Members | None = None
+
+    def members(self, scene: Scene, plane: Plane, plans: Sequence[Plan]) -> Members:
+        """Return plans cut into pieces, as `Members.of_plans` does."""
+        asked = scene, [_content(one) for one in plans]
+        if self._members is not None and asked == self._asked:
+            return self._members._replace(each=[Member.of(one) for one in plans])
+        self._members, self._asked = Members.of_plans(scene, plane, plans), asked
+        return self._members
+
+
+def _content(plan: Plan) -> tuple[Any, ...]:
+    """Return the fields of a plan that count, by value: arrays and mappings may be changed in place."""
+    values = (getattr(plan, name) for name in (_AREA_FIELDS if isinstance(plan, Area) else _TRACK_FIELDS))
+    return type(plan), *map(_value, values)
+
+
+def _value(given: Any) -> Any:
+    if isinstance(given, np.ndarray):
+        return given.tobytes(), given.shape
+    return dict(given) if isinstance(given, Mapping) else given
 
 
 def conflicts_between(

@@ -107,13 +107,13 @@ def _options(command: argparse.ArgumentParser) -> Iterator[tuple[str, str]]:
     for action in command._actions:
         if isinstance(action, argparse._SubParsersAction) or action.help == argparse.SUPPRESS:
             continue
-        name = action.option_strings[-1] if action.option_strings else str(action.metavar)
+        name = action.option_strings[-1] if action.option_strings else action.metavar or ""
         value = ""
         if action.choices:
             value = f" {'|'.join(map(str, action.choices))}"
         elif action.option_strings and action.nargs != 0:
             value = f" {action.metavar or action.dest.upper()}"
-        yield f"`{name}{value}`", str(action.help)
+        yield f"`{f'{name}{value}'.strip()}`", str(action.help)
 
 
 # --- Python

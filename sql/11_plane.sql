@@ -112,6 +112,28 @@ END;
 COMMENT ON FUNCTION _to_plane(geometry, text) IS
 'Projects longitude and latitude (degrees, not wrapped, SRID 4326) to the scene''s plane (metres).';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._each_to_plane(p_geometries geometry[], p_plane text)
+RETURNS geometry[]
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    -- PROJ prepares a projection about a centre for every call, which takes 100 times as long as a polygon.
+    WITH given AS (
+        SELECT u.geometry, u.n - 1 AS n FROM unnest(p_geometries) WITH ORDINALITY u (geometry, n)
+    ), chunk AS MATERIALIZED (
+        SELECT g.n / 64 AS number, count(*) AS size,
+               _to_plane(ST_Collect(array_agg(g.geometry ORDER BY g.n)), p_plane) AS shapes
+        FROM given g WHERE p_plane NOT IN ('wgs84', 'sphere') GROUP BY g.n / 64
+    ), shape AS (
+        SELECT 64 * c.number + k - 1 AS n, ST_GeometryN(c.shapes, k::integer) AS shape
+        FROM chunk c CROSS JOIN generate_series(1, c.size) k
+        UNION ALL
+        SELECT g.n, _to_plane(g.geometry, p_plane) FROM given g WHERE p_plane IN ('wgs84', 'sphere')
+    )
+    SELECT array_agg(s.shape ORDER BY s.n) FROM shape s;
+END;
+COMMENT ON FUNCTION _each_to_plane(geometry[], text) IS
+'Projects geometries, none of them null, as _to_plane does.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._off_the_pole(p_part geometry) RETURNS geometry
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC

@@ -41,31 +41,43 @@ END;
 COMMENT ON FUNCTION _is_plain(jsonb) IS
 'Whether properties are a JSON object with at most 100 levels and only numbers in the range of a double.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._most_points(p_limit text) RETURNS integer
+CREATE OR REPLACE FUNCTION conflictdb_internal._limit(p_limit text) RETURNS double precision
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     -- MAX_POINTS in conflictdb.model.
     c_most CONSTANT integer := 1000000;
+    -- Faster than any aircraft in service; MAX_SPEED_KN in conflictdb.model.speed_limits.
+    c_most_kn CONSTANT double precision := 2000;
     v_name text := 'conflictdb.' || p_limit;
     v_given text := nullif(current_setting(v_name, true), '');
+    v_form text := CASE p_limit WHEN 'max_speed_kn' THEN '^([0-9]{1,9}([.][0-9]{1,9})?|infinity)$'
+                                WHEN 'max_days_ahead' THEN '^[0-9]{1,6}([.][0-9]{1,9})?$'
+                                ELSE '^[0-9]{1,9}$' END;
 BEGIN
-    IF v_given !~ '^[0-9]{1,9}$' THEN
+    IF v_given !~ v_form THEN
         FOUND := _raise('ZC009', 'setting ' || v_name, p_limit,
-                        format('must be a whole number from 0 to %s; got %L', c_most, v_given), 'limit_is_number',
-                        format('ALTER DATABASE %I RESET %s', current_database(), v_name));
+                        format('must be a %s; got %L',
+                               CASE p_limit WHEN 'max_speed_kn' THEN 'number of knots, or infinity'
+                                            WHEN 'max_days_ahead' THEN 'number of days'
+                                            ELSE format('whole number from 0 to %s', c_most) END, v_given),
+                        'limit_is_number', format('ALTER DATABASE %I RESET %s', current_database(), v_name));
     END IF;
-    RETURN least(v_given::integer, c_most);
+    RETURN CASE p_limit WHEN 'max_speed_kn' THEN coalesce(v_given::double precision, c_most_kn)
+                        WHEN 'max_days_ahead' THEN v_given::double precision
+                        ELSE least(v_given::double precision, c_most) END;
 END
 $$;
-COMMENT ON FUNCTION _most_points(text) IS
-'Most points accepted: the setting conflictdb.max_vertices or conflictdb.max_waypoints (p_limit), at most 1,000,000.';
+COMMENT ON FUNCTION _limit(text) IS
+'A limit, by the name of its setting without conflictdb.: max_vertices or max_waypoints, points, at most 1,000,000; '
+'max_speed_kn of a track, knots, default 2,000; max_days_ahead from now until which a plan that is admitted must end, '
+'null: no limit.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_size(
     p_who text, p_field text, p_points bigint, p_limit text
 ) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
-    v_most integer := _most_points(p_limit);
+    v_most integer := _limit(p_limit);
 BEGIN
     IF p_points > v_most THEN
         FOUND := _raise('ZC017', p_who, p_field,
@@ -453,30 +465,12 @@ $$;
 COMMENT ON FUNCTION _check_times(text, geometry) IS
 'Raises ZC003 or ZC002 unless M (Unix seconds) lies in the years 1 to 9999 and increases by at least a microsecond.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._max_speed_kn() RETURNS double precision
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
-DECLARE
-    -- Faster than any aircraft in service; MAX_SPEED_KN in conflictdb.speeds.
-    c_most_kn CONSTANT double precision := 2000;
-    v_given text := nullif(current_setting('conflictdb.max_speed_kn', true), '');
-BEGIN
-    IF v_given !~ '^([0-9]{1,9}([.][0-9]{1,9})?|infinity)$' THEN
-        FOUND := _raise('ZC009', 'setting conflictdb.max_speed_kn', 'max_speed_kn',
-                        format('must be a number of knots, or infinity; got %L', v_given), 'limit_is_number',
-                        format('ALTER DATABASE %I RESET conflictdb.max_speed_kn', current_database()));
-    END IF;
-    RETURN coalesce(v_given::double precision, c_most_kn);
-END
-$$;
-COMMENT ON FUNCTION _max_speed_kn() IS
-'Greatest speed accepted for a track, knots: the setting conflictdb.max_speed_kn, default 2,000.';
-
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_speed(p_who text, p_path geometry) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     -- Relative slack; SPEED_SLACK in conflictdb.speeds.
     c_slack CONSTANT double precision := 0.01;
-    v_most_kn double precision := _max_speed_kn();
+    v_most_kn double precision := _limit('max_speed_kn');
     v_bad record;
 BEGIN
     IF v_most_kn = 'infinity' THEN
@@ -498,7 +492,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_speed(text, geometry) IS
-'Raises ZC002 for a path (M: Unix seconds) with a leg faster than _max_speed_kn() along its great circle.';
+'Raises ZC002 for a path (M: Unix seconds) with a leg faster than _limit(''max_speed_kn'') along its great circle.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_outline(
     p_who text, p_outline geometry, p_field text DEFAULT 'outline'

@@ -261,20 +261,22 @@ END;
 COMMENT ON FUNCTION rectangle_outline(double precision, double precision, double precision, double precision) IS
 'Returns the outline of a rectangular haven: metres ahead, astern, to port and to starboard of the reference point.';
 
-CREATE OR REPLACE FUNCTION track_path(p_waypoints geometry, p_times timestamptz[]) RETURNS geometry
+CREATE OR REPLACE FUNCTION conflictdb_internal._timed_path(
+    p_who text, p_waypoints geometry, p_times timestamptz[]
+) RETURNS geometry
 LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_lost bigint;
 BEGIN
     IF GeometryType(p_waypoints) <> 'LINESTRING' OR ST_NPoints(p_waypoints) <> cardinality(p_times) THEN
-        FOUND := _raise('ZC002', 'track path', 'times',
+        FOUND := _raise('ZC002', p_who, 'times',
                         format('must be one per waypoint of a LineString: %s waypoints, %s times',
                                ST_NPoints(p_waypoints), cardinality(p_times)), 'path_time_per_waypoint');
     END IF;
     SELECT min(t.n) - 1 INTO v_lost FROM unnest(p_times) WITH ORDINALITY t (at, n)
         WHERE isfinite(t.at) AND to_timestamp(extract(epoch FROM t.at)::double precision) <> t.at;
     IF v_lost IS NOT NULL THEN
-        FOUND := _raise('ZC003', 'track path', format('times[%s]', v_lost),
+        FOUND := _raise('ZC003', p_who, format('times[%s]', v_lost),
                         'cannot be kept to the microsecond: '
                         'before October 1697 and after March 2242 it must be a whole second',
                         'path_time_kept', 'M is Unix seconds in double precision.');
@@ -285,6 +287,14 @@ BEGIN
             FROM ST_DumpPoints(p_waypoints) d);
 END
 $$;
+COMMENT ON FUNCTION _timed_path(text, geometry, timestamptz[]) IS
+'The path of a track, as track_path returns it; p_who names it in errors.';
+
+CREATE OR REPLACE FUNCTION track_path(p_waypoints geometry, p_times timestamptz[]) RETURNS geometry
+LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT _timed_path('track path', p_waypoints, p_times);
+END;
 COMMENT ON FUNCTION track_path(geometry, timestamptz[]) IS
 'Returns the path of a track: a LineStringM of the waypoints, with their times as M (Unix seconds).';
 

@@ -315,6 +315,7 @@ LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_nestloop = off SET jit = off AS $$
 #variable_conflict use_column
 DECLARE
+    v_branch_id bigint;
     -- Above this number of marks, counting all conflicts of the scene is cheap by comparison.
     c_few CONSTANT integer := 1000;
     v_start timestamptz := clock_timestamp();
@@ -488,7 +489,13 @@ WITH member AS MATERIALIZED (
     END IF;
     IF v_marks > 0 THEN
         -- Its branches compare their objects with the changed ones.
-        PERFORM _mark_all(b.scene_id) FROM scene b WHERE b.parent_scene_id = p_scene_id;
+        FOR v_branch_id IN SELECT b.scene_id FROM scene b WHERE b.parent_scene_id = p_scene_id LOOP
+            BEGIN
+                PERFORM _mark_all(v_branch_id);
+            EXCEPTION WHEN serialization_failure THEN
+                NULL; -- It was merged or dropped since the snapshot: the foreign key to its row fails.
+            END;
+        END LOOP;
     END IF;
     IF v_is_first OR v_marks > c_few OR cardinality(v_layers) > 1 THEN
         SELECT n.conflicts, n.unresolved INTO conflicts, unresolved FROM _count_conflicts(p_scene_id) n;

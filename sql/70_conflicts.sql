@@ -237,7 +237,8 @@ END;
 COMMENT ON FUNCTION approaches_of(text, text) IS 'Closest approaches of one object of a scene to others.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._pieces_near(
-    p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision
+    p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision,
+    p_shape geometry DEFAULT NULL
 ) RETURNS TABLE (object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry)
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
@@ -262,7 +263,7 @@ BEGIN ATOMIC
                     WHERE r.scene_id = p_scene_id) r
         WHERE s.scene_id = p_scene_id
     ), given AS MATERIALIZED (
-        SELECT p.*, _to_plane(p.given, p.plane) AS shape FROM plane p
+        SELECT p.*, coalesce(p_shape, _to_plane(p.given, p.plane)) AS shape FROM plane p
     ), wide AS MATERIALIZED (
         -- Rhumb lines: s as in span_m of the Mercator plane (conflictdb/earth/mercator.py), the reach of a distance.
         SELECT g.*, 1.01 * sin(least(pi() * g.wanted_m / g.turn_m, pi() / 2))
@@ -292,9 +293,9 @@ BEGIN ATOMIC
       AND coalesce(p_floor_m, '-infinity') - g.half_m < o.ceiling_m
       AND p.hull && g.box AND p.span && _widened(g.span, g.within_s) AND ST_Distance(p.hull, g.shape) <= g.pad_m;
 END;
-COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, double precision) IS
+COMMENT ON FUNCTION _pieces_near(bigint, geometry, tstzrange, double precision, double precision, geometry) IS
 'Stages 1 and 2: pieces of a scene that meet a geometry (longitude and latitude, degrees) during a span and between '
-'two heights (metres; null: unbounded).';
+'two heights (metres; null: unbounded). p_shape: the geometry in the scene''s plane; null: not projected yet.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._window(p_geometry geometry, p_plane text) RETURNS geometry
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE

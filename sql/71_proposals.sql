@@ -171,6 +171,16 @@ COMMENT ON FUNCTION _hold_proposal(bigint) IS
 'Locks a proposal and its scene until the transaction ends, and returns it. Raises insufficient_privilege for a scene '
 'that the current role may not change.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._identity_condition(p_columns text[], p_identity text) RETURNS text
+LANGUAGE sql STABLE STRICT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT string_agg(CASE WHEN v.value IS NULL THEN format('t.%I IS NULL', v.name)
+                           ELSE format('t.%I = %L', v.name, v.value) END, ' AND ' ORDER BY v.n)
+    FROM unnest(p_columns, p_identity::text[]) WITH ORDINALITY v (name, value, n);
+END;
+COMMENT ON FUNCTION _identity_condition(text[], text) IS
+'The SQL condition of the rows of an identity, in a table t.';
+
 CREATE OR REPLACE FUNCTION proposal_statements(
     p_proposal_id bigint, p_undo boolean DEFAULT false
 ) RETURNS TABLE (key text, attachment_id bigint, statement text)
@@ -188,9 +198,7 @@ BEGIN
                                     format('(SELECT array_agg(u.at %s ORDER BY u.n) '
                                            'FROM unnest(t.%I) WITH ORDINALITY AS u (at, n))', x.later, c.attname)
                                 ELSE format('t.%I %s', c.attname, x.later) END,
-                           (SELECT string_agg(CASE WHEN v.value IS NULL THEN format('t.%I IS NULL', v.name)
-                                                   ELSE format('t.%I = %L', v.name, v.value) END, ' AND ' ORDER BY v.n)
-                            FROM unnest(a.identity_columns, o.identity::text[]) WITH ORDINALITY v (name, value, n)))
+                           _identity_condition(a.identity_columns, o.identity))
                 END
     FROM proposal_move m
     JOIN attached_object o ON o.object_id = m.track_id
@@ -209,17 +217,46 @@ COMMENT ON FUNCTION proposal_statements(bigint, boolean) IS
 'For each move of a proposal whose track comes from an attached table: the statement that shifts its rows by the '
 'delay, or undoes that. Null if the map computes the times or selects rows, or speed or way change.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._check_attached_rows(
+    p_who text, p_since text, p_attachment attachment, p_identity text, p_key text
+) RETURNS void
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_hash bigint;
+BEGIN
+    EXECUTE format('SELECT conflictdb_internal._combined_hash(sum(r.hash)) '
+                   'FROM conflictdb_attached.rows_%s($1::text[], ''rows''::text) r', p_attachment.attachment_id)
+        INTO v_hash USING ARRAY[p_identity];
+    IF v_hash IS DISTINCT FROM (SELECT o.hash FROM attached_object o
+                                WHERE o.attachment_id = p_attachment.attachment_id AND o.identity = p_identity) THEN
+        FOUND := _raise('ZC018', p_who, 'scene',
+                        format('has changed since it was %s: rows of track %L in %I.%I', p_since, p_key,
+                               p_attachment.table_schema, p_attachment.table_name), 'proposal_current');
+    END IF;
+END
+$$;
+COMMENT ON FUNCTION _check_attached_rows(text, text, attachment, text, text) IS
+'Raises ZC018 if the rows of a track differ from those that its attachment has read last. Only for the role that '
+'attached the table.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._move_attached(
     p_proposal_id bigint, p_undo boolean, p_may boolean
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
     v_who text := format('proposal %s', p_proposal_id);
+    v_since text := CASE WHEN p_undo THEN 'applied' ELSE 'computed' END;
     v_path text := current_setting('search_path');
     v_moved bigint := 0;
+    v_attachment attachment;
     v_one record;
 BEGIN
-    FOR v_one IN SELECT s.* FROM proposal_statements(p_proposal_id, p_undo) s LOOP
+    FOR v_one IN
+        SELECT s.*, o.identity, t.version = m.version AS is_as_planned
+        FROM proposal_statements(p_proposal_id, p_undo) s
+        JOIN proposal_move m ON m.proposal_id = p_proposal_id AND m.key = s.key
+        JOIN attached_object o ON o.attachment_id = s.attachment_id AND o.object_id = m.track_id
+        LEFT JOIN track t ON t.track_id = m.track_id ORDER BY s.key LOOP
         IF v_one.statement IS NULL THEN
             FOUND := _raise('ZC009', v_who, 'attached',
                             format('moves track %L of an attached table, whose times no statement shifts', v_one.key),
@@ -232,6 +269,20 @@ BEGIN
                             'proposal_attached',
                             format('As that role, give --attached (p_attached => true), or run: %s', v_one.statement));
         END IF;
+        SELECT a.* INTO v_attachment FROM attachment a WHERE a.attachment_id = v_one.attachment_id;
+        PERFORM set_config('search_path', 'pg_catalog, pg_temp', true);
+        IF EXISTS (SELECT FROM pg_catalog.pg_class c
+                   WHERE c.oid = to_regclass(format('%I.%I', v_attachment.table_schema, v_attachment.table_name))
+                     AND c.relkind IN ('r', 'p')) THEN
+            EXECUTE format('SELECT FROM %I.%I AS t WHERE %s FOR UPDATE', v_attachment.table_schema,
+                           v_attachment.table_name,
+                           conflictdb_internal._identity_condition(v_attachment.identity_columns, v_one.identity));
+        END IF;
+        PERFORM set_config('search_path', v_path, true);
+        -- Undone before a detection has read the moved rows, they are compared with the planned ones, below.
+        IF NOT (p_undo AND v_one.is_as_planned) THEN
+            PERFORM _check_attached_rows(v_who, v_since, v_attachment, v_one.identity, v_one.key);
+        END IF;
         PERFORM set_config('search_path', 'pg_catalog, pg_temp', true);
         EXECUTE v_one.statement;
         GET DIAGNOSTICS v_moved = ROW_COUNT;
@@ -240,13 +291,16 @@ BEGIN
             FOUND := _raise('ZC009', v_who, 'attached', format('found no row of track %L', v_one.key),
                             'proposal_attached', v_one.statement);
         END IF;
+        IF p_undo AND v_one.is_as_planned THEN
+            PERFORM _check_attached_rows(v_who, v_since, v_attachment, v_one.identity, v_one.key);
+        END IF;
     END LOOP;
     RETURN v_moved;
 END
 $$;
 COMMENT ON FUNCTION _move_attached(bigint, boolean, boolean) IS
-'Shifts the rows of attached tables that a proposal moves; raises ZC009 unless p_may, and the current role attached '
-'the table.';
+'Shifts the rows of attached tables that a proposal moves. Raises ZC009 unless p_may, and the current role attached '
+'the table; ZC018 if the rows of a track are not those that the proposal was computed from, or that it moved.';
 
 CREATE OR REPLACE FUNCTION apply_proposal(p_proposal_id bigint, p_attached boolean DEFAULT false) RETURNS bigint
 LANGUAGE plpgsql VOLATILE STRICT SET search_path FROM CURRENT AS $$

@@ -286,7 +286,7 @@ CREATE OR REPLACE FUNCTION heights_at(
 LANGUAGE sql STABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     SELECT h.floor_m, h.ceiling_m
-    FROM track t
+    FROM _seen_tracks(_scene_or_branch(p_scene)) t
     -- As on the voyage that the path describes.
     CROSS JOIN LATERAL (SELECT p_instant - _shift(t.path, t.departures, p_instant) AS at) v
     CROSS JOIN LATERAL (SELECT min(n.leg) AS first, max(n.leg) AS last
@@ -295,7 +295,7 @@ BEGIN ATOMIC
                                    AND to_timestamp(ST_M(ST_PointN(t.path, n.leg + 1)))
                           AND (t.departures IS NULL OR p_instant >= t.departures[1])) l
     CROSS JOIN LATERAL _heights_on(t.floor_m, t.ceiling_m, t.floors_m, t.ceilings_m, t.path, l.first, l.last, v.at) h
-    WHERE t.scene_id = _scene_id(p_scene) AND t.key = p_key;
+    WHERE t.key = p_key;
 END;
 COMMENT ON FUNCTION heights_at(text, text, timestamptz) IS
 'Height band of a track at an instant, metres above the vertical datum; null: no limit. At a waypoint it includes the '

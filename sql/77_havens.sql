@@ -94,8 +94,8 @@ DECLARE
     v_track track%ROWTYPE;
     v_leg integer;
 BEGIN
-    SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
-    SELECT * INTO v_track FROM track t WHERE t.scene_id = v_scene.scene_id AND t.key = p_key;
+    SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_or_branch(p_scene);
+    SELECT * INTO v_track FROM _seen_tracks(v_scene.scene_id) t WHERE t.key = p_key;
     IF NOT FOUND THEN
         FOUND := _raise('ZC011', format('track %L', p_key), 'key', format('is not a track of scene %L', p_scene),
                         'object_known');
@@ -179,22 +179,22 @@ DECLARE
     v_track track%ROWTYPE;
     v_leg record;
 BEGIN
-    SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
+    SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_or_branch(p_scene);
     v_plane := _plane(v_scene.motion, v_scene.earth, v_scene.centre_lon, v_scene.centre_lat);
     v_instants := _check_instants(p_from, p_to, p_step);
     PERFORM _warn_if_beyond_horizon(p_scene, tstzrange(p_from, p_to, '[]'));
     -- width_bucket counts the instants before a waypoint.
     SELECT sum(width_bucket(to_timestamp(ST_M(ST_EndPoint(t.path))) + v.later - c_before, v_instants)
                - width_bucket(to_timestamp(ST_M(ST_StartPoint(t.path))) + v.later - c_before, v_instants)) INTO v_rows
-        FROM track t CROSS JOIN LATERAL _voyages(t.path, t.departures) v WHERE t.scene_id = v_scene.scene_id;
+        FROM _seen_tracks(v_scene.scene_id) t CROSS JOIN LATERAL _voyages(t.path, t.departures) v;
     IF v_rows > _most_havens() THEN
         FOUND := _raise('ZC003', 'havens', 'p_step',
                         format('%s gives %s havens from %s to %s: more than %s', p_step, v_rows, p_from, p_to,
                                _most_havens()), 'havens_at_most', 'Take a longer step, or a shorter time.');
     END IF;
     FOR v_track IN
-        SELECT t.* FROM track t WHERE t.scene_id = v_scene.scene_id
-          AND _at_sea(t.path, t.departures) && tstzrange(p_from, p_to, '[]')
+        SELECT t.* FROM _seen_tracks(v_scene.scene_id) t
+        WHERE _at_sea(t.path, t.departures) && tstzrange(p_from, p_to, '[]')
         ORDER BY t.key LOOP
         -- Copied into memory: otherwise every leg would read the stored path again.
         v_track.path := ST_SetSRID(v_track.path, 4326);

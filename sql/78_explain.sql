@@ -10,27 +10,28 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._explained_object(
     OUT floor_m double precision, OUT ceiling_m double precision
 )
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_layers bigint[] := _layers(p_scene_id);
 BEGIN
     SELECT o.kind, o.id, o.key, o.name, o.class, o.owner, coalesce(o.floor_m, '-infinity'),
            coalesce(o.ceiling_m, 'infinity')
         INTO kind, id, key, name, class, owner, floor_m, ceiling_m
         FROM (SELECT 0::smallint AS kind, a.area_id AS id, a.key, a.name, a.class, a.owner, a.floor_m, a.ceiling_m
-              FROM area a
-              WHERE a.scene_id = p_scene_id AND a.key = p_key
+              FROM _seen_areas(p_scene_id) a WHERE a.key = p_key
               UNION ALL
-              SELECT 1::smallint, t.track_id, t.key, t.name, t.class, t.owner, t.floor_m, t.ceiling_m FROM track t
-              WHERE t.scene_id = p_scene_id AND t.key = p_key) o;
+              SELECT 1::smallint, t.track_id, t.key, t.name, t.class, t.owner, t.floor_m, t.ceiling_m
+              FROM _seen_tracks(p_scene_id) t WHERE t.key = p_key) o;
     IF NOT FOUND THEN
         FOUND := _raise('ZC011', format('object %s', quote_nullable(p_key)), 'key',
                         format('is no object of scene %L', (SELECT s.name FROM scene s WHERE s.scene_id = p_scene_id)),
                         'object_known');
     END IF;
-    waits := EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.object_kind = _explained_object.kind
+    waits := EXISTS (SELECT FROM change m WHERE m.scene_id = ANY (v_layers) AND m.object_kind = _explained_object.kind
                      AND m.object_id = _explained_object.id);
     SELECT sum(p.pieces), bool_or(p.part < 0), range_merge(range_agg(p.span)), ST_Extent(p.hull)
         INTO pieces, is_covered, span, box
         FROM piece p WHERE p.object_kind = _explained_object.kind AND p.object_id = _explained_object.id
-                       AND p.scene_id + 0 = p_scene_id;
+                       AND p.scene_id + 0 = ANY (v_layers);
 END
 $$;
 COMMENT ON FUNCTION _explained_object(bigint, text) IS
@@ -128,6 +129,7 @@ LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
 DECLARE
     c_most_pieces CONSTANT integer := 20;
     v_scene scene%ROWTYPE;
+    v_layers bigint[];
     v_run run%ROWTYPE;
     v_conflict conflict%ROWTYPE;
     v_swapped record;
@@ -150,7 +152,8 @@ DECLARE
     v_rule record;
     v_settings jsonb;
 BEGIN
-    SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
+    SELECT * INTO v_scene FROM scene s WHERE s.scene_id = _scene_or_branch(p_scene);
+    v_layers := _layers(v_scene.scene_id);
     v_settings := _settings_of(v_scene) - '{name,centre_lon,centre_lat,delays_within_s,horizon_days}'::text[];
     SELECT * INTO a FROM _explained_object(v_scene.scene_id, p_a);
     SELECT * INTO b FROM _explained_object(v_scene.scene_id, p_b);
@@ -171,18 +174,18 @@ BEGIN
     v_within_s := v_scene.time_separation_s;
     v_half_m := v_scene.vertical_separation_m / 2;
     SELECT c.* INTO v_conflict FROM conflict c
-        WHERE c.scene_id = v_scene.scene_id AND c.a_kind = a.kind AND c.a_id = a.id AND c.b_kind = b.kind
+        WHERE c.scene_id = ANY (v_layers) AND c.a_kind = a.kind AND c.a_id = a.id AND c.b_kind = b.kind
           AND c.b_id = b.id;
     v_is_found := FOUND;
     SELECT r.* INTO v_run FROM run r
-        WHERE r.scene_id = v_scene.scene_id AND r.error IS NULL ORDER BY r.run_id DESC LIMIT 1;
+        WHERE r.scene_id = ANY (v_layers) AND r.error IS NULL ORDER BY r.run_id DESC LIMIT 1;
     v_waiting := CASE
         WHEN NOT FOUND THEN 'the scene was never detected'
         WHEN a.waits OR b.waits THEN concat_ws(' and ', CASE WHEN a.waits THEN to_json(a.key)::text END,
                                                CASE WHEN b.waits THEN to_json(b.key)::text END)
                                      || ' changed, or the settings did, and no detection has seen that yet'
         WHEN EXISTS (SELECT FROM attachment t JOIN attached_change q USING (attachment_id)
-                     WHERE t.scene_id = v_scene.scene_id) THEN
+                     WHERE t.scene_id = ANY (v_layers)) THEN
             'changes of an attached table wait to be taken over' END;
     v_is_current := v_waiting IS NULL;
     v_method := coalesce(v_conflict.method, v_run.method, v_scene.method);
@@ -203,8 +206,8 @@ BEGIN
               CROSS JOIN LATERAL _pieces_of(o.part, o.hull, o.span, o.shape, o.parts, o.hulls, o.shapes, o.cuts) m
               JOIN LATERAL _pieces_of(p.part, p.hull, p.span, p.shape, p.parts, p.hulls, p.shapes, p.cuts) n
                   ON n.hull && m.hull AND n.span && _widened(m.span, v_within_s) AND _boxes_meet(n.hull, m.hull)
-              WHERE o.scene_id + 0 = v_scene.scene_id AND o.object_kind = a.kind AND o.object_id = a.id
-                AND p.scene_id + 0 = v_scene.scene_id AND p.object_kind = b.kind AND p.object_id = b.id
+              WHERE o.scene_id + 0 = ANY (v_layers) AND o.object_kind = a.kind AND o.object_id = a.id
+                AND p.scene_id + 0 = ANY (v_layers) AND p.object_kind = b.kind AND p.object_id = b.id
                 AND o.floor_m < p.ceiling_m AND p.floor_m < o.ceiling_m AND (o.turn = 0 OR p.turn = 0)) m;
 
     IF v_is_found THEN
@@ -223,11 +226,11 @@ BEGIN
             WHEN 'near' THEN 'they do not meet, but come within nearest_m'
             ELSE CASE WHEN a.is_covered OR b.is_covered
                       THEN coalesce((SELECT format('the schedule of %s is not understood: %s', to_json(o.key), o.error)
-                                     FROM (SELECT s.key, s.schedule_error AS error FROM area s
-                                           WHERE s.scene_id = v_scene.scene_id AND s.key IN (a.key, b.key)
+                                     FROM (SELECT s.key, s.schedule_error AS error
+                                           FROM _seen_areas(v_scene.scene_id) s WHERE s.key IN (a.key, b.key)
                                            UNION ALL
-                                           SELECT s.key, s.schedule_error FROM track s
-                                           WHERE s.scene_id = v_scene.scene_id AND s.key IN (a.key, b.key)) o
+                                           SELECT s.key, s.schedule_error
+                                           FROM _seen_tracks(v_scene.scene_id) s WHERE s.key IN (a.key, b.key)) o
                                      WHERE o.error IS NOT NULL ORDER BY o.key LIMIT 1),
                                     'one of them could not be cut into pieces: only its times and heights are known')
                       WHEN v_stage < 4 THEN format('method %s ends with stage %s, which cannot decide', v_method,

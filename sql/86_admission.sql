@@ -2,26 +2,10 @@
 -- exclude each other exactly one is admitted. Statements that put objects directly wait for nobody; an admission sees
 -- what they have committed, detected or not.
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._max_days_ahead() RETURNS double precision
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
-DECLARE
-    v_given text := nullif(current_setting('conflictdb.max_days_ahead', true), '');
-BEGIN
-    IF v_given !~ '^[0-9]{1,6}([.][0-9]{1,9})?$' THEN
-        FOUND := _raise('ZC009', 'setting conflictdb.max_days_ahead', 'max_days_ahead',
-                        format('must be a number of days; got %L', v_given), 'limit_is_number',
-                        format('ALTER DATABASE %I RESET conflictdb.max_days_ahead', current_database()));
-    END IF;
-    RETURN v_given;
-END
-$$;
-COMMENT ON FUNCTION _max_days_ahead() IS
-'Days from now until which a plan must end to be admitted: the setting conflictdb.max_days_ahead; null: no limit.';
-
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_ends(p_scene_id bigint, p_keys text[]) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_days double precision := _max_days_ahead();
+    v_days double precision := _limit('max_days_ahead');
     v_late record;
 BEGIN
     IF v_days IS NULL THEN
@@ -48,7 +32,7 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION _check_ends(bigint, text[]) IS
-'Raises ZC003 for an object, by its key, that ends later than _max_days_ahead() allows.';
+'Raises ZC003 for an object, by its key, that ends later than the limit max_days_ahead.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._begin_admission(
     p_scene text, p_wait_s double precision, OUT scene_id bigint, OUT settings jsonb, OUT max_vertices integer,
@@ -69,9 +53,9 @@ BEGIN
     PERFORM set_config('lock_timeout', v_lock_timeout, true);
     scene_id := v_scene_id;
     settings := _scene_settings(v_scene_id);
-    max_vertices := _most_points('max_vertices');
-    max_waypoints := _most_points('max_waypoints');
-    max_days_ahead := _max_days_ahead();
+    max_vertices := _limit('max_vertices');
+    max_waypoints := _limit('max_waypoints');
+    max_days_ahead := _limit('max_days_ahead');
 END
 $$;
 COMMENT ON FUNCTION _begin_admission(text, double precision) IS
@@ -221,7 +205,7 @@ BEGIN
                             'must not be given together with active_span or schedule', 'activations_once');
         END IF;
         IF times IS NOT NULL THEN
-            path := track_path(path, times);
+            path := _timed_path(v_who, path, times);
         END IF;
         outline := ST_SetSRID(outline, 0);
         outlines := ST_SetSRID(outlines, 0);

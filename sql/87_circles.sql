@@ -15,7 +15,7 @@ DECLARE
     v_wider_m double precision;
     v_points geometry[];
 BEGIN
-    SELECT s.* INTO v_scene FROM scene s WHERE s.scene_id = _scene_id(p_scene);
+    SELECT s.* INTO v_scene FROM scene s WHERE s.scene_id = _scene_or_branch(p_scene);
     IF (p_radius_m > 0 AND p_radius_m <= CASE v_scene.motion WHEN 'rhumb' THEN 50000 ELSE 5000000 END) IS NOT TRUE THEN
         FOUND := _raise('ZC001', c_who, 'radius_m',
                         format('must be a number of metres, more than 0 and at most 5000000, for rhumb lines 50000; '

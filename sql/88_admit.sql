@@ -126,9 +126,10 @@ BEGIN
         WITH given AS MATERIALIZED (
             SELECT u.kind, u.id, u.place, u.floor_m, u.ceiling_m, u.span,
                    tstzrange(lower(u.span), upper(u.span), '[]') AS closed_span,
-                   _to_plane(u.place, v_scene.plane) AS shape
-            FROM unnest(v_kinds, v_ids, v_places, v_spans, v_floors_m, v_ceilings_m)
-                 u (kind, id, place, span, floor_m, ceiling_m)
+                   u.shape
+            FROM unnest(v_kinds, v_ids, v_places, v_spans, v_floors_m, v_ceilings_m,
+                        _each_to_plane(v_places, v_scene.plane))
+                 u (kind, id, place, span, floor_m, ceiling_m, shape)
         ), scaled AS MATERIALIZED (
             -- Metres of the plane per metre, at most.
             SELECT g.*, CASE v_scene.motion
@@ -145,7 +146,7 @@ BEGIN
         ), detected AS (
             SELECT DISTINCT g.kind, g.id, p.object_kind, p.object_id
             FROM given g
-            CROSS JOIN LATERAL _pieces_near(p_scene_id, g.place, g.span, g.floor_m, g.ceiling_m) p
+            CROSS JOIN LATERAL _pieces_near(p_scene_id, g.place, g.span, g.floor_m, g.ceiling_m, g.shape) p
             -- Of most objects the last detection knows the present pieces.
             WHERE NOT EXISTS (SELECT FROM change c WHERE c.scene_id = p_scene_id AND c.object_kind = p.object_kind
                               AND c.object_id = p.object_id AND NOT c.is_covered)
@@ -175,6 +176,19 @@ BEGIN
             SELECT n.kind, n.id, n.object_id, false AS is_pending FROM detected n WHERE n.object_kind = 0
             UNION ALL
             SELECT DISTINCT g.kind, g.id, n.object_id, true FROM pending_area n CROSS JOIN given g
+        ), near_chunk AS MATERIALIZED (
+            -- As in _each_to_plane; without a join, whose rows a nested loop would compare with all others.
+            SELECT array_agg(n.kind) AS kinds, array_agg(n.id) AS ids, array_agg(n.object_id) AS object_ids,
+                   array_agg(n.is_pending) AS are_pending, count(*) AS size,
+                   CASE v_scene.motion WHEN 'great_circle'
+                        THEN _to_plane(ST_Collect(array_agg(n.footprint)), v_scene.plane) END AS shapes
+            FROM (SELECT n.*, a.footprint::geometry AS footprint, row_number() OVER () AS nth
+                  FROM near_area n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id) n
+            GROUP BY n.nth / 64
+        ), near_shape AS (
+            SELECT c.kinds[k] AS kind, c.ids[k] AS id, c.object_ids[k] AS object_id, c.are_pending[k] AS is_pending,
+                   ST_GeometryN(c.shapes, k::integer) AS shape
+            FROM near_chunk c CROSS JOIN generate_series(1, c.size) k
         ), near_track AS (
             SELECT n.kind, n.id, n.object_id FROM detected n WHERE n.object_kind = 1
             UNION
@@ -194,7 +208,7 @@ BEGIN
                             v_allowed.classes, v_allowed.pairs)
         UNION ALL
         SELECT n.kind, n.id, 0::smallint, n.object_id, x.period
-        FROM near_area n JOIN mine m ON m.kind = n.kind AND m.id = n.id
+        FROM near_shape n JOIN mine m ON m.kind = n.kind AND m.id = n.id
         JOIN scaled g ON g.kind = n.kind AND g.id = n.id
         JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
         CROSS JOIN LATERAL (
@@ -212,7 +226,8 @@ BEGIN
                          -- The scale is known for a kilometre around.
                          v_scene.wanted_m > 1000
                          OR ST_DWithin(g.shape, o.shape, 1.02 * g.scale * v_scene.wanted_m + 1e-5) AS is_near
-                  FROM (SELECT ST_Translate(_to_plane(a.footprint, v_scene.plane), turn * v_scene.turn_m, 0) AS shape
+                  FROM (SELECT ST_Translate(coalesce(n.shape, _to_plane(a.footprint, v_scene.plane)),
+                                            turn * v_scene.turn_m, 0) AS shape
                         FROM generate_series(-1, 1) turn WHERE turn = 0 OR v_scene.motion = 'rhumb' OFFSET 0) o
                   WHERE a.schedule IS NOT NULL OR NOT n.is_pending
                         OR CASE WHEN v_scene.is_closed OR v_scene.within_s > 0

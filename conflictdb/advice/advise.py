@@ -89,6 +89,23 @@ class Advice:
     estimates: tuple[Estimate, ...]
     recommendation: str
 
+    def _repr_html_(self) -> str:
+        from conflictdb.model import notebook
+
+        header = ["method", "tolerance", "cost", "conflicts", "never meet", "unresolved"]
+        rows = [
+            [
+                str(one.setting.method),
+                f"{one.setting.tolerance_m:g} m",
+                duration(one.seconds),
+                f"{one.conflicts.value:,.0f}",
+                str(one.false_share),
+                str(one.unresolved_share),
+            ]
+            for one in self.estimates
+        ]
+        return f"<p>{notebook.text_of(self.recommendation)}</p>" + notebook.rows_html(header, rows)
+
 
 def advise(
     scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], *, sample: int = SAMPLE, seed: int = 0

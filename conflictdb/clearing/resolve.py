@@ -13,7 +13,7 @@ from conflictdb.clearing.detours import is_changing, rerouted, ways_of
 from conflictdb.clearing.least import Solution, least
 from conflictdb.clearing.passing import moves_of
 from conflictdb.clearing.program import Program, chain_of
-from conflictdb.clearing.yielding import levels_of
+from conflictdb.clearing.yielding import levels_of, yielding_areas
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.index import Index
 from conflictdb.model import inputs
@@ -30,6 +30,11 @@ Pairs = frozenset[tuple[str, str]]
 # As of requests for delays: longer than a plan of this kind.
 _LONGEST_S: Final = 1e7
 _MOST_LEVEL: Final = 1_000_000
+# A solver keeps its numbers to some digits: costs must not differ by more.
+_LEAST_WEIGHT: Final = 1e-6
+_MOST_WEIGHT: Final = 1e6
+# Of tracks that `detours` has ways for, but a proposal cannot store.
+_UNCHANGED: Final = "gets no new waypoints: its size, heights or tolerances are given by leg or waypoint (`detours`)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +117,7 @@ def resolve(
     keep : collection of str
         Objects that stay as planned.
     weights : mapping of str to float, optional
-        Cost of a second of a track, above 0; by default 1.
+        Cost of a second of a track, from 1e-6 to 1e6; by default 1.
     levels : mapping of str to int, optional
         Priority of tracks, by default 0: tracks of a higher level are placed first, those below yield to them.
     within_s : float
@@ -140,6 +145,7 @@ def resolve(
     number_of = {key: number for number, key in key_of.items()}
     before = conflicts(planned.values(), areas, scene)
     concerned = {key for pair in before for key in pair if key in planned}
+    by_key = {area.key: area for area in areas}
     movable = sorted((concerned if keys is None else set(keys)) - set(keep), key=str.encode)
     numbers = np.array([number_of[key] for key in movable], np.int64)
     low, high = np.array([limits.of_delays(planned[key]) for key in movable], np.int64).reshape(-1, 2).T
@@ -156,7 +162,11 @@ def resolve(
     rest = {movable[i] for i in solution.left}
     speeds = _speeds(scene, changed, areas, sorted(rest, key=str.encode), limits)
     changed |= {key: at_speed(planned[key], factor) for key, factor in speeds.items()}
-    ways = _ways(scene, changed, areas, sorted(rest - speeds.keys(), key=str.encode), limits)
+    notes = yielding_areas(before, {key: planned[key] for key in concerned - set(keep)}, by_key, scene.rules)
+    stuck = sorted(rest - speeds.keys(), key=str.encode)
+    if limits.aside_m > 0.0:
+        notes += [f"track {key!r} {_UNCHANGED}" for key in stuck if is_changing(planned[key])]
+    ways = _ways(scene, changed, areas, stuck, limits)
     changed |= {key: rerouted(scene, planned[key], way) for key, way in ways.items()}
     after = conflicts(changed.values(), areas, scene)
     _verify(before, after, set(movable) - (rest - speeds.keys() - ways.keys()))
@@ -164,7 +174,8 @@ def resolve(
     still = sorted({key for pair in after for key in pair if key in planned}, key=str.encode)
     left = [Left(key, blocked.get(key) or _met(after, key)) for key in still]
     moves = moves_of(scene, changed, areas, delays, speeds, ways, before - after, found, key_of)
-    return Proposal(tuple(moves), tuple(left), limits.goal, solution.objective_s, solution.bound_s, solution.is_least)
+    of = solution
+    return Proposal(tuple(moves), tuple(left), limits.goal, of.objective_s, of.bound_s, of.is_least, notes=tuple(notes))
 
 
 def conflicts(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene) -> Pairs:
@@ -350,8 +361,9 @@ def _check(
             raise InvalidInput(who, "object", f"{key!r} is not known")
     for key, weight in weights.items():
         is_number = isinstance(weight, int | float | np.number) and not isinstance(weight, bool)
-        if not (is_number and 0.0 < weight < np.inf):
-            raise InvalidInput("resolve", f"weights[{key!r}]", f"must be a finite number above 0; got {weight!r:.20}")
+        if not (is_number and _LEAST_WEIGHT <= weight <= _MOST_WEIGHT):
+            rule = f"must be a number from {_LEAST_WEIGHT:g} to {_MOST_WEIGHT:g}; got {weight!r:.20}"
+            raise InvalidInput("resolve", f"weights[{key!r}]", rule)
     for key, level in levels.items():
         if isinstance(level, bool) or not isinstance(level, int | np.integer) or abs(int(level)) > _MOST_LEVEL:
             rule = f"must be a whole number from -{_MOST_LEVEL} to {_MOST_LEVEL}; got {level!r:.20}"

@@ -1,6 +1,6 @@
 """Priority levels of tracks, from those that a caller gives and from separation rules that say who yields."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from conflictdb.clearing.program import Program
+from conflictdb.model.plans import Area, Track
 from conflictdb.model.rules import Rule, RuleTable
 
 _Ints = NDArray[np.int64]
@@ -39,6 +40,26 @@ def levels_of(program: Program, given: _Ints, classes: Sequence[str | None], rul
             break
         below = deeper
     return given * count - below[circle]
+
+
+def yielding_areas(
+    pairs: Iterable[tuple[str, str]], tracks: Mapping[str, Track], areas: Mapping[str, Area], rules: Sequence[Rule]
+) -> list[str]:
+    """Return a sentence for each area that yields by a rule to tracks in conflict with it, by key."""
+    if not any(rule.yields for rule in rules):
+        return []
+    table = RuleTable.of(rules)
+    found: dict[str, list[str]] = {}
+    for pair in pairs:
+        for key, other in (pair, pair[::-1]):
+            if key in areas and other in tracks:
+                sides = areas[key].object_class, tracks[other].object_class
+                if table.does_yield(*sides, kind="area"):
+                    found.setdefault(key, []).append(other)
+    names = {key: ", ".join(map(repr, sorted(others, key=str.encode))) for key, others in found.items()}
+    return [
+        f"area {key!r} yields to {names[key]} by a rule, but areas do not move" for key in sorted(names, key=str.encode)
+    ]
 
 
 def _yielding(program: Program, given: _Ints, classes: Sequence[str | None], rules: Sequence[Rule]) -> _Ints:

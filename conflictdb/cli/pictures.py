@@ -100,5 +100,5 @@ def _scene_of_map(db: Database, name: str | None) -> str:
         db.load_demo()
         db.scene(DEMO_SCENE).detect()
         return DEMO_SCENE
-    store.scene_id(db.connection, name)
+    store.scene_or_branch_id(db.connection, name)
     return name

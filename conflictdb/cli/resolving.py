@@ -56,6 +56,7 @@ def proposal_text(found: Proposal, names: Mapping[str, str]) -> str:
         wrapped(f"{labels(names, [one.key])} stays in conflict: blocked by {labels(names, one.blocked_by)}")
         for one in found.left
     ]
+    lines += [wrapped(f"note: {one}") for one in found.notes]
     if not found.moves:
         return "\n".join([*lines, "nothing to move"])
     is_total = found.goal is Goal.TOTAL

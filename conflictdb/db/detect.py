@@ -85,6 +85,20 @@ class Run(store.RunOutcome):
     stage4_s: float
     total_s: float
 
+    def _repr_html_(self) -> str:
+        from conflictdb.model import notebook
+
+        counts = ("conflicts", "unresolved", "opened", "changed", "closed")
+        stages = ("candidate_pairs", "intersecting_pairs", "window_pairs", "met_pairs")
+        return notebook.facts_html(
+            [
+                ("run", f"{self.run_id}, method {self.method}"),
+                *((name, f"{getattr(self, name):,}") for name in counts),
+                *((name.replace("_", " "), f"{getattr(self, name):,}") for name in stages),
+                ("seconds", f"{self.total_s:.3f}"),
+            ]
+        )
+
 
 class _NothingPending(Exception):
     """No object of the scene waits for a detection."""

@@ -36,7 +36,7 @@ def delays(
     with store.snapshot(conn):
         if waypoint is None and clear_within_m is None:
             horizon_us, now_us = in_memory.horizon_and_now(within_s, now)
-            known = store.stored_delays(conn, store.scene_id(conn, scene), key, horizon_us, now_us)
+            known = store.stored_delays(conn, store.scene_or_branch_id(conn, scene), key, horizon_us, now_us)
             if known:
                 return known
         settings, areas, tracks = _read(conn, scene, key, lambda track: round(1e6 * within_s), clear_within_m or 0.0)
@@ -112,4 +112,7 @@ def _near(
     if at_any_height:
         all_m = np.full(len(pieces), np.inf)
         at_any_time = replace(at_any_time, floor_m=-all_m, ceiling_m=all_m, climb_m=level_m(-all_m, all_m))
-    return store.keys_meeting(conn, store.scene_id(conn, scene), at_any_time, key)
+    number = store.scene_or_branch_id(conn, scene)
+    parent = store.parent_name(conn, number)
+    layers = [number] if parent is None else [number, store.scene_id(conn, parent)]
+    return [one for layer in layers for one in store.keys_meeting(conn, layer, at_any_time, key)]

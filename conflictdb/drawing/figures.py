@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
+from textwrap import fill as wrap
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -53,6 +54,10 @@ _BEFORE_AND_AFTER: Final = 0.6
 _LEAST_SHARE: Final = 0.02
 # A map of less shows nothing of the objects: a point of contact alone has no size.
 _LEAST_FOCUS_M: Final = 1.0
+# Two of these fit on a page.
+_WIDE_IN: Final = (9.0, 5.8)
+# Letters of a line of a title above half of it.
+_WIDE_TITLE: Final = 48
 
 
 def plot_scene(
@@ -102,12 +107,19 @@ def plot_timeline(conflicts: Iterable[Conflict]) -> "Figure":
 
 
 def plot_pair(
-    scene: Scene, a: Area | Track, b: Area | Track, conflict: Conflict | None = None, *, remark: str | None = None
+    scene: Scene,
+    a: Area | Track,
+    b: Area | Track,
+    conflict: Conflict | None = None,
+    *,
+    remark: str | None = None,
+    is_wide: bool = False,
 ) -> "Figure":
     """Return a figure of two objects: swept areas, where the stages let them meet, and their separation over time.
 
     conflict : their conflict; None: unknown
     remark : a warning to print on the figure
+    is_wide : the separation is beside the map, not below: half as high
 
     Raises ConflictDBError where there is no matplotlib.
     """
@@ -121,8 +133,13 @@ def plot_pair(
         overlap = None if found is None else heights.overlap_at(sketch, 0, 1, found.at_us)
         is_height_drawn = overlap is not None and not overlap.all()
         ratios = (6.0, 3.0, 1.5) if is_height_drawn else (6.0, 3.0)
-        figure = mpl.figure.Figure(figsize=(9.0, sum(ratios)), layout="constrained")
-        above, below, *lowest = figure.subplots(len(ratios), 1, height_ratios=ratios)
+        figure = mpl.figure.Figure(figsize=_WIDE_IN if is_wide else (9.0, sum(ratios)), layout="constrained")
+        if is_wide:
+            grid = figure.add_gridspec(len(ratios) - 1, 2, height_ratios=ratios[1:])
+            above = figure.add_subplot(grid[:, 0])
+            below, *lowest = (figure.add_subplot(grid[row, 1]) for row in range(len(ratios) - 1))
+        else:
+            above, below, *lowest = figure.subplots(len(ratios), 1, height_ratios=ratios)
         names = [name_of(label) for label in sketch.labels]
         objects: list[Area | Track] = [*areas, *tracks]
         first, second = objects
@@ -140,7 +157,10 @@ def plot_pair(
             times = [instant(int(us)) for us in found.at_us]
             heights.draw(lowest[0], sketch, found.at_us, times, names)
             time_axis(mpl, lowest[0], times[0], times[-1])
-        _draw_pair(above, sketch, conflict)
+        if is_wide:
+            for panel in (below, *lowest):
+                panel.set_title(wrap(panel.get_title(loc="left"), _WIDE_TITLE), fontsize=9)
+        _draw_pair(above, sketch, conflict, columns=1 if is_wide else 3)
         return figure
 
 
@@ -234,7 +254,7 @@ def _draw_place(panel: Any, sketch: Sketch, conflict: Conflict) -> None:
         panel.plot(x, y, "o", color=colour, markersize=4.0, zorder=3, scalex=False, scaley=False)
 
 
-def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None) -> None:
+def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None, columns: int) -> None:
     regions, lines = sketch.meetings(0, 1)
     seen: list[Any] = []
     for number, colour in ((0, FIRST), (1, SECOND)):
@@ -282,7 +302,9 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None) -> None:
         panel.plot([], [], color=INK, linewidth=0.8, linestyle="dashed", label="projected onto the way (stage 3)")
     contacts = _draw_contacts(panel, sketch, conflict)
     closeup = _draw_common(panel, sketch) or contacts
-    panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize=7, frameon=False, borderaxespad=0.3)
+    panel.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, fontsize=7, frameon=False, borderaxespad=0.3
+    )
     # Near the contacts, where there are some: whole ways may be an ocean long.
     focus = next((shapes for shapes in (closeup, list(regions), seen) if _extent_m(shapes) > _LEAST_FOCUS_M), seen)
     if focus:

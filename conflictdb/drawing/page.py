@@ -8,7 +8,8 @@ import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
-from conflictdb.drawing.style import INK, QUIET
+from conflictdb.drawing import land
+from conflictdb.drawing.style import COAST, INK, LAND, QUIET
 from conflictdb.earth.plane import Plane
 
 _WIDEST_LABEL: Final = "88°88\N{PRIME}W"
@@ -17,6 +18,11 @@ _STEPS: Final = np.array([*(np.array([30, 20, 10, 5, 2, 1, 0.5]) / 3600), *(np.a
 _WHOLE_STEPS: Final = np.array([1, 2, 5, 10, 20, 30, 45])
 _LINES: Final = 4
 _POINTS: Final = 65
+# Land is drawn of at most so wide a part of the world, in detail of smaller ones, and not near the poles, degrees.
+_WIDEST_LAND_DEG: Final = 120.0
+_FINE_DEG: Final = 15.0
+_LAST_LAND_DEG: Final = 84.0
+_TURN_DEG: Final = 360.0
 # Room around the content, as a share of it; and the least size of a map, plane metres.
 _ROOM: Final = 0.06
 _LEAST_M: Final = 1.0
@@ -74,7 +80,24 @@ def show(panel: Any, plane: Plane, bounds: tuple[float, float, float, float]) ->
     panel.set_yticks([at for at, _ in ticks[1]], [text for _, text in ticks[1]], rotation=90, va="center")
     panel.set_xlim(west, east)
     panel.set_ylim(south, north)
+    _land(panel, plane, (west, south, east, north))
     _scale_bar(panel, plane, (west, south, east, north))
+
+
+def _land(panel: Any, plane: Plane, bounds: tuple[float, float, float, float]) -> None:
+    """Draw the land in a part of the plane (west, south, east, north); none across the date line and near the poles."""
+    frame = shapely.segmentize(shapely.box(*bounds), max(bounds[2] - bounds[0], bounds[3] - bounds[1]) / 20)
+    lon, lat = plane.from_plane(*shapely.get_coordinates(frame).T)
+    box = float(lon.min()), float(lat.min()), float(lon.max()), float(lat.max())
+    is_whole = box[0] >= -_TURN_DEG / 2 and box[2] <= _TURN_DEG / 2 and box[2] - box[0] <= _WIDEST_LAND_DEG
+    if not is_whole or box[1] < -_LAST_LAND_DEG or box[3] > _LAST_LAND_DEG:
+        return
+    detail = land.FINE if box[2] - box[0] < _FINE_DEG else land.COARSE
+    shapes = shapely.segmentize(land.polygons(detail, box), (box[2] - box[0]) / 100)
+    if not len(shapes):
+        return
+    seen = shapely.transform(shapes, lambda deg: np.stack(plane.to_plane(deg[:, 0], deg[:, 1]), axis=1))
+    polygons(panel, seen, facecolors=LAND, edgecolors=COAST, linewidths=0.4, zorder=-1)
 
 
 def polygons(panel: Any, shapes: NDArray[np.object_], **look: Any) -> None:

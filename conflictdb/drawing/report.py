@@ -24,12 +24,17 @@ from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Motion,
 from conflictdb.model.record import REMARKS
 from conflictdb.model.results import Conflict, Delays, SceneState, Verdict
 from conflictdb.model.settings import SETTINGS
+from conflictdb.stages.depths import Depth, depths
+
+Known = Mapping[tuple[str, str], Depth]
 
 # What a reader goes through; `conflictdb conflicts --format csv` has all of it.
 _MOST_CONFLICTS: Final = 500
 _MOST_PAIRS_DRAWN: Final = 6
 # Of further tracks in conflict only the first names are listed.
 _MOST_DELAYS: Final = 50
+# Depths of more conflicts take tens of seconds.
+_MOST_DEPTHS: Final = 20_000
 _MOST_LEFT_OUT: Final = 200
 _FORMATS: Final = (".html", ".pdf")
 _STAGES: Final = (
@@ -106,12 +111,13 @@ def check_name(file: str | Path) -> Path:
 
 
 def _sections(checked: Checked) -> list[Section]:
-    conflicts = sorted(checked.conflicts, key=figures.first_contact_order)
+    known = _depths(checked)
+    conflicts = sorted(checked.conflicts, key=lambda one: (-_depth_m(known, one), figures.first_contact_order(one)))
     overview = figures.plot_scene(checked.scene, checked.areas, checked.tracks, conflicts)
     return [
         _found(checked, conflicts),
         Section("Where and when", figures=[("All objects, and where and when they are in conflict.", overview)]),
-        _listed(checked, conflicts),
+        _listed(checked, conflicts, known),
         *_acknowledged(conflicts),
         *_delays(checked, conflicts),
         *_near(checked),
@@ -141,8 +147,32 @@ def _found(checked: Checked, conflicts: Sequence[Conflict]) -> Section:
     return Section("What was found", text, ["Verdict", "Pairs", "Meaning"], rows)
 
 
-def _listed(checked: Checked, conflicts: Sequence[Conflict]) -> Section:
-    header = ["A", "B", "Verdict", "Periods (UTC)", "Known to", "First contact", "Least distance, m"]
+def _depths(checked: Checked) -> Known:
+    """Return how deep pairs undercut their required separation; none in a scene of too many conflicts."""
+    keys = {key for one in checked.conflicts for key in (one.a_key, one.b_key)}
+    if not 0 < len(checked.conflicts) <= _MOST_DEPTHS:
+        return {}
+    areas = [one for one in checked.areas if one.key in keys]
+    return depths(checked.scene, areas, [one for one in checked.tracks if one.key in keys])
+
+
+def _depth_m(known: Known, one: Conflict) -> float:
+    """Return the depth of a conflict, metres; -1 if it is not known."""
+    found = None if one.is_current is False else known.get((one.a_key, one.b_key))
+    return -1.0 if found is None else max(0.0, found.depth_m)
+
+
+def _depth_text(known: Known, one: Conflict) -> str:
+    """Return the depth of a conflict, and when it is deepest; empty if that is not known."""
+    depth_m = _depth_m(known, one)
+    if depth_m < 0.0:
+        return ""
+    at_us = known[one.a_key, one.b_key].at_us
+    return f"{depth_m:,.1f}" if at_us is None else f"{depth_m:,.1f} at {instant_text(instant(at_us))[11:]}"
+
+
+def _listed(checked: Checked, conflicts: Sequence[Conflict], known: Known) -> Section:
+    header = ["A", "B", "Verdict", "Periods (UTC)", "Known to", "First contact", "Depth, m"]
     rows = [
         [
             *map(printable, one.labels),
@@ -150,12 +180,13 @@ def _listed(checked: Checked, conflicts: Sequence[Conflict]) -> Section:
             "\n".join(_period(*period) for period in one.periods),
             bound_text(one.time_error_s),
             "" if one.first_contact_deg is None else "{1:.5f}, {0:.5f}".format(*one.first_contact_deg),
-            distance_text(one),
+            _depth_text(known, one),
         ]
         for one in conflicts[:_MOST_CONFLICTS]
     ]
-    text = "By first contact. Periods are rounded outward to the second. Places are latitude, longitude in degrees;"
-    text += " a distance of 0: they touch or overlap."
+    text = "The deepest first. Periods are rounded outward to the second. Places are latitude, longitude in degrees."
+    text += " Depth: by how much the required separation is undercut at most, and when; of an area of several parts,"
+    text += " at least."
     if len(conflicts) > _MOST_CONFLICTS:
         text += f" The first {_MOST_CONFLICTS} of {len(conflicts):,}; conflictdb conflicts --format csv has all."
     return Section("Conflicts", text if rows else "No conflict is known.", header if rows else (), rows)
@@ -276,12 +307,12 @@ def _pairs(checked: Checked, conflicts: Sequence[Conflict]) -> list[Section]:
     drawn = []
     for one in conflicts[:_MOST_PAIRS_DRAWN]:
         if one.a_key in by_key and one.b_key in by_key:
-            figure = figures.plot_pair(checked.scene, by_key[one.a_key], by_key[one.b_key], one)
+            figure = figures.plot_pair(checked.scene, by_key[one.a_key], by_key[one.b_key], one, is_wide=True)
             drawn.append((printable(" and ".join(one.labels)), figure))
     if not drawn:
         return []
     more = len(conflicts) - len(drawn)
-    text = f"The first {len(drawn)}; conflictdb plot draws any of the other {more:,}." if more else ""
+    text = f"The {len(drawn)} deepest; conflictdb plot draws any of the other {more:,}." if more else ""
     return [Section("Pair by pair", text, figures=drawn)]
 
 

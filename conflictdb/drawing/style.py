@@ -15,6 +15,7 @@ from conflictdb.model.results import Verdict
 
 # Distinguishable with colour blindness (Okabe and Ito), and by lightness.
 FIRST, SECOND, CONFLICT, QUIET, INK = "#0072b2", "#009e73", "#d55e00", "#8a949e", "#2b333b"
+LAND, COAST = "#efede6", "#c3c4bf"
 OF_VERDICT: Final = {Verdict.CONFLICT: CONFLICT, Verdict.GRAZING: "#e69f00", Verdict.UNRESOLVED: "#8a949e"}
 HATCH: Final = {Verdict.CONFLICT: "", Verdict.GRAZING: "////", Verdict.UNRESOLVED: "xxxx"}
 _LONGEST_NAME: Final = 28

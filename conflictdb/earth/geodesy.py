@@ -247,6 +247,8 @@ def direction_of(bearing_deg: ArrayLike) -> tuple[Floats, Floats]:
     quarter = np.round(bearing / 90.0)
     rest = np.radians(bearing - 90.0 * quarter)
     sine, cosine = np.sin(rest), np.cos(rest)
+    if not quarter.any():
+        return sine + 0.0, cosine + 0.0
     # After an odd number of quarter turns sine and cosine swap; two quarters of each turn are negative.
     turn = np.mod(quarter, 4.0)
     swaps = np.mod(quarter, 2.0) != 0.0

@@ -57,9 +57,11 @@ class Gnomonic:
 
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         """Return plane x and y in metres; NaN for points 90 degrees or more from the centre."""
-        east, north, up = self.vectors(lon_deg, lat_deg)
-        height = np.where(up > 0.0, up, np.nan)
-        return MEAN_RADIUS_M * east / height, MEAN_RADIUS_M * north / height
+        return _flat(self.vectors(lon_deg, lat_deg))
+
+    def project(self, lon_deg: Floats, lat_deg: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        vectors = self.vectors(lon_deg, lat_deg)
+        return *_flat(vectors), vectors[2] >= LEAST_UP
 
     def from_plane(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:
         """Return longitudes within half a turn of the centre's and latitudes, degrees."""
@@ -194,6 +196,13 @@ class Gnomonic:
         lon = np.asarray(lon_deg, dtype=np.float64)
         home = lon - 360.0 * np.round(lon / 360.0)  # exact
         return shorter_way_deg(np.where(home == -180.0, 180.0, home) - self.centre_lon_deg)
+
+
+def _flat(vectors: Floats) -> tuple[Floats, Floats]:
+    """Return the plane coordinates of unit vectors (3, ...); NaN for those that do not point up."""
+    east, north, up = vectors
+    height = np.where(up > 0.0, up, np.nan)
+    return MEAN_RADIUS_M * east / height, MEAN_RADIUS_M * north / height
 
 
 @lru_cache(maxsize=64)

@@ -45,6 +45,9 @@ class Mercator:
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         return self.earth.to_plane(lon_deg, lat_deg)
 
+    def project(self, lon_deg: Floats, lat_deg: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        return *self.to_plane(lon_deg, lat_deg), self.holds(lon_deg, lat_deg)
+
     def from_plane(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:
         return self.earth.from_plane(x_m, y_m)
 

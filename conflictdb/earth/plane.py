@@ -36,6 +36,9 @@ class Plane(Protocol):
     def to_plane(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> tuple[Floats, Floats]:
         """Return plane x and y of longitudes and latitudes."""
 
+    def project(self, lon_deg: Floats, lat_deg: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Return `to_plane` and `holds` at once."""
+
     def from_plane(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:
         """Return longitudes (not wrapped) and latitudes of plane x and y."""
 

@@ -7,7 +7,6 @@ editing  stores a plan that a page moved
 live     sends the database's notifications of changes to the page
 html     the same page in one file, without a database
 content  packs a scene for the page
-land     coastlines
 page/    the page: HTML, CSS and ES modules, served unchanged
 vendor/  third-party files with their licences; vendor.json names their sources
 """

@@ -18,8 +18,9 @@ from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
 
 from conflictdb.db import store
+from conflictdb.drawing import land
 from conflictdb.errors import ConflictDBError, InvalidInput, NotPermitted
-from conflictdb.map import content, editing, land, what_if
+from conflictdb.map import content, editing, what_if
 from conflictdb.map.content import Pair, to_json
 from conflictdb.map.guard import Access, Guard
 from conflictdb.map.views import SceneView, SceneViews
@@ -44,8 +45,8 @@ _MOST_BYTES: Final = 65_536
 _LONGEST_S: Final = 86_400
 # Largest moves of a plan: a day, and any height on the earth.
 _MOST_MOVED: Final = {"later_us": _LONGEST_S * 1e6, "up_m": 20_000.0}
-# Members of a moved waypoint.
-_WAYPOINT: Final = 3
+# Number, longitude (it may run on across the date line) and latitude of a moved waypoint.
+_MOST_WAYPOINT: Final = (2**31 - 1, 540, 90)
 # Limits on numbers of requests: digits, and the range of a database parameter.
 _MOST_DIGITS: Final = 10
 _MOST_NUMBER: Final = 2**31 - 1
@@ -234,23 +235,15 @@ class Answers:
                 store.acknowledge(connection, self._name(request), pair.a, pair.b, reason, None)
         return _json({})
 
+    def probe(self, request: Request, asked: Mapping[str, Any]) -> Response:
+        """Return the conflicts that a track would have as the page moved it; stores nothing."""
+        with self.connections.one() as connection:
+            return _json(editing.probed(connection, self._name(request), _move(asked)))
+
     def move(self, request: Request, asked: Mapping[str, Any]) -> Response:
         """Store a track that the page moved, in the scene or in a new branch of it; return its digest."""
-        branch, place = asked.get("branch"), asked.get("waypoint")
-        if branch is not None and not isinstance(branch, str):
-            raise HTTPException(400, "branch: must be a text, or null")
-        later_us, up_m = (_real(name, asked.get(name, 0), most) for name, most in _MOST_MOVED.items())
-        waypoint = None
-        if place is not None:
-            if not isinstance(place, list) or len(place) != _WAYPOINT:
-                raise HTTPException(400, "waypoint: must be number, longitude and latitude, or null")
-            number, lon, lat = (
-                _real("waypoint", one, most) for one, most in zip(place, (_MOST_NUMBER, 540, 90), strict=True)
-            )
-            waypoint = (abs(int(number)), lon, lat)
-        move = editing.Move(_text(asked, "key"), _text(asked, "plan"), round(later_us), up_m, waypoint, branch)
         with self._connect() as connection:
-            return _json({"plan": editing.put(connection, self._name(request), move)})
+            return _json({"plan": editing.put(connection, self._name(request), _move(asked))})
 
 
 def application(usual: str, connect: Connect, access: Access) -> Starlette:
@@ -299,6 +292,7 @@ def application(usual: str, connect: Connect, access: Access) -> Starlette:
             Route("/api/pieces", answers.pieces),
             Route("/api/events", events),
             Route("/api/acknowledge", writes(answers.acknowledge), methods=["POST"]),
+            Route("/api/probe", writes(answers.probe), methods=["POST"]),
             Route("/api/move", writes(answers.move), methods=["POST"]),
             Route("/tiles/{kind}/{z}/{x}/{y}", answers.tile),
             Route("/places", places),
@@ -368,6 +362,21 @@ def _real(name: str, value: object, most: float) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not -most <= value <= most:
         raise HTTPException(400, f"{name}: must be a number from {-most:g} to {most:g}")
     return value
+
+
+def _move(asked: Mapping[str, Any]) -> editing.Move:
+    """Return the move of a track that a request describes."""
+    branch, place = asked.get("branch"), asked.get("waypoint")
+    if branch is not None and not isinstance(branch, str):
+        raise HTTPException(400, "branch: must be a text, or null")
+    later_us, up_m = (_real(name, asked.get(name, 0), most) for name, most in _MOST_MOVED.items())
+    waypoint = None
+    if place is not None:
+        if not isinstance(place, list) or len(place) != len(_MOST_WAYPOINT):
+            raise HTTPException(400, "waypoint: must be number, longitude and latitude, or null")
+        number, lon, lat = (_real("waypoint", one, most) for one, most in zip(place, _MOST_WAYPOINT, strict=True))
+        waypoint = (abs(int(number)), lon, lat)
+    return editing.Move(_text(asked, "key"), _text(asked, "plan"), round(later_us), up_m, waypoint, branch)
 
 
 async def _failed(request: Request, error: Exception) -> Response:

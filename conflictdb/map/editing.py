@@ -1,4 +1,4 @@
-"""Store a plan that a page moved: in its scene, or in a branch of it."""
+"""Probe a plan that a page moved, and store it: in its scene, or in a branch of it."""
 
 import hashlib
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import psycopg
 
-from conflictdb.db import store
+from conflictdb.db import probes, store
 from conflictdb.db.detect import detect
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import feature_of
@@ -61,6 +61,34 @@ def moved(track: Track, move: Move) -> Track:
     return track
 
 
+def probed(conn: psycopg.Connection[Any], scene: str, move: Move) -> list[tuple[Any, ...]]:
+    """Return the conflicts that a moved track would have: other key, verdict, error, and periods (Unix seconds).
+
+    By the stages of a detection. Raises as `put`, and StoreError if a transaction is open; stores nothing.
+    """
+    track = moved(_seen(conn, scene, move), move)
+    return [
+        (
+            one.b_key if one.a_key == move.key else one.a_key,
+            str(one.verdict),
+            one.time_error_s,
+            [[None if end is None else end.timestamp() for end in period] for period in one.periods],
+        )
+        for one in probes.probe(conn, scene, [track])
+        if one.periods
+    ]
+
+
+def _seen(conn: psycopg.Connection[Any], scene: str, move: Move) -> Track:
+    """Return the track that a page moved; InvalidInput if it is not known, or another one by now."""
+    _, _, tracks = store.read_scene(conn, scene, [move.key])
+    if not tracks:
+        raise InvalidInput(f"scene {scene!r}", "track", f"{move.key!r} is not known")
+    if digest(tracks[0]) != move.plan:
+        raise InvalidInput(f"track {move.key!r}", "plan", "was changed meanwhile: look at it again")
+    return tracks[0]
+
+
 def put(conn: psycopg.Connection[Any], scene: str, move: Move) -> str:
     """Store a moved track, and detect its conflicts if the user may; return its digest.
 
@@ -71,13 +99,7 @@ def put(conn: psycopg.Connection[Any], scene: str, move: Move) -> str:
         if move.branch is not None:
             store.create_branch(conn, scene, move.branch, None)
             target = move.branch
-        _, _, tracks = store.read_scene(conn, target, [move.key])
-        if not tracks:
-            raise InvalidInput(f"scene {scene!r}", "track", f"{move.key!r} is not known")
-        if digest(tracks[0]) != move.plan:
-            raise InvalidInput(f"track {move.key!r}", "plan", "was changed meanwhile: look at it again")
-        track = moved(tracks[0], move)
-        loading.put(conn, target, [track], None)
+        loading.put(conn, target, [moved(_seen(conn, target, move), move)], None)
         _, _, (stored,) = store.read_scene(conn, target, [move.key])
     try:
         store.require_detecting(conn)

@@ -14,8 +14,9 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb.db import store
+from conflictdb.drawing import land
 from conflictdb.errors import InvalidInput
-from conflictdb.map import content, land, what_if
+from conflictdb.map import content, what_if
 from conflictdb.map.content import to_json
 
 _ROOT: Final = Path(str(files("conflictdb") / "map"))
@@ -61,11 +62,13 @@ def _facts(conn: psycopg.Connection[Any], scene: str) -> tuple[dict[str, Any], s
     _check(scene, len(listed), "conflicts", MOST_CONFLICTS)
     areas, tracks = content.areas(conn, scene), content.tracks(conn, scene)
     shapes = content.shapes(conn, scene, listed)
-    explained = [one.pair for one in listed[:MOST_EXPLAINED]]
+    # A conflict stays listed until a detection sees that one of its objects was removed.
+    known = {one.key for one in store.list_objects(conn, scene)}
+    explained = [one.pair for one in listed[:MOST_EXPLAINED] if {one.pair.a, one.pair.b} <= known]
     pairs = [(pair.a, pair.b, content.pair(conn, scene, pair)["explanation"]) for pair in explained]
     now = datetime.now(UTC)
     left_out = "changes since, and acknowledging"
-    if len(listed) > len(explained):
+    if len(listed) > MOST_EXPLAINED:
         left_out += f", and why of all but the first {MOST_EXPLAINED:,} conflicts"
     near = _near(shapes)
     return {

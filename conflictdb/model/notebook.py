@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from conflictdb.errors import printable
 
 if TYPE_CHECKING:
-    from conflictdb.model.results import Approach, Conflict, PairRecord
+    from conflictdb.model.results import Approach, Conflict, PairRecord, SceneState
 
 # More rows make a long page that is slow to show.
 _MOST_ROWS: Final = 50
@@ -47,6 +47,29 @@ def approaches_html(approaches: "Sequence[Approach]") -> str:
         for one in approaches[:_MOST_ROWS]
     )
     return _table(header, rows, len(approaches), "no closest approaches")
+
+
+def facts_html(rows: Iterable[tuple[str, str]]) -> str:
+    """Return names and values as a table of two columns."""
+    body = "".join(f"<tr><th>{text_of(name)}</th><td>{text_of(value)}</td></tr>" for name, value in rows)
+    return f"<table><tbody>{body}</tbody></table>"
+
+
+def rows_html(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return rows of text as a table; only the first of many."""
+    return _table(header, rows[:_MOST_ROWS], len(rows), "")
+
+
+def state_html(state: "SceneState") -> str:
+    """Return whether the conflicts of a scene are complete."""
+    rows = [
+        ("scene", state.scene),
+        ("complete", "yes" if state.is_current else "no"),
+        ("objects", f"{state.objects:,}"),
+        ("pending", f"{state.pending:,}"),
+        ("last run (UTC)", "none" if state.last_run_at is None else instant_text(state.last_run_at, up=True)),
+    ]
+    return remark_html(state.remark) + facts_html(rows)
 
 
 def remark_html(remark: str | None) -> str:

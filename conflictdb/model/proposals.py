@@ -122,6 +122,7 @@ class Proposal:
     bound_s : no choice of delays that leaves so few tracks has a lower objective
     is_least : whether that is proven, to a millisecond: no other choice leaves fewer tracks, or as many for less
     proposal_id : its id in the database; None in memory
+    notes : sentences on wishes that it cannot fulfil: areas that yield by a rule, tracks that get no new waypoints
     """
 
     moves: tuple[Move, ...]
@@ -131,6 +132,7 @@ class Proposal:
     bound_s: float
     is_least: bool
     proposal_id: int | None = None
+    notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return this as an object of JSON."""

@@ -366,6 +366,11 @@ class SceneState:
     detected_at: datetime | None = None
     is_beyond_horizon: bool = False
 
+    def _repr_html_(self) -> str:
+        from conflictdb.model import notebook
+
+        return notebook.state_html(self)
+
 
 @dataclass(frozen=True, slots=True)
 class Explanation:

@@ -153,20 +153,21 @@ class RuleTable:
             )
         return cls(rules, classes, chosen, second)
 
-    def does_yield(self, track_class: str | None, other_class: str | None) -> bool:
-        """Return whether a track of one class yields to a track of another; no rule says that of two alike."""
-        number = int(self.rule[self._track_type(track_class), self._track_type(other_class)])
+    def does_yield(self, own_class: str | None, track_class: str | None, kind: str = "track") -> bool:
+        """Return whether an object of a class and kind yields to a track; no rule says that of two alike."""
+        number = int(self.rule[self._type(kind, own_class), self._type("track", track_class)])
         if number < 0 or self.rules[number].yields is None:
             return False
         rule = self.rules[number]
         straight, turned = (
-            a in (None, "track", track_class) and b in (None, "track", other_class)
+            a in (None, kind, own_class) and b in (None, "track", track_class)
             for a, b in ((rule.a_class, rule.b_class), (rule.b_class, rule.a_class))
         )
         return straight != turned and rule.yields == ("a" if straight else "b")
 
-    def _track_type(self, track_class: str | None) -> int:
-        return 2 * (self.classes.index(track_class) + 1) + 1 if track_class in self.classes else 1
+    def _type(self, kind: str, object_class: str | None) -> int:
+        number = self.classes.index(object_class) + 1 if object_class in self.classes else 0
+        return 2 * number + KINDS.index(kind)
 
     @staticmethod
     def _word(classes: Sequence[str], type_: int) -> str:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from conflictdb.errors import InvalidInput
 
 MPS_PER_KNOT: Final = 1852.0 / 3600.0
-MAX_SPEED_KN: Final = 2000.0  # faster than any aircraft in service; as in sql/12_checks.sql, _max_speed_kn
+MAX_SPEED_KN: Final = 2000.0  # faster than any aircraft in service; as in sql/12_checks.sql, _limit
 AIS_MAX_SPEED_KN: Final = 102.2  # the highest speed in an AIS message
 # Relative tolerance of the check: the lengths and times of legs are rounded, and the scene's earth may differ.
 SPEED_SLACK: Final = 0.01

@@ -1057,6 +1057,9 @@ FUNCTION _check_attachable(p_who text, p_table regclass, p_has_triggers boolean)
 FUNCTION _check_attached_owner(p_who text, p_table regclass, p_has_triggers boolean)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _check_attached_rows(p_who text, p_since text, p_attachment attachment, p_identity text, p_key text)
+    RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _check_common(p_who text, p_key text, p_floor_m double precision, p_ceiling_m double precision, p_properties jsonb, p_class text, p_owner text)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1240,6 +1243,9 @@ FUNCTION _drawn_path(p_path geometry, p_plane text)
 FUNCTION _drifted_objects(p_attachment_id bigint)
     RETURNS SETOF text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
+FUNCTION _each_to_plane(p_geometries geometry[], p_plane text)
+    RETURNS geometry[] LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+
 FUNCTION _end_acknowledgement(p_conflict_id bigint)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
@@ -1338,6 +1344,9 @@ FUNCTION _horizon(p_scene_id bigint, OUT horizon_days double precision, OUT from
 
 FUNCTION _hulls_meet(p_a geometry, p_b geometry)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _identity_condition(p_columns text[], p_identity text)
+    RETURNS text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _identity_of(p_alias text, p_columns text[])
     RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1441,6 +1450,9 @@ FUNCTION _lies_near(p_shape geometry, p_reach_m double precision, p_low_lon doub
 FUNCTION _lift_limits(p_lock_timeout_s double precision)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _limit(p_limit text)
+    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
+
 FUNCTION _load(p_name text, p_settings jsonb, p_merge boolean, OUT added bigint, OUT updated bigint, OUT removed bigint, OUT unchanged bigint, OUT scene_id bigint, OUT stored bigint, OUT next_page bigint)
     RETURNS record LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
 
@@ -1483,12 +1495,6 @@ FUNCTION _mark_side(p_scene_id bigint, p_side text, p_other text)
 FUNCTION _marked_objects(p_scene_id bigint, p_kind smallint)
     RETURNS SETOF bigint LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET enable_bitmapscan=off SET jit=off;
 
-FUNCTION _max_days_ahead()
-    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
-
-FUNCTION _max_speed_kn()
-    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
-
 FUNCTION _may_admit(p_role name, p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
@@ -1515,9 +1521,6 @@ FUNCTION _mixed(p_one double precision[], p_share double precision, p_other doub
 
 FUNCTION _most_havens()
     RETURNS integer LANGUAGE sql IMMUTABLE PARALLEL SAFE;
-
-FUNCTION _most_points(p_limit text)
-    RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _move_attached(p_proposal_id bigint, p_undo boolean, p_may boolean)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1612,7 +1615,7 @@ FUNCTION _pieces_before(p_scene_id bigint, p_kind smallint, p_id bigint, p_until
 FUNCTION _pieces_meeting(p_scene_id bigint, p_most_compared bigint, p_key text, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[])
     RETURNS TABLE(n bigint, piece_id bigint, pieces integer, object_number bigint, part integer) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
 
-FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision)
+FUNCTION _pieces_near(p_scene_id bigint, p_geometry geometry, p_span tstzrange, p_floor_m double precision, p_ceiling_m double precision, p_shape geometry DEFAULT NULL::geometry)
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, span tstzrange, region geometry) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _pieces_near(p_scene_id bigint, p_numbers bigint[], p_horizon_us bigint, OUT piece_ids bytea, OUT pieces bigint, OUT compared bigint)
@@ -1921,6 +1924,9 @@ FUNCTION _tile_time(p_params json, p_name text)
 FUNCTION _tile_windows(p_z integer, p_x integer, p_y integer, p_plane text)
     RETURNS SETOF geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _timed_path(p_who text, p_waypoints geometry, p_times timestamp with time zone[])
+    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _to_micrometres(p_height_m double precision, p_more_m double precision)
     RETURNS double precision LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
@@ -2162,7 +2168,7 @@ FUNCTION tile_tracks(z integer, x integer, y integer, query_params json DEFAULT 
     RETURNS bytea LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION track_path(p_waypoints geometry, p_times timestamp with time zone[])
-    RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION unacknowledge(p_scene text, p_a_key text, p_b_key text)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;

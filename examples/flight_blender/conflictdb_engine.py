@@ -16,12 +16,12 @@ from flight_blender.models.flight_declarations_orm import FlightDeclarationORM
 
 from conflictdb import Area, InvalidInput, Scene, circle, connect
 
-SCENE = Scene("flights", motion="great_circle", tolerance_m=0.005, intervals="closed")
+SCENE = Scene("flights", motion="great_circle", tolerance_m=0.005, intervals="closed", vertical_datum="wgs84")
 
 
 def metres(value: dict[str, Any] | None) -> float | None:
     """Return a height above the ellipsoid."""
-    if value and str(value["reference"]) != "W84":  # all heights of the scene are above the ellipsoid
+    if value and str(value["reference"]) != "W84":  # the datum of the scene
         raise InvalidInput("volume", "altitude", f"must have the reference W84; got {value['reference']}")
     return None if not value else float(value["value"]) * (0.3048 if value.get("units") == "FT" else 1.0)
 

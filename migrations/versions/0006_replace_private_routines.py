@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "cdd788a87738766387d36482dbeb318e6b7c8fb8b30eca19f6756ff282718d7d"
+routines_sha256 = "228d32d13eb0dfa5e011e7dba7c9effa67f9db6c99b481320c5256a1254e7e26"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

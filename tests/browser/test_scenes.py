@@ -1,6 +1,8 @@
 """The scenes of a database in one page: which one is shown, and since when or from which other one changes count."""
 
+import gzip
 from datetime import UTC, datetime
+from pathlib import Path
 
 import psycopg
 import pytest
@@ -10,6 +12,7 @@ from playwright.sync_api import Page, expect
 
 import conflictdb
 
+AXE = Path(__file__).parent / "axe-core-4.14.1.min.js.gz"
 HOSTILE = "<img src=x onerror=\"document.title='taken'\"> & co."
 
 
@@ -30,6 +33,12 @@ def several(dsn: str, serve: Serve) -> str:
 def opened(page: Page, scene: str) -> None:
     page.wait_for_selector("html[data-ready=true]", state="attached")
     expect(page.locator("#title")).to_have_text(scene)
+
+
+def assert_accessible(page: Page) -> None:
+    page.evaluate(gzip.decompress(AXE.read_bytes()).decode())
+    violations = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+    assert [(one["id"], one["nodes"][0]["html"]) for one in violations] == []
 
 
 def test_one_page_shows_all_scenes(several: str, open_page: Open) -> None:
@@ -78,6 +87,7 @@ def test_a_branch_compared_with_its_parent_shows_what_the_diff_says(several: str
     gone = sorted(f"{one.a_key} and {one.b_key}" for one in diff.conflicts if one.change == "gone")
     assert sorted(rows(page)) == gone
     assert len(gone) == len(diff.conflicts)
+    assert_accessible(page)
     page.get_by_role("button", name="Dismiss").click()
     expect(page.locator("#changes")).to_be_hidden()
     expect(page.get_by_label("Changes since")).to_have_value("0")

@@ -136,6 +136,9 @@ def test_a_plan_is_moved_in_height_proposed_applied_and_undone(
     said(page, "40 m lower: 1 fewer, 2 new; 2 in all.")
     page.get_by_role("slider", name="Departure").press("ArrowRight")
     expect(page.locator(".what-if .said")).to_contain_text("15 s later, 40 m lower: 1 fewer, 2 new")
+    page.evaluate(gzip.decompress(AXE.read_bytes()).decode())
+    violations = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+    assert [(one["id"], one["nodes"][0]["html"]) for one in violations] == []
     shown = sorted(set(rows(page)) - set(page.locator("li.gone .keys").all_text_contents()))
     assert shown == ["CABLE and SUB-2", "SUB-1 and SUB-2"]
     assert "floor_m = floor_m + -40" in copied(page, "SQL")
@@ -153,6 +156,46 @@ def test_a_plan_is_moved_in_height_proposed_applied_and_undone(
     own = f"{shape} AND scene_id = (SELECT scene_id FROM conflictdb.scene WHERE name = 'strait')"
     assert conn.execute(own.encode()).fetchall() == before
     conn.rollback()
+
+
+def test_a_waypoint_is_dragged_with_its_conflicts_at_once(strait: str, conn: Conn, dsn: str, open_page: Open) -> None:
+    """By keys and by the pointer; the page shows what a detection finds of the plan that it stores."""
+    page = open_page(strait, size=(1440, 900), **COPIES)
+    ask(page, "FERRY and TOW", "FERRY")
+    said(page, "As planned: 3 conflicts.")
+    page.evaluate("void conflictdbPage.view.map.jumpTo({center: [9.2, 57.8], zoom: 8})")
+    expect(page.get_by_role("button", name="Waypoint")).to_have_count(3)
+    second = page.get_by_role("button", name="Waypoint 2")
+    for _ in range(2):
+        second.press("ArrowDown")
+    expect(page.locator(".what-if .said")).to_contain_text("Waypoint 2 elsewhere")
+    box = second.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 12, box["y"] + 12)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 12, box["y"] + 120, steps=6)
+    page.mouse.up()
+    said(page, "Waypoint 2 elsewhere: 2 fewer, none new; 1 in all.")
+    shown = sorted(set(rows(page)) - set(page.locator("li.gone .keys").all_text_contents()))
+    n, lon, lat = page.evaluate("conflictdbPage.havens.plan.waypoint")
+    assert n == 1
+    feature = json.loads(copied(page, "GeoJSON"))
+    assert feature["geometry"]["coordinates"][1] == [lon, lat]
+    conn.execute("BEGIN")
+    conn.execute(copied(page, "SQL").encode())
+    point = "SELECT ST_X(p), ST_Y(p) FROM (SELECT ST_PointN(path, 2) p FROM conflictdb.track WHERE key = 'FERRY') q"
+    assert conn.execute(point).fetchall() == [(lon, lat)]
+    conn.rollback()
+    page.get_by_role("button", name="Apply").click()
+    expect(page.locator(".what-if")).to_contain_text("Applied: waypoint 2 elsewhere.")
+    said(page, "As planned: 1 conflict.")
+    assert conflicts_of(dsn, "strait", "FERRY") == shown
+    page.get_by_role("button", name="Undo").click()
+    said(page, "As planned: 3 conflicts.")
+    assert conn.execute(point).fetchall() == [(9.4, 57.79)]
+    conn.rollback()
+    page.keyboard.press("Escape")
+    expect(page.get_by_role("button", name="Waypoint")).to_have_count(0)
 
 
 def test_a_file_computes_it_without_a_server(

@@ -55,6 +55,8 @@ def test_plane_and_back(row: MotionRow, place: Place) -> None:
     lon, lat = row.plane.from_plane(*xy)
     assert row.geod.inv(*place, float(lon), float(lat))[2] <= ROUNDING_M
     assert not row.has_seam or lon == pytest.approx(place[0], abs=1e-12)
+    x, y, holds = row.plane.project(*np.array(place)[:, None])
+    assert [*x, *y, *holds] == [*xy, row.plane.holds(*np.array(place)[:, None])]
 
 
 @for_every_motion(of_places)
@@ -80,6 +82,7 @@ def test_places_are_accepted_up_to_the_limit(row: MotionRow, place: Place, beari
 def test_nothing_is_accepted_that_is_no_place(row: MotionRow) -> None:
     nan = np.array([np.nan])
     assert not row.plane.holds(nan, nan).any()
+    assert not row.plane.project(nan, nan)[2].any()
     assert all((row.plane.lines, row.plane.limit, row.plane.haven_limit))
 
 

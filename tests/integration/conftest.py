@@ -1,9 +1,13 @@
-"""Fixtures of integration tests: one Spark, which starts in some ten seconds."""
+"""Fixtures of integration tests: one Spark, which starts in some ten seconds, and a scene for admissions."""
 
 from collections.abc import Iterator
 
 import pytest
+from city import CITY
 from spark_answers import Spark, running_spark
+
+from conflictdb import Database, StoredScene, connect
+from conflictdb.db import store
 
 
 @pytest.fixture(scope="session")
@@ -11,3 +15,17 @@ def spark() -> Iterator[Spark]:
     """Return Spark; its tests are of group `spark`, so that one worker runs it."""
     with running_spark() as found:
         yield found
+
+
+@pytest.fixture
+def db(dsn: str) -> Iterator[Database]:
+    """Return a database with the empty scene `city`."""
+    with connect(dsn) as db:
+        store.set_scene(db.connection, CITY)
+        yield db
+
+
+@pytest.fixture
+def city(db: Database) -> StoredScene:
+    """Return that scene."""
+    return db.scene("city")

@@ -1,7 +1,6 @@
 """Plans are admitted only if they meet nobody, whatever was detected, and however many sessions ask at once."""
 
 import threading
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -32,18 +31,6 @@ from conflictdb import (
     solve,
 )
 from conflictdb.db import probes, store
-
-
-@pytest.fixture
-def db(dsn: str) -> Iterator[Database]:
-    with connect(dsn) as db:
-        store.set_scene(db.connection, CITY)
-        yield db
-
-
-@pytest.fixture
-def city(db: Database) -> StoredScene:
-    return db.scene("city")
 
 
 def test_what_meets_nobody_is_put(city: StoredScene) -> None:

@@ -1,30 +1,17 @@
 """Plans are admitted in SQL as in Python: at once where stages 1 and 2 decide, by a worker where they do not."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime
 from typing import Any
 
 import psycopg
 import pytest
-from city import CITY, asked, beyond_limits, flight, keys, pairs, square, within_limits
+from city import asked, beyond_limits, flight, keys, pairs, square, within_limits
 from scene_strategies import assert_same
 from workloads import HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, SEAM, Workload, throw
 
-from conflictdb import Database, InvalidInput, StoredScene, connect
+from conflictdb import Database, InvalidInput, StoredScene
 from conflictdb.db import probes, store
-
-
-@pytest.fixture
-def db(dsn: str) -> Iterator[Database]:
-    with connect(dsn) as db:
-        store.set_scene(db.connection, CITY)
-        yield db
-
-
-@pytest.fixture
-def city(db: Database) -> StoredScene:
-    return db.scene("city")
 
 
 def test_sql_alone_decides_about_areas(db: Database, city: StoredScene) -> None:
@@ -87,7 +74,8 @@ def answered(dsn: str, request: int, conn: psycopg.Connection[Any]) -> tuple[Any
     """Let a worker answer a request, and return its answer."""
     conn.commit()
     with psycopg.connect(dsn) as worker:
-        assert not probes.answer(worker)
+        while probes.answer(worker):
+            pass
     row = conn.execute("SELECT * FROM conflictdb.wait_for_admission(%s, '1 s')", [request]).fetchone()
     conn.commit()
     assert row is not None
@@ -159,6 +147,10 @@ def test_an_owner_replaces_its_plans(db: Database, city: StoredScene) -> None:
             "times: is not a member of",
         ),
         ('[{"key": "a", "path": "LINESTRING(0 0, 1 0)", "outline": "POLYGON((0 0, 1 0, 1 1, 0 0))"}]', "LineStringM"),
+        (
+            '[{"key": "a", "path": "LINESTRING(0 0, 1 0)", "times": ["2030-01-01"], "outline": "POINT(0 0)"}]',
+            "plan 'a': times: must be one per waypoint of a LineString: 2 waypoints, 1 times",
+        ),
         ('[{"key": "a", "footprint": "POLYGON((0 0, 1 0, 1 1, 0 0))", "floor_m": "NaN"}]', "floor_m: must be a finite"),
         ('[{"key": "a", "footprint": "POLYGON((0 0, 1 0, 1 1, 0 0))", "active_span": "[x,)"}]', "cannot be read"),
     ],

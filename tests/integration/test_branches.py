@@ -3,16 +3,19 @@
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import runner
 from psycopg import sql
 from tiles import decode
 from workloads import ARCTIC, LOW_LATITUDE, Workload, throw
 
 from conflictdb import Area, InvalidInput, Rule, Track, connect
+from conflictdb.cli.codes import DONE
 from conflictdb.db import store
 from conflictdb.session.database import Database
 from conflictdb.session.stored_scene import StoredScene
@@ -63,6 +66,27 @@ def drawn(scene: StoredScene) -> list[Any]:
     ]
     areas, tracks = store.map_areas(conn, scene.name), store.map_tracks(conn, scene.name)
     return [tiles, *(sorted(repr(row[1:]) for row in rows) for rows in (areas, tracks))]
+
+
+def asked(scene: StoredScene) -> list[Any]:
+    """Delays, speeds and explanations of some objects, and all havens, without what differs between scenes."""
+    keys = [one.key for one in scene.objects()]
+    tracks = [key for key in keys if isinstance(scene.delayed(key, timedelta()), Track)]
+    said = []
+    for key in keys[1:]:
+        facts = scene.explain(keys[0], key).facts
+        said.append({name: facts[name] for name in facts.keys() - {"scene", "run", "settings", "a", "b"}})
+    conn, at = scene.connection, "2026-03-01 03:00Z"
+    with conn.transaction():
+        havens = conn.execute(
+            "SELECT * FROM conflictdb.havens(%s, %s, %s::timestamptz + interval '5 h', '1 h')", [scene.name, at, at]
+        ).fetchall()
+        tile = conn.execute(
+            "SELECT conflictdb.tile_havens(0, 0, 0, json_build_object('scene', %s::text, 'at', %s::text))",
+            [scene.name, at.replace(" ", "T")],
+        ).fetchone()
+    shapes = sorted((repr(one | {"mvt_id": None}), shape.wkb) for one, shape in decode(tile[0]).get("havens", []))
+    return [*((scene.delays(key), scene.speeds(key)) for key in tracks[:3]), said, havens, shapes]
 
 
 def assert_same(branch: StoredScene, copy: StoredScene) -> None:
@@ -119,6 +143,9 @@ def test_edited_branch_equals_copy(db: Database, workload: Workload) -> None:
             assert_same(branch, copy)
     branch.detect(), copy.detect()
     assert_same(branch, copy)
+    answers = asked(copy)
+    assert all(answers)
+    assert asked(branch) == answers
     diff = branch.diff()
     before, after = objects_of(scene), objects_of(branch)
     assert {one.key for one in diff.objects} == {
@@ -283,6 +310,33 @@ def test_two_sessions_merge_once(db: Database, scene: StoredScene, dsn: str) -> 
     assert "scene 'branch': name: is not in this database" in refusal
 
 
+def test_branches_that_go_during_a_detection_of_the_scene(
+    db: Database, scene: StoredScene, dsn: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A detection of the scene succeeds if a branch is dropped or merged meanwhile, and marks the others."""
+    for name in ("dropped", "merged", "kept"):
+        scene.branch(name).put(Area(name, [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]]))
+        db.scene(name).detect()
+    begin = store.begin_write
+
+    def late(*values: Any) -> Any:
+        monkeypatch.undo()
+        with connect(dsn) as other:
+            other.scene("dropped").drop()
+            other.scene("merged").merge()
+        return begin(*values)
+
+    monkeypatch.setattr(store, "begin_write", late)
+    scene.delete_objects("T0")
+    scene.detect()
+    assert not db.scene("kept").state().is_current
+    scene.detect(), db.scene("kept").detect()
+    assert db.scene("kept").state().is_current
+    copy = db.scene("kept").copy("copy")
+    copy.detect()
+    assert_same(db.scene("kept"), copy)
+
+
 def test_branch_follows_settings_and_rules(scene: StoredScene) -> None:
     """Settings and rules of the parent are those of its branches, which refuse others."""
     branch = scene.branch("branch")
@@ -310,11 +364,8 @@ def test_other_questions_refuse_branches(db: Database, scene: StoredScene) -> No
     area = Area("P", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]])
     questions = [
         lambda: branch.resolve(),
-        lambda: branch.delays("T0"),
         lambda: branch.probe(area),
         lambda: branch.conflicts_known_at(datetime(2026, 3, 1, tzinfo=UTC)),
-        lambda: branch.explain("T0", "T1"),
-        lambda: branch.speeds("T0"),
         lambda: branch.acknowledge("T0", "T1", "known"),
         lambda: branch.admit([area]),
         lambda: branch.share("public"),
@@ -322,6 +373,20 @@ def test_other_questions_refuse_branches(db: Database, scene: StoredScene) -> No
     for question in questions:
         with pytest.raises(InvalidInput, match="is a branch of"):
             question()
+
+
+def test_map_of_branch(
+    db: Database, scene: StoredScene, dsn: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The command writes the page of a branch, and of a scene whose conflicts have objects that are gone."""
+    branch, one = scene.branch("branch"), scene.conflicts()[0]
+    branch.delete_objects(one.a_key)
+    scene.delete_objects(one.b_key)
+    for name in ("branch", scene.name):
+        file = tmp_path / f"{name}.html"
+        done = runner(dsn, capsys)("map", "--scene", name, "--html", file)
+        assert done.code == DONE, done.err
+        assert file.stat().st_size > 100_000
 
 
 def test_removed_scene_takes_its_branches(db: Database, scene: StoredScene) -> None:

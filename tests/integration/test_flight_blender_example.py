@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from conflictdb import connect
+from conflictdb import Area, InvalidInput, connect
 from conflictdb.db import store
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "flight_blender"
@@ -110,6 +110,13 @@ def test_what_cannot_be_read_is_refused_and_stops_nobody(engine: Any) -> None:
     for volumes in (None, [], [{}], [volume(8.0, 0, reference="AGL")], [volume(8.0, 0, radius_m=-1.0)], "{"):
         assert asked(engine, 5, volumes) == Result([], [], False, 8)
     assert asked(engine, 6, [volume(8.0, 0)]).is_approved
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_a_fence_above_sea_level_is_not_mixed_with_flights(engine: Any, dsn: str) -> None:
+    ring = [(8.0, 47.0), (8.1, 47.0), (8.1, 47.1)]
+    with connect(dsn) as db, pytest.raises(InvalidInput, match="vertical_datum"):
+        db.scene("flights").put(Area("fence", ring, floor_m=0.0, properties={"vertical_datum": "msl"}))
 
 
 def test_the_types_of_the_server(engine_of_server: Any) -> None:

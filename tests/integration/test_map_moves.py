@@ -56,6 +56,7 @@ def test_only_the_page_moves_what_it_shows(strait: Client, conn: psycopg.Connect
     assert post(strait, b'{"later_us": NaN}')[0] == 400
     assert conn.execute(SHAPE).fetchall() == before
     assert [one["scene"] for one in strait.read("/api/scenes")["scenes"]] == ["strait"]
+    assert strait.ask("POST", "/api/probe", asked, Content_Type="application/json")[0] == 403
     assert post(strait, asked)[0] == 200
     assert conn.execute(SHAPE).fetchall() != before
     status, said = post(strait, asked)

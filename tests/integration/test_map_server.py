@@ -35,8 +35,8 @@ from tiles import decode
 import conflictdb
 from conflictdb.cli import pictures
 from conflictdb.db import store
+from conflictdb.drawing import land
 from conflictdb.errors import ConflictDBError
-from conflictdb.map import land
 from conflictdb.map.guard import local_hosts
 from conflictdb.map.live import CONFLICTS, SceneChanges
 from conflictdb.map.serve import USUAL_PORTS, PageServer

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -386,43 +387,150 @@ def test_edit_that_commits_during_apply_is_named(db: Database, scene: StoredScen
     assert ask(db, PATHS) == paths
 
 
-def test_killed_at_any_step_moves_all_or_nothing(db: Database, scene: StoredScene, dsn: str) -> None:
+def test_object_that_is_added_during_apply_is_detected(db: Database, scene: StoredScene, dsn: str) -> None:
+    """Applying waits for nobody who edits other objects: the next detection reports what comes of both."""
+    found = scene.resolve(within_s=6 * 3600.0)
+    number, moved_keys = found.proposal_id or 0, {one.key for one in found.moves}
+    with psycopg.connect(dsn) as editor:
+        editor.execute(
+            """SELECT conflictdb.put_area(%s, 'NEW', o.shape)
+               FROM (SELECT ST_SetSRID(ST_Expand(ST_Extent(t.path), 1)::geometry, 4326) AS shape
+                     FROM conflictdb.track t) o""",
+            [scene.name],
+        )
+        assert db.apply_proposal(number) == len(moved_keys)
+        editor.commit()
+    scene.detect()
+    assert {("NEW", key) for key in moved_keys} <= pairs(scene)
+    opened = [one for one in scene.conflict_events() if one.kind == "opened" and "NEW" in (one.a_key, one.b_key)]
+    assert {one.b_key for one in opened} >= moved_keys
+    assert db.undo_proposal(number) == len(moved_keys)
+
+
+FIXES = "SELECT voyage, n, at FROM mission.fix ORDER BY voyage, n"
+
+
+def voyages(db: Database, dsn: str, **more: Any) -> StoredScene:
+    """A detected scene of two voyages in an attached table, which are in conflict."""
+    with psycopg.connect(dsn, autocommit=True) as conn:
+        conn.execute(VOYAGES.encode())
+    scene = db.scene("s")
+    scene.attach("track", "mission.fix", VOYAGE_MAP, **more)
+    scene.detect()
+    return scene
+
+
+@pytest.mark.parametrize("every_s", [None, 3600.0], ids=["triggers", "compared"])
+def test_attached_rows_are_compared_before_they_move(db: Database, dsn: str, every_s: float | None) -> None:
+    """Rows that no detection has read are named, also in a table whose changes no trigger notes."""
+    scene = voyages(db, dsn, every_s=every_s)
+    number = scene.resolve(keep=["N"]).proposal_id or 0
+    for change in (
+        "UPDATE mission.fix SET lon = lon + 0.01 WHERE voyage = 'E' AND n = 2 RETURNING 1",
+        "INSERT INTO mission.fix VALUES ('E', 3, '2026-03-01 07:00Z', 0.4, 0) RETURNING 1",
+    ):
+        with contextlib.suppress(psycopg.Rollback), db.connection.transaction() as block:
+            db.connection.execute(change.encode())
+            with pytest.raises(InvalidInput, match=r"since it was computed: .*rows of .*mission\.fix"):
+                db.apply_proposal(number, attached=True)
+            raise psycopg.Rollback(block)
+    assert db.apply_proposal(number, attached=True) == 1
+
+
+def test_attached_rows_that_changed_since_are_not_undone(db: Database, dsn: str) -> None:
+    """Undoing gives the planned times or refuses, before a detection has read the moved rows and after it."""
+    scene = voyages(db, dsn)
+    planned = ask(db, FIXES)
+    for is_detected in (False, True):
+        number = scene.resolve(keep=["N"]).proposal_id or 0
+        db.apply_proposal(number, attached=True)
+        if is_detected:
+            scene.detect()
+        applied = ask(db, FIXES)
+        ask(db, "UPDATE mission.fix SET at = at + interval '1 s' WHERE voyage = 'E' RETURNING 1")
+        edited = ask(db, FIXES)
+        with pytest.raises(InvalidInput, match=r"has changed since it was applied: rows of track 'E' in mission\.fix"):
+            db.undo_proposal(number, attached=True)
+        assert ask(db, FIXES) == edited
+        ask(db, "UPDATE mission.fix SET at = at - interval '1 s' WHERE voyage = 'E' RETURNING 1")
+        assert ask(db, FIXES) == applied
+        db.undo_proposal(number, attached=True)
+        assert ask(db, FIXES) == planned
+        scene.detect()
+
+
+def test_attached_row_that_is_edited_during_apply_is_named(db: Database, dsn: str) -> None:
+    """Applying waits for a session that edits a row which it moves, and then moves nothing."""
+    number, outcome = voyages(db, dsn).resolve(keep=["N"]).proposal_id or 0, []
+
+    def apply() -> None:
+        with connect(dsn) as session:
+            try:
+                outcome.append(str(session.apply_proposal(number, attached=True)))
+            except InvalidInput as error:
+                outcome.append(str(error))
+
+    with psycopg.connect(dsn) as editor:
+        editor.execute("UPDATE mission.fix SET at = at + interval '7 s' WHERE voyage = 'E' AND n = 2")
+        waiting = threading.Thread(target=apply)
+        waiting.start()
+        blocked = "SELECT pid FROM pg_stat_activity WHERE cardinality(pg_blocking_pids(pid)) > 0"
+        while not ask(db, blocked):
+            assert waiting.is_alive()
+            time.sleep(0.01)
+        editor.commit()
+        fixes = ask(db, FIXES)
+        waiting.join()
+    assert "has changed since it was computed: rows of track 'E' in mission.fix" in outcome[0]
+    assert ask(db, FIXES) == fixes
+
+
+@pytest.mark.parametrize("is_attached", [False, True], ids=["tracks", "attached"])
+def test_killed_at_any_step_moves_all_or_nothing(
+    db: Database, dsn: str, request: pytest.FixtureRequest, is_attached: bool
+) -> None:
     """Sessions that are terminated while they apply or undo, row after row, leave one of two states."""
+    scene = voyages(db, dsn) if is_attached else request.getfixturevalue("scene")
     number = proposed(scene)
+    table, rows = ("mission.fix", FIXES) if is_attached else ("conflictdb.track", PATHS)
     with db.connection.transaction():
         db.connection.execute(
-            """CREATE FUNCTION public.slow() RETURNS trigger LANGUAGE plpgsql AS
+            f"""CREATE FUNCTION public.slow() RETURNS trigger LANGUAGE plpgsql AS
                $$ BEGIN PERFORM pg_sleep(0.02); RETURN NEW; END $$;
-               CREATE TRIGGER slow BEFORE UPDATE ON conflictdb.track FOR EACH ROW EXECUTE FUNCTION public.slow();
+               CREATE TRIGGER slow BEFORE UPDATE ON {table} FOR EACH ROW EXECUTE FUNCTION public.slow();
+               CREATE TRIGGER slow_after AFTER UPDATE ON {table} FOR EACH ROW EXECUTE FUNCTION public.slow();
                CREATE TRIGGER slow BEFORE UPDATE ON conflictdb.proposal_move FOR EACH ROW
-               EXECUTE FUNCTION public.slow()"""
+               EXECUTE FUNCTION public.slow();
+               CREATE TRIGGER slow BEFORE UPDATE ON conflictdb.proposal FOR EACH ROW
+               EXECUTE FUNCTION public.slow()""".encode()
         )
-    planned, states = ask(db, PATHS), ["open"]
-    for step in range(12):
-        if states[-1] == "applied":
-            break
-        session = psycopg.connect(dsn, autocommit=True)
+    planned, ends = ask(db, rows), []
+    for question, before, after in (("apply", "open", "applied"), ("undo", "applied", "undone")):
+        states = [before]
+        at_first = ask(db, rows)
+        for step in range(16):
+            if states[-1] == after:
+                break
+            session = psycopg.connect(dsn, autocommit=True)
 
-        def apply(session: psycopg.Connection[Any] = session) -> None:
-            with contextlib.suppress(psycopg.Error):
-                session.execute("SELECT conflictdb.apply_proposal(%s)", [number])
+            def change(session: psycopg.Connection[Any] = session, question: str = question) -> None:
+                with contextlib.suppress(psycopg.Error):
+                    session.execute(f"SELECT conflictdb.{question}_proposal(%s, true)".encode(), [number])
 
-        running = threading.Thread(target=apply)
-        running.start()
-        running.join(0.015 * step)
-        ask(db, "SELECT pg_terminate_backend(%s)", session.info.backend_pid)
-        running.join()
-        session.close()
-        [(state,)] = ask(db, "SELECT state FROM conflictdb.proposals")
-        states.append(state)
-        assert (ask(db, PATHS) == planned) == (state == "open")
-    with db.connection.transaction():
-        db.connection.execute("DROP FUNCTION public.slow CASCADE")
-    assert states[1] == "open"
-    if states[-1] == "open":
-        db.apply_proposal(number)
-    db.undo_proposal(number)
-    assert ask(db, PATHS) == planned
+            running = threading.Thread(target=change)
+            running.start()
+            running.join(0.015 * step)
+            ask(db, "SELECT pg_terminate_backend(%s)", session.info.backend_pid)
+            running.join()
+            session.close()
+            [(state,)] = ask(db, "SELECT state FROM conflictdb.proposals WHERE proposal_id = %s", number)
+            states.append(state)
+            assert (ask(db, rows) == at_first) == (state == before)
+        if states[-1] == before:
+            ask(db, f"SELECT conflictdb.{question}_proposal(%s, true)", number)
+        ends.append(states[1])
+    assert ends == ["open", "applied"]
+    assert ask(db, rows) == planned
 
 
 def test_detours_are_applied_and_undone(db: Database, scene: StoredScene) -> None:

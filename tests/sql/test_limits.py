@@ -78,7 +78,7 @@ def test_a_limit_that_is_no_number_is_named(scene: Conn) -> None:
 
 
 def test_no_setting_lifts_the_limit_of_python(conn: Conn) -> None:
-    source = "SELECT prosrc FROM pg_proc WHERE oid = 'conflictdb_internal._most_points'::regproc"
+    source = "SELECT prosrc FROM pg_proc WHERE oid = 'conflictdb_internal._limit'::regproc"
     row = conn.execute(source.encode()).fetchone()
     assert row is not None
     assert f"c_most CONSTANT integer := {MAX_POINTS};" in row[0]

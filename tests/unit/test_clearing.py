@@ -347,7 +347,11 @@ def test_detour_clears_what_nothing_else_does() -> None:
         (FERRY, {"aside_m": 8000.0, "now": T0_US + SECOND}),
         (changing, {"aside_m": 8000.0}),
     ):
-        assert "FERRY" in {one.key for one in resolve([track, TOW], [area], SCENE, **given).left}
+        found = resolve([track, TOW], [area], SCENE, **given)
+        assert "FERRY" in {one.key for one in found.left}
+        assert [one.split(":")[0] for one in found.notes] == ["track 'FERRY' gets no new waypoints"] * (
+            track is changing
+        )
 
 
 def test_detour_across_the_date_line() -> None:
@@ -389,6 +393,33 @@ def test_yielding_track_moves(a_class: str, b_class: str | None, yields: str, mo
     assert found == ({moves} if moves else {"FERRY", "TOW"})
 
 
+def test_area_that_yields_is_named() -> None:
+    """An area that a rule lets yield does not move, and the answer says so; other rules say nothing."""
+    ferry, area = replace(FERRY, object_class="ferry"), Area("A", shapely.box(0.4, -0.1, 0.45, 0.1))
+    for a_class, b_class, yields, is_said in (
+        ("area", "ferry", "a", True),
+        (None, "ferry", "a", True),
+        ("ferry", "area", "b", True),
+        ("area", "ferry", "b", False),
+        ("area", "tow", "a", False),
+    ):
+        found = resolve([ferry, TOW], [area], replace(SCENE, rules=[Rule(a_class, b_class, yields=yields)]))
+        said = "area 'A' yields to 'FERRY' by a rule, but areas do not move"
+        assert found.notes == ((said,) if is_said else ())
+        assert found.as_json()["notes"] == found.notes
+    assert (
+        resolve([ferry], [area], replace(SCENE, rules=[Rule("area", "ferry", yields="a")]), keep=["FERRY"]).notes == ()
+    )
+
+
+@pytest.mark.parametrize("goal", ["total", "largest"])
+def test_weights_at_their_limits_are_proven(goal: str) -> None:
+    """Weights as far apart as allowed still have a proof."""
+    found = resolve([FERRY, TOW], [], SCENE, weights={"FERRY": 1e6, "TOW": 1e-6}, goal=goal)
+    assert [one.key for one in found.moves] == ["TOW"]
+    assert found.is_least
+
+
 def test_levels_and_kept_tracks_come_before_rules() -> None:
     """A caller's level, a kept track, and a track that no delay clears let the other one move."""
     plans = [replace(FERRY, object_class="ferry"), replace(TOW, object_class="tow")]
@@ -427,8 +458,9 @@ def test_circles_of_yielding_tracks_share_a_level() -> None:
         ({"within_s": 1e8}, "within_s"),
         ({"limit_s": float("inf")}, "limit_s"),
         ({"goal": "least"}, "must be one of total, largest"),
-        ({"weights": {"FERRY": 0.0}}, "must be a finite number above 0"),
-        ({"weights": {"FERRY": float("nan")}}, "must be a finite number above 0"),
+        ({"weights": {"FERRY": 0.0}}, "must be a number from 1e-06 to 1e"),
+        ({"weights": {"FERRY": 1e300}}, "must be a number from 1e-06 to 1e"),
+        ({"weights": {"FERRY": float("nan")}}, "must be a number from 1e-06 to 1e"),
         ({"levels": {"FERRY": 0.5}}, "must be a whole number"),
         ({"levels": {"FERRY": 2**70}}, "must be a whole number"),
         ({"slowest": 1.5}, "must be factors"),

@@ -4,7 +4,7 @@ import logging
 import pickle
 import re
 import warnings
-from dataclasses import replace
+from dataclasses import fields, replace
 from datetime import UTC, datetime, timedelta
 from importlib.resources import files
 from pathlib import Path
@@ -33,6 +33,8 @@ from conflictdb import (
     plot_timeline,
     solve,
 )
+from conflictdb.advice.advise import advise
+from conflictdb.db.detect import Run
 from conflictdb.drawing import figures, report
 from conflictdb.drawing.separation import separation
 from conflictdb.drawing.sketch import Sketch
@@ -403,9 +405,18 @@ def test_a_report_says_what_was_found_and_with_which_settings(strait: Any, tmp_p
     assert "Made 2026-06-01 00:00:00 UTC" in page
     assert "<td>250 m</td>" in page
     assert "120.000 ± 0.5" in page
+    assert ">0.000 ±" not in page
     assert "no conflict is missed" in page
     assert "2026-06-01 09:45:43 to 09:48:51" in page
     assert page.count("<img ") == 7
+    listed = re.findall(
+        r"<tr><td>([A-Z0-9-]+)[^<]*</td><td>([A-Z0-9-]+)[^<]*</td><td>conflict</td>.*?<td>([^<]*)</td></tr>", page
+    )
+    depths_m = [float(depth.split(" at ")[0].replace(",", "")) for _, _, depth in listed]
+    assert (listed[0][:2], len(listed)) == (("FIRING", "SURVEY"), 7)
+    assert depths_m == sorted(depths_m, reverse=True)
+    assert listed[-1] == ("FERRY", "TOW", "1,255.6 at 09:47:16")
+    assert page.index('alt="FIRING (Firing practice) and SURVEY') < page.index('alt="CABLE (')
     assert "When they could depart instead" not in page
     with pytest.raises(InvalidInput, match=r"report: file: must end in \.html or \.pdf; got 'x\.txt'"):
         report.write(checked, tmp_path / "x.txt")
@@ -621,3 +632,42 @@ def test_a_vertical_separation_counts_and_is_not_drawn_as_height(strait: Any) ->
     figure = plot_pair(replace(scene, vertical_separation_m=10.0), zone, ship)
     assert "their heights are always 10 m apart: up to 50 m, and 60 to 70 m" in figure.get_suptitle()
     assert figure.axes[2].get_ylim() == (44.0, 76.0)
+
+
+def test_figures_show_land_near_the_objects_only() -> None:
+    """A coast in the plane of the scene; none on the high seas, across the date line and about a pole."""
+
+    def land_of(scene: Scene, west: float, south: float) -> float:
+        zone = area("a", west, south, west + 0.5, south + 0.5)
+        panel = plot_scene(scene, [zone], [], []).axes[0]
+        shown = [one for one in panel.collections if one.get_zorder() == -1]
+        return sum(len(one.get_paths()) for one in shown)
+
+    for motion in Motion:
+        assert land_of(Scene("s", motion=motion), 10.0, 57.0) > 0
+        assert land_of(Scene("s", motion=motion), -40.0, 45.0) == 0
+    assert land_of(Scene("s"), 179.8, 66.0) == 0
+
+
+def test_two_pairs_fit_on_a_page_of_a_report(strait: Any, tmp_path: Path) -> None:
+    scene, areas, tracks, found = strait
+    state = SceneState("strait", 11, 0, None, None, True, None)
+    sections = report._sections(report.Checked(scene, areas, tracks, found, [], state, "PostgreSQL 15", {}))
+    sizes = [figure.get_size_inches() for _, figure in sections[-1].figures]
+    assert len(sizes) == 6
+    # A4 within its margins: 178 by 263 mm, with a heading.
+    assert all(2 * 178.0 * high / wide <= 263.0 - 25.0 for wide, high in sizes)
+
+
+def test_results_show_themselves_in_notebooks(strait: Any) -> None:
+    scene, areas, tracks, _ = strait
+    state = SceneState(HOSTILE, 11, 2, datetime(2026, 6, 1, tzinfo=UTC), None, False, "2 objects wait")
+    shown = state._repr_html_()
+    assert "2 objects wait" in shown
+    assert "2026-06-01 00:00:00" in shown
+    assert "<script" not in shown
+    advice = advise(scene, areas, tracks, sample=20)
+    assert "<th>tolerance</th>" in advice._repr_html_()
+    assert advice.recommendation[:20] in advice._repr_html_()
+    run = Run(**dict.fromkeys((field.name for field in fields(Run)), 3))
+    assert "<th>conflicts</th><td>3</td>" in run._repr_html_()

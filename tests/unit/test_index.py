@@ -162,7 +162,26 @@ def test_many_changes_leave_little() -> None:
     for turn in range(200):
         index.put([square(f"{k}", 2.0 * k) for k in range(8)], owner=f"{turn % 2}") if turn % 2 == 0 else None
         index.remove("0")
-    assert sum(len(level.objects) for level in index._state.levels) == 0
+    assert sum(len(level.put.objects) for level in index._state.levels) == 0
+
+
+def test_plans_are_put_as_they_are_then() -> None:
+    """Not as they were when this thread probed them."""
+    index = Index()
+    times = [np.datetime64("2030-01-01T00:00"), np.datetime64("2030-01-01T01:00")]
+    plan = Track("moved", [(0.0, 0.5), (0.5, 0.5)], times, [(0.0, 0.0)])
+    assert not index.probe([plan, square("a", 10.0)], owner="me")
+    plan.positions_deg[:, 0] += 40.0
+    index.put([plan, square("a", 20.0)], owner="me")
+    for lon, met in ((-0.1, []), (9.9, []), (19.9, [{"a"}]), (39.9, [{"moved"}])):
+        assert [{one.a_key, one.b_key} - {"z"} for one in index.probe(square("z", lon))] == met
+    # The same plans, of which the earlier ones have changed meanwhile.
+    again = replace(plan, key="again")
+    assert not index.probe(again, owner="me")
+    twin = replace(again, positions_deg=again.positions_deg.copy())
+    again.positions_deg[:, 0] += 100.0
+    index.put(twin, owner="me")
+    assert [{one.a_key, one.b_key} - {"z"} for one in index.probe(square("z", 39.9))] == [{"again"}]
 
 
 def test_great_circles_get_a_centre_from_the_first_plans() -> None:
@@ -190,6 +209,13 @@ def test_what_cannot_be_put_changes_nothing() -> None:
             index.put(plans, owner=owner)  # type: ignore[arg-type]
         assert len(index) == 1
         assert [one.a_key for one in index.probe(square("z", 0.5))] == ["a"]
+    for owner in ("", 5, True, b"one", ["one"], "x" * 201):
+        for ask in (index.put, index.probe):
+            with pytest.raises(InvalidInput, match="owner: must be a text of 1 to 200 bytes"):
+                ask(square("b", 0.0), owner=owner)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInput, match="remove: owner: must be a text"):
+        index.remove(["one"])  # type: ignore[arg-type]
+    assert len(index) == 1
     with pytest.raises(InvalidInput, match="must be a Scene"):
         Index("scene")  # type: ignore[arg-type]
 

@@ -38,6 +38,7 @@ const written = (t) => new Date(t * 1000).toISOString().slice(0, 19).replace("T"
 const MARKS_MS = 120; // how often the map hears what is on, while the time moves
 const REST_MS = 250; // after the last move of a plan the map hears of it: it draws all of its layers again
 const DEPTHS_MS = 1500; // for so long the page waits for depths before it is shown without
+const MOST_WAYPOINTS = 50; // of a track, that can be dragged
 const MARKS_SHARE = 0.2; // of the time, at most, that this takes
 const POLAR_LAT = 75; // degrees: what is chosen beyond is shown about the pole
 const POLE_LAT = 60; // scenes that reach beyond can be
@@ -93,7 +94,8 @@ class Page {
     this.kernel = kernelOf(this.source);
     this.departure = new Departure(byId("what-if"), this.source, this.kernel, {
       range: (track, s) => this.state.model.spareSpan([track.start - s, track.end + s]), change: (plan) => this.replan(plan), close: () => this.planClosed(),
-      rights: () => this.state.model.scene, move: (what) => this.source.move(what), openScene: (name) => this.goToScene(name),
+      rights: () => this.state.model.scene, move: (what) => this.source.move(what), probe: (what) => this.source.probe(what),
+      waypoints: (track) => this.showWaypoints(track), openScene: (name) => this.goToScene(name),
     });
     this.marks = new Paced(() => this.mark(), MARKS_MS, MARKS_SHARE);
     this.resting = null; // the timer of a plan that is being moved
@@ -618,6 +620,13 @@ class Page {
     this.describeChanges();
     this.applyFilter(plan !== null);
     this.showInstant();
+  }
+
+  // Waypoints that can be dragged, where the server says what that would meet; null: none.
+  showWaypoints(track) {
+    const { branch_of: parent } = this.state.model.scene;
+    const isAble = track !== null && this.source.isLive && parent === null && track.motion.points.length <= MOST_WAYPOINTS;
+    this.view.showWaypoints(isAble ? track.motion.points : null, (n, lon, lat) => this.departure.moveWaypoint(n, lon, lat));
   }
 
   planClosed() {

@@ -1,6 +1,6 @@
 // One sentence on a conflict: what, when, how long, how sure, where, how deep and when most, and at which heights.
 
-import { bound, clock, duration, heights, metres, period, place } from "./format.js";
+import { bound, clock, depth as depthText, duration, heights, metres, period, place } from "./format.js";
 
 const VERBS = { conflict: "overlap", grazing: "touch, or nearly", unresolved: "may overlap" };
 const NEAR_VERBS = { conflict: "are", grazing: "are just about", unresolved: "may be" };
@@ -17,7 +17,14 @@ function when({ periods, start, end, error_s: error }) {
   return `${long}, ${period(start, end, null)} UTC (each end within ${bound(error, "s")})`;
 }
 
-function deep({ least: [t, m], isOfParts }, { separation_m: separation }) {
+// By the chart, or else as the list knows it, of the pair's own separation.
+function deep(conflict, distance, { separation_m: separation }) {
+  if (!distance) {
+    if (conflict.depth === null) return "";
+    const when = conflict.deepest === null ? "" : ` at ${clock(conflict.deepest)}`;
+    return `, up to about ${depthText(conflict.depth, separation)}${when}`;
+  }
+  const { least: [t, m], isOfParts } = distance;
   const at = `at ${clock(t)}`;
   if (m >= 0 && separation === 0) return "";
   if (m >= 0) return `, nearest about ${metres(m)} ${at}`;
@@ -35,5 +42,5 @@ function high(conflict, model) {
 // Of a conflict of a model; `distance` of the pair (pair_distance.js), or null.
 export function sentenceOf(conflict, model, distance) {
   const where = conflict.lon === null ? "" : `, first at ${place(conflict.lon, conflict.lat)}`;
-  return `They ${what(conflict, model.scene)}${when(conflict)}${where}${distance ? deep(distance, model.scene) : ""}${high(conflict, model)}.`;
+  return `They ${what(conflict, model.scene)}${when(conflict)}${where}${deep(conflict, distance, model.scene)}${high(conflict, model)}.`;
 }

@@ -19,6 +19,10 @@ export function laterBy(us) {
   return `${said.join(" ")} ${us > 0 ? "later" : "earlier"}`;
 }
 
+// A conflict as a probe returns it.
+const probed = ([other, verdict, error, periods]) => (
+  { other, verdict, error_s: error, periods: periods.map(([start, end]) => [start ?? -Infinity, end ?? Infinity]) });
+
 // ", 20 m higher".
 const higherBy = (m) => (m === 0 ? "" : `, ${metres(Math.abs(m))} ${m > 0 ? "higher" : "lower"}`);
 
@@ -44,7 +48,8 @@ export function stretchesOf(forbidden) {
 
 export class Departure {
   // `on`: range(track, s) hears by how much it may be moved, change(plan) of a moved plan (null: as planned), close(), rights()
-  // of the scene, move(what) stores a plan, openScene(name).
+  // of the scene, move(what) stores a plan, probe(what) returns
+  // its conflicts, waypoints(track) shows its waypoints (null: none), openScene(name).
   constructor(container, source, kernel, on) {
     this.container = container;
     this.canvas = element("canvas", { role: "img", "aria-label": "Departures in conflict, by what they meet" });
@@ -56,6 +61,7 @@ export class Departure {
     this.rangeS = 3600;
     this.laterUs = 0;
     this.upM = 0;
+    this.waypoint = null; // one that is elsewhere: [n, lon, lat]
     this.asked = 0; // which answer is awaited
   }
 
@@ -70,6 +76,7 @@ export class Departure {
     this.key = track.key;
     this.track = track;
     this.laterUs = this.upM = 0;
+    this.waypoint = null;
     this.summary = element("p", { class: "said", role: "status" });
     this.slider = element("input", { type: "range", step: "any", "aria-label": "Departure", input: () => this.moveTo(seconds(1e6 * this.slider.value)), keydown: (event) => this.pressed(event) });
     this.range = element("select", { "aria-label": "Range", change: () => { this.rangeS = Number(this.range.value); this.read(); } },
@@ -77,12 +84,12 @@ export class Departure {
     this.height = element("input", { type: "range", step: 1, "aria-label": "Height", input: () => this.moveTo(this.laterUs, Number(this.height.value)) });
     this.heights = element("div", { class: "heights", hidden: true }, element("span", { class: "soft" }, "Height"), this.height);
     this.stored = element("p", { role: "status" });
-    this.writing = element("div", { class: "copies", hidden: true },
+    this.writing = element("div", { class: "stores", hidden: true },
       element("button", { type: "button", click: () => this.propose() }, "Propose"),
-      element("button", { type: "button", click: () => this.apply(this.laterUs, this.upM) }, "Apply"));
+      element("button", { type: "button", click: () => this.apply(this.laterUs, this.upM, this.waypoint) }, "Apply"));
     this.buttons = {
       earlier: element("button", { type: "button", click: () => this.moveTo(this.clear.earlier) }),
-      planned: element("button", { type: "button", click: () => this.moveTo(0, 0) }, "As planned"),
+      planned: element("button", { type: "button", click: () => this.reset() }, "As planned"),
       later: element("button", { type: "button", click: () => this.moveTo(this.clear.later) }),
     };
     this.stretches = element("ol");
@@ -94,8 +101,8 @@ export class Departure {
       element("details", {}, element("summary", {}, "What forbids which departures"), this.stretches),
       this.writing, this.stored,
       element("div", { class: "copies" },
-        element("button", { type: "button", class: "plain", click: () => this.copy("SQL", (plan) => statement(this.scene, plan, this.laterUs, this.upM)) }, "Copy as SQL"),
-        element("button", { type: "button", class: "plain", click: () => this.copy("GeoJSON", (plan) => JSON.stringify(moved(plan, this.laterUs, this.upM), null, 1)) }, "Copy as GeoJSON")),
+        element("button", { type: "button", class: "plain", click: () => this.copy("SQL", (plan) => statement(this.scene, plan, this.laterUs, this.upM, this.waypoint)) }, "Copy as SQL"),
+        element("button", { type: "button", class: "plain", click: () => this.copy("GeoJSON", (plan) => JSON.stringify(moved(plan, this.laterUs, this.upM, this.waypoint), null, 1)) }, "Copy as GeoJSON")),
       this.copied, this.text);
     container.replaceChildren(
       element("header", {},
@@ -111,6 +118,7 @@ export class Departure {
     if (!this.isOpen) return;
     this.key = null;
     this.asked += 1;
+    this.on.waypoints(null);
     this.container.hidden = true;
     this.container.replaceChildren();
     this.on.close();
@@ -147,6 +155,8 @@ export class Departure {
     this.showForbidden();
     [this.slider.min, this.slider.max] = [-this.rangeS, this.rangeS];
     this.on.range(this.track, this.rangeS);
+    this.on.waypoints(this.track);
+    this.waypoint = null;
     this.more.hidden = false;
     this.moveTo(Math.min(1e6 * this.rangeS, Math.max(-1e6 * this.rangeS, this.laterUs)));
   }
@@ -171,13 +181,15 @@ export class Departure {
     for (const [name, us] of Object.entries(this.clear)) {
       this.buttons[name].disabled = us === null;
       this.buttons[name].textContent = us !== null ? laterBy(us) : now ? `none ${name}` : "–";
-      this.buttons[name].setAttribute("aria-label", us !== null ? `Clear ${laterBy(us)}` : `No clear departure ${name}`);
+      if (us !== null) this.buttons[name].setAttribute("aria-label", `Clear ${laterBy(us)}`);
+      else this.buttons[name].removeAttribute("aria-label");
     }
     this.strip.take(forbidden, 1e6 * this.rangeS);
     this.list(stretchesOf(forbidden));
   }
 
   say(text) {
+    this.on.waypoints(null);
     this.summary.textContent = text;
     this.more.hidden = true;
     this.on.change(null);
@@ -200,22 +212,69 @@ export class Departure {
     this.slider.value = us / 1e6;
     this.slider.setAttribute("aria-valuetext", laterBy(us));
     this.strip.mark(us);
-    const conflicts = this.whatIf.conflicts(us, upM);
+    // Which departures are clear is known of the planned way.
+    for (const one of [this.canvas, this.buttons.earlier, this.buttons.later]) one.hidden = this.waypoint !== null;
+    if (this.waypoint !== null) {
+      this.probe();
+      return;
+    }
+    this.show(this.whatIf.conflicts(us, upM));
+  }
+
+  // As it is planned.
+  reset() {
+    this.waypoint = null;
+    this.on.waypoints(this.track);
+    this.moveTo(0, 0);
+  }
+
+  // Moves one waypoint to a place, degrees; others are as planned.
+  moveWaypoint(n, lon, lat) {
+    this.waypoint = [n, lon, lat];
+    this.moveTo(this.laterUs);
+  }
+
+  get what() {
+    return { key: this.key, plan: this.whatIf.digest, later_us: this.laterUs, up_m: this.upM, waypoint: this.waypoint };
+  }
+
+  // Asks the server for the conflicts of a plan with another waypoint: one question at a time, the last one again.
+  async probe() {
+    this.isOutdated = true;
+    if (this.isProbing) return;
+    this.isProbing = true;
+    const asked = this.asked;
+    try {
+      while (this.isOutdated && asked === this.asked && this.waypoint !== null) {
+        this.isOutdated = false;
+        const found = await this.on.probe(this.what);
+        if (asked === this.asked && this.waypoint !== null) this.show(found.map(probed));
+      }
+    } catch (error) {
+      if (asked === this.asked) this.summary.textContent = `Not known: ${printable(error.message)}.`;
+    } finally {
+      this.isProbing = false;
+    }
+  }
+
+  // Shows the conflicts of the plan as it is moved.
+  show(conflicts) {
+    const { laterUs: us, upM } = this;
     this.summary.textContent = this.told(conflicts);
     this.copied.textContent = "";
     this.text.hidden = true;
-    const isPlanned = us === 0 && upM === 0;
+    const isPlanned = us === 0 && upM === 0 && this.waypoint === null;
     const { may_edit: mayEdit, branch_of: parent } = this.on.rights();
     this.writing.hidden = !mayEdit || isPlanned;
     this.writing.firstChild.hidden = parent !== null; // a branch has no branches
-    this.on.change(isPlanned ? null : { key: this.key, laterUs: us, upM, conflicts });
+    this.on.change(isPlanned ? null : { key: this.key, laterUs: us, upM, waypoint: this.waypoint, conflicts });
   }
 
   // "4 min 10 s later: 2 fewer, none new; 1 left."
   told(conflicts) {
     const by = this.moveText();
     const said = by.charAt(0).toUpperCase() + by.slice(1);
-    if (this.laterUs === 0 && this.upM === 0) return `${said}: ${conflicts.length ? counted(conflicts.length, "conflict") : "clear"}.`;
+    if (this.laterUs === 0 && this.upM === 0 && this.waypoint === null) return `${said}: ${conflicts.length ? counted(conflicts.length, "conflict") : "clear"}.`;
     const now = new Set(conflicts.map(({ other }) => other));
     const gone = [...this.planned].filter((key) => !now.has(key)).length;
     const come = [...now].filter((key) => !this.planned.has(key)).length;
@@ -225,33 +284,38 @@ export class Departure {
 
   // "10 min later, 20 m higher".
   moveText() {
-    return this.laterUs === 0 && this.upM !== 0 ? higherBy(this.upM).slice(2) : laterBy(this.laterUs) + higherBy(this.upM);
+    const parts = [
+      this.laterUs === 0 ? null : laterBy(this.laterUs), this.upM === 0 ? null : higherBy(this.upM).slice(2),
+      this.waypoint === null ? null : `waypoint ${this.waypoint[0] + 1} elsewhere`,
+    ].filter(Boolean);
+    return parts.length ? parts.join(", ") : laterBy(0);
   }
 
   // Stores the moved plan in a new branch.
   async propose() {
     const branch = `${this.scene}: ${this.key} ${this.moveText()}`;
-    if (await this.store({ later_us: this.laterUs, up_m: this.upM, branch }) === null) return;
+    if (await this.store({ ...this.what, branch }) === null) return;
     this.stored.replaceChildren("Proposed as the branch ", element("bdi", {}, printable(branch)), ". ",
       element("button", { type: "button", class: "link", click: () => this.on.openScene(branch) }, "Open"));
   }
 
   // Stores the moved plan in the scene, which is then as planned.
-  async apply(laterUs, upM, isUndo = false) {
+  async apply(laterUs, upM, waypoint, isUndo = false) {
     const [key, said] = [this.key, this.moveText()];
-    const plan = await this.store({ later_us: laterUs, up_m: upM, branch: null });
+    const before = waypoint && [waypoint[0], ...this.whatIf.plan.geometry.coordinates[waypoint[0]]];
+    const plan = await this.store({ ...this.what, later_us: laterUs, up_m: upM, waypoint, branch: null });
     if (plan === null || this.key !== key) return;
     this.whatIf.digest = plan; // until it is read again
-    this.moveTo(0, 0);
+    this.reset();
     if (isUndo) this.stored.replaceChildren("Undone.");
-    else this.stored.replaceChildren(`Applied: ${said}. `, element("button", { type: "button", class: "link", click: () => this.apply(-laterUs, -upM, true) }, "Undo"));
+    else this.stored.replaceChildren(`Applied: ${said}. `, element("button", { type: "button", class: "link", click: () => this.apply(-laterUs, -upM, before, true) }, "Undo"));
   }
 
   // Returns the digest of what is stored; null if it is refused, which the page says.
   async store(what) {
     this.stored.textContent = "Storing …";
     try {
-      return await this.on.move({ key: this.key, plan: this.whatIf.digest, ...what });
+      return await this.on.move(what);
     } catch (error) {
       this.stored.textContent = `Not stored: ${printable(error.message)}.`;
       return null;

@@ -3,6 +3,7 @@
 import { labelOf } from "./format.js";
 import { writeNames } from "./labels.js";
 import { isThere } from "./model.js";
+import { Motion } from "./motion.js";
 import { colour } from "./theme.js";
 import { mercatorX, mercatorY, shortest } from "./world.js";
 
@@ -45,18 +46,14 @@ export class Havens {
   // Paths in units of the world, once; between waypoints they are straight but for what `bend` says, in those units.
   take(tracks, areas) {
     this.areas = areas;
-    this.tracks = tracks.map((track) => {
-      const { points } = track.motion;
-      const [x, y] = [new Float64Array(points.length), new Float64Array(points.length)];
-      const bend = new Float64Array(points.length);
-      points.forEach(({ lon, lat }, i) => {
-        x[i] = mercatorX(lon);
-        if (i > 0) x[i] = x[i - 1] + shortest(x[i] - x[i - 1]);
-        y[i] = mercatorY(lat);
-        if (i > 0) bend[i - 1] = bent(points[i - 1], points[i], track.motion.scene.motion);
-      });
-      return { ...track, x, y, bend };
-    });
+    this.tracks = tracks.map(withLine);
+  }
+
+  // A track one of whose waypoints is elsewhere.
+  bentTrack(track, [n, lon, lat]) {
+    const { points, outline, grow, outlines, scene } = track.motion;
+    const moved = points.map((point, i) => (i === n ? { ...point, lon, lat } : point));
+    return withLine({ ...track, motion: new Motion(moved, outline, grow, outlines, scene) });
   }
 
   // Paths as lines on the map, x and y in turn (units of the world, without jumps), within a share of a unit of the truth.
@@ -126,8 +123,9 @@ export class Havens {
   // The path of a moved plan and its haven, dashed.
   drawPlan(frame) {
     const { context } = this;
-    const track = this.tracks.find(({ key }) => key === this.plan.key);
-    if (!track) return;
+    const known = this.tracks.find(({ key }) => key === this.plan.key);
+    if (!known) return;
+    const track = this.plan.waypoint ? this.bentTrack(known, this.plan.waypoint) : known;
     const middle = frame.left + frame.width / frame.size / 2;
     context.strokeStyle = context.fillStyle = colour("a");
     context.lineWidth = 2;
@@ -214,6 +212,20 @@ export class Havens {
       .sort((a, b) => a.d - b.d);
     return found[0]?.one.track ?? null;
   }
+}
+
+// A track with its path in units of the world.
+function withLine(track) {
+  const { points } = track.motion;
+  const [x, y] = [new Float64Array(points.length), new Float64Array(points.length)];
+  const bend = new Float64Array(points.length);
+  points.forEach(({ lon, lat }, i) => {
+    x[i] = mercatorX(lon);
+    if (i > 0) x[i] = x[i - 1] + shortest(x[i] - x[i - 1]);
+    y[i] = mercatorY(lat);
+    if (i > 0) bend[i - 1] = bent(points[i - 1], points[i], track.motion.scene.motion);
+  });
+  return { ...track, x, y, bend };
 }
 
 // Longitudes of a ring run on from those of its reference point, which may be a turn away from what `place` gives.

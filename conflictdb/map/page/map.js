@@ -8,6 +8,8 @@ import { mercatorX, mercatorY } from "./world.js";
 
 maplibregl.prewarm(); // its threads load while the scene does
 
+const KEY_PX = 10; // by which an arrow key moves a waypoint
+
 const state = (name) => ["boolean", ["feature-state", name], false];
 // Hidden: nothing; else what holds for a feature that is chosen, dimmed since others are, on at the time that is shown, or
 // none of these.
@@ -255,6 +257,34 @@ export class MapView {
   }
 
   // The middle and the zoom: longitude, latitude, zoom; and goes there.
+  // Shows waypoints (degrees) that can be dragged, or moved by the arrow keys; `onMove(n, lon, lat)` hears of it. null: none.
+  showWaypoints(points, onMove = null) {
+    for (const marker of this.waypoints ?? []) marker.remove();
+    this.waypoints = (points ?? []).map(({ lon, lat }, n) => {
+      const handle = document.createElement("button");
+      handle.type = "button";
+      handle.className = "waypoint";
+      const marker = new maplibregl.Marker({ element: handle, draggable: true }).setLngLat([lon, lat]).addTo(this.map);
+      handle.setAttribute("aria-label", `Waypoint ${n + 1}`);
+      const moved = () => {
+        const place = marker.getLngLat();
+        onMove(n, place.lng, place.lat);
+      };
+      marker.on("drag", moved);
+      handle.addEventListener("click", (event) => event.stopPropagation());
+      handle.addEventListener("keydown", (event) => {
+        const [x, y] = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key] ?? [0, 0];
+        if (x === 0 && y === 0) return;
+        event.preventDefault();
+        event.stopPropagation();
+        const at = this.map.project(marker.getLngLat());
+        marker.setLngLat(this.map.unproject([at.x + KEY_PX * x, at.y + KEY_PX * y]));
+        moved();
+      });
+      return marker;
+    });
+  }
+
   place() {
     const { lng, lat } = this.map.getCenter();
     return [lng.toFixed(5), lat.toFixed(5), this.map.getZoom().toFixed(2)].map(Number);

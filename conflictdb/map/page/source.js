@@ -140,6 +140,11 @@ export class ServerSource {
     return (await (await this.write("/api/move", what)).json()).plan;
   }
 
+  // The conflicts of a moved plan, which is not stored: [[other, verdict, error, periods], …].
+  async probe(what) {
+    return (await this.write("/api/probe", what)).json();
+  }
+
   write(path, what) {
     return answered(fetch(this.at(path), {
       method: "POST",

@@ -83,6 +83,8 @@ def _pieces(
     covers: Callable[[Plane, Batch], Pieces],
 ) -> list[Pieces]:
     kind = "area" if isinstance(batch, AreaBatch) else "track"
+    if not len(batch):
+        return []
     # An object that is never active has no pieces.
     activations = batch.active if isinstance(batch, AreaBatch) else batch.departs
     every, unknown = np.flatnonzero(np.diff(activations.offset)), ids[activations.is_unknown]

@@ -48,10 +48,12 @@ def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) ->
     """Return the footprints of areas in the plane; raises InvalidInput for the first object that does not fit it."""
     footprints = np.array([area.footprint for area in areas], dtype=object)
     corners, owner = shapely.get_coordinates(footprints, return_index=True)
-    outside = owner[~plane.holds(*corners.T)]
-    if outside.size:
-        raise InvalidInput(f"area {areas[outside[0]].key!r}", "geometry", plane.limit)
-    flat = planar(plane, footprints)
+    x, y, holds = plane.project(*corners.T)
+    if not holds.all():
+        raise InvalidInput(f"area {areas[owner[~holds][0]].key!r}", "geometry", plane.limit)
+    flat = shapely.set_coordinates(footprints.copy(), np.stack([x, y], axis=1)) if len(areas) else footprints
+    if not plane.turn_m:
+        flat = _stitched(flat, corners, owner)
     for i in np.flatnonzero(~shapely.is_valid(flat)).tolist():
         if not is_thread(flat[i]):
             why = shapely.is_valid_reason(flat[i]).split("[")[0]
@@ -86,13 +88,17 @@ def planar(plane: Plane, footprints: NDArray[np.object_]) -> NDArray[np.object_]
         return np.stack(plane.to_plane(lonlat[:, 0], lonlat[:, 1]), axis=1)
 
     flat = shapely.transform(footprints, project)
-    return flat if plane.turn_m else _stitched(footprints, flat)
+    return flat if plane.turn_m else _stitched(flat, *shapely.get_coordinates(footprints, return_index=True))
 
 
-def _stitched(footprints: NDArray[np.object_], flat: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Return footprints in a plane without seam, with parts cut at +-180 degrees or along a pole joined again."""
-    lonlat, owner = shapely.get_coordinates(footprints, return_index=True)
+def _stitched(flat: NDArray[np.object_], lonlat: Floats, owner: NDArray[np.int64]) -> NDArray[np.object_]:
+    """Return footprints in a plane without seam, with parts cut at +-180 degrees or along a pole joined again.
+
+    lonlat, owner : (v, 2) their corners in degrees, and the row (v,) of each
+    """
     cut = owner[(np.remainder(lonlat[:, 0], 360.0) == 180.0) | (np.abs(lonlat[:, 1]) == 90.0)]
+    if not cut.size:
+        return flat
     whole = flat.copy()
     for i in np.unique(cut).tolist():
         parts = shapely.make_valid(shapely.get_parts(flat[i]), method="structure", keep_collapsed=False)
@@ -408,6 +414,8 @@ def _with_seam_copies(plane: Plane, pieces: Pieces) -> Pieces:
     # A contact on the seam must be found from both sides.
     beyond = np.zeros(len(pieces), np.int64)
     beyond[there] = np.floor((east + ROUNDING_ALLOWANCE_M) / turn_m + 0.5)
+    if not beyond.any():
+        return pieces
     found = [pieces]
     for turn in range(1, int(beyond.max()) + 1):
         copies = pieces.take(np.flatnonzero(beyond >= turn))

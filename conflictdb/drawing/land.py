@@ -1,7 +1,7 @@
-"""Read coastlines and places of Natural Earth, and write coastlines as GeoJSON.
+"""Read coastlines and places of Natural Earth, for figures and as GeoJSON for the page.
 
-vendor/land-50m.json.gz and land-10m.json.gz are TopoJSON (https://github.com/topojson/topojson-specification): rings of
-arcs, which are integer differences on a grid.
+map/vendor/land-50m.json.gz and land-10m.json.gz are TopoJSON
+(https://github.com/topojson/topojson-specification): rings of arcs, which are integer differences on a grid.
 """
 
 import gzip
@@ -114,6 +114,11 @@ def geojson(detail: str, box: Box, but: Box | None = None) -> str:
         )
     ]
     return json.dumps({"type": "FeatureCollection", "features": features}, separators=(",", ":"))
+
+
+def polygons(detail: str, box: Box) -> NDArray[Any]:
+    """Return the land in a box, as polygons in degrees."""
+    return _part(land(detail).polygons, box, None)
 
 
 def _part(shapes: NDArray[Any], box: Box, but: Box | None) -> NDArray[Any]:
