@@ -1,4 +1,4 @@
-"""Store the differences of the changed objects of a scene, in the transaction of a detection.
+"""Keep stored delays current: replace the differences of changed objects, in the transaction of a detection.
 
 Pieces are read for some objects at a time, together with those of all objects that these may meet. So memory does not
 grow with the scene.

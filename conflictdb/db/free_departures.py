@@ -1,4 +1,7 @@
-"""Delays and speeds of the tracks of a stored scene: read what they may meet, and compute in memory."""
+"""Delays and speeds of the tracks of a stored scene: read what they may meet, and compute in memory.
+
+`difference_rows` keeps the stored delays current.
+"""
 
 import math
 from collections.abc import Callable

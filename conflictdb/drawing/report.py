@@ -24,9 +24,9 @@ from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Motion,
 from conflictdb.model.record import REMARKS
 from conflictdb.model.results import Conflict, Delays, SceneState, Verdict
 from conflictdb.model.settings import SETTINGS
-from conflictdb.stages.depths import Depth, depths
+from conflictdb.stages.depths import DeepestContact, depths
 
-Known = Mapping[tuple[str, str], Depth]
+Known = Mapping[tuple[str, str], DeepestContact]
 
 # What a reader goes through; `conflictdb conflicts --format csv` has all of it.
 _MOST_CONFLICTS: Final = 500

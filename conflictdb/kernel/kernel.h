@@ -1,10 +1,15 @@
 /* conflictdb kernel: contacts, distances and candidate pairs of moving convex polygons.
  *
+ * The only public header.
+ * Stages: boxes (1: broad/boxes.c, bundles.c), swept hulls (2: broad/hulls.c, apart.c), closed form (3: step 1 of
+ * narrow/certain.c), certified windows and search (4: the rest of certain.c, search.c, proofs.c). The loop over pairs is
+ * in narrow/contacts.c, the memory of an encounter in scene/border.c, the motion on great circles in planes/circle.c.
+ *
  * A haven is the protected polygon that a ship or an aircraft carries along its legs. A piece is a convex polygon that
  * stands still (part of an area) or moves along one leg (a haven, or part of one). A scene is the prepared pieces of a
- * batch. For a pair of pieces during [low_s, high_s] the kernel reports every contact, and proves that there is no other or reports the pair
- * as unresolved (KernelVerdict). The proofs cover the continuous motion and allow for rounding; nothing is decided by
- * sampling. docs/explanation/kernel.md explains how.
+ * batch. For a pair of pieces during [low_s, high_s] the kernel reports every contact, and proves that there is no other
+ * or reports the pair as unresolved (KernelVerdict). The proofs cover the continuous motion and allow for rounding;
+ * nothing is decided by sampling. docs/explanation/kernel.md explains how.
  *
  * Units: metres, seconds, degrees. "Plane metres" are coordinates of the plane in which legs and edges are straight.
  * Instants are microseconds since 1970; the times of a pair are seconds from its own zero.
@@ -15,9 +20,6 @@
  * NaN or unknown. The broad phase is another matter: a box with NaN is in no pair, so callers report pieces without a hull.
  * Memory: each call frees its working memory. Callers allocate the result arrays, with two exceptions:
  * free scenes with kernel_scene_free, contacts with kernel_contacts_free.
- *
- * Stages: a detection finds candidate pairs by boxes (stage 1) and swept hulls (2), and contact times in closed form (3)
- * or by certified windows and search (4).
  *
  * Sections, and the folders that implement them: status and limits; scene (scene/); narrow phase (narrow/); regions
  * (regions/); broad phase (broad/); bytes (bytes/). They share planes/ (motion and distances in a plane) and geometry/

@@ -364,7 +364,7 @@ def _real(name: str, value: object, most: float) -> float:
     return value
 
 
-def _move(asked: Mapping[str, Any]) -> editing.Move:
+def _move(asked: Mapping[str, Any]) -> editing.PlanMove:
     """Return the move of a track that a request describes."""
     branch, place = asked.get("branch"), asked.get("waypoint")
     if branch is not None and not isinstance(branch, str):
@@ -376,7 +376,7 @@ def _move(asked: Mapping[str, Any]) -> editing.Move:
             raise HTTPException(400, "waypoint: must be number, longitude and latitude, or null")
         number, lon, lat = (_real("waypoint", one, most) for one, most in zip(place, _MOST_WAYPOINT, strict=True))
         waypoint = (abs(int(number)), lon, lat)
-    return editing.Move(_text(asked, "key"), _text(asked, "plan"), round(later_us), up_m, waypoint, branch)
+    return editing.PlanMove(_text(asked, "key"), _text(asked, "plan"), round(later_us), up_m, waypoint, branch)
 
 
 async def _failed(request: Request, error: Exception) -> Response:

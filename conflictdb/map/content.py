@@ -1,4 +1,7 @@
-"""Pack a scene for the page: JSON, with conflicts and tracks in binary form."""
+"""Pack a scene for the page: JSON, with conflicts and tracks in binary form, which page/model.js unpacks.
+
+`_map_conflicts` (sql/84_map_page.sql) writes the numbers of conflicts; `map.what_if` packs pieces.
+"""
 
 import json
 import math

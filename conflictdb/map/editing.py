@@ -18,7 +18,7 @@ from conflictdb.session import loading
 
 
 @dataclass(frozen=True, slots=True)
-class Move:
+class PlanMove:
     """A move of a track.
 
     plan : digest of the track that the page moved
@@ -36,11 +36,11 @@ class Move:
 
 
 def digest(track: Track) -> str:
-    """Return a digest of all that a track is, for `Move.plan`."""
+    """Return a digest of all that a track is, for `PlanMove.plan`."""
     return hashlib.sha256(to_json(feature_of(track))).hexdigest()
 
 
-def moved(track: Track, move: Move) -> Track:
+def moved(track: Track, move: PlanMove) -> Track:
     """Return the track as a page moved it; raises InvalidInput if that is no track."""
     if track.departures_us or track.schedule:
         raise InvalidInput(f"track {track.key!r}", "schedule", "its voyages repeat")
@@ -61,7 +61,7 @@ def moved(track: Track, move: Move) -> Track:
     return track
 
 
-def probed(conn: psycopg.Connection[Any], scene: str, move: Move) -> list[tuple[Any, ...]]:
+def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> list[tuple[Any, ...]]:
     """Return the conflicts that a moved track would have: other key, verdict, error, and periods (Unix seconds).
 
     By the stages of a detection. Raises as `put`, and StoreError if a transaction is open; stores nothing.
@@ -79,7 +79,7 @@ def probed(conn: psycopg.Connection[Any], scene: str, move: Move) -> list[tuple[
     ]
 
 
-def _seen(conn: psycopg.Connection[Any], scene: str, move: Move) -> Track:
+def _seen(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> Track:
     """Return the track that a page moved; InvalidInput if it is not known, or another one by now."""
     _, _, tracks = store.read_scene(conn, scene, [move.key])
     if not tracks:
@@ -89,7 +89,7 @@ def _seen(conn: psycopg.Connection[Any], scene: str, move: Move) -> Track:
     return tracks[0]
 
 
-def put(conn: psycopg.Connection[Any], scene: str, move: Move) -> str:
+def put(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> str:
     """Store a moved track, and detect its conflicts if the user may; return its digest.
 
     Raises InvalidInput if the track changed since, or is not known, and NotPermitted.

@@ -51,7 +51,7 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
 
     The head has the settings that the kernel takes, `objects` (keys, in the order of a detection), `base_us` (the
     instant that others count from, as text), `refusal` (why moved plans are not shown, or null), `plans` (features of
-    the tracks that may be moved, by key; null: its voyages repeat), `digests` of those (for `editing.Move`), and
+    the tracks that may be moved, by key; null: its voyages repeat), `digests` of those (for `editing.PlanMove`), and
     `arrays`: name, type of typed arrays, place in the packed bytes, and number of elements of each array.
 
     moved : keys of the tracks that may be moved; None: all

@@ -1,4 +1,7 @@
-"""Expand schedules of areas and tracks to activations, as far as a horizon."""
+"""Expand schedules of areas and tracks to activations, as far as a horizon; `Schedule` expands one.
+
+In memory: `expanded`. In a database: db/expansion.py, with `area_spans` and `track_departures`.
+"""
 
 import time
 import warnings

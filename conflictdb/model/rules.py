@@ -1,4 +1,7 @@
-"""Separation rules: how far apart the objects of two classes must be, and who yields."""
+"""Separation rules: how far apart the objects of two classes must be, and who yields.
+
+`RuleTable.of` picks the most specific rule of a pair and refuses ties; in SQL `_rule_between` does (sql/12_rules.sql).
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

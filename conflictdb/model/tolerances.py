@@ -1,5 +1,7 @@
 """Tolerances of a track: how far a voyage may differ from its plan, and still be covered by the track's haven.
 
+They have nothing in common with the scene's setting tolerance_m (settings.py).
+
 A voyage follows the legs in order. On a leg it stays within the cross-track limits, and its progress along the leg has
 a speed within the leg's bounds; its ship heads along the leg. It departs and arrives within the windows. At a waypoint
 it turns from one heading to the next, on an arc if there is a turn radius.

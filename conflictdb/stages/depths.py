@@ -34,7 +34,7 @@ _GOLDEN: Final = (5.0**0.5 - 1.0) / 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Depth:
+class DeepestContact:
     """How deep two objects undercut their required separation, of their deepest convex parts.
 
     depth_m : the required separation minus the least signed distance, metres; two objects that overlap by their
@@ -46,7 +46,7 @@ class Depth:
     at_us: int | None
 
 
-def depths(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict[tuple[str, str], Depth]:
+def depths(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict[tuple[str, str], DeepestContact]:
     """Return the depth of each pair of objects that undercuts its separation, by keys: the area first, then by key.
 
     Pairs without a known distance are left out, and all pairs with a separation in time.
@@ -58,7 +58,7 @@ def depths(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict
     tracks = sorted(tracks, key=lambda track: track.key.encode())
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
     keys = {Kind.AREA.code: [one.key for one in areas], Kind.TRACK.code: [one.key for one in tracks]}
-    found: dict[tuple[str, str], Depth] = {}
+    found: dict[tuple[str, str], DeepestContact] = {}
     for settings, own, rows in Separations.of(scene).split(pieces, *(pair := candidates(pieces))):
         if settings.time_separation_us:
             continue
@@ -70,7 +70,9 @@ def depths(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict
             if not depth_m[k] >= 0.0:
                 break
             key = tuple(keys[int(own.kind[row])][int(own.object_id[row])] for row in (a[k], b[k]))
-            found.setdefault((key[0], key[1]), Depth(float(depth_m[k]), None if at_us[k] < 0 else int(at_us[k])))
+            found.setdefault(
+                (key[0], key[1]), DeepestContact(float(depth_m[k]), None if at_us[k] < 0 else int(at_us[k]))
+            )
     return found
 
 

@@ -1,4 +1,8 @@
-"""Merge contacts of pieces into one row per pair of objects, with its periods and its verdict."""
+"""Merge contacts of pieces into one row per pair of objects: its verdict, its periods and their error bound.
+
+The kernel bounds the errors of contacts (kernel/narrow/search.c, certain.c); `_period_errors` those of periods. An
+overlap that is shallow in each part of an area, but deep in the whole, becomes a conflict here.
+"""
 
 import numpy as np
 from numpy.typing import NDArray

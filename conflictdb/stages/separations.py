@@ -1,4 +1,4 @@
-"""Required separations of the pairs of a scene: one value made once per run, the only reader of its rules.
+"""Required separations of the pairs of a scene: one value made once per run, the only reader of its rules in a run.
 
 Pairs that share required separations are solved together, with settings that have these and no rules.
 """

@@ -1,4 +1,8 @@
-"""No stage may miss: random scenes of every workload, detected in the database, compared with the oracle."""
+"""No stage may miss: random scenes of every workload, detected in the database, compared with the oracle.
+
+Stage 3 here is that of method `nlp`; the closed form is tested with stage 4. See also test_dense, test_adversary and
+test_grazing.
+"""
 
 from collections.abc import Iterable
 from dataclasses import replace

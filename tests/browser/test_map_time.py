@@ -126,9 +126,11 @@ def test_two_fingers_show_less_time(seconds_in_days: str, open_page: Open) -> No
     assert box is not None
     touch = page.context.new_cdp_session(page)
     at, whole = time_of(page), shown_s(page)
+    beside = "(y) => [200, 240].every((x) => conflictdbPage.timeline.barAt({ offsetX: x, offsetY: y }) === null)"
+    free_y = next(y for y in range(1, int(box["height"])) if page.evaluate(beside, y))
 
     def fingers(kind: str, *places: float) -> None:
-        points = [{"x": box["x"] + x, "y": box["y"] + 40, "id": n} for n, x in enumerate(places)]
+        points = [{"x": box["x"] + x, "y": box["y"] + free_y, "id": n} for n, x in enumerate(places)]
         touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
 
     fingers("touchStart", 200)

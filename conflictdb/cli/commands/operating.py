@@ -8,7 +8,7 @@ from conflictdb.cli.values import address, duration_s
 
 def add(commands: Any) -> None:
     """Add the commands, in the order of the reference."""
-    parser = command(commands, "demo", "demo:demo", "detect a small scene that comes with the program")
+    parser = command(commands, "demo", "demo:demo", "detect a small example scene")
     parser.set_defaults(html=None, host="127.0.0.1", port=None)  # of the map that follows
 
     parser = command(commands, "status", "operation:status", "show database, scenes, runs and workers")

@@ -4,7 +4,7 @@ Both transactions hold the scene's lock and see one snapshot each (`locking.begi
 calls:
 
     begin_locked; read_settings, changed_areas, changed_tracks, replace_pieces; commit
-    begin_locked; the calls of `pairs` and `writing`; commit
+    begin_locked; the calls of `stored_pairs`, `known_pairs` and `write_rows`; commit
 """
 
 from collections.abc import Iterable, Sequence

@@ -1,6 +1,6 @@
 """Detect few changed objects in one transaction, with one call per step (sql/22).
 
-begin_detection; some_areas, some_tracks; put_pieces; the calls of `writing`; commit
+begin_detection; some_areas, some_tracks; put_pieces; the calls of `write_rows`; commit
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,5 @@
-/* Contact times of one pair of moving convex polygons that are proven without a search.
+/* Contact times of one pair of moving convex polygons that are proven without a search: stage 3 is step 1, the other
+ * steps are of stage 4. search.c takes the pairs that stay undecided.
  *
  * Step 1 runs without a separation, for motion within KERNEL_TOUCH_M of uniform; its answer is final. Other pairs go
  * through at most MAX_WINDOWS rounds of step 2, then through steps 3 and 4:

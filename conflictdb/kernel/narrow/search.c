@@ -1,4 +1,5 @@
-/* Contacts of one pair by search, for pairs that certain.c cannot decide:
+/* Decide whether a pair conflicts, and when (find_contacts): from the proof of certain.c, else by a search (stage 4).
+ * is_shallow decides between conflict and grazing for both. Steps of the search:
  *
  * 1. Prove the pair apart at most times; the rest is undecided.
  * 2. Bracket the first and the last contact on the true motion, between an instant apart and one in contact. A guess

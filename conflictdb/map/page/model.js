@@ -1,4 +1,5 @@
 // A scene as the page works with it: objects, their motion, conflicts, and which of them a filter leaves.
+// Unpacks conflicts and tracks of map/content.py and outlines of `_map_overview` (sql/84_map_page.sql).
 
 import { printable } from "./format.js";
 import { LAYERS, layersOf } from "./heights.js";

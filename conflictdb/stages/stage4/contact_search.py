@@ -1,6 +1,7 @@
 """Stage 4: find when two pieces interfere.
 
-The kernel decides. With method `nlp` it searches every pair and calls the published programs for guesses.
+The kernel decides (kernel/narrow/search.c), but for pairs of areas, which stand still (`static_verdicts`). With method
+`nlp` it searches every pair and calls the published programs for guesses.
 """
 
 from collections.abc import Callable
