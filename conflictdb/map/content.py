@@ -25,8 +25,8 @@ _LENGTH: Final = struct.Struct("<I")
 # A conflict in the numbers of routine _map_conflicts, without its periods, each of which is two 8-byte numbers.
 _CONFLICT: Final = struct.Struct(">qhhddd4fi")
 _PERIOD_BYTES: Final = 16
-# Larger scenes have no depths: they would take tens of seconds.
-_MOST_DEPTHS: Final = 20_000
+# Larger scenes have no depths: they would delay the first view of the page.
+_MOST_DEPTHS: Final = 2_000
 
 _AREA: Final = (
     "id", "key", "name", "floor_m", "ceiling_m", "start", "end", "spans",
