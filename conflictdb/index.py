@@ -7,6 +7,7 @@ come too close in size are merged. A tree never changes, so questions need no lo
 
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, Final, NamedTuple, Self
@@ -381,7 +382,7 @@ def _content(plan: Plan) -> tuple[Any, ...]:
 def _value(given: Any) -> Any:
     if isinstance(given, np.ndarray):
         return given.tobytes(), given.shape
-    return dict(given) if isinstance(given, Mapping) else given
+    return deepcopy(dict(given)) if isinstance(given, Mapping) else given
 
 
 def conflicts_between(

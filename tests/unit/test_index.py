@@ -184,6 +184,19 @@ def test_plans_are_put_as_they_are_then() -> None:
     assert [{one.a_key, one.b_key} - {"z"} for one in index.probe(square("z", 39.9))] == [{"again"}]
 
 
+def test_tolerances_that_changed_since_a_probe_count() -> None:
+    """Their lists can be changed in place."""
+    times = [np.datetime64(f"2030-01-01T0{hour}:00") for hour in range(3)]
+    legs = [(0.0, -0.1), (0.5, -0.1), (1.0, -0.1)]
+    track = Track("track", legs, times, [(0.0, 0.0)], tolerances={"xtd_port_m": [10.0, 10.0]})
+    index = Index()
+    index.put(square("area", 0.0))
+    assert not index.probe(track)
+    assert track.tolerances is not None
+    track.tolerances["xtd_port_m"][:] = [15_000.0, 15_000.0]
+    assert [one.a_key for one in index.probe(track)] == ["area"]
+
+
 def test_great_circles_get_a_centre_from_the_first_plans() -> None:
     index = Index(Scene("far", motion=Motion.GREAT_CIRCLE))
     assert not index.probe(square("a", 0.0))
