@@ -241,8 +241,8 @@ BEGIN
 END
 $$;
 COMMENT ON FUNCTION put_rule(text, text, text, double precision, double precision, double precision, boolean, text) IS
-'Adds a separation rule for the pairs of two classes, or replaces the one of the same two, in either order. A class, '
-'''area'' or ''track'' for all of a kind, null for any object. Of several rules the most specific applies: two '
+'Adds a separation rule for two classes, in either order, or replaces their rule. A class, ''area'' or ''track'' '
+'for all of a kind, null for any object. Of several rules the most specific applies: two '
 'classes, a class and a kind, a class and any, two kinds, a kind and any. Two rules of a class with ''area'' both '
 'apply to two areas: the larger values count. Metres and seconds; null: as in the scene. '
 'p_allowed: the pairs are not compared. p_yields: ''a'' or ''b'', the side that yields. Raises ZC019 for a rule that '

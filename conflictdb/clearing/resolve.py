@@ -145,7 +145,6 @@ def resolve(
     number_of = {key: number for number, key in key_of.items()}
     before = conflicts(planned.values(), areas, scene)
     concerned = {key for pair in before for key in pair if key in planned}
-    by_key = {area.key: area for area in areas}
     movable = sorted((concerned if keys is None else set(keys)) - set(keep), key=str.encode)
     numbers = np.array([number_of[key] for key in movable], np.int64)
     low, high = np.array([limits.of_delays(planned[key]) for key in movable], np.int64).reshape(-1, 2).T
@@ -162,7 +161,8 @@ def resolve(
     rest = {movable[i] for i in solution.left}
     speeds = _speeds(scene, changed, areas, sorted(rest, key=str.encode), limits)
     changed |= {key: at_speed(planned[key], factor) for key, factor in speeds.items()}
-    notes = yielding_areas(before, {key: planned[key] for key in concerned - set(keep)}, by_key, scene.rules)
+    unkept = {key: planned[key] for key in concerned - set(keep)}
+    notes = yielding_areas(before, unkept, {area.key: area for area in areas}, scene.rules)
     stuck = sorted(rest - speeds.keys(), key=str.encode)
     if limits.aside_m > 0.0:
         notes += [f"track {key!r} {_UNCHANGED}" for key in stuck if is_changing(planned[key])]
@@ -174,8 +174,15 @@ def resolve(
     still = sorted({key for pair in after for key in pair if key in planned}, key=str.encode)
     left = [Left(key, blocked.get(key) or _met(after, key)) for key in still]
     moves = moves_of(scene, changed, areas, delays, speeds, ways, before - after, found, key_of)
-    of = solution
-    return Proposal(tuple(moves), tuple(left), limits.goal, of.objective_s, of.bound_s, of.is_least, notes=tuple(notes))
+    return Proposal(
+        tuple(moves),
+        tuple(left),
+        limits.goal,
+        solution.objective_s,
+        solution.bound_s,
+        solution.is_least,
+        notes=tuple(notes),
+    )
 
 
 def conflicts(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene) -> Pairs:

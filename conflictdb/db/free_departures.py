@@ -68,7 +68,6 @@ def read_departing(
 
     at_any_height : also what is at other heights
 
-
     Without the track the scene has none of this key. Raises InvalidInput if the scene does not exist.
     """
     return _read(conn, scene, key, lambda track: round(1e6 * within_s), at_any_height=at_any_height)

@@ -12,7 +12,6 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
-from conflictdb.db import store
 from conflictdb.db.free_departures import read_departing
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import feature_of
@@ -37,10 +36,7 @@ def pieces(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float)
 
     Raises InvalidInput if the scene or the track does not exist.
     """
-    if store.parent_name(conn, store.scene_or_branch_id(conn, scene)) is None:
-        settings, areas, tracks = read_departing(conn, scene, key, within_s, at_any_height=True)
-    else:
-        settings, areas, tracks = store.read_scene(conn, scene)  # its pieces are in two scenes
+    settings, areas, tracks = read_departing(conn, scene, key, within_s, at_any_height=True)
     if all(track.key != key for track in tracks):
         raise InvalidInput(f"scene {scene!r}", "track", f"{key!r} is not known")
     return packed(settings, areas, tracks, {key})

@@ -56,9 +56,9 @@ class Separations:
         both = np.argwhere(table.second >= 0)
         given_two = np.column_stack((of_types[tuple(both.T)], of_rules[table.second[tuple(both.T)]]))
         distinct, place = np.unique(given_two, axis=0, return_inverse=True)
-        of_two = np.full(len(distinct), NEVER)
+        of_two, single = np.full(len(distinct), NEVER), list(found)
         for i, pair in enumerate(distinct.tolist()):
-            one = [list(found)[k] for k in pair if k != NEVER]
+            one = [single[k] for k in pair if k != NEVER]
             if one:
                 larger = {name: max(getattr(settings, name) for settings in one) for name in REPLACED.values()}
                 of_two[i] = found.setdefault(replace(plain, **larger), len(found))

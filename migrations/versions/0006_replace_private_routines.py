@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "228d32d13eb0dfa5e011e7dba7c9effa67f9db6c99b481320c5256a1254e7e26"
+routines_sha256 = "89839b721acb7f87d69c7c20bf5ecd434b42ec73e329456f1b105da0e37d9df7"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

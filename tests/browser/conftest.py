@@ -9,6 +9,8 @@ from browsing import ARGUMENTS, Open, chromium
 from map_page import Serve, served_page
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
 
+import conflictdb
+
 _READY_MS = 60_000
 expect.set_options(timeout=20_000)  # a busy machine draws maps in software
 
@@ -27,6 +29,15 @@ def serve() -> Iterator[Serve]:
     """Return a function that serves pages until the end of the test."""
     with ExitStack() as servers:
         yield lambda dsn, scene: servers.enter_context(served_page(dsn, scene))
+
+
+@pytest.fixture
+def strait(dsn: str, serve: Serve) -> str:
+    """Return the address of a page of the demo, detected."""
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+        db.scene("strait").detect()
+    return serve(dsn, "strait")
 
 
 @pytest.fixture

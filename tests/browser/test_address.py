@@ -5,21 +5,10 @@ from pathlib import Path
 import pytest
 from browsing import Open, rows, time_of, wait_until
 from commands import runner
-from map_page import Serve
 from playwright.sync_api import Page, expect
-
-import conflictdb
 
 COPIES = {"permissions": ["clipboard-read", "clipboard-write"]}
 PLACE = "conflictdbPage.view.place()"
-
-
-@pytest.fixture
-def strait(dsn: str, serve: Serve) -> str:
-    with conflictdb.connect(dsn) as db:
-        db.load_demo()
-        db.scene("strait").detect()
-    return serve(dsn, "strait")
 
 
 def ready(page: Page) -> None:

@@ -16,7 +16,6 @@ from map_page import Serve
 from piecework import load
 from playwright.sync_api import Page, expect
 
-import conflictdb
 from conflictdb.db.detect import detect
 from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 
@@ -27,20 +26,12 @@ FORMULA = '=HYPERLINK("http://x")'
 HOSTILE = "<img src=x onerror=alert(1)>"
 
 
-@pytest.fixture
-def strait(dsn: str, serve: Serve) -> str:
-    with conflictdb.connect(dsn) as db:
-        db.load_demo()
-        db.scene("strait").detect()
-    return serve(dsn, "strait")
-
-
 def place(page: Page) -> list[float]:
     return list(page.evaluate("conflictdbPage.view.place()"))
 
 
 def test_objects_places_and_positions_are_found(strait: str, open_page: Open) -> None:
-    """By the keyboard alone; an object has a card, and what it is nearest to if it has no conflict."""
+    """By the keyboard alone; the card of an object without a conflict names its nearest approach."""
     page = open_page(strait, size=(1280, 900))
     words = page.get_by_label("Object")
     words.fill("convoy")

@@ -30,14 +30,6 @@ T0_S = T0_US / 1e6
 HOSTILE = "<img src=x onerror=\"document.title='taken'\">"
 
 
-@pytest.fixture
-def strait(dsn: str, serve: Serve) -> str:
-    with conflictdb.connect(dsn) as db:
-        db.load_demo()
-        db.scene("strait").detect()
-    return serve(dsn, "strait")
-
-
 def shown(page: Page, layer: str, where: str = "true") -> int:
     """Number of features with a given state in a layer of the map. The map takes states up with its next picture."""
     script = f"conflictdbPage.view.map.queryRenderedFeatures({{layers: ['{layer}']}})"

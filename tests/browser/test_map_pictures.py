@@ -26,14 +26,6 @@ T0_US = 1_780_272_000_000_000  # 2026-06-01 00:00 UTC
 T0_S = T0_US / 1e6
 
 
-@pytest.fixture
-def strait(dsn: str, serve: Serve) -> str:
-    with conflictdb.connect(dsn) as db:
-        db.load_demo()
-        db.scene("strait").detect()
-    return serve(dsn, "strait")
-
-
 def states(page: Page, *layers: str) -> dict[str, dict[str, bool]]:
     """Return the state of each feature that layers of the map show, by the keys of its objects."""
     await_drawn(page)

@@ -14,7 +14,6 @@ from map_page import Serve
 from piecework import load
 from playwright.sync_api import Page, expect
 
-import conflictdb
 from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
@@ -26,14 +25,6 @@ SAID = (
     "FERRY: SUB-2 13 m below, 08:56 \N{EN DASH} 09:20; SUB-1 93 m below, 09:41; "
     "CABLE 113 m below, 09:30 \N{EN DASH} 10:17."
 )
-
-
-@pytest.fixture
-def strait(dsn: str, serve: Serve) -> str:
-    with conflictdb.connect(dsn) as db:
-        db.load_demo()
-        db.scene("strait").detect()
-    return serve(dsn, "strait")
 
 
 def colour_at(page: Page, hours: float, height_m: float) -> list[int]:
@@ -122,7 +113,7 @@ def test_chips_leave_what_is_below_at_the_surface_or_in_the_air(strait: str, ope
 
 
 def test_heights_change_along_legs(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
-    """A climb is a slope, steps per leg are steps, and what passes is told by its least distance there."""
+    """A climb is a slope, heights by leg are steps, and passes name the least distance at these heights."""
     times = np.array([T0_US, T0_US + HOUR_US, T0_US + 2 * HOUR_US])
     outline = rectangle_outline_m(500, 500, 500, 500)
     way = [(10.0, 50.0), (10.5, 50.0), (11.0, 50.0)]

@@ -43,14 +43,6 @@ PACE = """async () => {
 }"""
 
 
-@pytest.fixture
-def strait(dsn: str, serve: Serve) -> str:
-    with conflictdb.connect(dsn) as db:
-        db.load_demo()
-        db.scene("strait").detect()
-    return serve(dsn, "strait")
-
-
 def ask(page: Page, conflict: str, key: str) -> None:
     page.get_by_role("button", name=conflict).click()
     page.get_by_role("button", name=f"What if {key} departs earlier or later").click()

@@ -93,7 +93,7 @@ def higher(track: Track, up_m: float) -> Track:
 
 
 def of_copy(scene: Scene, areas: list[Area], tracks: list[Track], key: str, by_us: int, up_m: float) -> dict[str, Any]:
-    """The conflicts of a track in a copy of the scene in which it is so much later and higher, by the other object."""
+    """The conflicts of a later and higher track, in a copy of its scene, by the other object."""
     moved = [higher(later(one, by_us), up_m) if one.key == key else one for one in tracks]
     return {
         one.b_key if one.a_key == key else one.a_key: one

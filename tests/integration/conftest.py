@@ -1,9 +1,10 @@
-"""Fixtures of integration tests: one Spark, which starts in some ten seconds, and a scene for admissions."""
+"""Fixtures of integration tests: one Spark, which starts in some ten seconds, a scene for admissions, and a page."""
 
 from collections.abc import Iterator
 
 import pytest
 from city import CITY
+from map_page import Client, served_page
 from spark_answers import Spark, running_spark
 
 from conflictdb import Database, StoredScene, connect
@@ -29,3 +30,13 @@ def db(dsn: str) -> Iterator[Database]:
 def city(db: Database) -> StoredScene:
     """Return that scene."""
     return db.scene("city")
+
+
+@pytest.fixture
+def strait(dsn: str) -> Iterator[Client]:
+    """Return a client of a page of the demo, detected."""
+    with connect(dsn) as db:
+        db.load_demo()
+        db.scene("strait").detect()
+    with served_page(dsn, "strait") as address:
+        yield Client(address)

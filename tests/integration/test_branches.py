@@ -17,6 +17,8 @@ from workloads import ARCTIC, LOW_LATITUDE, Workload, throw
 from conflictdb import Area, InvalidInput, Rule, Track, connect
 from conflictdb.cli.codes import DONE
 from conflictdb.db import store
+from conflictdb.db.free_departures import read_departing
+from conflictdb.model.results import Kind
 from conflictdb.session.database import Database
 from conflictdb.session.stored_scene import StoredScene
 
@@ -89,6 +91,12 @@ def asked(scene: StoredScene) -> list[Any]:
     return [*((scene.delays(key), scene.speeds(key)) for key in tracks[:3]), said, havens, shapes]
 
 
+def near(scene: StoredScene, key: str) -> set[str]:
+    """Return the keys of what the page compares a track with that departs earlier or later."""
+    _, areas, tracks = read_departing(scene.connection, scene.name, key, 3600.0, at_any_height=True)
+    return {one.key for one in (*areas, *tracks)}
+
+
 def assert_same(branch: StoredScene, copy: StoredScene) -> None:
     assert drawn(branch) == drawn(copy)
     assert objects_of(branch) == objects_of(copy)
@@ -97,6 +105,8 @@ def assert_same(branch: StoredScene, copy: StoredScene) -> None:
     assert {(one.a_key, one.b_key): one.closest_m for one in branch.approaches()} == {
         (one.a_key, one.b_key): one.closest_m for one in copy.approaches()
     }
+    for key in [one.key for one in copy.objects() if one.kind == Kind.TRACK][:3]:
+        assert near(copy, key) <= near(branch, key)
 
 
 def edit(target: StoredScene, others: list[StoredScene], rng: np.random.Generator, pool: list[Area | Track]) -> None:

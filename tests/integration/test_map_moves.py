@@ -1,26 +1,15 @@
 """Plans that the page of `conflictdb map` moves: who may store them, and what is refused."""
 
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import psycopg
-import pytest
 from map_page import Client, served_page
 
 import conflictdb
 
 HOSTILE = "<img src=x onerror=alert(1)>\u202e"
 SHAPE = "SELECT ST_AsText(path), floor_m, ceiling_m FROM conflictdb.track ORDER BY track_id"
-
-
-@pytest.fixture
-def strait(dsn: str) -> Iterator[Client]:
-    with conflictdb.connect(dsn) as db:
-        db.load_demo()
-        db.scene("strait").detect()
-    with served_page(dsn, "strait") as address:
-        yield Client(address)
 
 
 def plan_of(client: Client, key: str) -> str:
@@ -37,7 +26,7 @@ def post(client: Client, asked: object, **more: str | None) -> tuple[int, Any]:
 
 
 def test_only_the_page_moves_what_it_shows(strait: Client, conn: psycopg.Connection[Any]) -> None:
-    """No other site, no odd number, and no plan that somebody changed meanwhile; nothing is stored then."""
+    """Requests of other sites, odd numbers and plans that changed meanwhile store nothing."""
     conn.autocommit = True
     before = conn.execute(SHAPE).fetchall()
     asked = {"key": "FERRY", "plan": plan_of(strait, "FERRY"), "later_us": 1_000_000, "up_m": 0, "branch": None}

@@ -71,15 +71,6 @@ def killed_at_last(process: "subprocess.Popen[Any]") -> Iterator[None]:
         process.kill()
 
 
-@pytest.fixture
-def strait(dsn: str) -> Iterator[Client]:
-    with conflictdb.connect(dsn) as db:
-        db.load_demo()
-        db.scene("strait").detect()
-    with served_page(dsn, "strait") as address:
-        yield Client(address)
-
-
 def test_page_reads_the_scene(strait: Client, dsn: str) -> None:
     scene = strait.read("/api/scene")
     assert (scene["scene"], scene["motion"], scene["objects"], scene["is_current"]) == ("strait", "rhumb", 11, True)

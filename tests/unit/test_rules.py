@@ -96,7 +96,7 @@ def test_ambiguous_rules_are_refused(rules: list[Any], message: str) -> None:
 
 
 def test_rules_of_planners_are_entered() -> None:
-    """Submarines and ferries are tracks: no object is concerned by both rules with areas, and none is refused."""
+    """Rules of submarines and of ferries with areas are both accepted: no track has both classes."""
     rules = [
         Rule("submarine", "submarine", 5000.0),
         Rule("submarine", "area", 1000.0, yields="a"),
