@@ -18,8 +18,8 @@ from conflictdb.cli import main
 from conflictdb.db import expansion, store
 from conflictdb.db.detect import detect, detect_pending
 from conflictdb.errors import IncompleteWarning, InvalidInput
-from conflictdb.model.horizon import later
 from conflictdb.model.plans import Scene
+from conflictdb.model.recurring_plans import later
 
 DAY_US = 86_400_000_000
 TUESDAYS = {"days": ["TUE"], "periods": [["08:00", "10:00"]], "timezone": "Europe/Zurich"}
