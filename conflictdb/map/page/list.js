@@ -46,6 +46,7 @@ export class List {
     const dayOf = ({ start }) => Math.floor(start / 86400);
     const dated = conflicts.filter(({ start }) => Number.isFinite(start));
     this.several = dated.some((c) => dayOf(c) !== dayOf(dated[0]));
+    this.rows.classList.toggle("dated", this.several); // a date is long: names have the first line
     this.rows.replaceChildren();
     this.shown.clear();
     this.rows.style.height = `${conflicts.length * ROW}px`;
