@@ -498,10 +498,13 @@ def test_edits_of_activations_alone_are_checked_and_count(conn: psycopg.Connecti
     [(stored, span)] = conn.execute(
         "SELECT a.activations::text, a.active_span::text FROM conflictdb.area a ORDER BY area_id LIMIT 1"
     ).fetchall()
-    assert stored == f"{{{span}}}" and stored.endswith("12:00:00.000001+00\")}")
+    assert stored == f"{{{span}}}"
+    assert stored.endswith('12:00:00.000001+00")}')
     conn.commit()
     for wrong, rule in (("2026-05-29", "departures_apart"), ("infinity", "departures_in_calendar")):
+        edit = (
+            f"UPDATE conflictdb.track SET departures = ARRAY[timestamptz '2026-05-29', '{wrong}'] WHERE track_id = %s"
+        )
         with pytest.raises(psycopg.Error) as raised, conn.transaction():
-            departures = f"ARRAY[timestamptz '2026-05-29', '{wrong}']"
-            conn.execute(f"UPDATE conflictdb.track SET departures = {departures} WHERE track_id = %s", [number])
+            conn.execute(edit, [number])
         assert raised.value.diag.constraint_name == rule

@@ -287,7 +287,8 @@ def _instants_s(zone: tzinfo, on: Ints, clock_s: int, is_end: bool) -> Ints:
     if zone is UTC or not len(on):
         return found
     first, last = (date.fromordinal(int(day)).year for day in (on.min(), on.max()))
-    ahead_s, changes = (np.concatenate(part) for part in zip(*(_ahead(zone, y) for y in range(first, last + 1))))
+    years = [_ahead(zone, year) for year in range(first, last + 1)]
+    ahead_s, changes = (np.concatenate([year[i] for year in years]) for i in (0, 1))
     nth = on - date(first, 1, 1).toordinal()
     found -= ahead_s[nth]
     for i in np.flatnonzero(changes[nth]):
@@ -297,12 +298,12 @@ def _instants_s(zone: tzinfo, on: Ints, clock_s: int, is_end: bool) -> Ints:
 
 @lru_cache(1_000)
 def _ahead(zone: tzinfo, year: int) -> tuple[Ints, NDArray[np.bool_]]:
-    """Return how far the zone's clock is ahead of UTC on each day of a year, seconds, and on which days that changes."""
+    """Return how far a clock is ahead of UTC on each day of a year, seconds, and on which days that changes."""
     days = [date.fromordinal(n) for n in range(date(year, 1, 1).toordinal(), date(year, 12, 31).toordinal() + 1)]
     noon_s = np.array([_offset_s(zone, day) for day in days])
     midnight = [datetime.combine(day, time(), zone) for day in days]
     # Both times of a midnight that exists twice or not at all.
-    both_s = np.array([[one.replace(fold=fold).utcoffset().total_seconds() for fold in (0, 1)] for one in midnight])
+    both_s = np.array([[_seconds(one.replace(fold=fold).utcoffset()) for fold in (0, 1)] for one in midnight])
     next_s = np.append(both_s[1:], [[np.nan, np.nan]], axis=0)
     is_constant = (np.hstack([both_s, next_s]) == noon_s[:, None]).all(axis=1) & (noon_s % 1.0 == 0.0)
     return noon_s.astype(np.int64), ~is_constant
@@ -320,5 +321,8 @@ def _instant_s(zone: tzinfo, day: date, clock_s: int, is_end: bool) -> int:
 
 def _offset_s(zone: tzinfo, day: date) -> float:
     """Return how far the zone's clock is ahead of UTC at noon of a day, seconds."""
-    ahead = datetime.combine(day, time(12), zone).utcoffset()
-    return ahead.total_seconds() if ahead is not None else 0.0
+    return _seconds(datetime.combine(day, time(12), zone).utcoffset())
+
+
+def _seconds(ahead: timedelta | None) -> float:
+    return 0.0 if ahead is None else ahead.total_seconds()
