@@ -504,8 +504,9 @@ export class Timeline {
 // A text, cut in its middle to a width: keys of one kind differ at their ends.
 function fitted(context, text, room) {
   if (context.measureText(text).width <= room) return text;
-  const cut = (n) => `${text.slice(0, Math.ceil(n / 2))}…${text.slice(text.length - Math.floor(n / 2))}`;
-  let [low, high] = [0, text.length];
+  const signs = [...text]; // half of a surrogate pair is none
+  const cut = (n) => `${signs.slice(0, Math.ceil(n / 2)).join("")}…${signs.slice(signs.length - Math.floor(n / 2)).join("")}`;
+  let [low, high] = [0, signs.length];
   while (high - low > 1) {
     const middle = (low + high) >> 1;
     if (context.measureText(cut(middle)).width <= room) low = middle;
