@@ -1816,7 +1816,7 @@ FUNCTION _series(p_angle double precision, p_coefficients double precision[])
 FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
     RETURNS record LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
-FUNCTION _set_activations(p_scene_id bigint, p_kinds smallint[], p_ids bigint[], p_versions bigint[], p_counts integer[], p_starts_us bigint[], p_ends_us bigint[], p_errors text[])
+FUNCTION _set_activations(p_scene_id bigint, p_kinds smallint[], p_ids bigint[], p_versions bigint[], p_spans tstzmultirange[], p_departures timestamp with time zone[], p_counts integer[], p_errors text[])
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _set_columns(p_name text, p_settings jsonb)

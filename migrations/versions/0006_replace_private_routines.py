@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "94e4f0f0fd464874fba99b1a289cfb1bba58ceef3a348362ef0505218d95e9eb"
+routines_sha256 = "59a31fde29724d59dea9149ba8897ae2dcf5d4262ec67f13dc57322cda05a674"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
