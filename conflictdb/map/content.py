@@ -83,7 +83,7 @@ def scenes(conn: psycopg.Connection[Any]) -> list[dict[str, Any]]:
                 "conflicts": one.conflicts,
                 "is_detected": one.run_id is not None or one.pending == 0,
                 "is_pending": one.pending > 0,
-                "branch_of": store.parent_name(conn, one.scene_id),
+                "branch_of": one.branch_of,
             }
             for one in store.list_scenes(conn)
         ]
