@@ -61,7 +61,7 @@ def tracks(count: int, side_deg: float, seed: int = 6) -> list[Track]:
 
 def by_hand(scheduled: list[Area]) -> list[Area]:
     """Return areas with the spans of their schedules."""
-    from conflictdb.model.horizon import expanded_area
+    from conflictdb.model.recurring_plans import expanded_area
 
     window = tuple(int((START + days * 24 * HOUR).astype(np.int64)) for days in (-60, 400))
     spans = [expanded_area(area, window).spans_us for area in scheduled]  # type: ignore[arg-type]

@@ -17,8 +17,8 @@ from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import from_frames
 from conflictdb.model import inputs
-from conflictdb.model.horizon import expanded, require_one_voyage
 from conflictdb.model.plans import Area, Scene, Track, check_datums, check_keys
+from conflictdb.model.recurring_plans import expanded, require_one_voyage
 from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results, Speeds
 from conflictdb.stages import speeds as stage_of_speeds
 from conflictdb.stages.at_any_time import AnyTime

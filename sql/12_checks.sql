@@ -629,11 +629,12 @@ COMMENT ON FUNCTION _check_growth(text, geometry, geometry, double precision, ge
 CREATE OR REPLACE FUNCTION conflictdb_internal._half_open(p_spans tstzmultirange) RETURNS tstzmultirange
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
-    -- Those of an expansion are half-open, and checked faster than made anew.
-    SELECT CASE WHEN bool_and(lower_inc(s.span) AND NOT upper_inc(s.span) AND isfinite(lower(s.span))
-                              AND isfinite(upper(s.span))) THEN p_spans
-                ELSE coalesce(range_agg(_half_open(s.span)), '{}') END
-    FROM unnest(p_spans) s (span);
+    -- Subqueries, because aggregates of one query are computed whatever CASE says. Expansions are half-open.
+    SELECT CASE WHEN (SELECT bool_and(lower_inc(s.span) AND NOT upper_inc(s.span)
+                                      AND isfinite(lower(s.span)) AND isfinite(upper(s.span)))
+                      FROM unnest(p_spans) s (span))
+                THEN p_spans
+                ELSE (SELECT coalesce(range_agg(_half_open(s.span)), '{}') FROM unnest(p_spans) s (span)) END;
 END;
 COMMENT ON FUNCTION _half_open(tstzmultirange) IS
 'Returns the same instants as spans [start, end), joined where they touch.';

@@ -86,11 +86,14 @@ BEGIN
         END IF;
         NEW.version := OLD.version;
         NEW.first_version := OLD.first_version;
-        IF (NEW.key, NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m, NEW.class, NEW.owner,
-            NEW.activations, NEW.schedule, NEW.schedule_error)
+        IF (NEW.key, NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m, NEW.class, NEW.owner, NEW.schedule)
            IS NOT DISTINCT FROM (OLD.key, OLD.footprint, OLD.active_span, OLD.floor_m, OLD.ceiling_m, OLD.class,
-                                 OLD.owner, OLD.activations, OLD.schedule, OLD.schedule_error)
+                                 OLD.owner, OLD.schedule)
            AND _is_plain(NEW.properties) THEN
+            -- Activations need no check of the footprint, which takes longer than all else when schedules are expanded.
+            IF (NEW.activations, NEW.schedule_error) IS DISTINCT FROM (OLD.activations, OLD.schedule_error) THEN
+                NEW.version := greatest(nextval('version_seq'), OLD.version + 1);
+            END IF;
             RETURN NEW;
         END IF;
     END IF;
@@ -222,13 +225,21 @@ BEGIN
                 THEN coalesce(NEW.departures, OLD.departures) END;
         NEW.schedule_error := CASE WHEN NEW.departures IS NOT NULL THEN NEW.schedule_error END;
         IF (NEW.key, NEW.path, NEW.outline, NEW.floor_m, NEW.ceiling_m, NEW.grow_mps, NEW.outlines, NEW.floors_m,
-            NEW.ceilings_m, NEW.class, NEW.owner, NEW.tolerances,
-            NEW.departures, NEW.schedule, NEW.schedule_error)
+            NEW.ceilings_m, NEW.class, NEW.owner, NEW.tolerances, NEW.schedule)
            IS NOT DISTINCT FROM (OLD.key, OLD.path, OLD.outline, OLD.floor_m, OLD.ceiling_m, OLD.grow_mps, OLD.outlines,
-                                 OLD.floors_m, OLD.ceilings_m, OLD.class, OLD.owner, OLD.tolerances,
-                                 OLD.departures, OLD.schedule, OLD.schedule_error)
+                                 OLD.floors_m, OLD.ceilings_m, OLD.class, OLD.owner, OLD.tolerances, OLD.schedule)
            AND _is_plain(NEW.properties) THEN
-            RETURN NEW;
+            IF (NEW.departures, NEW.schedule_error) IS NOT DISTINCT FROM (OLD.departures, OLD.schedule_error) THEN
+                RETURN NEW;
+            END IF;
+            -- Departures need no check of the path and its outline.
+            IF NEW.tolerances IS NULL THEN
+                IF NEW.departures IS NOT NULL THEN
+                    PERFORM _check_departures(v_who, NEW.path, NEW.departures);
+                END IF;
+                NEW.version := greatest(nextval('version_seq'), OLD.version + 1);
+                RETURN NEW;
+            END IF;
         END IF;
     END IF;
     -- After snapping to microseconds, simultaneous waypoints are removed or make M non-increasing.

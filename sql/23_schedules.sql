@@ -64,8 +64,8 @@ COMMENT ON FUNCTION _scheduled(bigint, boolean) IS
 'or the first waypoint of a track.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._set_activations(
-    p_scene_id bigint, p_kinds smallint[], p_ids bigint[], p_versions bigint[], p_counts integer[],
-    p_starts_us bigint[], p_ends_us bigint[], p_errors text[]
+    p_scene_id bigint, p_kinds smallint[], p_ids bigint[], p_versions bigint[], p_spans tstzmultirange[],
+    p_departures timestamptz[], p_counts integer[], p_errors text[]
 ) RETURNS bigint
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -77,18 +77,11 @@ BEGIN
     ) ON COMMIT DROP;
     TRUNCATE pg_temp.expanded_schedule;
     INSERT INTO pg_temp.expanded_schedule
-        SELECT o.kind, o.id, o.version,
-               CASE WHEN o.kind = 0 AND o.error IS NULL THEN
-                   (SELECT coalesce(range_agg(tstzrange(timestamptz 'epoch' + s.start_us * interval '1 microsecond',
-                                                        timestamptz 'epoch' + s.end_us * interval '1 microsecond')),
-                                    '{}')
-                    FROM unnest(p_starts_us[o.first:o.last], p_ends_us[o.first:o.last]) s (start_us, end_us)) END,
-               ARRAY(SELECT timestamptz 'epoch' + s.start_us * interval '1 microsecond'
-                     FROM unnest(p_starts_us[o.first:o.last]) s (start_us)
-                     WHERE o.kind = 1), o.error
+        SELECT o.kind, o.id, o.version, o.spans, p_departures[o.first:o.last], o.error
         FROM (SELECT n.*, sum(n.count) OVER w - n.count + 1 AS first, sum(n.count) OVER w AS last
-              FROM ROWS FROM (unnest(p_kinds), unnest(p_ids), unnest(p_versions), unnest(p_counts), unnest(p_errors))
-                   WITH ORDINALITY n (kind, id, version, count, error, nr)
+              FROM ROWS FROM (unnest(p_kinds), unnest(p_ids), unnest(p_versions), unnest(p_spans), unnest(p_counts),
+                              unnest(p_errors))
+                   WITH ORDINALITY n (kind, id, version, spans, count, error, nr)
               WINDOW w AS (ORDER BY n.nr)) o;
     -- Whenever it may be.
     UPDATE area a SET activations = coalesce(n.spans, tstzmultirange(a.active_span)), schedule_error = n.error
@@ -105,10 +98,12 @@ BEGIN
     RETURN v_changed + v_rows;
 END
 $$;
-COMMENT ON FUNCTION _set_activations(bigint, smallint[], bigint[], bigint[], integer[], bigint[], bigint[], text[]) IS
+COMMENT ON FUNCTION _set_activations(
+    bigint, smallint[], bigint[], bigint[], tstzmultirange[], timestamptz[], integer[], text[]
+) IS
 'Stores expanded schedules of objects that still have the given versions, and so marks those that changed; returns '
-'their number. p_starts_us, p_ends_us: spans, or departures and anything, of all objects, microseconds since 1970. '
-'p_counts: how many are of each object. p_errors: why its schedule is not understood; null: it is.';
+'their number. p_spans: of each area; null for tracks, and where there is an error. p_departures: of all tracks. '
+'p_counts: how many departures each object has. p_errors: why its schedule is not understood; null: it is.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._set_expanded(p_scene_id bigint, p_from_us bigint, p_until_us bigint)
 RETURNS void

@@ -143,7 +143,7 @@ COMMENT ON FUNCTION _approaches(text, boolean, text[]) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._scenes() RETURNS TABLE (
     scene_id bigint, settings jsonb, areas bigint, tracks bigint, pending bigint, conflicts bigint,
-    run_id bigint, finished_at timestamptz, error text, is_current boolean
+    run_id bigint, finished_at timestamptz, error text, is_current boolean, branch_of text
 )
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
@@ -154,12 +154,12 @@ BEGIN ATOMIC
             WHERE l.seen_by = s.scene_id AND c.verdict <> 'near'
               AND (c.scene_id = s.scene_id
                    OR NOT _is_edited(s.scene_id, c.a_key) AND NOT _is_edited(s.scene_id, c.b_key))),
-           v.last_run_id, v.last_run_at, v.last_error, v.is_current
+           v.last_run_id, v.last_run_at, v.last_error, v.is_current, _parent_name(s.scene_id)
     FROM scene s JOIN scenes v ON v.scene = s.name
     ORDER BY s.name;
 END;
 COMMENT ON FUNCTION _scenes() IS
-'All scenes with their settings, numbers of objects, of pending objects and of conflicts, and their last run.';
+'All scenes with their settings, numbers of objects, of pending objects and of conflicts, their last run and parent.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._runs(p_scene text, p_limit integer) RETURNS SETOF run
 LANGUAGE sql STABLE PARALLEL SAFE

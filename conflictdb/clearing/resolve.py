@@ -17,10 +17,10 @@ from conflictdb.clearing.yielding import levels_of, yielding_areas
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.index import Index
 from conflictdb.model import inputs
-from conflictdb.model.horizon import require_one_voyage
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.proposals import Goal, Left, Move, NewWaypoints, Proposal
+from conflictdb.model.recurring_plans import require_one_voyage
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import differences_of
 

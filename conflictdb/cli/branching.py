@@ -9,6 +9,7 @@ from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import table
 from conflictdb.db.store import BranchDiff
+from conflictdb.errors import printable
 
 
 def branch(args: argparse.Namespace) -> int:
@@ -21,16 +22,16 @@ def branch(args: argparse.Namespace) -> int:
         scene = db.scene(args.scene)
         if args.action == "create":
             made = scene.branch(args.branch, args.proposal)
-            out(f"{made.name}: a branch of {args.scene}")
+            out(printable(f"{made.name}: a branch of {args.scene}"))
             args.scene = made.name
         elif args.action == "merge":
             parent, count = scene.branch_of(), scene.merge()
-            out(f"{parent}: {count} {_objects(count)} taken over from {args.branch}; to be detected")
+            out(printable(f"{parent}: {count} {_objects(count)} taken over from {args.branch}; to be detected"))
             args.scene = parent
         elif args.action == "drop":
             args.scene = scene.branch_of()
             scene.drop()
-            out(f"{args.branch}: dropped")
+            out(printable(f"{args.branch}: dropped"))
         else:
             _show(args, scene.diff())
     return DONE

@@ -221,14 +221,17 @@ def scene_table(scenes: Sequence["SceneStatus"]) -> str:
     if not scenes:
         return as_called("no scenes: `conflictdb demo` or `conflictdb load FILE` makes one")
     header = ["SCENE", "AREAS", "TRACKS", "PENDING", "CONFLICTS", "RUN", "FINISHED (UTC)", "RESULT"]
+    has_branches = any(one.branch_of is not None for one in scenes)
     rows = [
         [
             *(one.scene.name, one.areas, one.tracks, one.pending, one.conflicts, one.run_id),
             *(moment_text(one.finished_at, up=False) if one.finished_at else None, _result(one)),
+            *([one.branch_of] if has_branches else []),
         ]
         for one in scenes
     ]
-    return table(header, rows, right=header[1:6], whole=["FINISHED (UTC)"])
+    right = header[1:6]
+    return table([*header, *(["BRANCH OF"] if has_branches else [])], rows, right=right, whole=["FINISHED (UTC)"])
 
 
 def _result(scene: "SceneStatus") -> str:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import labels
-from conflictdb.cli.output import out, print_json
+from conflictdb.cli.output import out, print_json, program
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import wrapped
 from conflictdb.model.proposals import Goal, Proposal, duration_text
@@ -66,7 +66,7 @@ def proposal_text(found: Proposal, names: Mapping[str, str]) -> str:
     proof = "the least" if found.is_least else f"at best {duration_text(found.bound_s)}"
     summary = f"proposal {found.proposal_id}: {len(found.moves)} moved, {len(found.left)} left; {what} "
     summary += f"{duration_text(found.objective_s)}, {proof}"
-    return "\n".join([*lines, "", summary, f"apply it: conflictdb apply {found.proposal_id}"])
+    return "\n".join([*lines, "", summary, f"apply it: {program()} apply {found.proposal_id}"])
 
 
 def _keys(found: Proposal) -> Iterator[str]:

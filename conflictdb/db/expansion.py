@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from conflictdb.db import store
 from conflictdb.errors import InvalidInput
-from conflictdb.model.horizon import area_spans, idle_text, track_departures, window_over
+from conflictdb.model.recurring_plans import area_spans, idle_text, track_departures, window_over
 from conflictdb.model.results import Kind
 
 

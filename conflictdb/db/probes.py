@@ -21,8 +21,8 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
 from conflictdb.db import store
 from conflictdb.db.admission import admit, members_near
-from conflictdb.db.free_departures import delays
 from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
+from conflictdb.db.track_delays import delays
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput, LockTimeout
 from conflictdb.in_memory import solve

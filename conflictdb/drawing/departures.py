@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from conflictdb.arrays.object_numbers import numbers_of
-from conflictdb.drawing import page
+from conflictdb.drawing import map_panel
 from conflictdb.drawing.figures import MOST_ROWS, draw_remark, first_contact_order
 from conflictdb.drawing.sketch import Sketch
 from conflictdb.drawing.style import CONFLICT, FIRST, INK, SECOND, instant, name_of, styled
@@ -188,7 +188,7 @@ def _signed(delay_s: float) -> str:
 def _draw_contact_set(panel: Any, outer: shapely.Geometry, inner: shapely.Geometry, origin: float) -> None:
     for shape, colour, label in ((outer, CONFLICT + "50", "may be in contact"), (inner, CONFLICT, "in contact")):
         on_page = shapely.transform(shape, lambda times: origin + times / _DAY_S)
-        page.polygons(panel, np.array([on_page], dtype=object), facecolors=colour, edgecolors="none", zorder=2)
+        map_panel.polygons(panel, np.array([on_page], dtype=object), facecolors=colour, edgecolors="none", zorder=2)
         panel.fill([], [], facecolor=colour, linewidth=0, label=label)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.drawing import heights, page
+from conflictdb.drawing import heights, map_panel
 from conflictdb.drawing.separation import Separation, separation
 from conflictdb.drawing.sketch import Sketch
 from conflictdb.drawing.style import (
@@ -217,10 +217,10 @@ def _draw_scene(panel: Any, sketch: Sketch, conflicts: Sequence[Conflict]) -> No
     areas = {n: sketch.outline(n) for n in numbers if not sketch.is_track(n)}
     ways = {n: way for n in numbers if sketch.is_track(n) and len(way := sketch.way(n))}
     shapes = [*areas.values(), *(shapely.LineString(way) for way in ways.values())]
-    page.polygons(
+    map_panel.polygons(
         panel, np.array(list(areas.values()), dtype=object), facecolors="#8a949e2e", edgecolors=QUIET, linewidths=0.7
     )
-    is_image = len(ways) > page.MOST_VECTORS
+    is_image = len(ways) > map_panel.MOST_VECTORS
     panel.add_collection(
         LineCollection(list(ways.values()), colors=FIRST, linewidths=0.8, alpha=0.7, rasterized=is_image), autolim=False
     )
@@ -228,11 +228,11 @@ def _draw_scene(panel: Any, sketch: Sketch, conflicts: Sequence[Conflict]) -> No
         _draw_place(panel, sketch, conflict)
     if not shapes:
         return
-    page.show(panel, sketch.plane, tuple(shapely.total_bounds(shapes)))
+    map_panel.show(panel, sketch.plane, tuple(shapely.total_bounds(shapes)))
     if len(sketch.keys) <= _MOST_NAMES:
         places = {number: tuple(way[0]) for number, way in ways.items()}
         places |= {number: area.representative_point().coords[0] for number, area in areas.items()}
-        page.names(panel, [(name_of(sketch.labels[number]), place) for number, place in sorted(places.items())])
+        map_panel.names(panel, [(name_of(sketch.labels[number]), place) for number, place in sorted(places.items())])
 
 
 def _draw_place(panel: Any, sketch: Sketch, conflict: Conflict) -> None:
@@ -241,7 +241,7 @@ def _draw_place(panel: Any, sketch: Sketch, conflict: Conflict) -> None:
     colour = OF_VERDICT.get(conflict.verdict, QUIET)
     if conflict.region is not None:
         where = shapely.from_geojson(conflict.region)
-        page.polygons(
+        map_panel.polygons(
             panel,
             np.array([sketch.on_page(where, number)], dtype=object),
             facecolors=colour + "b0",
@@ -261,7 +261,7 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None, columns: i
         hulls = sketch.hulls(number)
         seen += list(hulls)
         if sketch.is_track(number):
-            page.polygons(panel, hulls, facecolors=colour + "18", edgecolors=colour + "60", linewidths=0.5)
+            map_panel.polygons(panel, hulls, facecolors=colour + "18", edgecolors=colour + "60", linewidths=0.5)
             way = sketch.way(number)
             panel.plot(
                 *way.T,
@@ -274,7 +274,7 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None, columns: i
                 label=f"{name_of(sketch.labels[number])}: way and sweep of its haven",
             )
         else:
-            page.polygons(
+            map_panel.polygons(
                 panel,
                 np.array([sketch.outline(number)], dtype=object),
                 facecolors=colour + "24",
@@ -283,7 +283,7 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None, columns: i
             )
             panel.fill([], [], facecolor=colour + "24", edgecolor=colour, label=name_of(sketch.labels[number]))
     if len(regions):
-        page.polygons(
+        map_panel.polygons(
             panel,
             shapely.box(*shapely.bounds(regions).T),
             facecolors="none",
@@ -291,7 +291,7 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None, columns: i
             linewidths=0.7,
             linestyles="dotted",
         )
-        page.polygons(panel, regions, facecolors=CONFLICT + "30", edgecolors=CONFLICT + "90", linewidths=0.7)
+        map_panel.polygons(panel, regions, facecolors=CONFLICT + "30", edgecolors=CONFLICT + "90", linewidths=0.7)
         panel.fill(
             [], [], facecolor=CONFLICT + "30", edgecolor=CONFLICT, label="where hulls meet (stage 2), and its box"
         )
@@ -308,7 +308,7 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None, columns: i
     # Near the contacts, where there are some: whole ways may be an ocean long.
     focus = next((shapes for shapes in (closeup, list(regions), seen) if _extent_m(shapes) > _LEAST_FOCUS_M), seen)
     if focus:
-        page.show(panel, sketch.plane, _room(tuple(shapely.total_bounds(focus))))
+        map_panel.show(panel, sketch.plane, _room(tuple(shapely.total_bounds(focus))))
 
 
 def _extent_m(shapes: Sequence[shapely.Geometry]) -> float:
@@ -326,7 +326,7 @@ def _draw_common(panel: Any, sketch: Sketch) -> list[Any]:
     common = shapely.intersection(*(shapely.make_valid(sketch.outline(number)) for number in (0, 1)))
     if common.area == 0.0:
         return []
-    page.polygons(
+    map_panel.polygons(
         panel,
         np.array([common], dtype=object),
         facecolors=CONFLICT + "30",
@@ -360,7 +360,7 @@ def _draw_contacts(panel: Any, sketch: Sketch, conflict: Conflict | None) -> lis
             shape = sketch.shape_at(number, at_us) if sketch.is_track(number) else None
             if shape is not None:
                 look = {"facecolors": colour + ("70" if nth == 0 else "30"), "edgecolors": colour, "linewidths": 1.2}
-                page.polygons(panel, np.array([shape], dtype=object), zorder=4, **look)
+                map_panel.polygons(panel, np.array([shape], dtype=object), zorder=4, **look)
                 drawn.append(shape)
     if drawn:
         words = " and ".join(what for what, at in instants if at is not None).replace("first contact and", "first and")

@@ -72,10 +72,19 @@ def settings(conn: psycopg.Connection[Any], scene: str) -> dict[str, Any]:
 
 
 def scenes(conn: psycopg.Connection[Any]) -> list[dict[str, Any]]:
-    """Return the scenes that the user may see, by name: name, number of conflicts, and of a branch its parent."""
+    """Return the scenes that the user may see, by name: name, number of conflicts, state, and of a branch its parent.
+
+    is_detected : False if it has objects and was never detected; is_pending : whether objects changed since
+    """
     with store.transaction(conn):
         return [
-            {"scene": one.scene.name, "conflicts": one.conflicts, "branch_of": store.parent_name(conn, one.scene_id)}
+            {
+                "scene": one.scene.name,
+                "conflicts": one.conflicts,
+                "is_detected": one.run_id is not None or one.pending == 0,
+                "is_pending": one.pending > 0,
+                "branch_of": one.branch_of,
+            }
             for one in store.list_scenes(conn)
         ]
 

@@ -12,8 +12,8 @@ from conflictdb.db.detect import detect
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import feature_of
 from conflictdb.map.content import to_json
-from conflictdb.model.horizon import later
 from conflictdb.model.plans import Track
+from conflictdb.model.recurring_plans import later
 from conflictdb.session import loading
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
-from conflictdb.db.free_departures import read_departing
+from conflictdb.db.track_delays import read_departing
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import feature_of
 from conflictdb.in_memory import numbered

@@ -5,6 +5,7 @@ since 1970. Positions, outlines and footprints are arrays, lists of pairs, or sh
 position, a height, is ignored.
 """
 
+import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final, Protocol, TypeAlias
@@ -144,8 +145,16 @@ def metres(who: str, field: str, given: float | None) -> float | None:
     if given is None:
         return None
     is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
-    if not is_number or not np.isfinite(given):
+    if not is_number or not abs(given) <= sys.float_info.max:
         raise InvalidInput(who, field, f"must be a finite number of metres, or absent; got {given!r:.60}")
+    return float(given)
+
+
+def speed_limit_kn(who: str, field: str, given: float) -> float:
+    """Return a speed limit in knots, which may be infinite; raises InvalidInput."""
+    is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
+    if not is_number or not (0.0 < given <= sys.float_info.max or given == np.inf):
+        raise InvalidInput(who, field, f"must be a number of knots above 0; got {given!r:.60}")
     return float(given)
 
 

@@ -225,6 +225,10 @@ class Area:
                 check_schedule(who, self.schedule)
         _keep_heights(who, self, refusals)
         with refusals:
+            _check_name(who, self.name)
+        with refusals:
+            _check_properties(who, self.properties)
+        with refusals:
             check_ruled(who, self.object_class, self.owner)
         refusals.raise_found()
         with refusals:
@@ -340,6 +344,10 @@ class Track:
                 _keep(self, outlines_m=inputs.outlines_m(who, self.outlines_m))
         _keep_heights(who, self, refusals)
         with refusals:
+            _check_name(who, self.name)
+        with refusals:
+            _check_properties(who, self.properties)
+        with refusals:
             check_ruled(who, self.object_class, self.owner)
         for name, given in (("floor_m", self.floors_m), ("ceiling_m", self.ceilings_m)):
             if given is not None:
@@ -348,7 +356,9 @@ class Track:
         refusals.raise_found()
         with refusals:
             _check_course(who, self.positions_deg, self.times_us)
-            check_speed(who, self.positions_deg, self.times_us, max_speed_kn)
+            check_speed(
+                who, self.positions_deg, self.times_us, inputs.speed_limit_kn(who, "max_speed_kn", max_speed_kn)
+            )
             if self.departures_us is not None:
                 self._keep_departures(who)
         if self.schedule is not None:
@@ -544,6 +554,16 @@ def datum_rule(stated: Any, datum: VerticalDatum) -> str:
         return ""
     remedy = "convert them" if known is None else f"convert them, or use a scene with vertical_datum {known}"
     return f"must be {datum.value!r}, the scene's, for an object with heights: {remedy}; got {stated!r:.60}"
+
+
+def _check_name(who: str, name: object) -> None:
+    if name is not None and not isinstance(name, str):
+        raise InvalidInput(who, "name", f"must be a text, or absent; got {name!r:.60}")
+
+
+def _check_properties(who: str, properties: object) -> None:
+    if not isinstance(properties, Mapping):
+        raise InvalidInput(who, "properties", f"must be a mapping of names to values; got {properties!r:.60}")
 
 
 def check_ruled(who: str, object_class: Any, owner: Any) -> None:

@@ -18,9 +18,9 @@ from conflictdb.formats import object_lines, scene_text, write_lines
 from conflictdb.formats.reading import is_parquet
 from conflictdb.formats.writing import whole_file
 from conflictdb.model import inputs
-from conflictdb.model.horizon import later
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.proposals import Detour, Goal, Proposal
+from conflictdb.model.recurring_plans import later
 from conflictdb.model.results import (
     Admission,
     Approach,
@@ -477,9 +477,9 @@ class StoredScene:
         if clear_within_m is not None:
             clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
         # Imported here: the stages are slow to import.
-        from conflictdb.db import free_departures
+        from conflictdb.db import track_delays
 
-        return free_departures.delays(self.connection, self.name, key, within_s, now, clear_within_m, waypoint)
+        return track_delays.delays(self.connection, self.name, key, within_s, now, clear_within_m, waypoint)
 
     def speeds(
         self, key: str | None = None, slowest: float = 0.5, fastest: float = 2.0, leg: int | None = None
@@ -501,9 +501,9 @@ class StoredScene:
         Raises InvalidInput for an unknown scene, track or leg.
         """
         # Imported here: the stages are slow to import.
-        from conflictdb.db import free_departures
+        from conflictdb.db import track_delays
 
-        return free_departures.speeds(self.connection, self.name, key, slowest, fastest, leg)
+        return track_delays.speeds(self.connection, self.name, key, slowest, fastest, leg)
 
     def resolve(
         self,

@@ -1,4 +1,4 @@
-"""Stage 1 on Spark: send the pieces to the units of work (`crowding`) in which they are joined.
+"""Stage 1 on Spark: send the pieces to the units of work (`work_units`) in which they are joined.
 
 A piece goes to each cell that it meets, and there to each unit with the block of its object. A pair counts once: in the
 cell with the least corner of the common box, and in the unit of the two blocks.
@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 from pyspark.sql import DataFrame, SparkSession, functions
 
-from conflictdb.spark.crowding import Cells
 from conflictdb.spark.cut_objects import refusal_of
 from conflictdb.spark.solving import PLACED
+from conflictdb.spark.work_units import Cells
 
 # Corners of a piece in space and time.
 _CORNER: Final = {"x": "west", "y": "south", "t": "double(start_us)"}
@@ -56,7 +56,7 @@ def placed(spark: SparkSession, pieces: DataFrame, cells: Cells) -> DataFrame:
     meets = " AND ".join(f"{_CORNER[axis]} < high_{axis} AND {_FAR_CORNER[axis]} >= low_{axis}" for axis in _CORNER)
     met = pieces.where("pieces IS NOT NULL").join(functions.broadcast(table), functions.expr(meets))
     met = met.selectExpr("*", "hash(key) AS dealt", "pmod(hash(key), blocks) AS block")
-    # As `crowding.two_blocks` counts.
+    # As `work_units.two_blocks` counts.
     of_two = "greatest(block, other) * (greatest(block, other) + 1) DIV 2 + least(block, other)"
     units = f"explode(transform(sequence(0, blocks - 1), other -> int(first + {of_two}))) AS unit"
     return met.selectExpr("*", units).select(PLACED.names)

@@ -25,8 +25,8 @@ from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Motion, Scene
 from conflictdb.model.speed_limits import MAX_SPEED_KN
 from conflictdb.spark import cut_objects, joining, solving
-from conflictdb.spark.crowding import blocks_for
 from conflictdb.spark.engine import with_sedona
+from conflictdb.spark.work_units import blocks_for
 from conflictdb.stages.memory import MEMORY_MB, Memory
 
 # Partitions per processor of the cluster: several, so that the last to end are short.

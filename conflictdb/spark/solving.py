@@ -30,9 +30,9 @@ from conflictdb.earth.registry import plane_of
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
 from conflictdb.kernel.bundles import bundled_pairs
 from conflictdb.model.plans import Scene
-from conflictdb.spark.crowding import Cells, two_blocks
 from conflictdb.spark.cut_objects import NO_NUMBER, read_plan
 from conflictdb.spark.cut_objects import SCHEMA as PIECES
+from conflictdb.spark.work_units import Cells, two_blocks
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
 from conflictdb.stages.run import run_scene
 from conflictdb.stages.source import Chunk
@@ -44,7 +44,7 @@ _PAIRS_AT_ONCE: Final = 200_000
 _UNIT_BIT: Final = 32
 _WORD_TYPE: Final = np.dtype("<i8")
 
-# Rows of pieces in the units in which they are joined (`crowding`); `dealt` is a hash of the object's key.
+# Rows of pieces in the units in which they are joined (`work_units`); `dealt` is a hash of the object's key.
 _BOX: Final = ("west", "south", "east", "north")
 _OF_ROW: Final = ("kind", "key", "turn", *_BOX, "start_us", "end_us", "floor_m", "ceiling_m", "pieces", "outline")
 PLACED: Final = pa.schema(

@@ -18,8 +18,8 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.kernel.meeting import distances
-from conflictdb.model.horizon import expanded
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
+from conflictdb.model.recurring_plans import expanded
 from conflictdb.model.results import Kind
 from conflictdb.stages.climbs import overlap_at_one_time
 from conflictdb.stages.object_pairs import ordered_members

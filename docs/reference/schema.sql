@@ -1793,7 +1793,7 @@ FUNCTION _scene_to_change(p_scene text)
     RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _scenes()
-    RETURNS TABLE(scene_id bigint, settings jsonb, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text, is_current boolean) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(scene_id bigint, settings jsonb, areas bigint, tracks bigint, pending bigint, conflicts bigint, run_id bigint, finished_at timestamp with time zone, error text, is_current boolean, branch_of text) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _scheduled(p_scene_id bigint, p_only_waiting boolean)
     RETURNS TABLE(object_kind smallint, object_id bigint, version bigint, key text, schedule text, starts_us bigint, ends_us bigint, box bytea) LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1816,7 +1816,7 @@ FUNCTION _series(p_angle double precision, p_coefficients double precision[])
 FUNCTION _service(OUT postgis_version text, OUT worker_count bigint)
     RETURNS record LANGUAGE sql STABLE PARALLEL RESTRICTED;
 
-FUNCTION _set_activations(p_scene_id bigint, p_kinds smallint[], p_ids bigint[], p_versions bigint[], p_counts integer[], p_starts_us bigint[], p_ends_us bigint[], p_errors text[])
+FUNCTION _set_activations(p_scene_id bigint, p_kinds smallint[], p_ids bigint[], p_versions bigint[], p_spans tstzmultirange[], p_departures timestamp with time zone[], p_counts integer[], p_errors text[])
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _set_columns(p_name text, p_settings jsonb)

@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "89839b721acb7f87d69c7c20bf5ecd434b42ec73e329456f1b105da0e37d9df7"
+routines_sha256 = "133a122b99ab74039c6cc58a394b84b2c5dc2c10aca2ed2f919437768631f7ea"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

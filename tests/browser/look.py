@@ -1,4 +1,4 @@
-"""Takes pictures of the page of `conflictdb map` in all its states, for a human reader: three sizes, both colours.
+"""Takes pictures of the page of `conflictdb map` in all its states, for a human reader: two sizes, both colours.
 
     ./run python tests/browser/look.py FOLDER [STATE…]
 
@@ -8,6 +8,7 @@ Needs Chromium, the developers' tools and the embedded database.
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final
@@ -22,9 +23,10 @@ from conflictdb.db import store
 
 sys.path.append(str(Path(__file__).parents[1] / "support"))
 from browsing import ARGUMENTS, chromium
+from large_scenes import drones, many
 from map_page import served_page
 
-SIZES: Final = ((1440, 900), (768, 1024), (390, 844))
+SIZES: Final = ((1440, 900), (390, 844))
 SCHEMES: Final = ("light", "dark")
 START: Final = datetime(2026, 6, 1, tzinfo=UTC)
 BOX: Final = [(-800.0, -1500.0), (800.0, -1500.0), (800.0, 3000.0), (-800.0, 3000.0)]
@@ -135,6 +137,32 @@ def prepare(db: Database) -> None:
         ],
     )
     db.scene("seconds in days").detect()
+    load(Scene("harbour"), tracks=drones(300))
+    load(Scene("5,000 objects"), *many(5_000))
+    load(Scene("20,000 objects"), *many(20_000))
+    load(
+        Scene("heights"),
+        areas=[replace(square("FIRING", 9.0, 57.0), floor_m=0.0, ceiling_m=12_000.0)],
+        tracks=[
+            ship("FERRY", (8.5, 57.2), (10.0, 57.2), heights=(-8.0, 40.0)),
+            ship("SUBMARINE", (9.2, 56.9), (9.2, 57.6), heights=(-250.0, -60.0)),
+            ship("SHALLOW", (9.4, 56.9), (9.4, 57.6), heights=(-40.0, 5.0)),
+            ship("PATROL", (10.0, 57.1), (8.5, 57.3), hours=3.0, heights=(900.0, 1200.0)),
+        ],
+    )
+    year = [START + timedelta(days=n) for n in range(0, 365, 5)]
+    load(
+        Scene("one year"),
+        areas=[
+            Area(
+                f"EXERCISE-{n}", shapely.box(8.0 + n, 57.0, 8.8 + n, 57.5), start_us=day, end_us=day + timedelta(days=2)
+            )
+            for n, day in enumerate(year[::20])
+        ],
+        tracks=[ship(f"CRUISE-{n}", (7.5, 57.2), (12.0, 57.3), starting=day, hours=40.0) for n, day in enumerate(year)],
+    )
+    for scene in ("harbour", "5,000 objects", "20,000 objects", "heights", "one year"):
+        db.scene(scene).detect()
 
 
 def square(key: str, west: float, south: float) -> Area:
@@ -142,9 +170,17 @@ def square(key: str, west: float, south: float) -> Area:
     return Area(key, shapely.box(west, south, west + 0.6, south + 0.4))
 
 
-def ship(key: str, start: object, end: object, hours: float = 12.0) -> Track:
+def ship(
+    key: str,
+    start: object,
+    end: object,
+    hours: float = 12.0,
+    heights: tuple[float, float] | tuple[None, None] = (None, None),
+    starting: datetime = START,
+) -> Track:
     """Return a ship with a haven of some kilometres."""
-    return Track(key, [tuple(start), tuple(end)], [START, START + timedelta(hours=hours)], BOX)  # type: ignore[call-overload]
+    path, (floor, ceiling) = [tuple(start), tuple(end)], heights  # type: ignore[call-overload]
+    return Track(key, path, [starting, starting + timedelta(hours=hours)], BOX, floor_m=floor, ceiling_m=ceiling)
 
 
 def _first(page: Page, stop: Callable[[], None]) -> None:
@@ -214,6 +250,15 @@ STATES: Final[dict[str, tuple[str, Callable[[Page, Callable[[], None]], None]]]]
     "names": ("strange names " * 4, _first),
     "names-conflict": ("strange names " * 4, _conflict),
     "seconds": ("seconds in days", _first),
+    "harbour": ("harbour", _first),
+    "harbour-conflict": ("harbour", _conflict),
+    "5000": ("5,000 objects", _first),
+    "5000-conflict": ("5,000 objects", _conflict),
+    "20000": ("20,000 objects", _first),
+    "heights": ("heights", _first),
+    "heights-conflict": ("heights", _conflict),
+    "year": ("one year", _first),
+    "year-conflict": ("one year", _conflict),
     "gone": ("strait", _gone),
     "gone-and-asked": ("strait", _gone_and_asked),
 }

@@ -9,6 +9,7 @@ import psycopg
 import pytest
 import shapely
 from browsing import Open, go_to
+from large_scenes import T0_US, drones, many
 from map_page import served_page
 from piecework import load
 from playwright.sync_api import Page, expect
@@ -18,7 +19,6 @@ from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
 HOUR_US = 3_600_000_000
-T0_US = 1_780_272_000_000_000  # 2026-06-01 00:00 UTC
 T0_S = T0_US / 1e6
 
 MOST_FIRST_VIEW_S = 2.0
@@ -106,24 +106,6 @@ def test_a_large_scene_is_seen_from_afar_without_tiles(conn: Conn, dsn: str, ope
         wait_until(page, lambda: alpha(page, 180.5, 3.0) > 20)
 
 
-def many(count: int) -> tuple[list[Area], list[Track]]:
-    """`count` objects all over the North Sea, half of them areas."""
-    rng = np.random.default_rng(20)
-    middles = rng.uniform((-2, 52), (10, 62), (count, 2))
-    corners = np.array([(-1, -1), (1, -1), (1.2, 0.3), (0.5, 1), (-1, 0.6)])
-    areas = [
-        Area(f"A{n}", shapely.MultiPolygon([shapely.Polygon(at + corners * rng.uniform(0.01, 0.04))]))
-        for n, at in enumerate(middles[: count // 2])
-    ]
-    outline = rectangle_outline_m(300, 100, 50, 80)
-    tracks = []
-    for n, at in enumerate(middles[count // 2 :]):
-        hours = rng.uniform(0, 12) + np.array([0.0, 2.0, 4.0, 6.0])
-        path = at + np.cumsum(rng.uniform(-0.1, 0.1, (4, 2)), axis=0)
-        tracks.append(Track(f"T{n}", path, T0_US + (hours * HOUR_US).astype(np.int64), outline))
-    return areas, tracks
-
-
 # Milliseconds per picture while the slider moves: as the page measures itself, for some seconds.
 SLID_MS = """async () => {
     const slider = document.getElementById('slider'), pictures = [];
@@ -168,24 +150,6 @@ def test_twenty_thousand_objects_are_shown_and_moved(
         sys.stdout.write(f"\nfirst view {np.round(views_s, 2)} s, {np.round(pictures_per_s)} pictures a second\n")
     assert np.median(views_s) < (MOST_DETECTED_VIEW_S if is_detected else MOST_FIRST_VIEW_S)
     assert np.median(pictures_per_s) > LEAST_PICTURES_PER_S
-
-
-def drones(count: int) -> list[Track]:
-    """`count` drones that cross a harbour of 2 by 2 kilometres, again and again."""
-    rng = np.random.default_rng(3)
-    outline = rectangle_outline_m(15, 15, 15, 15)
-    return [
-        Track(
-            f"DRONE-{n:03}",
-            rng.uniform((10.70, 59.89), (10.74, 59.91), (8, 2)),
-            T0_US + ((rng.uniform(0, 60) + 60 * np.arange(8)) * 1e6).astype(np.int64),
-            outline,
-            floor_m=float(floor := rng.choice([30, 50, 70, 90, 110])),
-            ceiling_m=float(floor + 15),
-            max_speed_kn=1000.0,
-        )
-        for n in range(count)
-    ]
 
 
 @pytest.mark.slow

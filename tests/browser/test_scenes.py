@@ -46,7 +46,7 @@ def test_one_page_shows_all_scenes(several: str, open_page: Open) -> None:
     page = open_page(several)
     picker = page.get_by_label("Scene")
     expect(picker.locator("option")).to_have_text(
-        [f"{HOSTILE}: 0 conflicts", "no ferry: 4 conflicts, branch of strait", "strait: 7 conflicts"]
+        [f"{HOSTILE}: never detected", "no ferry: 4 conflicts, branch of strait", "strait: 7 conflicts"]
     )
     picker.select_option("no ferry")
     opened(page, "no ferry")

@@ -86,6 +86,20 @@ def test_rows_have_names_and_the_calendar_filters(dsn: str, serve: Serve, open_p
     expect(page.locator("#count")).to_have_text("0 of 7 conflicts")
 
 
+def test_conflicts_one_after_the_other_are_not_at_once(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
+    """Sixty of a minute each, on a phone some in one pixel: one at a time, as on a wide page."""
+    box, minute = shapely.box(9.0, 57.0, 9.1, 57.1), HOUR_US // 60
+    starts = [T0_S * 1_000_000 + n * 2 * minute for n in range(60)]
+    areas = [Area(f"EXERCISE-{n}", box, start_us=start, end_us=start + minute) for n, start in enumerate(starts)]
+    port = Area("PORT", box, start_us=starts[0] - 24 * HOUR_US, end_us=starts[0] + 24 * HOUR_US)
+    load(conn, Scene("s"), [port, *areas], [])
+    detect(conn, "s", jobs=1)
+    address = serve(dsn, "s")
+    for size in ((1440, 900), (390, 844)):
+        label = open_page(address, size=size).locator("#bars")
+        expect(label).to_have_attribute("aria-label", "60 conflicts over time; at most 1 at once")
+
+
 def test_many_conflicts_are_counted_in_months(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
     """A strip with an axis; fewer, by a filter or when less time is shown, are rows that scroll."""
     box = shapely.box(9.0, 57.0, 9.1, 57.1)

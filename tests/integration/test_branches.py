@@ -17,7 +17,7 @@ from workloads import ARCTIC, LOW_LATITUDE, Workload, throw
 from conflictdb import Area, InvalidInput, Rule, Track, connect
 from conflictdb.cli.codes import DONE
 from conflictdb.db import store
-from conflictdb.db.free_departures import read_departing
+from conflictdb.db.track_delays import read_departing
 from conflictdb.model.results import Kind
 from conflictdb.session.database import Database
 from conflictdb.session.stored_scene import StoredScene

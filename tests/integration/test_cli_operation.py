@@ -12,6 +12,7 @@ import psycopg
 import pytest
 from commands import STRAIT, Run, runner
 
+import conflictdb
 from conflictdb.cli import main
 from conflictdb.db import schema
 from conflictdb.errors import SchemaTooNew
@@ -213,3 +214,16 @@ def test_what_the_driver_mutters_is_not_shown() -> None:
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
     assert done.stderr.startswith("conflictdb: ")
     assert "error ignored" not in done.stderr
+
+
+def test_scenes_name_the_parent_of_a_branch_in_one_line(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+    run = runner(dsn, capsys)
+    assert "BRANCH OF" not in run("scenes").out
+    assert run("branch", "create", "two\nlines", "--scene", "strait").out == "two\\nlines: a branch of strait\n"
+    header, first, second = run("scenes").out.splitlines()
+    assert header.split()[-2:] == ["BRANCH", "OF"]
+    assert first.split()[-1] != "strait"
+    assert (second.split()[0], second.split()[-1]) == ("two\\nlines", "strait")
+    assert run("branch", "drop", "two\nlines").out == "two\\nlines: dropped\n"

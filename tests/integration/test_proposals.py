@@ -13,6 +13,7 @@ import psycopg
 import pytest
 from commands import STRAIT, runner
 from psycopg import conninfo, sql
+from verdicts import by_pair, compared
 from workloads import LOW_LATITUDE, throw
 
 from conflictdb import InvalidInput, NotPermitted, StoreError, connect, detours, resolve
@@ -101,6 +102,38 @@ def test_applying_clears_and_undoing_restores(db: Database, scene: StoredScene) 
     scene.delete_objects(key)
     scene.detect()
     assert scene.conflict_events()[-1].proposal_id is None
+
+
+def cleared(db: Database, seed: int) -> int:
+    """Clear a stored scene, detect it as a whole, compare all its pairs with the oracle; return how many went."""
+    workload = replace(LOW_LATITUDE, window=1.5, around_haven=(8.0, 20.0), around_area=(5.0, 15.0))
+    settings, areas, tracks = throw(workload, seed, 3, 9)
+    store.replace_scene(db.connection, settings, areas, tracks, merge=False)
+    scene = db.scene(settings.name)
+    scene.detect()
+    before, found = pairs(scene), scene.resolve(within_s=6 * 3600.0)
+    if found.moves:
+        assert db.apply_proposal(found.proposal_id or 0) == len(found.moves)
+    scene.detect(full=True)
+    gone = before - pairs(scene)
+    assert pairs(scene) <= before
+    for move in found.moves:
+        assert set(move.clears) == {key for pair in gone if move.key in pair for key in pair} - {move.key}
+    assert {one.key for one in found.left} == {key for pair in pairs(scene) for key in pair if key.startswith("T")}
+    settings, areas, tracks = store.read_scene(db.connection, scene.name)
+    assert compared(settings, areas, tracks, by_pair(scene.conflicts())).wrong == []
+    return len(gone)
+
+
+def test_cleared_scenes_equal_brute_force(db: Database) -> None:
+    """Each proposal clears the conflicts that it names and makes none, by a full detection and by the oracle."""
+    assert sum(cleared(db, seed) for seed in range(3)) > 0
+
+
+@pytest.mark.slow
+def test_hundred_cleared_scenes_equal_brute_force(db: Database) -> None:
+    """The same for a hundred scenes."""
+    assert sum(cleared(db, seed) for seed in range(100)) > 50
 
 
 @pytest.mark.parametrize(

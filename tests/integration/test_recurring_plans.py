@@ -18,8 +18,8 @@ from conflictdb.cli import main
 from conflictdb.db import expansion, store
 from conflictdb.db.detect import detect, detect_pending
 from conflictdb.errors import IncompleteWarning, InvalidInput
-from conflictdb.model.horizon import later
 from conflictdb.model.plans import Scene
+from conflictdb.model.recurring_plans import later
 
 DAY_US = 86_400_000_000
 TUESDAYS = {"days": ["TUE"], "periods": [["08:00", "10:00"]], "timezone": "Europe/Zurich"}
@@ -478,3 +478,33 @@ def test_times_written_in_place_of_the_schedule_that_gave_them_stay(
     (track_after,) = (one for one in tracks if one.key == "T")
     assert (area_after.schedule, area_after.spans_us) == (None, area.spans_us)
     assert (track_after.schedule, track_after.departures_us) == (None, track.departures_us)
+
+
+def test_edits_of_activations_alone_are_checked_and_count(conn: psycopg.Connection[Any]) -> None:
+    """Activations and departures are checked without the geometry; the object has a new version."""
+    areas, tracks = objects(1)
+    store.replace_scene(conn, Scene("recurring"), areas, tracks, merge=False)
+    for table, column, value in (
+        ("area", "activations", "'{[2026-05-29 00:00+00, 2026-05-29 12:00+00]}'::tstzmultirange"),
+        ("track", "departures", "ARRAY[timestamptz '2026-05-29', '2026-09-29']"),
+    ):
+        query = f"SELECT {table}_id, version FROM conflictdb.{table} ORDER BY 1 LIMIT 1"
+        [(number, version)] = conn.execute(query).fetchall()
+        for _ in range(2):
+            conn.execute(f"UPDATE conflictdb.{table} SET {column} = {value} WHERE {table}_id = %s", [number])
+        [(_, later_version)] = conn.execute(query).fetchall()
+        assert later_version == conn.execute("SELECT last_value FROM conflictdb.version_seq").fetchone()[0]
+        assert later_version > version
+    [(stored, span)] = conn.execute(
+        "SELECT a.activations::text, a.active_span::text FROM conflictdb.area a ORDER BY area_id LIMIT 1"
+    ).fetchall()
+    assert stored == f"{{{span}}}"
+    assert stored.endswith('12:00:00.000001+00")}')
+    conn.commit()
+    for wrong, rule in (("2026-05-29", "departures_apart"), ("infinity", "departures_in_calendar")):
+        edit = (
+            f"UPDATE conflictdb.track SET departures = ARRAY[timestamptz '2026-05-29', '{wrong}'] WHERE track_id = %s"
+        )
+        with pytest.raises(psycopg.Error) as raised, conn.transaction():
+            conn.execute(edit, [number])
+        assert raised.value.diag.constraint_name == rule

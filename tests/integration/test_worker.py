@@ -151,14 +151,14 @@ def test_pauses_grow_to_a_limit_and_are_random() -> None:
 # Blocks for ever in compiled code, where no signal is heard, as in a network that does not answer.
 DEAF = """
 import ctypes, sys
-from conflictdb.cli import main, operation
+from conflictdb.cli import main, worker_commands
 def status(args):
     lock = ctypes.create_string_buffer(64)
     libc = ctypes.CDLL(None)
     libc.pthread_mutex_lock(lock)
     print("deaf", flush=True)
     libc.pthread_mutex_lock(lock)
-operation.status = status
+worker_commands.status = status
 sys.exit(main(["status"]))
 """
 

@@ -197,3 +197,22 @@ def test_instants_of_1970_in_files_are_what_they_are(tmp_path: Path) -> None:
 
 def test_version_is_that_of_the_metadata() -> None:
     assert conflictdb.__version__.count(".") == 2
+
+
+WRONG: dict[str, Any] = {"number": 1.5, "bytes": b"x", "object": object(), "nan": float("nan"), "truth": True}
+HUGE = {"huge": 10**400, "minus huge": -(10**400)}
+MEMBERS = ("name", "properties", "object_class", "owner", "start_us", "spans_us", "schedule", "floor_m", "ceiling_m")
+
+
+@pytest.mark.parametrize("member", MEMBERS)
+@pytest.mark.parametrize("kind", [*WRONG, *HUGE])
+def test_a_member_of_another_type_is_refused_by_name(member: str, kind: str) -> None:
+    given = 1.5j if member.endswith("_m") and kind == "number" else {**WRONG, **HUGE}[kind]
+    with pytest.raises(InvalidInput, match="area 'A'"):
+        Area("A", SQUARE, **{member: given})
+
+
+@pytest.mark.parametrize("kind", ["bytes", "object", "nan", "truth", "huge", "minus huge"])
+def test_a_speed_limit_of_another_type_is_refused(kind: str) -> None:
+    with pytest.raises(InvalidInput, match="max_speed_kn: must be a number of knots above 0"):
+        Track("T", LINE, [START_US, END_US], HAVEN, max_speed_kn={**WRONG, **HUGE}[kind])

@@ -135,6 +135,37 @@ def test_rdate_exdate_and_dtend() -> None:
     assert expanded(days, "2026-01-01", "2027-01-01") == ["10-23T22:00/10-25T23:00"]
 
 
+def test_dates_in_the_hour_that_exists_twice() -> None:
+    """RDATE and EXDATE of another zone mean the second hour, if they say so; DTEND is after all hours in between."""
+    start = "DTSTART;TZID=Europe/Zurich:20261020T023000\nDURATION:PT30M\n"
+    second = {"rrule": f"{start}RDATE:20261025T013000Z"}
+    assert expanded(second, "2026-10-21", "2026-11-01") == ["10-25T01:30/10-25T02:00"]
+    both = {"rrule": f"{start}RDATE:20261025T003000Z,20261025T013000Z"}
+    assert expanded(both, "2026-10-21", "2026-11-01") == ["10-25T00:30/10-25T01:00", "10-25T01:30/10-25T02:00"]
+    rule = "RRULE:FREQ=DAILY;COUNT=6\nEXDATE:20261025T"
+    assert expanded({"rrule": f"{start}{rule}003000Z"}, "2026-10-25", "2026-11-01") == []
+    assert expanded({"rrule": f"{start}{rule}013000Z"}, "2026-10-25", "2026-11-01") == ["10-25T00:30/10-25T01:00"]
+    # Five hours in autumn; in spring four by the clock, though three pass.
+    for day, wanted in (("20261025", "10-24T22:00/10-25T03:00"), ("20260329", "03-28T23:00/03-29T03:00")):
+        lines = f"DTSTART;TZID=Europe/Zurich:{day}T000000\nDTEND;TZID=Europe/Zurich:{day}T040000"
+        assert expanded({"rrule": lines}, "2026-01-01", "2027-01-01") == [wanted]
+
+
+@pytest.mark.parametrize("name", ["Europe/Zurich", "Australia/Lord_Howe", "Africa/Casablanca", "America/St_Johns"])
+def test_days_in_zones_equal_clock_by_clock(name: str) -> None:
+    """Periods of many days at once have the instants of `zoneinfo`; outward on days on which clocks change."""
+    zone = ZoneInfo(name)
+    for start, end in (("00:00", "24:00"), ("01:45", "02:15"), ("02:30", "03:30"), ("23:30", "00:30")):
+        source = {"periods": [[start, end]], "timezone": name}
+        found = schedule_of("area 'A'", source).departures(us("2025-01-02"), us("2027-12-30")).tolist()
+        wanted = set()
+        for day in range(date(2025, 1, 1).toordinal(), date(2028, 1, 1).toordinal()):
+            hour, minute = map(int, start.split(":"))
+            local = datetime.combine(date.fromordinal(day), datetime.min.time().replace(hour, minute), zone)
+            wanted.add(min(int(local.replace(fold=fold).timestamp()) for fold in (0, 1)) * 1_000_000)
+        assert found == sorted(at for at in wanted if us("2025-01-02") <= at < us("2027-12-30"))
+
+
 def test_daily_periods_of_zones() -> None:
     """ED-318: any day from midnight to midnight, in the offset of its times, is without a gap."""
     every = [{"day": ["ANY"], "startTime": "00:00:00.00+01:00", "endTime": "00:00:00.00+01:00"}]
@@ -391,3 +422,43 @@ def test_the_first_and_last_days_of_the_calendar_are_no_error() -> None:
 def test_lists_without_end_are_refused_at_once(name: str, more: dict[str, object]) -> None:
     with pytest.raises(InvalidInput, match=f"schedule.{name}: must have at most 10,000 entries; got 10,001"):
         schedule_of("area 'A'", more)
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ("DAILY 0800/1000", "DAILY 0800-1000"),
+        ("2230/0100", "2230-0100"),
+        ("0800-1000 1200-1300 DLY", "DAILY 0800-1000 1200-1300"),
+        ("DAILY 0000-0600 UTC", "DAILY 0000-0600"),
+        ("2606051000 TO 2606051400 2606062200 TO 2606070359", "JUN 05 1000-1400, JUN 06 2200-0359"),
+        ("2606051000 TO 2606072400,2606091000 TO 2606091100", "JUN 05 1000-JUN 07 2400, JUN 09 1000-1100"),
+    ],
+)
+def test_item_d_beside_its_grammar(text: str, same: str) -> None:
+    """Forms that public NOTAM have, and that have one reading."""
+    valid = us("2026-06-05"), us("2026-06-12")
+    spans = item_d_schedule("area 'A'", text, valid).expand(*valid)
+    assert len(spans)
+    assert spans.tolist() == item_d_schedule("area 'A'", same, valid).expand(*valid).tolist()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0800-1000 05 1200-1300 06",
+        "MON 0800-1000 DAILY",
+        "0800-1000 DAILY MON",
+        "2606051000 TO 2606051000",
+        "2606311000 TO 2607011000",
+        "2605011000 TO 2605011400",
+        "2606051060 TO 2606051400",
+        "2606051000 TO 2606051400 DAILY",
+        "2606051000 TO 26060514000",
+        "SR/SS",
+        "0800/10",
+    ],
+)
+def test_item_d_that_has_another_reading_is_refused(text: str) -> None:
+    with pytest.raises(InvalidInput, match=r"area 'A': schedule\.notam: "):
+        item_d_schedule("area 'A'", text, (us("2026-06-05"), us("2026-06-12")))

@@ -32,8 +32,8 @@ from conflictdb.formats.scene_file import settings_of as settings_as_json
 from conflictdb.in_memory import solve
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
-from conflictdb.spark import crowding, cut_objects, solving
-from conflictdb.spark.crowding import Cells, two_blocks
+from conflictdb.spark import cut_objects, solving, work_units
+from conflictdb.spark.work_units import Cells, two_blocks
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.stage1_broad_phase import candidates
 
@@ -219,7 +219,7 @@ def pieces_in(words: list[bytes]) -> Pieces:
 @pytest.fixture(autouse=True)
 def small_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cells of few pieces, so that small scenes have several."""
-    monkeypatch.setattr(crowding, "_FEW", 5)
+    monkeypatch.setattr(work_units, "_FEW", 5)
 
 
 @pytest.mark.parametrize("workload", [SEAM, GROWING, OCEAN], ids=lambda one: one.name)

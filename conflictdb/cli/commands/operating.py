@@ -11,11 +11,11 @@ def add(commands: Any) -> None:
     parser = command(commands, "demo", "demo:demo", "detect a small example scene")
     parser.set_defaults(html=None, host="127.0.0.1", port=None)  # of the map that follows
 
-    parser = command(commands, "status", "operation:status", "show database, scenes, runs and workers")
+    parser = command(commands, "status", "worker_commands:status", "show database, scenes, runs and workers")
     add_format(parser, "table", "json")
 
     more = "Run any number, on any machine."
-    parser = command(commands, "worker", "operation:work", "keep all scenes current", more)
+    parser = command(commands, "worker", "worker_commands:work", "keep all scenes current", more)
     parser.add_argument("--once", action="store_true", help="detect pending changes and end; exit with 1 on failure")
     parser.add_argument("--every", type=duration_s, metavar="DURATION", help="longest pause (default 60s)")
     parser.add_argument("--log", choices=("text", "json"), default="text", help="default: text")

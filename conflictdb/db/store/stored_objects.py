@@ -63,6 +63,7 @@ class SceneStatus:
     pending : objects that changed since the last detection
     run_id, finished_at, error : the last detection; None if there was none (error: None unless it failed)
     is_current : whether nothing changed since the last detection that succeeded
+    branch_of : name of the parent of a branch; None for any other scene
     """
 
     scene_id: int
@@ -75,6 +76,7 @@ class SceneStatus:
     finished_at: datetime | None
     error: str | None
     is_current: bool
+    branch_of: str | None
 
 
 def replace_scene(

@@ -9,12 +9,14 @@ import psycopg
 import shapely
 from numpy.typing import NDArray
 
+from conflictdb.arrays.ragged import offsets
 from conflictdb.db.store.connection import call, call_many
-from conflictdb.db.store.copy_binary import array, fixed
+from conflictdb.db.store.copy_binary import array, half_open_multispans, instants
 from conflictdb.model.results import Kind
 
 # Objects that are stored by one call.
 _AT_ONCE = 1_000
+_NO_SPANS = np.empty((0, 2), np.int64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,12 @@ def store_activations(
     """
     for first in range(0, len(objects), _AT_ONCE):
         some, of_some = objects[first : first + _AT_ONCE], instants_us[first : first + _AT_ONCE]
-        ends = np.concatenate([one if one.ndim > 1 else np.stack([one, one], axis=1) for one in of_some])
+        is_track = [one.kind is Kind.TRACK for one in some]
+        errors_of_some = list(errors[first : first + _AT_ONCE])
+        spans = [_NO_SPANS if track else own.reshape(-1, 2) for own, track in zip(of_some, is_track, strict=True)]
+        has_no_spans = np.array(is_track) | np.array([error is not None for error in errors_of_some])
+        departures = [own if track else _NO_SPANS[:, 0] for own, track in zip(of_some, is_track, strict=True)]
+        multiranges = half_open_multispans(np.concatenate(spans), offsets([len(own) for own in spans]), has_no_spans)
         call(
             conn,
             "_set_activations",
@@ -95,9 +102,10 @@ def store_activations(
             [one.kind.code for one in some],
             [one.object_id for one in some],
             [one.version for one in some],
-            [len(one) for one in of_some],
-            *(array([fixed(column, "i8")], "bigint") for column in ends.T),
-            list(errors[first : first + _AT_ONCE]),
+            array([multiranges], "tstzmultirange"),
+            array([instants(np.concatenate(departures))], "timestamptz"),
+            [len(own) for own in departures],
+            errors_of_some,
         )
 
 

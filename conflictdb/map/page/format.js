@@ -16,7 +16,13 @@ const MOST_LABEL = 24; // characters of a label on a map
 // What a map calls an object: its name, or else its key.
 export function labelOf({ key, name }) {
   const text = printable(name || key);
-  return text.length > MOST_LABEL ? `${text.slice(0, MOST_LABEL - 1)}…` : text;
+  return shortened(text, MOST_LABEL);
+}
+
+// A text of at most so many characters; a surrogate pair is one.
+export function shortened(text, most) {
+  const signs = text.length > most ? [...text] : [];
+  return signs.length > most ? `${signs.slice(0, most - 1).join("")}…` : text;
 }
 
 const two = (n) => String(n).padStart(2, "0");

@@ -5,6 +5,7 @@ import { bound, clock, depth, duration, moment, printable } from "./format.js";
 
 const ROW = 60; // height of a row, pixels, as style.css has it
 const MORE = 6; // rows beyond the view, above and below
+const MOST_KEYS = 24; // characters of both keys that have room in a row
 const MOST_PRINTED = 500; // rows
 const TOLD_S = 0.1; // an error of times that is smaller is told of one conflict, not in the list
 
@@ -46,6 +47,7 @@ export class List {
     const dayOf = ({ start }) => Math.floor(start / 86400);
     const dated = conflicts.filter(({ start }) => Number.isFinite(start));
     this.several = dated.some((c) => dayOf(c) !== dayOf(dated[0]));
+    this.rows.classList.toggle("dated", this.several); // a date is long: names have the first line
     this.rows.replaceChildren();
     this.shown.clear();
     this.rows.style.height = `${conflicts.length * ROW}px`;
@@ -125,12 +127,14 @@ export class List {
     const when = conflict.start === -Infinity ? "since ever"
       : this.several ? `${moment(conflict.start).replace(/ \d{4} /, " ")}` : clock(conflict.start);
     const change = conflict.since ?? conflict.change;
+    const [a, b] = [printable(conflict.a), printable(conflict.b)];
+    const isCut = a.length + b.length > MOST_KEYS; // the longer one, as far as it takes half of the room
     const row = element("li", { "data-n": n, "aria-setsize": this.conflicts.length, "aria-posinset": n + 1 },
       element("button", { type: "button", class: "row", click: () => this.onChoose(conflict) },
         element("span", { class: `mark ${conflict.verdict}`, "aria-hidden": "true" }),
         element("span", { class: "keys" },
-          element("bdi", {}, printable(conflict.a)), element("span", { class: "soft" }, " and "),
-          element("bdi", {}, printable(conflict.b))),
+          element("bdi", { class: isCut && a.length >= b.length ? "longer" : null }, a), element("span", { class: "soft" }, " and "),
+          element("bdi", { class: isCut && b.length > a.length ? "longer" : null }, b)),
         element("span", { class: "when" }, when),
         element("span", { class: "facts" }, facts),
         element("span", { class: "tags" },

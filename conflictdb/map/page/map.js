@@ -100,6 +100,7 @@ const SMALL_DEG = 30; // around a scene that is smaller than this, with its marg
 const MARGIN_DEG = 5;
 const MOST_TILED = 16; // the zoom of the finest tiles
 const FIT = { padding: 48, maxZoom: 12 };
+const LEGEND_PX = 46; // below the legend, and a little above
 const FAR_ZOOMS = 3; // up to so many zooms beyond that which shows all of a large scene, tiles would hold too much
 
 export class MapView {
@@ -122,7 +123,7 @@ export class MapView {
       container,
       style: this.style(sources),
       bounds: [[box[0], Math.max(box[1], -85)], [box[2], Math.min(box[3], 85)]],
-      fitBoundsOptions: FIT,
+      fitBoundsOptions: { ...FIT, padding: roomAround(document.getElementById(container)) },
       dragRotate: false,
       pitchWithRotate: false,
       touchPitch: false,
@@ -302,6 +303,13 @@ export class MapView {
       .filter(({ id }) => !((this.states.get("conflicts").get(id) ?? 0) & HIDDEN))
       .map(({ id }) => id);
   }
+}
+
+// Room around the whole scene, pixels: below, the legend hides none of it.
+function roomAround({ clientHeight }) {
+  const { padding } = FIT;
+  const legend = LEGEND_PX + document.getElementById("legend").offsetHeight;
+  return { top: padding, left: padding, right: padding, bottom: Math.max(padding, Math.min(legend, clientHeight / 4)) };
 }
 
 // The zoom from which a large scene is shown by tiles: not all that they then hold is in view.

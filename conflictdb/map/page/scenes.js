@@ -34,8 +34,9 @@ export class Scenes {
   }
 
   list(scenes) {
-    const names = scenes.map(({ scene, conflicts, branch_of: parent }) => (
-      new Option(`${printable(scene)}: ${counted(conflicts, "conflict")}${parent === null ? "" : `, branch of ${printable(parent)}`}`, scene, false, scene === this.shown)));
+    const state = (one) => (one.is_detected ? `${counted(one.conflicts, "conflict")}${one.is_pending ? ", changed since" : ""}` : "never detected");
+    const names = scenes.map((one) => (
+      new Option(`${printable(one.scene)}: ${state(one)}${one.branch_of === null ? "" : `, branch of ${printable(one.branch_of)}`}`, one.scene, false, one.scene === this.shown)));
     if (!scenes.some(({ scene }) => scene === this.shown)) names.unshift(new Option(`${printable(this.shown)}: not there`, this.shown, true, true));
     byId("scene").replaceChildren(...names);
     this.offer(scenes);

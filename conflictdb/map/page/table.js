@@ -2,7 +2,7 @@
 
 import { joined, parsed } from "./csv_text.js";
 import { element } from "./dom.js";
-import { counted, printable } from "./format.js";
+import { counted, printable, shortened } from "./format.js";
 
 const MOST_ROWS = 500; // more are in the file
 const MOST_TEXT = 60; // characters of a cell
@@ -112,7 +112,7 @@ export class Table {
     const state = (name) => (this.sorted?.column === name ? (this.sorted.isDown ? "descending" : "ascending") : "none");
     const cell = (record, [name, n]) => {
       const text = printable(record.cells[n]);
-      const short = text.length > MOST_TEXT ? `${text.slice(0, MOST_TEXT - 1)}…` : text;
+      const short = shortened(text, MOST_TEXT);
       return element("td", { class: Number.isFinite(Number(text || NaN)) ? "number" : null },
         name === "a_key" ? element("button", { type: "button", class: "link", click: () => this.on.choose(record.conflict) }, short) : short);
     };

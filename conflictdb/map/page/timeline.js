@@ -6,7 +6,7 @@ import { duration, moment, period, printable } from "./format.js";
 import { colour, font, theme } from "./theme.js";
 
 const PAD = 10; // half of the slider's thumb, pixels: bars and slider have one scale; on the left are names (`left`)
-const GUTTERS = [112, 148]; // room for names, on a narrow and on a wide page
+const GUTTERS = [112, 188]; // room for names, on a narrow and on a wide page
 const NARROW_PX = 560;
 const ROW = 16; // height of a row
 const TOP = 4;
@@ -290,17 +290,33 @@ export class Timeline {
     this.onShown?.();
   }
 
+  // The most that are on at one instant of each pixel, whatever the width: ends that touch count as one instant.
   count() {
     const width = Math.ceil(this.size.width);
-    const changes = new Int32Array(width + 2);
-    for (const { pieces } of this.bars) {
-      for (const [x0, x1] of pieces) {
-        changes[Math.min(width, Math.max(0, Math.floor(x0)))] += 1;
-        changes[Math.min(width, Math.max(0, Math.ceil(x1)))] -= 1;
+    const [from, to] = this.shown;
+    const periods = this.bars.flatMap(({ conflict }) => conflict.periods.filter(([a, b]) => a <= to && b >= from));
+    const starts = Float64Array.from(periods, ([a]) => a).sort();
+    const ends = Float64Array.from(periods, ([, b]) => b).sort();
+    this.density = new Array(width).fill(0);
+    let [on, pixel, next] = [0, 0, 0];
+    const goTo = (t) => {
+      const at = Math.min(width - 1, Math.max(0, Math.floor(this.x(t))));
+      if (at > pixel) this.density.fill(on, pixel + 1, at + 1);
+      pixel = Math.max(pixel, at);
+    };
+    for (const start of starts) {
+      for (; ends[next] < start; next += 1) {
+        goTo(ends[next]);
+        on -= 1;
       }
+      goTo(start);
+      on += 1;
+      this.density[pixel] = Math.max(this.density[pixel], on);
     }
-    let on = 0;
-    this.density = Array.from({ length: width }, (_, i) => (on += changes[i]));
+    for (; next < ends.length; next += 1) {
+      goTo(ends[next]);
+      on -= 1;
+    }
     this.most = Math.max(1, ...this.density);
   }
 
@@ -485,14 +501,16 @@ export class Timeline {
   }
 }
 
-// A text, cut to a width.
+// A text, cut in its middle to a width: keys of one kind differ at their ends.
 function fitted(context, text, room) {
   if (context.measureText(text).width <= room) return text;
-  let [low, high] = [0, text.length];
+  const signs = [...text]; // half of a surrogate pair is none
+  const cut = (n) => `${signs.slice(0, Math.ceil(n / 2)).join("")}…${signs.slice(signs.length - Math.floor(n / 2)).join("")}`;
+  let [low, high] = [0, signs.length];
   while (high - low > 1) {
     const middle = (low + high) >> 1;
-    if (context.measureText(`${text.slice(0, middle)}…`).width <= room) low = middle;
+    if (context.measureText(cut(middle)).width <= room) low = middle;
     else high = middle;
   }
-  return `${text.slice(0, low)}…`;
+  return cut(low);
 }

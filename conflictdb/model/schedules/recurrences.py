@@ -4,13 +4,15 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
+from itertools import islice
 from typing import Any, Final
 
+import numpy as np
 from dateutil import rrule
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model.schedules.clock import zone_of
-from conflictdb.model.schedules.schedule import Floats, Occurrence, Schedule, TimedRule
+from conflictdb.model.schedules.schedule import Floats, Ints, Schedule, TimedRule
 
 _FIELD: Final = "schedule.rrule"
 _NAMES: Final = ("DTSTART", "DTEND", "DURATION", "RRULE", "RDATE", "EXDATE")
@@ -26,6 +28,7 @@ _YEARLY_ONLY: Final = {"BYYEARDAY", "BYWEEKNO"}
 _LONGEST: Final = {2: 29, 4: 30, 6: 30, 9: 30, 11: 30}
 _MOST_DATES: Final = 100_000
 _MOST_TEXT: Final = 10_000
+_AT_ONCE: Final = 1_000
 _STEPS: Final = {rrule.HOURLY: timedelta(hours=1), rrule.DAILY: timedelta(days=1), rrule.WEEKLY: timedelta(weeks=1)}
 _YEARS_400: Final = timedelta(days=146_097)
 _LAST_YEAR: Final = 9998
@@ -44,7 +47,8 @@ class Recurrence:
     zone : of the local times
     start : DTSTART, local
     rules : of dateutil, in local time
-    also, except_ : RDATE and EXDATE, local
+    also : RDATE in UTC, each with its local time
+    except_ : EXDATE in UTC
     until : the last start of each rule, an instant, or None
     duration : whole days are of the local clock, seconds are exact
     """
@@ -52,7 +56,7 @@ class Recurrence:
     zone: tzinfo
     start: datetime
     rules: tuple[tuple[rrule.rrule, datetime | None], ...]
-    also: frozenset[datetime]
+    also: dict[datetime, datetime]
     except_: frozenset[datetime]
     duration: _Duration
 
@@ -61,31 +65,44 @@ class Recurrence:
         """Whether occurrences depend on the place: they do not."""
         return False
 
-    def occurrences(self, start_us: int, end_us: int, places_deg: Floats) -> Iterator[Occurrence]:
-        """Yield all occurrences that share time with [start, end), and perhaps others."""
+    def occurrences(self, start_us: int, end_us: int, places_deg: Floats) -> Iterator[Ints]:
+        """Yield spans (n, 2) of all occurrences that share time with [start, end), and perhaps others."""
         longest = timedelta(days=self.duration.days + 2, seconds=self.duration.seconds)
-        first, last = _local(start_us, -longest), _local(end_us, timedelta(days=2))
-        for local in self._starts(first, last):
-            # RFC 5545: a local time that exists twice is the first one, one that does not exist is after the gap.
-            begin = local.replace(tzinfo=self.zone)
-            end = (local + timedelta(days=self.duration.days)).replace(tzinfo=self.zone)
-            end_at = (end - _EPOCH) + timedelta(seconds=self.duration.seconds)
-            yield (begin - _EPOCH) // _MICROSECOND, end_at // _MICROSECOND
+        starts = self._starts(_local(start_us, -longest), _local(end_us, timedelta(days=2)))
+        while some := list(islice(starts, _AT_ONCE)):
+            yield np.array([self._span(begin, local) for begin, local in some], np.int64)
 
-    def _starts(self, first: datetime, last: datetime) -> Iterator[datetime]:
-        seen: set[datetime] = set()
-        lone = [self.start, *sorted(self.also)]
-        for local in (one for one in lone if first <= one <= last):
-            if local not in seen and local not in self.except_:
-                seen.add(local)
-                yield local
+    def _span(self, begin: datetime, local: datetime) -> tuple[int, int]:
+        end = begin
+        if self.duration.days:
+            end = (local + timedelta(days=self.duration.days)).replace(tzinfo=self.zone)
+        end_at = (end - _EPOCH) + timedelta(seconds=self.duration.seconds)
+        return (begin - _EPOCH) // _MICROSECOND, end_at // _MICROSECOND
+
+    def _starts(self, first: datetime, last: datetime) -> Iterator[tuple[datetime, datetime]]:
+        """Yield starts from one local time to another: in UTC, and local."""
+        seen = set(self.except_)
+        lone = [(_utc(self.start, self.zone), self.start), *sorted(self.also.items())]
+        for at, local in lone:
+            if first <= local <= last and at not in seen:
+                seen.add(at)
+                yield at, local
         for rule, until in self.rules:
             for local in _found(rule, self.start, first, last):
-                if until is not None and local.replace(tzinfo=self.zone) > until:
+                at = _utc(local, self.zone)
+                if until is not None and at > until:
                     break
-                if local not in seen and local not in self.except_:
-                    seen.add(local)
-                    yield local
+                if at not in seen:
+                    seen.add(at)
+                    yield at, local
+
+
+def _utc(local: datetime, zone: tzinfo) -> datetime:
+    """Return a local time in UTC.
+
+    RFC 5545: a local time that exists twice is the first one, one that does not exist is after the gap.
+    """
+    return local.replace(tzinfo=zone).astimezone(UTC)
 
 
 def _found(rule: rrule.rrule, start: datetime, first: datetime, last: datetime) -> Iterator[datetime]:
@@ -119,7 +136,7 @@ def rrule_schedule(who: str, text: str, duration: str | None = None) -> Schedule
     (parameters, value), *_ = lines["DTSTART"]
     zone, start, is_date = _stamp(who, parameters, value)
     also, excepted = (
-        frozenset(
+        dict(
             _same_zone(who, zone, is_date, parameters, one)
             for parameters, value in lines.get(name, ())
             for one in value.split(",")
@@ -127,7 +144,7 @@ def rrule_schedule(who: str, text: str, duration: str | None = None) -> Schedule
         for name in ("RDATE", "EXDATE")
     )
     rules = tuple(_rule(who, zone, start, value) for _, value in lines.get("RRULE", ()))
-    recurrence = Recurrence(zone, start, rules, also, excepted, _length(who, lines, zone, start, is_date))
+    recurrence = Recurrence(zone, start, rules, also, frozenset(excepted), _length(who, lines, zone, start, is_date))
     return Schedule(who, (TimedRule(recurrence),))
 
 
@@ -172,12 +189,15 @@ def _stamp(who: str, parameters: dict[str, str], value: str) -> tuple[tzinfo, da
     return (UTC if is_utc else zone_of(who, _FIELD, parameters["TZID"])), local, is_date
 
 
-def _same_zone(who: str, zone: tzinfo, is_date: bool, parameters: dict[str, str], value: str) -> datetime:
-    """Return a date of RDATE or EXDATE as the local time of DTSTART's zone."""
+def _same_zone(
+    who: str, zone: tzinfo, is_date: bool, parameters: dict[str, str], value: str
+) -> tuple[datetime, datetime]:
+    """Return a date of RDATE or EXDATE in UTC, and as the local time of DTSTART's zone."""
     own, local, own_date = _stamp(who, parameters, value)
     if own_date != is_date:
         raise InvalidInput(who, _FIELD, f"RDATE and EXDATE must be dates if DTSTART is, or times; got {value!r:.60}")
-    return local if own is zone else local.replace(tzinfo=own).astimezone(zone).replace(tzinfo=None, fold=0)
+    at = _utc(local, own)
+    return at, local if own is zone else at.astimezone(zone).replace(tzinfo=None)
 
 
 def _rule(who: str, zone: tzinfo, start: datetime, value: str) -> tuple[rrule.rrule, datetime | None]:
@@ -241,12 +261,12 @@ def _length(
     if "DTEND" in lines:
         (parameters, value), *_ = lines["DTEND"]
         own, local, end_is_date = _stamp(who, parameters, value)
-        if is_date and end_is_date:
+        if is_date and end_is_date and own is not UTC and zone is not UTC:
             found = _Duration((local - start).days, 0)
         else:
-            found = _Duration(0, int((local.replace(tzinfo=own) - start.replace(tzinfo=zone)).total_seconds()))
-        if own is UTC or zone is UTC:
-            found = _Duration(0, int((local.replace(tzinfo=own) - start.replace(tzinfo=zone)).total_seconds()))
+            # If clocks change in between, by the clock or exactly: the longer one.
+            exact = _utc(local, own) - _utc(start, zone)
+            found = _Duration(0, int((max(exact, local - start) if own is zone else exact).total_seconds()))
     elif "DURATION" in lines:
         text = lines["DURATION"][0][1]
         matched = _DURATION.fullmatch(text) if isinstance(text, str) else None

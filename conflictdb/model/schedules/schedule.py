@@ -20,8 +20,6 @@ from conflictdb.model.schedules.sun import EVENTS, MARGIN_DEG, sun_times
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
-# An occurrence: [start, end) microseconds, neither merged with others nor cut at the ends of the request.
-Occurrence = tuple[int, int]
 
 # Occurrences of one object, at most.
 MOST_SPANS: Final = MOST_ACTIVATIONS
@@ -30,6 +28,7 @@ _SECOND_US: Final = 1_000_000
 _DAY: Final = timedelta(days=1)
 _DAY_S: Final = 86_400
 _MINUTE_S: Final = 60
+_DAYS_AT_ONCE: Final = 10_000
 # Of a day that the sun does not divide, the two events are one instant, up to rounding.
 _LEAST_SUN_S: Final = 2.0
 _EPOCH: Final = date(1970, 1, 1)
@@ -71,8 +70,8 @@ class SchedulePart(Protocol):
     def uses_sun(self) -> bool:
         """Whether occurrences depend on the place."""
 
-    def occurrences(self, start_us: int, end_us: int, places_deg: Floats) -> Iterator[Occurrence]:
-        """Yield all occurrences that share time with [start, end), and perhaps others."""
+    def occurrences(self, start_us: int, end_us: int, places_deg: Floats) -> Iterator[Ints]:
+        """Yield spans (n, 2) of all occurrences that share time with [start, end), and perhaps others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,27 +99,34 @@ class Daily:
         """Whether a period begins or ends with the sun."""
         return any(moment.event for period in self.periods for moment in (period.start, period.end))
 
-    def occurrences(self, start_us: int, end_us: int, places_deg: Floats) -> Iterator[Occurrence]:
+    def occurrences(self, start_us: int, end_us: int, places_deg: Floats) -> Iterator[Ints]:
         """Yield all periods that share time with [start, end), and perhaps others."""
         longest = max(period.days or 1 for period in self.periods) + 2
-        on = list(self._on(_day_of(start_us, -longest), _day_of(end_us, 2)))
-        if not on:
-            return
-        for period in self.periods:
-            sun = _Sun(self.zone, on, places_deg) if period.start.event or period.end.event else None
-            for nth, day in enumerate(on):
-                found = _span(self.zone, day, period) if sun is None else sun.span(nth, period)
-                if found is not None:
-                    yield found
+        every = self._on(_day_of(start_us, -longest), _day_of(end_us, 2))
+        for first in range(0, len(every), _DAYS_AT_ONCE):
+            on = every[first : first + _DAYS_AT_ONCE]
+            sun = _Sun(self.zone, list(map(date.fromordinal, on.tolist())), places_deg) if self.uses_sun else None
+            for period in self.periods:
+                if sun is not None and (period.start.event or period.end.event):
+                    found = [sun.span(nth, period) for nth in range(len(on))]
+                    yield np.array([one for one in found if one is not None], np.int64).reshape(-1, 2)
+                else:
+                    yield _spans(self.zone, on, period)
 
-    def _on(self, first: date, last: date) -> Iterator[date]:
+    def _on(self, first: date, last: date) -> Ints:
+        """Return the days in [first, last] on which periods start, as ordinals."""
         first, last = max(first, self.first or first), min(last, self.last or last)
-        on = (set(range(7)) if self.days is None else self.days) - self.excepted_days
-        # Ordinal 1 is a Monday.
-        every = (date.fromordinal(n) for n in range(first.toordinal(), last.toordinal() + 1) if (n - 1) % 7 in on)
-        for day in every if self.dates is None else sorted(d for d in self.dates if first <= d <= last):
-            if day not in self.excepted and day.weekday() in on:
-                yield day
+        if self.dates is None:
+            days = np.arange(first.toordinal(), last.toordinal() + 1)
+        else:
+            days = np.array(sorted(day.toordinal() for day in self.dates if first <= day <= last), np.int64)
+        if self.days is not None or self.excepted_days:
+            on = (set(range(7)) if self.days is None else self.days) - self.excepted_days
+            # Ordinal 1 is a Monday.
+            days = days[np.array([day in on for day in range(7)])[(days - 1) % 7]]
+        if self.excepted:
+            days = days[~np.isin(days, [day.toordinal() for day in self.excepted])]
+        return days
 
 
 class _Sun:
@@ -133,7 +139,7 @@ class _Sun:
         self.zone, self.on, self.places = zone, on, np.column_stack([turned, places_deg[:, 1]])
         self.known: dict[tuple[str, int], tuple[Floats, Floats, Floats]] = {}
 
-    def span(self, nth: int, period: Period) -> Occurrence | None:
+    def span(self, nth: int, period: Period) -> tuple[int, int] | None:
         """Return the period of a day, on whole minutes; None if the sun leaves nothing of it."""
         start_s, earliest_s, _ = self._moment(period.start, nth, 0)
         end_s, _, latest_s = self._moment(period.end, nth, period.days or 0)
@@ -212,34 +218,38 @@ class Schedule:
         places_deg : (p, 2) longitude and latitude, for times of the sun: a span contains that of each place. The first
             decides which date a sunrise belongs to
         """
-        found = [
-            (max(occurrence[0], low), min(occurrence[1], high))
-            for occurrence, low, high in self._occurrences(start_us, end_us, places_deg)
-        ]
-        return merged(np.array(found, np.int64).reshape(-1, 2))
+        found = [np.clip(spans, low, high) for spans, low, high in self._occurrences(start_us, end_us, places_deg)]
+        return merged(np.concatenate([np.empty((0, 2), np.int64), *found]))
 
     def departures(self, start_us: int, end_us: int, places_deg: Floats | None = None) -> Ints:
         """Return the starts (n,) of all occurrences in [start, end), sorted, each once."""
-        found = self._occurrences(start_us, end_us, places_deg)
-        return np.array(sorted({start for (start, _), low, high in found if low <= start < high}), np.int64)
+        found = [
+            spans[(spans[:, 0] >= low) & (spans[:, 0] < high), 0]
+            for spans, low, high in self._occurrences(start_us, end_us, places_deg)
+        ]
+        return np.unique(np.concatenate([np.empty(0, np.int64), *found]))
 
-    def _occurrences(self, start_us: int, end_us: int, places_deg: Floats | None) -> list[tuple[Occurrence, int, int]]:
+    def _occurrences(self, start_us: int, end_us: int, places_deg: Floats | None) -> list[tuple[Ints, int, int]]:
         """Return occurrences, each with the part of the request that its own part of the schedule shares."""
         if places_deg is None or not len(places_deg):
             if self.uses_sun:
                 raise InvalidInput(self.who, "schedule", "uses times of the sun, and needs a place: give `place`")
             places_deg = np.zeros((1, 2))
-        found: list[tuple[Occurrence, int, int]] = []
+        found: list[tuple[Ints, int, int]] = []
+        count = 0
         for part in self.parts:
             low = start_us if part.start_us is None else max(start_us, part.start_us)
             high = end_us if part.end_us is None else min(end_us, part.end_us)
             if low >= high:
                 continue
             places = places_deg if part.place_deg is None else np.array([part.place_deg])
-            for occurrence in part.rule.occurrences(low, high, places):
-                if occurrence[0] < high and occurrence[1] > low:
-                    found.append((occurrence, low, high))
-                if len(found) > MOST_SPANS:
+            for spans in part.rule.occurrences(low, high, places):
+                shared = spans[(spans[:, 0] < high) & (spans[:, 1] > low)]
+                if not len(shared):
+                    continue
+                found.append((shared, low, high))
+                count += len(shared)
+                if count > MOST_SPANS:
                     days = (end_us - start_us) / (_DAY_S * _SECOND_US)
                     limit = f"has more than {MOST_SPANS:,} activations in {days:,.0f} days"
                     raise InvalidInput(self.who, "schedule", f"{limit}: shorten it, or the scene's `horizon_days`")
@@ -263,13 +273,40 @@ def _day_of(at_us: int, later: int) -> date:
     return _EPOCH + _DAY * min(max(day, (_FIRST - _EPOCH).days), (_LAST - _EPOCH).days)
 
 
-def _span(zone: tzinfo, day: date, period: Period) -> Occurrence:
+def _spans(zone: tzinfo, on: Ints, period: Period) -> Ints:
+    """Return the spans (n, 2) of a period without the sun, on days given as ordinals."""
     start, end = period.start.offset_s, period.end.offset_s
     days = (0 if end > start else 1) if period.days is None else period.days
-    return (
-        _instant_s(zone, day, start, False) * _SECOND_US,
-        _instant_s(zone, day + days * _DAY, end, True) * _SECOND_US,
-    )
+    starts_s, ends_s = _instants_s(zone, on, start, False), _instants_s(zone, on + days, end, True)
+    return np.stack([starts_s, ends_s], axis=1) * _SECOND_US
+
+
+def _instants_s(zone: tzinfo, on: Ints, clock_s: int, is_end: bool) -> Ints:
+    """Return `_instant_s` of several days, given as ordinals."""
+    found = (on - _EPOCH.toordinal()) * _DAY_S + clock_s
+    if zone is UTC or not len(on):
+        return found
+    first, last = (date.fromordinal(int(day)).year for day in (on.min(), on.max()))
+    years = [_ahead(zone, year) for year in range(first, last + 1)]
+    ahead_s, changes = (np.concatenate([year[i] for year in years]) for i in (0, 1))
+    nth = on - date(first, 1, 1).toordinal()
+    found -= ahead_s[nth]
+    for i in np.flatnonzero(changes[nth]):
+        found[i] = _instant_s(zone, date.fromordinal(int(on[i])), clock_s, is_end)
+    return found
+
+
+@lru_cache(1_000)
+def _ahead(zone: tzinfo, year: int) -> tuple[Ints, NDArray[np.bool_]]:
+    """Return how far a clock is ahead of UTC on each day of a year, seconds, and on which days that changes."""
+    days = [date.fromordinal(n) for n in range(date(year, 1, 1).toordinal(), date(year, 12, 31).toordinal() + 1)]
+    noon_s = np.array([_offset_s(zone, day) for day in days])
+    midnight = [datetime.combine(day, time(), zone) for day in days]
+    # Both times of a midnight that exists twice or not at all.
+    both_s = np.array([[_seconds(one.replace(fold=fold).utcoffset()) for fold in (0, 1)] for one in midnight])
+    next_s = np.append(both_s[1:], [[np.nan, np.nan]], axis=0)
+    is_constant = (np.hstack([both_s, next_s]) == noon_s[:, None]).all(axis=1) & (noon_s % 1.0 == 0.0)
+    return noon_s.astype(np.int64), ~is_constant
 
 
 @lru_cache(10_000)
@@ -284,5 +321,8 @@ def _instant_s(zone: tzinfo, day: date, clock_s: int, is_end: bool) -> int:
 
 def _offset_s(zone: tzinfo, day: date) -> float:
     """Return how far the zone's clock is ahead of UTC at noon of a day, seconds."""
-    ahead = datetime.combine(day, time(12), zone).utcoffset()
-    return ahead.total_seconds() if ahead is not None else 0.0
+    return _seconds(datetime.combine(day, time(12), zone).utcoffset())
+
+
+def _seconds(ahead: timedelta | None) -> float:
+    return 0.0 if ahead is None else ahead.total_seconds()

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Proves every way to the embedded database on fresh systems, which tests on one machine cannot.
 #
-#   sudo tests/proof/embedded_database.sh [DIRECTORY [CASE...]]
+#   sudo tests/fresh_systems/embedded_database.sh [DIRECTORY [CASE...]]
 #
 # As root, on Debian or Ubuntu with debootstrap; needs 2 GB in DIRECTORY (default: a new temporary one, removed in the
 # end) and some 5 minutes. The systems come from this machine's own archive and are of its own release, or of RELEASE (a

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from conflictdb.spark.crowding import Cells, blocks_for, two_blocks
+from conflictdb.spark.work_units import Cells, blocks_for, two_blocks
 
 
 def boxes(rng: np.random.Generator, count: int, size: float) -> tuple[np.ndarray, np.ndarray]:
