@@ -73,18 +73,65 @@ def gather(
     """
     plans: dict[str, Plan] = {}
     refusals = Refusals()
+    files: list[_File] = []
     for i, path in enumerate(paths):
         with refusals:
             if path in paths[:i]:
                 raise InvalidInput("file", "", "is given twice", str(path))
-            with above(partial(datum_of, scene_name(path, None, scene))):
-                contents = read(path, phase=phase, **options)
-            name = scene_name(path, contents.scene, scene)
+            files.append(_File(path, scene_name(path, None, scene)))
+    of_files: dict[str, VerticalDatum] = {}
+    for file in files:
+        file.read(partial(datum_of, file.scene), phase=phase, **options)
+        if isinstance(file.outcome, Contents) and file.outcome.scene is not None:
+            file.scene = scene_name(file.path, file.outcome.scene, scene)
+            of_files[file.scene] = file.outcome.scene.vertical_datum
+    for file in files:
+        own = of_files.get(file.scene, file.datum)
+        if file.datum is not None and own is not None and own != file.datum:
+            # Read for another datum than that of the settings, which are in another file.
+            file.read(lambda own=own: own, phase=phase, **options)  # type: ignore[misc]
+        with refusals:
+            contents = file.found()
             if contents.scene is None and not (contents.areas or contents.tracks):
-                raise without_objects("file", str(path), contents.skipped)
-            _add(plans.setdefault(name, Plan(name)), str(path), contents, refusals)
+                raise without_objects("file", str(file.path), contents.skipped)
+            _add(plans.setdefault(file.scene, Plan(file.scene)), str(file.path), contents, refusals)
     refusals.raise_found()
     return list(plans.values())
+
+
+@dataclass(slots=True)
+class _File:
+    """A file that was read, or refused.
+
+    scene : name of its scene
+    outcome : None before it is read
+    datum : that its heights were read for, None if it names none
+    """
+
+    path: str | Path
+    scene: str
+    outcome: Contents | InvalidInput | None = None
+    datum: VerticalDatum | None = None
+
+    def read(self, datum_of: Callable[[], VerticalDatum], *, phase: Phase, **options: Unpack[ReadOptions]) -> None:
+        """Read the file for a scene whose heights are above a datum."""
+        self.datum = None
+
+        def asked() -> VerticalDatum:
+            self.datum = datum_of()
+            return self.datum
+
+        try:
+            with above(asked):
+                self.outcome = read(self.path, phase=phase, **options)
+        except InvalidInput as error:
+            self.outcome = error
+
+    def found(self) -> Contents:
+        """Return what the file has; raises the InvalidInput with which it is refused."""
+        if not isinstance(self.outcome, Contents):
+            raise self.outcome or InvalidInput("file", "", "is not read", str(self.path))
+        return self.outcome
 
 
 def scene_name(path: str | Path, settings: Scene | None, scene: str | None) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final, TypeAlias
 
+from conflictdb.errors import InvalidInput
 from conflictdb.formats.kml_writing import kml_lines
 from conflictdb.formats.rtz_writing import rtz_lines
 from conflictdb.formats.scene_file import scene_text
@@ -26,10 +27,18 @@ _WRITERS: Final[dict[str, Lines]] = {
     ".ed318.json": ed318_lines,
     ".f3548.json": _f3548_lines,
 }
+# Endings that are read as other formats: a scene file of such a name would not load.
+_READ_ONLY: Final = (
+    *(".csv", ".gml", ".gpkg", ".gpx", ".kmz", ".notam"),
+    *(".s421", ".shp", ".tsv", ".txt", ".xml", ".zip"),
+)
 
 
 def object_lines(path: str | Path, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
     """Return the lines of a file of objects, in the format of its name; raises InvalidInput for what it cannot hold."""
     name = Path(path).name.lower().removesuffix(".gz")
+    if name.endswith(_READ_ONLY):
+        rule = f"this format is read, not written: write {', '.join(_WRITERS)}, .geojson or .parquet"
+        raise InvalidInput("file", Path(name).suffix, rule, str(path))
     write = next((one for ending, one in _WRITERS.items() if name.endswith(ending)), scene_text)
     return write(scene, areas, tracks)

@@ -10,7 +10,7 @@ import shapely
 from oracle import haven_at
 from route_files import rtz, s421, waypoint
 
-from conflictdb import Area, InvalidInput, Scene, Track, read
+from conflictdb import Area, InvalidInput, Scene, Track, read, write_scene_file
 from conflictdb.formats import FileHints, object_lines, write_lines
 
 HOLE = [(4.6, 57.2), (4.7, 57.2), (4.7, 57.3)]
@@ -226,3 +226,11 @@ def test_schedules_of_ed318_come_back(tmp_path: Path) -> None:
     area = Area("A1", SQUARE, None, BEGIN, BEGIN + 1000 * HOUR, schedule={"ed318": daily})
     (again,) = read(written(tmp_path / "out.ed318.json", [area], [])).areas
     assert (again.start_us, again.end_us, again.schedule) == (area.start_us, area.end_us, area.schedule)
+
+
+@pytest.mark.parametrize("name", ["plans.gpx", "plans.CSV.gz", "plans.s421", "plans.notam"])
+def test_a_format_that_is_only_read_is_not_written(tmp_path: Path, name: str) -> None:
+    """It became a scene file, which does not load under that name."""
+    with pytest.raises(InvalidInput, match=r"this format is read, not written: write \.rtz, \.kml"):
+        write_scene_file([], tmp_path / name, Scene("plans"))
+    assert not list(tmp_path.iterdir())

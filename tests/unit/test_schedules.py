@@ -422,3 +422,43 @@ def test_the_first_and_last_days_of_the_calendar_are_no_error() -> None:
 def test_lists_without_end_are_refused_at_once(name: str, more: dict[str, object]) -> None:
     with pytest.raises(InvalidInput, match=f"schedule.{name}: must have at most 10,000 entries; got 10,001"):
         schedule_of("area 'A'", more)
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ("DAILY 0800/1000", "DAILY 0800-1000"),
+        ("2230/0100", "2230-0100"),
+        ("0800-1000 1200-1300 DLY", "DAILY 0800-1000 1200-1300"),
+        ("DAILY 0000-0600 UTC", "DAILY 0000-0600"),
+        ("2606051000 TO 2606051400 2606062200 TO 2606070359", "JUN 05 1000-1400, JUN 06 2200-0359"),
+        ("2606051000 TO 2606072400,2606091000 TO 2606091100", "JUN 05 1000-JUN 07 2400, JUN 09 1000-1100"),
+    ],
+)
+def test_item_d_beside_its_grammar(text: str, same: str) -> None:
+    """Forms that public NOTAM have, and that have one reading."""
+    valid = us("2026-06-05"), us("2026-06-12")
+    spans = item_d_schedule("area 'A'", text, valid).expand(*valid)
+    assert len(spans)
+    assert spans.tolist() == item_d_schedule("area 'A'", same, valid).expand(*valid).tolist()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0800-1000 05 1200-1300 06",
+        "MON 0800-1000 DAILY",
+        "0800-1000 DAILY MON",
+        "2606051000 TO 2606051000",
+        "2606311000 TO 2607011000",
+        "2605011000 TO 2605011400",
+        "2606051060 TO 2606051400",
+        "2606051000 TO 2606051400 DAILY",
+        "2606051000 TO 26060514000",
+        "SR/SS",
+        "0800/10",
+    ],
+)
+def test_item_d_that_has_another_reading_is_refused(text: str) -> None:
+    with pytest.raises(InvalidInput, match=r"area 'A': schedule\.notam: "):
+        item_d_schedule("area 'A'", text, (us("2026-06-05"), us("2026-06-12")))

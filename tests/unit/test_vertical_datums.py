@@ -11,6 +11,7 @@ import shapely
 
 from conflictdb import Index, solve
 from conflictdb.errors import InvalidInput
+from conflictdb.formats.gather import gather
 from conflictdb.formats.hints import FileHints
 from conflictdb.formats.objects_writing import object_lines
 from conflictdb.formats.reading import read
@@ -53,6 +54,28 @@ def test_files_are_read_for_the_datum_of_the_scene(tmp_path: Path, datum: Vertic
         read(path, hints=hints)
     (one,) = read(path, hints=replace(hints, unbounded_heights=True)).areas
     assert one.ceiling_m is None
+
+
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize("datum", list(VerticalDatum))
+def test_settings_in_one_file_are_the_datum_of_the_others(tmp_path: Path, datum: VerticalDatum, first: bool) -> None:
+    """Heights above mean sea level were taken into a scene of the ellipsoid, in silence, if its settings came along."""
+    settings = tmp_path / "scene.geojson"
+    settings.write_text("".join(scene_text(Scene("plans", vertical_datum=datum), [], [])))
+    files = []
+    for stated, of in BY_DATUM.items():
+        files.append(tmp_path / f"{stated}.json")
+        files[-1].write_text(intent(*of).replace('"A"', f'"{stated}"'))
+    own = next(path for path in files if path.stem == datum)
+    for path in files:
+        paths = [settings, path] if first else [path, settings]
+        if path is own:
+            ((one,),) = (plan.areas for plan in gather(paths, "plans", datum_of=lambda name: VerticalDatum.MSL))
+            assert one.ceiling_m == pytest.approx(3048.0)
+        else:
+            with pytest.raises(InvalidInput, match=f"intent {path.stem!r}") as refused:
+                gather(paths, "plans", datum_of=lambda name, of=path.stem: VerticalDatum(of))
+            assert f"a scene with vertical_datum {path.stem} at its own" in str(refused.value)
 
 
 def test_the_ground_is_no_datum(tmp_path: Path) -> None:

@@ -2,7 +2,8 @@
 
 The grammar is that of ICAO Doc 8126 and of EUROCONTROL's OPADD. All times are UTC. A period that passes midnight
 belongs to the day on which it starts, so `EXC` removes the periods that start on a day. 2359 ends a day, as 2400 does.
-What has another reading, or needs a list of holidays, is refused.
+Three forms that are common though no grammar has them are read, too: 0800/1000, times before DAILY, and a list of spans
+such as 2205201000 TO 2205201400. What has another reading, or needs a list of holidays, is refused.
 """
 
 import re
@@ -17,6 +18,9 @@ Valid = tuple[int | None, int | None]
 
 _FIELD: Final = "schedule.notam"
 _WORD: Final = re.compile(r"\d{4}(?!\d)|\d{1,3}(?!\d)|[A-Z]+\d*|[-,]")
+_SLASH: Final = re.compile(r"(?<!\d)(\d{4})/(\d{4})(?!\d)")
+_UTC: Final = re.compile(r"(?<!\d)(\d{4}) ?UTC\b")
+_SPAN: Final = re.compile(r"(\d{6})(\d{4}) TO (\d{6})(\d{4})(?!\d)[ ,]*")
 _EVENTS: Final = {"SR": "sunrise", "SS": "sunset", "BMCT": "civil_dawn", "EECT": "civil_dusk", "EECET": "civil_dusk"}
 _SIGNS: Final = {"PLUS": 60, "MINUS": -60}
 _WHOLE: Final = {
@@ -49,6 +53,8 @@ class _ItemD:
     def __init__(self, who: str, text: str, valid_us: Valid) -> None:
         self.who, self.text, self.valid_us = who, text, valid_us
         upper = text.upper().strip().rstrip(".")
+        self.spans = [] if _SPAN.sub("", upper) else _SPAN.findall(upper)
+        upper = "" if self.spans else _UTC.sub(r"\1", _SLASH.sub(r"\1-\2", upper))
         rest = _WORD.sub(" ", upper).split()
         if rest:
             raise self._unread(rest[0])
@@ -57,10 +63,28 @@ class _ItemD:
         self.month: int | None = None
 
     def schedule(self) -> Schedule:
-        rules = []
+        rules = [self._from_to(*span) for span in self.spans]
         while self.at < len(self.words):
             rules.append(self._group())
         return Schedule(self.who, tuple(TimedRule(rule, *self.valid_us) for rule in rules))
+
+    def _from_to(self, first: str, start: str, last: str, end: str) -> Daily:
+        """Return a period from one date and time to another, written as items B and C."""
+        self.words, self.at = [start, end], 0
+        try:
+            begin, until = (datetime.strptime(day, "%y%m%d").date() for day in (first, last))
+        except ValueError:
+            raise self._refused("has a date that is none") from None
+        period = Period(self._moment(is_end=False), self._moment(is_end=True), (until - begin).days)
+        if (begin, period.start.offset_s) >= (until, period.end.offset_s):
+            raise self._refused("has a span that ends before it starts")
+        start_us, end_us = self.valid_us
+        at_us = (begin - _EPOCH.date()).days * _DAY_S * 1_000_000
+        if (start_us is not None and at_us + 2 * _DAY_S * 1_000_000 <= start_us) or (
+            end_us is not None and at_us >= end_us
+        ):
+            raise self._refused(f"has the date {first}, which is not between items B and C")
+        return Daily(UTC, (period,), dates=frozenset({begin}))
 
     # --- groups
 
@@ -85,6 +109,8 @@ class _ItemD:
                 self._exceptions(excepted, excepted_days, bool(periods))
                 if periods:
                     break
+            elif periods and self._peek() in _EVERY_DAY and not (weekdays or dates) and self.at == len(self.words) - 1:
+                self.at += 1
             elif periods and (self._is_day() or self._peek() in _EVERY_DAY):
                 break
             else:
