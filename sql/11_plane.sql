@@ -114,23 +114,23 @@ COMMENT ON FUNCTION _to_plane(geometry, text) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._each_to_plane(p_geometries geometry[], p_plane text)
 RETURNS geometry[]
-LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
-BEGIN ATOMIC
+-- Not LANGUAGE sql, which would be planned at each call.
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    IF p_plane IN ('wgs84', 'sphere') THEN
+        RETURN (SELECT array_agg(_to_plane(u.geometry, p_plane) ORDER BY u.n)
+                FROM unnest(p_geometries) WITH ORDINALITY u (geometry, n));
+    END IF;
     -- PROJ prepares a projection about a centre for every call, which takes 100 times as long as a polygon.
-    WITH given AS (
-        SELECT u.geometry, u.n - 1 AS n FROM unnest(p_geometries) WITH ORDINALITY u (geometry, n)
-    ), chunk AS MATERIALIZED (
-        SELECT g.n / 64 AS number, count(*) AS size,
-               _to_plane(ST_Collect(array_agg(g.geometry ORDER BY g.n)), p_plane) AS shapes
-        FROM given g WHERE p_plane NOT IN ('wgs84', 'sphere') GROUP BY g.n / 64
-    ), shape AS (
-        SELECT 64 * c.number + k - 1 AS n, ST_GeometryN(c.shapes, k::integer) AS shape
-        FROM chunk c CROSS JOIN generate_series(1, c.size) k
-        UNION ALL
-        SELECT g.n, _to_plane(g.geometry, p_plane) FROM given g WHERE p_plane IN ('wgs84', 'sphere')
-    )
-    SELECT array_agg(s.shape ORDER BY s.n) FROM shape s;
-END;
+    RETURN (WITH chunk AS MATERIALIZED (
+                SELECT (u.n - 1) / 64 AS number, count(*) AS size,
+                       ST_Transform(ST_Collect(array_agg(u.geometry ORDER BY u.n)), _globe(), p_plane) AS shapes
+                FROM unnest(p_geometries) WITH ORDINALITY u (geometry, n) GROUP BY (u.n - 1) / 64
+            )
+            SELECT array_agg(ST_GeometryN(c.shapes, k::integer) ORDER BY c.number, k)
+            FROM chunk c CROSS JOIN generate_series(1, c.size) k);
+END
+$$;
 COMMENT ON FUNCTION _each_to_plane(geometry[], text) IS
 'Projects geometries, none of them null, as _to_plane does.';
 

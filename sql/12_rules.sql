@@ -72,11 +72,13 @@ $$;
 COMMENT ON FUNCTION _rules_of(bigint) IS 'The separation rules of a scene, as in scene files.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._longest_time_s(p_scene_id bigint) RETURNS double precision
-LANGUAGE sql STABLE PARALLEL SAFE
-BEGIN ATOMIC
-    SELECT greatest(s.time_separation_s, (SELECT max(r.time_s) FROM rule r WHERE r.scene_id = p_scene_id))
-    FROM scene s WHERE s.scene_id = p_scene_id;
-END;
+-- Not LANGUAGE sql, which would be planned at each call.
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN (SELECT greatest(s.time_separation_s, (SELECT max(r.time_s) FROM rule r WHERE r.scene_id = p_scene_id))
+            FROM scene s WHERE s.scene_id = p_scene_id);
+END
+$$;
 COMMENT ON FUNCTION _longest_time_s(bigint) IS
 'The largest separation in time of any pair of a scene, by its setting and its rules, seconds.';
 

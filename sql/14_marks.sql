@@ -46,6 +46,10 @@ DECLARE
     v_marked bigint;
 BEGIN
     IF TG_OP IN ('UPDATE', 'DELETE') THEN
+        -- INSERT ... ON CONFLICT DO UPDATE calls both triggers.
+        IF NOT EXISTS (SELECT FROM old_rows) THEN
+            RETURN NULL;
+        END IF;
         EXECUTE format('DELETE FROM object_key k USING old_rows o WHERE k.scene_id = o.scene_id AND k.key = o.key'
                        || CASE TG_OP WHEN 'UPDATE' THEN ' AND NOT EXISTS (SELECT FROM new_rows n WHERE n.%1$I = o.%1$I '
                                                         'AND n.key = o.key)' ELSE '' END, v_id);

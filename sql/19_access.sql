@@ -73,11 +73,13 @@ COMMENT ON FUNCTION _is_protected() IS
 'Whether scenes are visible only to their owners and the roles they are shared with.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._may_change(p_scene_id bigint) RETURNS boolean
-LANGUAGE sql STABLE STRICT PARALLEL SAFE
-BEGIN ATOMIC
-    SELECT NOT row_security_active('scene'::regclass::oid) OR pg_has_role('conflictdb_worker', 'USAGE')
+-- Not LANGUAGE sql, which would be planned at each call.
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+BEGIN
+    RETURN NOT row_security_active('scene'::regclass::oid) OR pg_has_role('conflictdb_worker', 'USAGE')
            OR EXISTS (SELECT FROM _accessible a WHERE a.scene_id = p_scene_id AND a.may_write);
-END;
+END
+$$;
 COMMENT ON FUNCTION _may_change(bigint) IS 'Whether row-level security allows the current role to change a scene.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_may_change(p_scene_id bigint, p_scene text) RETURNS void

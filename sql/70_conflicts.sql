@@ -336,23 +336,26 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._lies_near(
     p_shape geometry, p_reach_m double precision, p_low_lon double precision[], p_low_lat double precision[],
     p_high_lon double precision[], p_high_lat double precision[]
 ) RETURNS boolean
-LANGUAGE sql IMMUTABLE PARALLEL SAFE
-BEGIN ATOMIC
+-- Not LANGUAGE sql, which would be planned at each call.
+LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
     -- On great circles the sides of an object w wide rise above it by at most half of sin(2 lat) (sec(w / 2) - 1).
     -- Objects wider than 90 degrees, and those near a pole, are always near. Corners grow at most 115 times as fast as
     -- sides (conflictdb.model.outlines.FASTEST_TIP).
-    SELECT o.is_wide OR EXISTS (
-        SELECT FROM unnest(p_low_lon, p_low_lat, p_high_lon, p_high_lat) b (west, south, east, north)
-        CROSS JOIN unnest(ARRAY[-360, 0, 360]) turn
-        WHERE o.west - o.east_deg <= b.east + turn AND b.west + turn <= o.east + o.east_deg
-          AND o.south - o.north_deg <= b.north AND b.south <= o.north + o.north_deg)
-    FROM (SELECT n.*, n.north_deg / cos(radians(least(n.highest + n.north_deg, 89))) AS east_deg,
-                 n.east - n.west > 90 OR n.highest + n.north_deg > 85 AS is_wide
-          FROM (SELECT ST_XMin(p_shape) AS west, ST_XMax(p_shape) AS east, ST_YMin(p_shape) AS south,
-                       ST_YMax(p_shape) AS north, greatest(abs(ST_YMin(p_shape)), abs(ST_YMax(p_shape))) AS highest,
-                       0.001 + degrees(0.5 * (1 / cosd(least(ST_XMax(p_shape) - ST_XMin(p_shape), 90) / 2) - 1))
-                       + p_reach_m / 110000 AS north_deg OFFSET 0) n OFFSET 0) o;
-END;
+    RETURN (
+        SELECT o.is_wide OR EXISTS (
+            SELECT FROM unnest(p_low_lon, p_low_lat, p_high_lon, p_high_lat) b (west, south, east, north)
+            CROSS JOIN unnest(ARRAY[-360, 0, 360]) turn
+            WHERE o.west - o.east_deg <= b.east + turn AND b.west + turn <= o.east + o.east_deg
+              AND o.south - o.north_deg <= b.north AND b.south <= o.north + o.north_deg)
+        FROM (SELECT n.*, n.north_deg / cos(radians(least(n.highest + n.north_deg, 89))) AS east_deg,
+                     n.east - n.west > 90 OR n.highest + n.north_deg > 85 AS is_wide
+              FROM (SELECT ST_XMin(p_shape) AS west, ST_XMax(p_shape) AS east, ST_YMin(p_shape) AS south,
+                           ST_YMax(p_shape) AS north, greatest(abs(ST_YMin(p_shape)), abs(ST_YMax(p_shape))) AS highest,
+                           0.001 + degrees(0.5 * (1 / cosd(least(ST_XMax(p_shape) - ST_XMin(p_shape), 90) / 2) - 1))
+                           + p_reach_m / 110000 AS north_deg OFFSET 0) n OFFSET 0) o);
+END
+$$;
 COMMENT ON FUNCTION _lies_near(geometry, double precision, double precision[], double precision[], double precision[],
                                double precision[]) IS
 'Whether a footprint or path (longitude and latitude), with p_reach_m metres around it, may reach one of some boxes in '

@@ -92,20 +92,24 @@ COMMENT ON FUNCTION _admission_holders(bigint) IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._replaced_objects(p_scene_id bigint, p_keys text[], p_owner text)
 RETURNS TABLE (kind smallint, id bigint, key text, name text, owner text)
-LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
-BEGIN ATOMIC
-    SELECT 0::smallint, a.area_id, a.key, a.name, a.owner FROM area a
-    WHERE a.scene_id = p_scene_id AND a.key = ANY (p_keys)
-    UNION
-    SELECT 0::smallint, a.area_id, a.key, a.name, a.owner FROM area a
-    WHERE a.scene_id = p_scene_id AND a.owner = p_owner
-    UNION
-    SELECT 1::smallint, t.track_id, t.key, t.name, t.owner FROM track t
-    WHERE t.scene_id = p_scene_id AND t.key = ANY (p_keys)
-    UNION
-    SELECT 1::smallint, t.track_id, t.key, t.name, t.owner FROM track t
-    WHERE t.scene_id = p_scene_id AND t.owner = p_owner;
-END;
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE ROWS 10 SET search_path FROM CURRENT
+-- Planning takes longer than the rest: once per session, for many objects.
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
+BEGIN
+    RETURN QUERY
+        SELECT 0::smallint, a.area_id, a.key, a.name, a.owner FROM area a
+        WHERE a.scene_id = p_scene_id AND a.key = ANY (p_keys)
+        UNION
+        SELECT 0::smallint, a.area_id, a.key, a.name, a.owner FROM area a
+        WHERE a.scene_id = p_scene_id AND a.owner = p_owner
+        UNION
+        SELECT 1::smallint, t.track_id, t.key, t.name, t.owner FROM track t
+        WHERE t.scene_id = p_scene_id AND t.key = ANY (p_keys)
+        UNION
+        SELECT 1::smallint, t.track_id, t.key, t.name, t.owner FROM track t
+        WHERE t.scene_id = p_scene_id AND t.owner = p_owner;
+END
+$$;
 COMMENT ON FUNCTION _replaced_objects(bigint, text[], text) IS
 'Objects of a scene that have one of some keys, or an owner (null: none).';
 
@@ -116,7 +120,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._objects_near(
 ) RETURNS TABLE (kind smallint, id bigint, key text, name text, owner text)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
-SET jit = off AS $$
+-- Only plain scans mark entries of an index that nobody needs: detections leave one for each object they have seen.
+SET enable_bitmapscan = off SET plan_cache_mode = force_generic_plan SET jit = off AS $$
 DECLARE
     v_span tstzrange := (SELECT tstzrange(_instant_of(min(u.s)), _instant_of(max(u.e)), '[]')
                          FROM unnest(p_starts_us, p_ends_us) u (s, e));

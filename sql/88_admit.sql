@@ -92,8 +92,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._meetings(p_scene_id bigint, p_ar
 RETURNS TABLE (a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, period tstzrange)
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_hashjoin = off SET enable_mergejoin = off SET enable_material = off SET enable_seqscan = off
--- Planning takes as long as the rest: once per session.
-SET plan_cache_mode = force_generic_plan SET jit = off AS $$
+-- Planning takes as long as the rest: once per session. No bitmaps, as in _objects_near.
+SET plan_cache_mode = force_generic_plan SET enable_bitmapscan = off SET jit = off AS $$
 DECLARE
     v_scene record;
     v_kinds smallint[];
@@ -126,10 +126,10 @@ BEGIN
         WITH given AS MATERIALIZED (
             SELECT u.kind, u.id, u.place, u.floor_m, u.ceiling_m, u.span,
                    tstzrange(lower(u.span), upper(u.span), '[]') AS closed_span,
-                   u.shape
+                   u.shape, u.leg
             FROM unnest(v_kinds, v_ids, v_places, v_spans, v_floors_m, v_ceilings_m,
-                        _each_to_plane(v_places, v_scene.plane))
-                 u (kind, id, place, span, floor_m, ceiling_m, shape)
+                        _each_to_plane(v_places, v_scene.plane)) WITH ORDINALITY
+                 u (kind, id, place, span, floor_m, ceiling_m, shape, leg)
         ), scaled AS MATERIALIZED (
             -- Metres of the plane per metre, at most.
             SELECT g.*, CASE v_scene.motion
@@ -172,33 +172,50 @@ BEGIN
                                              + 115 * t.grow_mps
                                                * (ST_M(ST_EndPoint(t.path)) - ST_M(ST_StartPoint(t.path))),
                                      b.west, b.south, b.east, b.north))
-        ), near_area AS (
-            SELECT n.kind, n.id, n.object_id, false AS is_pending FROM detected n WHERE n.object_kind = 0
-            UNION ALL
-            SELECT DISTINCT g.kind, g.id, n.object_id, true FROM pending_area n CROSS JOIN given g
-        ), near_chunk AS MATERIALIZED (
-            -- As in _each_to_plane; without a join, whose rows a nested loop would compare with all others.
-            SELECT array_agg(n.kind) AS kinds, array_agg(n.id) AS ids, array_agg(n.object_id) AS object_ids,
-                   array_agg(n.is_pending) AS are_pending, count(*) AS size,
-                   CASE v_scene.motion WHEN 'great_circle'
-                        THEN _to_plane(ST_Collect(array_agg(n.footprint)), v_scene.plane) END AS shapes
-            FROM (SELECT n.*, a.footprint::geometry AS footprint, row_number() OVER () AS nth
-                  FROM near_area n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id) n
-            GROUP BY n.nth / 64
-        ), near_shape AS (
-            SELECT c.kinds[k] AS kind, c.ids[k] AS id, c.object_ids[k] AS object_id, c.are_pending[k] AS is_pending,
-                   ST_GeometryN(c.shapes, k::integer) AS shape
-            FROM near_chunk c CROSS JOIN generate_series(1, c.size) k
-        ), near_track AS (
-            SELECT n.kind, n.id, n.object_id FROM detected n WHERE n.object_kind = 1
-            UNION
-            SELECT g.kind, g.id, n.object_id FROM pending_track n CROSS JOIN given g
         ), mine AS (
             SELECT 0::smallint AS kind, a.area_id AS id, _word_number(a.class) AS class, _word_number(a.owner) AS owner
             FROM unnest(p_area_ids) n JOIN area a ON a.area_id = n
             UNION ALL
             SELECT 1::smallint, t.track_id, _word_number(t.class), _word_number(t.owner)
             FROM unnest(p_track_ids) n JOIN track t ON t.track_id = n
+        ), near_area AS (
+            SELECT n.kind, n.id, NULL::bigint AS leg, n.object_id, false AS is_pending
+            FROM detected n WHERE n.object_kind = 0
+            UNION ALL
+            SELECT g.kind, g.id, g.leg, n.object_id, true
+            FROM pending_area n JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
+            CROSS JOIN given g
+            WHERE a.schedule IS NOT NULL
+                  OR CASE WHEN v_scene.is_closed OR v_scene.within_s > 0
+                          THEN g.closed_span && _widened(tstzrange(lower(a.active_span), upper(a.active_span), '[]'),
+                                                         v_scene.within_s)
+                          ELSE g.span && a.active_span END
+                     AND NOT _are_above(g.floor_m, a.ceiling_m, v_scene.apart_m, v_scene.is_closed)
+                     AND NOT _are_above(a.floor_m, g.ceiling_m, v_scene.apart_m, v_scene.is_closed)
+        ), near_chunk AS MATERIALIZED (
+            -- As in _each_to_plane, after all that needs no shape. Without a join, whose rows a nested loop would
+            -- compare with all others.
+            SELECT array_agg(n.kind) AS kinds, array_agg(n.id) AS ids, array_agg(n.leg) AS legs,
+                   array_agg(n.object_id) AS object_ids, array_agg(n.is_pending) AS are_pending, count(*) AS size,
+                   CASE v_scene.motion WHEN 'great_circle'
+                        THEN ST_Transform(ST_Collect(array_agg(n.footprint)), _globe(), v_scene.plane) END AS shapes
+            FROM (SELECT n.*, a.footprint::geometry AS footprint, row_number() OVER () AS nth
+                  FROM near_area n JOIN mine m ON m.kind = n.kind AND m.id = n.id
+                  JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
+                  WHERE (n.kind <> 0 OR n.object_id <> n.id)
+                    -- Two plans once.
+                    AND (n.object_id <> ALL (p_area_ids) OR n.kind = 1 OR n.id < n.object_id)
+                    AND _are_compared(m.kind, m.class, m.owner, 0::smallint, _word_number(a.class),
+                                      _word_number(a.owner), v_allowed.classes, v_allowed.pairs)) n
+            GROUP BY n.nth / 64
+        ), near_shape AS (
+            SELECT c.kinds[k] AS kind, c.ids[k] AS id, c.legs[k] AS leg, c.object_ids[k] AS object_id,
+                   c.are_pending[k] AS is_pending, ST_GeometryN(c.shapes, k::integer) AS shape
+            FROM near_chunk c CROSS JOIN generate_series(1, c.size) k
+        ), near_track AS (
+            SELECT n.kind, n.id, n.object_id FROM detected n WHERE n.object_kind = 1
+            UNION
+            SELECT g.kind, g.id, n.object_id FROM pending_track n CROSS JOIN given g
         )
         SELECT DISTINCT n.kind, n.id, 1::smallint, n.object_id, NULL::tstzrange
         FROM near_track n JOIN mine m ON m.kind = n.kind AND m.id = n.id
@@ -208,8 +225,7 @@ BEGIN
                             v_allowed.classes, v_allowed.pairs)
         UNION ALL
         SELECT n.kind, n.id, 0::smallint, n.object_id, x.period
-        FROM near_shape n JOIN mine m ON m.kind = n.kind AND m.id = n.id
-        JOIN scaled g ON g.kind = n.kind AND g.id = n.id
+        FROM near_shape n JOIN scaled g ON g.kind = n.kind AND g.id = n.id AND (n.leg IS NULL OR n.leg = g.leg)
         JOIN area a ON a.area_id = n.object_id AND a.scene_id + 0 = p_scene_id
         CROSS JOIN LATERAL (
             SELECT CASE WHEN s.may_decide AND bool_or(s.is_deep) THEN s.shared END AS period
@@ -228,21 +244,9 @@ BEGIN
                          OR ST_DWithin(g.shape, o.shape, 1.02 * g.scale * v_scene.wanted_m + 1e-5) AS is_near
                   FROM (SELECT ST_Translate(coalesce(n.shape, _to_plane(a.footprint, v_scene.plane)),
                                             turn * v_scene.turn_m, 0) AS shape
-                        FROM generate_series(-1, 1) turn WHERE turn = 0 OR v_scene.motion = 'rhumb' OFFSET 0) o
-                  WHERE a.schedule IS NOT NULL OR NOT n.is_pending
-                        OR CASE WHEN v_scene.is_closed OR v_scene.within_s > 0
-                                THEN g.closed_span && _widened(tstzrange(lower(a.active_span), upper(a.active_span),
-                                                                         '[]'), v_scene.within_s)
-                                ELSE g.span && a.active_span END
-                           AND NOT _are_above(g.floor_m, a.ceiling_m, v_scene.apart_m, v_scene.is_closed)
-                           AND NOT _are_above(a.floor_m, g.ceiling_m, v_scene.apart_m, v_scene.is_closed)) s
+                        FROM generate_series(-1, 1) turn WHERE turn = 0 OR v_scene.motion = 'rhumb' OFFSET 0) o) s
             WHERE s.is_near OR NOT n.is_pending
-            GROUP BY s.may_decide, s.shared) x
-        WHERE (n.kind <> 0 OR n.object_id <> n.id)
-          -- Two plans once.
-          AND (n.object_id <> ALL (p_area_ids) OR n.kind = 1 OR n.id < n.object_id)
-          AND _are_compared(m.kind, m.class, m.owner, 0::smallint, _word_number(a.class), _word_number(a.owner),
-                            v_allowed.classes, v_allowed.pairs);
+            GROUP BY s.may_decide, s.shared) x;
 END
 $$;
 COMMENT ON FUNCTION _meetings(bigint, bigint[], bigint[]) IS
