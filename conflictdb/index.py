@@ -55,7 +55,7 @@ class Index:
     The answer is that of `solve` on the same plans. Plans of one owner are never compared with each other.
 
     scene : the settings; a centre that great circles need follows from the first plans if it is not given
-    max_vertices : most vertices of an area, or waypoints of a track; None: 1,000,000
+    max_vertices : most points of an area, also those that close its rings, or waypoints of a track; None: 1,000,000
     max_days_ahead : days from now until which a plan must end; None: no limit, plans without times are accepted
     """
 

@@ -120,8 +120,15 @@ def _stitched(flat: NDArray[np.object_], lonlat: Floats, owner: NDArray[np.int64
 
 
 def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
-    """Return the pieces of some areas: their convex parts, and seam copies."""
-    owner, xy, offset = convex_parts(planar(plane, areas.footprint) if areas.flat is None else areas.flat)
+    """Return the pieces of some areas: their convex parts, and seam copies; ValueError for NaN corners."""
+    flat = areas.flat
+    if flat is None:
+        with np.errstate(invalid="ignore"):
+            flat = planar(plane, areas.footprint)
+        # GEOS drops such corners from hulls, which are then too small.
+        if not np.isfinite(shapely.get_coordinates(flat)).all():
+            raise ValueError("a corner has no place in the plane")
+    owner, xy, offset = convex_parts(flat)
     n = len(owner)
     nothing, none_us = np.zeros((n, 2)), np.zeros(n, np.int64)
     pieces = Pieces(
