@@ -401,9 +401,9 @@ def test_footprints_that_are_not_projected_are_valid_on_great_circles(conn: Conn
 
 @pytest.mark.parametrize("member", ["owner", "class"])
 @pytest.mark.parametrize("word", ["", "x" * 201])
-@pytest.mark.parametrize("motion", ["rhumb", "great_circle"])
-def test_words_of_plain_areas_are_checked(conn: Conn, motion: str, word: str, member: str) -> None:
-    conn.execute("INSERT INTO conflictdb.scene (name, motion) VALUES ('w', %s)", (motion,))
+@pytest.mark.parametrize(("motion", "earth"), [("rhumb", "wgs84"), ("great_circle", "sphere")])
+def test_words_of_plain_areas_are_checked(conn: Conn, motion: str, earth: str, word: str, member: str) -> None:
+    conn.execute("INSERT INTO conflictdb.scene (name, motion, earth) VALUES ('w', %s, %s)", (motion, earth))
     plan = f"SELECT conflictdb.put_area('w', 'A', 'SRID=4326;POLYGON((8 47,8.1 47,8.1 47.1,8 47))', p_{member} => %s)"
     conn.execute(plan, ("x" * 200,))
     with pytest.raises(psycopg.errors.DatabaseError, match=f"{member}: must be a text of 1 to 200 bytes"):
