@@ -10,19 +10,22 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
+from operator import attrgetter
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
+from conflictdb.arrays.distinct import distinct
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
 from conflictdb.in_memory import Objects
-from conflictdb.kernel.boxes import BoxTree, RowBoxes
+from conflictdb.kernel.boxes import BoxTree, HeldBoxes, RowBoxes
 from conflictdb.kernel.bundles import boxes_of
 from conflictdb.model import inputs
 from conflictdb.model.limits import Limits
@@ -40,8 +43,9 @@ from conflictdb.stages.to_results import to_results
 
 Plan = Area | Track
 _NO_TRACKS: Final = TrackBatch.of([])
+# The fields of plans that count.
 _AREA_FIELDS, _TRACK_FIELDS = (
-    tuple(one.name for one in fields(kind) if one.name != "properties") for kind in (Area, Track)
+    attrgetter(*(one.name for one in fields(kind) if one.name != "properties")) for kind in (Area, Track)
 )
 
 
@@ -51,7 +55,7 @@ class Index:
     The answer is that of `solve` on the same plans. Plans of one owner are never compared with each other.
 
     scene : the settings; a centre that great circles need follows from the first plans if it is not given
-    max_vertices : most vertices of an area, or waypoints of a track; None: 1,000,000
+    max_vertices : most points of an area, also those that close its rings, or waypoints of a track; None: 1,000,000
     max_days_ahead : days from now until which a plan must end; None: no limit, plans without times are accepted
     """
 
@@ -152,19 +156,25 @@ class Index:
         boxes, met = _boxes(scene, mine.pieces), _Met(mine)
         if owner is None:
             met.add_among(boxes)
-        plans_of = {one.key: one for one in given}
+        plans_of, held = {one.key: one for one in given}, HeldBoxes.of(boxes)
         for tree, put in state.levels:
-            first, second = tree.pairs(boxes)
-            met_by = [put.objects[k] for k in put.object_of[second].tolist()]
-            seen = [
-                state.shows(one) and one.plan.key not in keys and (owner is None or one.owner.name != owner)
-                for one in met_by
-            ]
-            rows = np.flatnonzero(np.array(seen, np.bool_))
-            plans_of |= {met_by[k].plan.key: met_by[k].plan for k in rows.tolist()}
+            first, second = tree.pairs_of(held)
+            if not len(second):
+                continue
+            of = put.object_of[second].tolist()
+            seen = {
+                k: one
+                for k, one in ((k, put.objects[k]) for k in set(of))
+                if state.shows(one) and one.plan.key not in keys and (owner is None or one.owner.name != owner)
+            }
+            plans_of |= {one.plan.key: one.plan for one in seen.values()}
+            rows = np.array([i for i, k in enumerate(of) if k in seen], np.int64)
             met.add(put.pieces, put.object_of, put.member, first[rows], second[rows])
-        origin = Objects(scene, plans_of)
-        return Results((conflict.found_by(origin) for conflict in met.conflicts(scene, plane)), Conflict)
+        conflicts = met.conflicts(scene, plane)
+        if conflicts:
+            origin = Objects(scene, plans_of)
+            conflicts = [conflict.found_by(origin) for conflict in conflicts]
+        return Results(conflicts, Conflict)
 
     def _forget(self, owners: "list[_Owner]", number: int) -> None:
         """Hide the plans of owners from the state of a number on."""
@@ -205,14 +215,18 @@ class _Put(NamedTuple):
     @classmethod
     def merged(cls, puts: "Sequence[_Put]") -> "_Put":
         """Return the plans that the newest state shows."""
-        kept = [np.array([item.owner.ended is None for item in put.objects], np.bool_) for put in puts]
-        firsts = np.cumsum([0, *(int(one.sum()) for one in kept)])
         parts, of = [], []
-        for put, live, first in zip(puts, kept, firsts.tolist(), strict=False):
-            rows = np.flatnonzero(live[put.object_of])
-            parts.append(put.pieces if len(rows) == len(put.pieces) else put.pieces.take(rows))
-            of.append((np.cumsum(live) - 1)[put.object_of[rows]] + first)
-        objects = [item for put in puts for item in put.objects if item.owner.ended is None]
+        objects: list[_Object] = []
+        for put in puts:
+            live = [item for item in put.objects if item.owner.ended is None]
+            pieces, object_of = put.pieces, put.object_of
+            if len(live) < len(put.objects):
+                is_live = np.array([item.owner.ended is None for item in put.objects], np.bool_)
+                rows = np.flatnonzero(is_live[object_of])
+                pieces, object_of = pieces.take(rows), (np.cumsum(is_live) - 1)[object_of[rows]]
+            parts.append(pieces)
+            of.append(object_of + len(objects))
+            objects += live
         return cls(Pieces.concatenate(parts), np.concatenate(of).astype(np.int32), objects)
 
 
@@ -330,9 +344,11 @@ class Members(NamedTuple):
         """Return plans; raises InvalidInput for those that do not fit the scene's plane."""
         areas, tracks = by_kind(plans)
         check_datums(scene, plans)
-        flat = check_plane(plane, areas, tracks)
+        flat, once = check_plane(plane, areas, tracks)
         places = [np.array([k for k, one in enumerate(plans) if isinstance(one, kind)]) for kind in (Area, Track)]
-        pieces = pieces_of(scene, plane, AreaBatch.of(areas, flat), TrackBatch.of(tracks) if tracks else _NO_TRACKS)
+        pieces = pieces_of(
+            scene, plane, AreaBatch.of(areas, flat), _NO_TRACKS if once is None else once.departing(tracks)
+        )
         row = pieces.object_id + np.where(pieces.kind == Kind.AREA.code, 0, len(areas))
         return cls(pieces, np.concatenate(places).astype(np.int64)[row], [Member.of(one) for one in plans])
 
@@ -375,8 +391,12 @@ class _LastCut(threading.local):
 
 def _content(plan: Plan) -> tuple[Any, ...]:
     """Return the fields of a plan that count, by value: arrays and mappings may be changed in place."""
-    values = (getattr(plan, name) for name in (_AREA_FIELDS if isinstance(plan, Area) else _TRACK_FIELDS))
-    return type(plan), *map(_value, values)
+    values = _AREA_FIELDS(plan) if isinstance(plan, Area) else _TRACK_FIELDS(plan)
+    return type(plan), *(one if type(one) in _CONSTANT else _value(one) for one in values)
+
+
+# Types of values that cannot change; most fields have one of them.
+_CONSTANT: Final = {type(None), str, float, int, shapely.MultiPolygon}
 
 
 def _value(given: Any) -> Any:
@@ -428,8 +448,8 @@ class _Met:
         """Add pairs of pieces of the first objects and of others, of which `of` gives the number."""
         if not len(second):
             return
-        rows, place = np.unique(second, return_inverse=True)
-        numbers, of_row = np.unique(of[rows], return_inverse=True)
+        rows, place = distinct(second)
+        numbers, of_row = distinct(of[rows])
         self._a.append(first)
         self._b.append(place + self._count)
         self._pieces.append(pieces.take(rows))
@@ -444,7 +464,8 @@ class _Met:
         a, b, of = np.concatenate(self._a), np.concatenate(self._b), np.concatenate(self._of)
         names = {one.owner: k for k, one in enumerate(self._members) if one.owner is not None}
         owner = np.array([-1 - k if m.owner is None else names[m.owner] for k, m in enumerate(self._members)])[of]
-        a, b = a[owner[a] != owner[b]], b[owner[a] != owner[b]]
+        others = owner[a] != owner[b]
+        a, b = a[others], b[others]
         # Numbered by key, seam copies beside their originals, and the smaller number first: as `solve` does, whose
         # answer may depend on it in the last digits.
         ids = np.empty(len(self._members), np.int64)
@@ -457,12 +478,12 @@ class _Met:
                 ids[k], named[kind.code, number] = number, (one.key, one.name)
                 members[kind].append(one)
         pieces = replace(Pieces.concatenate(self._pieces), object_id=ids[of])
-        order = np.lexsort((-pieces.turn, pieces.part, object_numbers(pieces)))
+        numbers = object_numbers(pieces)
+        order = np.lexsort((-pieces.turn, pieces.part, numbers))
         place = np.empty(len(order), np.int64)
         place[order] = np.arange(len(order))
-        pieces, a, b = pieces.take(order), place[a], place[b]
-        numbers = object_numbers(pieces)
-        a, b = np.where(numbers[a] < numbers[b], (a, b), (b, a))
+        is_first = numbers[a] < numbers[b]
+        pieces, a, b = pieces.take(order), place[np.where(is_first, a, b)], place[np.where(is_first, b, a)]
         a, b = pairs_together(pieces.meeting_within(scene.longest_time_us), PieceRows(a), PieceRows(b))
         order = np.lexsort((b, a))
         source = _Given(pieces, PieceRows(a[order]), PieceRows(b[order]), members)

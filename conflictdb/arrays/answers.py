@@ -12,13 +12,16 @@ from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.model.plans import MINUS_INFINITY_US
 from conflictdb.model.record import MEASURED, ColumnType
 
-# Values of measured columns that are not computed, and their types.
-_UNKNOWN: Final = {
+_UNKNOWN_OF: Final[dict[ColumnType, tuple[Any, Any]]] = {
     ColumnType.NUMBER: (np.nan, np.float64),
     ColumnType.POINT: (np.nan, np.float64),
     ColumnType.INSTANT: (MINUS_INFINITY_US, np.int64),
     ColumnType.NAME: (-1, np.int8),
 }
+# Measured columns, the shape of a row, and value and type where they are not computed.
+_UNKNOWN: Final = tuple(
+    (one.array, (2,) if one.type is ColumnType.POINT else (), _UNKNOWN_OF[one.type]) for one in MEASURED
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +62,8 @@ class Contacts:
     @classmethod
     def concatenate(cls, batches: Sequence["Contacts"]) -> Self:
         """Return all contacts in one, sorted by pair and start; at least one batch."""
-        columns = [np.concatenate([getattr(batch, column.name) for batch in batches]) for column in fields(cls)]
+        some = [batch for batch in batches if len(batch.pair)] or batches[:1]
+        columns = [np.concatenate([getattr(batch, name) for batch in some]) for name in cls.__slots__]
         order = np.lexsort((columns[1], columns[0]))
         return cls(*(column[order] for column in columns))
 
@@ -124,12 +128,19 @@ class Conflicts:
     def of_members(cls, a: Members, b: Members, periods: Periods, verdict: NDArray[np.int8], **measured: Any) -> Self:
         """Return conflicts of objects a and b; columns of `measured` that are absent are not computed."""
         n = len(verdict)
-        unknown: dict[str, Any] = {
-            one.array: np.full((n, 2) if one.type is ColumnType.POINT else n, *_UNKNOWN[one.type]) for one in MEASURED
-        }
-        unknown["time_error_s"] = np.zeros(n)
+        measured.setdefault("time_error_s", np.zeros(n))
+        for name, shape, (value, dtype) in _UNKNOWN:
+            if name not in measured:
+                measured[name] = np.full((n, *shape), value, dtype)
         (a_kind, a_id, a_version), (b_kind, b_id, b_version) = a, b
-        return cls(a_kind, a_id, a_version, b_kind, b_id, b_version, *periods, verdict, **unknown | measured)
+        return cls(a_kind, a_id, a_version, b_kind, b_id, b_version, *periods, verdict, **measured)
+
+    @classmethod
+    def none(cls) -> Self:
+        """Return no conflicts."""
+        kind, number = np.empty(0, np.int8), np.empty(0, np.int64)
+        nothing = kind, number, number
+        return cls.of_members(nothing, nothing, (np.empty((0, 2), np.int64), np.zeros(1, np.int64)), kind)
 
     def take(self, rows: NDArray[np.int64]) -> "Conflicts":
         """Return some of the rows (k,), without `where`."""
@@ -152,8 +163,10 @@ class Conflicts:
         return replace(self, **columns)
 
     @classmethod
-    def concatenate(cls, batches: Sequence["Conflicts"]) -> Self:
+    def concatenate(cls, batches: Sequence["Conflicts"]) -> "Conflicts":
         """Return the conflicts of all batches in one, without `where`; at least one batch."""
+        if len(batches) == 1:
+            return replace(batches[0], where=_unknown)
         columns: dict[str, Any] = {}
         for column in fields(cls):
             if column.name == "where":

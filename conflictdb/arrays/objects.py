@@ -4,12 +4,13 @@ Units: metres, degrees, microseconds since 1970. Waypoints and outlines are ragg
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import offsets, ragged_rows, ragged_take, stacked
 from conflictdb.arrays.words import numbers_of_words
 from conflictdb.errors import InvalidInput
@@ -127,6 +128,11 @@ class AreaBatch:
         )
 
 
+def _departures(tracks: Sequence[Track], first_us: NDArray[np.int64]) -> Activations:
+    """Return the departures of tracks; without tracks, one each at the times of their first waypoints."""
+    return Activations.of([_unless_scheduled(one, one.departures_us) for one in tracks], first_us)
+
+
 def outer_spans(areas: Sequence[Area]) -> NDArray[np.int64]:
     """Return (n, 2) start and end of areas, from the first to the last of several spans."""
     start = [MINUS_INFINITY_US if a.start_us is None else a.start_us for a in areas]
@@ -139,6 +145,28 @@ def _spans(area: Area) -> list[tuple[int, int]]:
         (MINUS_INFINITY_US if start is None else start, INFINITY_US if end is None else end)
         for start, end in area.spans_us or ()
     ]
+
+
+@dataclass(frozen=True, slots=True)
+class Legs:
+    """m legs: track (m,) row of the batch, times in microseconds, ends in degrees (longitudes unwrapped), bearing.
+
+    outline_m, outline_to_m, outline_offset : ragged, (starboard, forward) metres at the leg's start and end,
+        counter-clockwise; the same array object if no haven changes
+    whole : each leg as one slice, without hulls; None: not computed
+    """
+
+    track: NDArray[np.int64]
+    start_us: NDArray[np.int64]
+    end_us: NDArray[np.int64]
+    start_deg: NDArray[np.float64]
+    end_deg: NDArray[np.float64]
+    bearing_deg: NDArray[np.float64]
+    length_m: NDArray[np.float64]
+    outline_m: NDArray[np.float64]
+    outline_to_m: NDArray[np.float64]
+    outline_offset: NDArray[np.int64]
+    whole: Pieces | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +186,7 @@ class TrackBatch:
     tolerances : (n,) object, members of tolerances (`model.tolerances`), or None
     class_number, owner_number : (n,) int64, of class and owner (`words`), 0 without
     departs : departures, at which each voyage begins instead of at its first waypoint's time; none: there is no voyage
+    legs : the legs of all tracks in the scene's plane; None: not computed
     """
 
     track_id: NDArray[np.int64]
@@ -176,6 +205,7 @@ class TrackBatch:
     class_number: NDArray[np.int64]
     owner_number: NDArray[np.int64]
     departs: Activations
+    legs: Legs | None = None
 
     def __len__(self) -> int:
         return len(self.track_id)
@@ -209,6 +239,8 @@ class TrackBatch:
         """Return these tracks, then others."""
         columns: dict[str, Any] = {}
         for column in fields(self):
+            if column.name == "legs":
+                continue
             first, second = getattr(self, column.name), getattr(other, column.name)
             if isinstance(first, Activations):
                 columns[column.name] = first.followed_by(second)
@@ -251,11 +283,12 @@ class TrackBatch:
             tolerances,
             numbers_of_words([t.object_class for t in tracks]),
             numbers_of_words([t.owner for t in tracks]),
-            Activations.of(
-                [None if once else _unless_scheduled(t, t.departures_us) for t in tracks],
-                np.array([t.times_us[0] for t in tracks], np.int64),
-            ),
+            _departures([] if once else tracks, np.array([t.times_us[0] for t in tracks], np.int64)),
         )
+
+    def departing(self, tracks: Sequence[Track]) -> Self:
+        """Return these tracks, of which each makes one voyage, with their departures."""
+        return replace(self, departs=_departures(tracks, self.departs.at_us))
 
     def outlines_on(
         self, track: NDArray[np.int64], waypoint: NDArray[np.int64]

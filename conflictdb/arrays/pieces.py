@@ -11,7 +11,7 @@ from typing import Any, Final, NewType, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.arrays.ragged import offsets, ragged_rows
+from conflictdb.arrays.ragged import followed_by, offsets, ragged_rows
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 
 # Row numbers in a `Pieces`: not ids of objects, nor of the database.
@@ -125,33 +125,29 @@ class Pieces:
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the pieces of some rows."""
-        columns: dict[str, Any] = {}
-        for column in fields(self):
-            if column.name.endswith("_offset"):
-                ragged = column.name.replace("_offset", "_xy")
-                columns[column.name], index = ragged_rows(getattr(self, column.name), rows)
-                columns[ragged] = getattr(self, ragged)[index]
-                if ragged == "shape_xy":
-                    columns["shape_to_xy"] = self.shape_to_xy[index] if self.changes else columns[ragged]
-            elif not column.name.endswith("_xy"):
-                columns[column.name] = getattr(self, column.name)[rows]
+        columns: dict[str, Any] = {name: getattr(self, name)[rows] for name in _ONE_A_PIECE}
+        columns["hull_offset"], index = ragged_rows(self.hull_offset, rows)
+        columns["hull_xy"] = self.hull_xy[index]
+        columns["shape_offset"], index = ragged_rows(self.shape_offset, rows)
+        shape = columns["shape_xy"] = self.shape_xy[index]
+        columns["shape_to_xy"] = self.shape_to_xy[index] if self.changes else shape
         return type(self)(**columns)
 
     @classmethod
-    def concatenate(cls, batches: Sequence["Pieces"]) -> Self:
+    def concatenate(cls, batches: Sequence["Pieces"]) -> "Pieces":
         """Return the pieces of all batches in one; at least one batch."""
         if len(batches) == 1:
-            return cls(*(getattr(batches[0], column.name) for column in fields(cls)))
-        columns: dict[str, Any] = {}
-        for column in fields(cls):
-            parts = [getattr(batch, column.name) for batch in batches]
-            if column.name.endswith("_offset"):
-                ends = np.cumsum([0, *(part[-1] for part in parts)])
-                parts = [np.zeros(1, np.int64), *(part[1:] + end for part, end in zip(parts, ends, strict=False))]
-            columns[column.name] = np.concatenate(parts)
-        if not any(batch.changes for batch in batches):
-            columns["shape_to_xy"] = columns["shape_xy"]
-        return cls(**columns)
+            return batches[0]
+        changes = any(batch.changes for batch in batches)
+        names = (*_ONE_A_PIECE, "hull_xy", "shape_xy", *(["shape_to_xy"] if changes else []))
+        columns: dict[str, Any] = {name: np.concatenate([getattr(batch, name) for batch in batches]) for name in names}
+        for name in ("hull_offset", "shape_offset"):
+            columns[name] = followed_by([getattr(batch, name) for batch in batches])
+        return cls(**({"shape_to_xy": columns["shape_xy"]} | columns))
+
+
+# Columns of one value, or one row of values, a piece.
+_ONE_A_PIECE: Final = tuple(one.name for one in fields(Pieces) if not one.name.endswith(("_xy", "_offset")))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,14 +8,23 @@ from numpy.typing import NDArray
 
 def offsets(lengths: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the offsets (n + 1,) of rows with these lengths (n,)."""
-    return np.concatenate([[0], np.cumsum(np.asarray(lengths, dtype=np.int64))]).astype(np.int64)
+    found = np.zeros(len(lengths) + 1, np.int64)
+    np.add.accumulate(np.asarray(lengths, np.int64), out=found[1:])
+    return found
+
+
+def followed_by(each: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Return the offsets of the rows of several arrays, one after the other."""
+    ends = offsets([one[-1] for one in each]).tolist()
+    return np.concatenate([each[0][:1], *(one[1:] + end for one, end in zip(each, ends, strict=False))])
 
 
 def ragged_rows(offset: NDArray[np.int64], rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the offsets of some rows of ragged data, and the indices of their items."""
-    length = offset[rows + 1] - offset[rows]
+    first = offset[rows]
+    length = offset[rows + 1] - first
     taken = offsets(length)
-    return taken, np.repeat(offset[rows] - taken[:-1], length) + np.arange(taken[-1])
+    return taken, (first - taken[:-1]).repeat(length) + np.arange(taken[-1])
 
 
 def ragged_take(

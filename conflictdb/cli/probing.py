@@ -21,13 +21,11 @@ from conflictdb.cli.tables import show_table
 from conflictdb.cli.values import duration_s
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.conflict_text import MoreColumn
-from conflictdb.model.plans import Area, Track, rectangle_outline_m
+from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 from conflictdb.model.results import Conflict, SceneState, Verdict
 
 if TYPE_CHECKING:
     import shapely
-
-    from conflictdb.formats.gather import Plan
 
 _POINT = {"fore_m": 0.0, "aft_m": 0.0, "port_m": 0.0, "starboard_m": 0.0}
 
@@ -49,12 +47,11 @@ def probe(args: argparse.Namespace) -> int:
         ],
     )
     delays = _delays(args)
-    files = _files(args)
     plans = _plans(args)
-    for read in files:
-        plans += [*read.areas, *read.tracks]
     jobs = args.jobs or os.cpu_count() or 1
     with database(args) as db:
+        if args.files:
+            plans += _of_files(args, db.scene(args.scene).settings())
         plans += [db.scene(args.scene).delayed(key, delay) for key, delay in delays]
         keys = {plan.key for plan in plans}
         known = [one for one in db.scene(args.scene).stream_conflicts() if _members(one, keys)] if args.diff else []
@@ -115,17 +112,24 @@ def _delays(args: argparse.Namespace) -> list[tuple[str, timedelta]]:
         parser.error(f"argument --late: {error}")
 
 
-def _files(args: argparse.Namespace) -> "list[Plan]":
+def _of_files(args: argparse.Namespace, scene: Scene) -> list[Area | Track]:
+    """Return the plans in files; raises InvalidInput for heights above another vertical datum than the scene's."""
     # Imported here, so that usage errors are fast.
     from conflictdb.formats.contents import without_objects
     from conflictdb.formats.gather import gather
 
-    found = gather(args.files, "plans")
-    for read in found:
+    plans: list[Area | Track] = []
+    for read in gather(args.files, "plans", datum_of=lambda name: scene.vertical_datum):
         remark_read(read.skipped, read.remarks)
         if not (read.areas or read.tracks):
             raise without_objects("file", read.sources[0], read.skipped)
-    return found
+        found: list[Area | Track] = [*read.areas, *read.tracks]
+        datum = scene.vertical_datum if read.settings is None else read.settings.vertical_datum
+        if datum is not scene.vertical_datum and any((one.floor_m, one.ceiling_m) != (None, None) for one in found):
+            rule = f"is {scene.vertical_datum.value!r}, and the heights are above {datum.value!r}: convert them"
+            raise InvalidInput(f"scene {scene.name!r}", "vertical_datum", rule, read.sources[0])
+        plans += found
+    return plans
 
 
 def _plans(args: argparse.Namespace) -> list[Area | Track]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.kernel.header import structure
 from conflictdb.kernel.kernel_scene import HeldPairs, HeldWork, KernelScene, Work
-from conflictdb.kernel.library import Held, check, library, shared
+from conflictdb.kernel.library import Held, address, check, library, shared
 
 _Ints = NDArray[np.int64]
 # Groups per slice of a thread: milliseconds of work, or one with a coarse accuracy.
@@ -72,7 +72,7 @@ def closest(
         offsets = offset[groups.start : groups.stop + 1] - first
         mine.hold(offset=offsets, limit_m=limit_m[groups], accuracy_m=accuracy_m[groups])
         columns = [getattr(found, column.name)[groups] for column in fields(found)]
-        answers = (column.ctypes.data for column in columns)
+        answers = (address(column) for column in columns)
         functions, given = library(), (ctypes.byref(held), ctypes.byref(mine))
         check(functions.kernel_approaches(scene.handle, *given, *answers, ctypes.byref(done)))
         columns[0][columns[0] >= 0] += first

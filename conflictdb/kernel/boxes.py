@@ -15,13 +15,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import halves, later
 from conflictdb.kernel.header import structure
-from conflictdb.kernel.library import Held, check, library
-
-
-class _Boxes(Held):
-    """KernelBoxes."""
-
-    _fields_, types = structure("KernelBoxes")
+from conflictdb.kernel.library import Held, address, check, library
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +50,30 @@ class RowBoxes:
         return type(self)(*(getattr(self, column.name)[rows] for column in fields(self)))
 
 
+class HeldBoxes(Held):
+    """KernelBoxes."""
+
+    _fields_, types = structure("KernelBoxes")
+
+    @classmethod
+    def of(cls, rows: RowBoxes) -> Self:
+        """Return pointers to the columns of rows."""
+        held = cls(len(rows))
+        held.hold(
+            boxes=rows.boxes,
+            floor_m=rows.floor_m,
+            ceiling_m=rows.ceiling_m,
+            start_us=rows.start_us,
+            end_us=rows.end_us,
+            object=rows.object,
+            is_copy=rows.is_copy,
+        )
+        return held
+
+
 def near_order(rows: RowBoxes) -> NDArray[np.int64]:
     """Return an order (n,) of rows in which neighbours in space and time are neighbours."""
-    held, order = _held(rows), np.empty(len(rows), np.int64)
+    held, order = HeldBoxes.of(rows), np.empty(len(rows), np.int64)
     check(library().kernel_box_order(ctypes.byref(held), order.ctypes.data))
     return order
 
@@ -74,7 +89,7 @@ def box_pairs(
     rows : in the order of `near_order`; any other order gives the same pairs, more slowly
     of : candidates for the first row, in the order of the answer; those of an object are consecutive
     """
-    held, left = _held(rows), np.ascontiguousarray(of, np.int64)
+    held, left = HeldBoxes.of(rows), np.ascontiguousarray(of, np.int64)
     wanted, room = len(left), max(at_once, 1)
     done, found, looked_at = (np.zeros(1, np.int64) for _ in range(3))
     while len(left):
@@ -98,24 +113,22 @@ class BoxTree:
     """Rows that stay (KernelBoxTree), for lookups of others; threads may share it."""
 
     def __init__(self, rows: RowBoxes) -> None:
-        self._handle, held = ctypes.c_void_p(), _held(rows)
+        self._handle, held = ctypes.c_void_p(), HeldBoxes.of(rows)
         check(library().kernel_box_tree_make(ctypes.byref(held), ctypes.byref(self._handle)))
         weakref.finalize(self, library().kernel_box_tree_free, self._handle)
 
     def pairs(self, rows: RowBoxes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return pairs of a given row and a row of the tree whose boxes intersect as in `box_pairs`, of any objects."""
-        held, found, room = _held(rows), np.zeros(1, np.int64), 1024
+        return self.pairs_of(HeldBoxes.of(rows))
+
+    def pairs_of(self, held: "HeldBoxes") -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return what `pairs` does, of rows that several trees are asked about."""
+        found, room = ctypes.c_int64(), 1024
         while True:
             first, second = np.empty(room, np.int64), np.empty(room, np.int64)
-            places = (first.ctypes.data, second.ctypes.data, room, found.ctypes.data)
+            places = (address(first), address(second), room, ctypes.byref(found))
             check(library().kernel_box_tree_pairs(self._handle, ctypes.byref(held), *places))
-            count = int(found[0])
+            count = found.value
             if count <= room:
                 return first[:count], second[:count]
             room = count
-
-
-def _held(rows: RowBoxes) -> _Boxes:
-    held = _Boxes(len(rows))
-    held.hold(**{column.name: getattr(rows, column.name) for column in fields(rows)})
-    return held

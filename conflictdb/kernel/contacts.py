@@ -14,7 +14,7 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.answers import Contacts
 from conflictdb.kernel.header import record, structure
 from conflictdb.kernel.kernel_scene import HeldPairs, HeldWork, KernelScene, Work
-from conflictdb.kernel.library import check, library, shared
+from conflictdb.kernel.library import address, check, library, shared
 from conflictdb.kernel.waiting import wait_for
 
 # Returns where the last (or first) contact of a pair may be: (pair, low_s, high_s, is_last), seconds; NaN: unknown.
@@ -84,8 +84,8 @@ def contacts(
 
     def solve(rows: slice) -> tuple[NDArray[Any], HeldWork]:
         asked = _Asked(guess, rows.start, is_over)
-        question = _Question(separation_m, tolerance_m, beyond_s[rows].ctypes.data)
-        question.pairs_of_objects = None if counts is None else counts[rows].ctypes.data
+        question = _Question(separation_m, tolerance_m, address(beyond_s[rows]))
+        question.pairs_of_objects = None if counts is None else address(counts[rows])
         question.guess = None if guess is None else ctypes.cast(asked.callback, ctypes.c_void_p)
         held, found, count, done = HeldPairs.of(pairs, rows), ctypes.c_void_p(), ctypes.c_int64(), HeldWork()
         check(

@@ -33,6 +33,7 @@ LEAST_PART: Final = 8
 FEW_VERTICES: Final = 64
 
 _T = TypeVar("_T")
+_Byte = ctypes.c_char
 
 
 @cache
@@ -70,11 +71,18 @@ class Held(ctypes.Structure):
 
     def hold(self, **arrays: Any) -> None:
         """Set pointers to arrays by name, copied if of another type or not contiguous; others stay NULL."""
-        self._arrays = []
-        for name, values in arrays.items():
-            array = np.ascontiguousarray(values, self.types[name])
-            self._arrays.append(array)
-            setattr(self, name, array.ctypes.data)
+        types = self.types
+        self._arrays = held = {name: np.ascontiguousarray(values, types[name]) for name, values in arrays.items()}
+        for name, array in held.items():
+            setattr(self, name, address(array))
+
+
+def address(array: NDArray[Any]) -> int:
+    """Return the address of the items of a contiguous array: as `array.ctypes.data`, in a quarter of the time."""
+    try:
+        return ctypes.addressof(_Byte.from_buffer(array.data))
+    except (TypeError, ValueError):  # read-only, or empty
+        return int(array.ctypes.data)
 
 
 def shared(
@@ -85,6 +93,8 @@ def shared(
     share : most rows of a slice
     vertices : (n,) vertices of the row's pieces: slices of large pieces have fewer rows; a call lasts milliseconds
     """
+    if threads <= 1 and n <= share and (vertices is None or n * (1 + vertices.max(initial=0) // FEW_VERTICES) <= share):
+        return [solve(slice(0, n))] if n else []
     weight = np.ones(n, np.int64) if vertices is None else 1 + vertices // FEW_VERTICES
     slices = _slices(np.cumsum(weight), threads, share)
     if threads <= 1 or len(slices) <= 1:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
 from conflictdb.kernel.kernel_scene import HeldPairs, KernelScene
-from conflictdb.kernel.library import check, library, shared
+from conflictdb.kernel.library import address, check, library, shared
 
 _Ints = NDArray[np.int64]
 
@@ -42,7 +42,7 @@ def _measured(
 
     def solve(rows: slice) -> None:
         held = HeldPairs.of(pairs, rows)
-        check(measure(scene.handle, ctypes.byref(held), found[rows].ctypes.data))
+        check(measure(scene.handle, ctypes.byref(held), address(found[rows])))
 
     shared(solve, len(found), threads, vertices=scene.vertices(*columns[:2]))
     return found

@@ -12,7 +12,7 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import offsets
 from conflictdb.kernel.header import constant
 from conflictdb.kernel.kernel_scene import HeldPieces, KernelPlane
-from conflictdb.kernel.library import check, library, shared
+from conflictdb.kernel.library import address, check, library, shared
 
 # Most vertices of a hull.
 _PER_VERTEX: Final = constant("KERNEL_HULL_PER_VERTEX")
@@ -48,7 +48,7 @@ def hulls(plane: KernelPlane, pieces: Pieces, reach_m: float, threads: int = 1) 
         vertices = int(pieces.shape_offset[rows.stop] - pieces.shape_offset[rows.start])
         xy, offset = np.empty((_PER_VERTEX * vertices + _MORE * n, 2)), np.empty(n + 1, np.int64)
         deviation_m, reach = np.empty(n), np.empty(n)
-        arrays = [array.ctypes.data for array in (xy, offset, deviation_m, reach)]
+        arrays = [address(array) for array in (xy, offset, deviation_m, reach)]
         references = ctypes.byref(plane), ctypes.byref(held)
         check(library().kernel_hulls(*references, rows.start, rows.stop, reach_m, *arrays))
         return xy[: offset[-1]], np.diff(offset), deviation_m, reach
@@ -66,6 +66,6 @@ def apart(xy: Floats, offset: NDArray[np.int64], a: PieceRows, b: PieceRows) -> 
     xy, offset = np.ascontiguousarray(xy, np.float64), np.ascontiguousarray(offset, np.int64)
     a, b = (PieceRows(np.ascontiguousarray(rows, np.int64)) for rows in (a, b))
     found = np.empty(len(a), np.bool_)
-    hulls, where, first, second, result = (array.ctypes.data for array in (xy, offset, a, b, found))
+    hulls, where, first, second, result = (address(array) for array in (xy, offset, a, b, found))
     check(library().kernel_apart(hulls, len(xy), where, len(offset) - 1, first, second, len(a), result))
     return found

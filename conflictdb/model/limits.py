@@ -29,8 +29,10 @@ class Limits:
 
     def check(self, plans: Sequence[Area | Track]) -> None:
         """Raise InvalidInput for the first plan beyond a limit."""
+        is_sized = self.max_vertices is not None or self.max_waypoints is not None
         for plan in plans:
-            self._check_size(plan)
+            if is_sized:
+                self._check_size(plan)
             if self.max_days_ahead is not None:
                 _check_end(plan, self.max_days_ahead)
 

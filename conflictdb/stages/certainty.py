@@ -63,9 +63,10 @@ def with_certainty(scene: Scene, plane: Plane, pieces: Pieces, conflicts: Confli
     pieces : all pieces of the conflicts' objects that meet others
     plans : called for the tracks with tolerances in conflicts
     """
-    limited = np.unique(object_numbers(pieces)[pieces.part >= OF_TOLERANCES])
-    if not len(limited) or not len(conflicts):
+    has_limits = pieces.part >= OF_TOLERANCES
+    if not len(conflicts) or not has_limits.any():
         return conflicts
+    limited = np.unique(object_numbers(pieces)[has_limits])
     a, b = (numbers_of(kind, ids) for kind, ids in _members(conflicts))
     certainty = np.where(
         (np.isin(a, limited) | np.isin(b, limited))

@@ -66,8 +66,11 @@ def with_closest_approaches(
     is_open = (conflicts.verdict == Verdict.UNRESOLVED.code) | is_late
     is_known = conflicts.closest_m == 0.0
     decided = np.flatnonzero(~is_known & ~is_open)
+    is_asked = scene.nearest_m > 0.0 or (is_open & ~is_known).any()
+    if not decided.size and not is_asked:
+        return conflicts
     asked, rows, more = _during_contacts(meetings, decided), decided, 0
-    if scene.nearest_m > 0.0 or (is_open & ~is_known).any():
+    if is_asked:
         others, undecided, more = _at_all_times(scene, prepared.pieces, pairs, conflicts, is_open & ~is_known)
         asked, rows = asked.concatenated(others, len(decided)), np.concatenate([decided, undecided])
     groups = len(rows) + more

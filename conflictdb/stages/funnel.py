@@ -70,7 +70,8 @@ class Funnel:
         """Count another run in."""
         self.effort.add(other.effort)
         for name, count in other.counted().items():
-            setattr(self, name, getattr(self, name) + count)
+            if count:
+                setattr(self, name, getattr(self, name) + count)
 
     def counted(self) -> dict[str, Any]:
         """Return all counts and seconds but those of stage 4 by name: that of the column of the table `run`, if any."""

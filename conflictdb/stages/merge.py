@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.answers import Conflicts, Contacts
+from conflictdb.arrays.distinct import distinct
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
@@ -63,7 +64,10 @@ def merged_by_object(
     has_conflict, has_open = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
     has_conflict[group[contacts.verdict[order] == Verdict.CONFLICT.code]] = True
     has_open[group[contacts.verdict[order] == Verdict.UNRESOLVED.code]] = True
-    shallow = np.flatnonzero(~has_conflict & ~has_open & meet & _has_parts(pieces, a, b, group_of, n))
+    may_be_shallow = ~has_conflict & ~has_open & meet
+    if may_be_shallow.any():
+        may_be_shallow &= _has_parts(pieces, a, b, group_of, n)
+    shallow = np.flatnonzero(may_be_shallow)
     of_shallow, rows = ragged_rows(bounds, shallow)
     owner, rows = np.repeat(shallow, np.diff(of_shallow)), order[rows]
     owner, rows = owner[contacts.touches[rows]], rows[contacts.touches[rows]]
@@ -76,9 +80,9 @@ def merged_by_object(
         has_conflict[owner[mine[depth == Depth.DEEP]]] = True
         has_open[owner[mine[depth == Depth.UNKNOWN]]] = True
 
-    verdict = np.select(
-        [has_conflict, has_open], [Verdict.CONFLICT.code, Verdict.UNRESOLVED.code], Verdict.GRAZING.code
-    )
+    verdict = np.full(n, Verdict.GRAZING.code, np.int8)
+    verdict[has_open] = Verdict.UNRESOLVED.code
+    verdict[has_conflict] = Verdict.CONFLICT.code
     if first_deg is None:
         first_contact_deg = _first_contacts(scene, prepared, pairs, contacts, earliest, threads)
     else:
@@ -95,7 +99,7 @@ def merged_by_object(
         members(pieces, PieceRows(a[earliest])),
         members(pieces, PieceRows(b[earliest])),
         (period_us, period_offset),
-        verdict.astype(np.int8),
+        verdict,
         first_contact_deg=first_contact_deg,
         time_error_s=time_error_s,
         closest_us=np.where(is_known, period_us[period_offset[:-1], 0], MINUS_INFINITY_US),
@@ -154,7 +158,7 @@ def _periods(
     group, start, end, error : (m,) the contacts, sorted by group, start and end
     """
     # The latest end so far within each group: ranks let one running maximum serve all groups.
-    values, rank = np.unique(end, return_inverse=True)
+    values, rank = distinct(end)
     reached = values[np.maximum.accumulate(group * len(values) + rank) - group * len(values)] if len(end) else end
     opens = np.ones(len(group), np.bool_)
     opens[1:] = (group[1:] != group[:-1]) | (start[1:] > reached[:-1])

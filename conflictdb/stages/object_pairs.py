@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Members
+from conflictdb.arrays.distinct import distinct
 from conflictdb.arrays.object_numbers import numbers_of
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
@@ -50,11 +51,10 @@ def object_numbers(pieces: Pieces) -> NDArray[np.int64]:
 
 def company_of(pieces: Pieces, pairs: Pairs) -> NDArray[np.int64]:
     """Return (n,) the number of pairs that belong to the same two objects."""
-    objects, number = np.unique(object_numbers(pieces), return_inverse=True)
+    objects, number = distinct(object_numbers(pieces))
     a, b = number[pairs.a], number[pairs.b]
-    both = np.minimum(a, b) * len(objects) + np.maximum(a, b)
-    _, group, count = np.unique(both, return_inverse=True, return_counts=True)
-    return np.asarray(count[group], np.int64)
+    _, group = distinct(np.minimum(a, b) * len(objects) + np.maximum(a, b))
+    return np.asarray(np.bincount(group)[group], np.int64)
 
 
 def chunks_of_objects(

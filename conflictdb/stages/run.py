@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -128,6 +129,8 @@ def run_stages(
     within_us = scene.time_separation_us
     if not within_us:
         pairs = sharing_heights(pieces, pairs)
+    if not len(pairs):
+        return Conflicts.none(), funnel
     pairs = replace(pairs, company=company_of(pieces, pairs))
     covered = is_covered(pieces, pairs.a, pairs.b)
     static = (pieces.kind[pairs.a] == Kind.AREA.code) & (pieces.kind[pairs.b] == Kind.AREA.code)
@@ -137,10 +140,12 @@ def run_stages(
     prepared = kernel.KernelScene(
         plane.kernel_plane, with_wide_areas(pieces, within_us) if within_us else pieces, pairs.a, pairs.b
     )
-    parts = [
-        _unresolved(pieces, pairs, PairRows(np.flatnonzero(covered))),
-        _static_contacts(scene, plane, prepared, pairs, PairRows(np.flatnonzero(static & ~covered))),
-    ]
+    parts = []
+    for rows, decide in (
+        (PairRows(np.flatnonzero(covered)), partial(_unresolved, pieces)),
+        (PairRows(np.flatnonzero(static & ~covered)), partial(_static_contacts, scene, plane, prepared)),
+    ):
+        parts.append(decide(pairs, rows) if rows.size else Contacts.none())
     funnel.window_pairs = sum(map(len, parts))
     solved = Contacts.none()
     moving = PairRows(np.flatnonzero(~static & ~covered & ~of_tracks))
@@ -176,7 +181,10 @@ def run_stages(
         prepared, pairs = _at_one_time(plane, pieces, pairs)
     else:
         every = Contacts.concatenate([*parts, solved])
-        funnel.met_pairs = len(np.unique(every.pair))
+        if not len(every) and not scene.nearest_m:
+            funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s
+            return Conflicts.none(), funnel
+        funnel.met_pairs = int(np.count_nonzero(np.diff(every.pair, prepend=-1)))
         conflicts, meetings = merged_by_object(scene, plane, prepared, pairs, every, footprints, jobs)
     if method.solver is not None:
         conflicts = with_closest_approaches(scene, prepared, pairs, meetings, conflicts, funnel.effort.exact, jobs)
@@ -279,7 +287,8 @@ def _static_contacts(
     scene: Scene, plane: Plane, prepared: kernel.KernelScene, pairs: Pairs, rows: PairRows
 ) -> Contacts:
     """Return the contacts of pairs of areas, for the time that both exist."""
-    verdict, touches = static_verdicts(scene, plane, prepared, pairs.take(rows))
+    asked = pairs if rows.size == len(pairs) else pairs.take(rows)
+    verdict, touches = static_verdicts(scene, plane, prepared, asked)
     meets = np.flatnonzero(verdict >= 0)
     return _whole_spans(prepared.pieces, pairs, PairRows(rows[meets]), verdict[meets], touches[meets])
 

@@ -43,6 +43,9 @@ class Separations:
     @classmethod
     def of(cls, scene: Scene) -> "Separations":
         """Return the separations of a scene."""
+        if not scene.rules:
+            height_m = np.full(2, scene.vertical_separation_m)
+            return cls([scene], np.zeros((2, 2), np.int64), height_m, np.empty(0, np.int64), np.empty(0, np.int64))
         table = RuleTable.of(scene.rules)
         plain = replace(scene, rules=())
         found = {plain: 0}

@@ -20,10 +20,11 @@ def intersections(pieces: Pieces, a: PieceRows, b: PieceRows, *, regions: bool) 
     """
     met = ~kernel.apart(pieces.hull_xy, pieces.hull_offset, a, b)
     a, b = PieceRows(a[met]), PieceRows(b[met])
+    if not regions:
+        return Pairs(a, b, np.empty((0, 2)), np.zeros(len(a) + 1, np.int64))
     moving = (pieces.kind[a] == Kind.TRACK.code) | (pieces.kind[b] == Kind.TRACK.code)
     region = np.full(len(a), None, dtype=object)
-    if regions:
-        hulls = hulls_of(pieces)
-        region[moving] = shapely.intersection(hulls[a[moving]], hulls[b[moving]])
+    hulls = hulls_of(pieces)
+    region[moving] = shapely.intersection(hulls[a[moving]], hulls[b[moving]])
     xy, owner = shapely.get_coordinates(region, return_index=True)
     return Pairs(a, b, xy, np.searchsorted(owner, np.arange(len(a) + 1)).astype(np.int64))

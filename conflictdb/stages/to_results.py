@@ -1,11 +1,11 @@
 """Convert conflicts of numbered objects to results for users."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
+from math import isnan
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.model.inputs import EPOCH, MICROSECOND
@@ -28,10 +28,13 @@ def to_results(
     is_swapped = [_rank(*b[:2]) < _rank(*a[:2]) for a, b in zip(*members, strict=True)]
     conflicts = conflicts.turned(np.array(is_swapped, np.bool_))
     answer = []
+    measured = [
+        (one.field, [_VALUE[one.type](value) for value in getattr(conflicts, one.array).tolist()]) for one in MEASURED
+    ]
     for k, pair in enumerate(zip(*members, strict=True)):
         (a_kind, a_key, a_name), (b_kind, b_key, b_name) = reversed(pair) if is_swapped[k] else pair
         periods = conflicts.period_us[conflicts.period_offset[k] : conflicts.period_offset[k + 1]].tolist()
-        measured: dict[str, Any] = {one.field: _VALUE[one.type](getattr(conflicts, one.array)[k]) for one in MEASURED}
+        of_row: dict[str, Any] = {name: values[k] for name, values in measured}
         answer.append(
             Conflict(
                 scene=scene.name,
@@ -44,7 +47,7 @@ def to_results(
                 method=scene.method,
                 a_name=a_name,
                 b_name=b_name,
-                **measured,
+                **of_row,
             )
         )
     return sorted(answer, key=lambda one: (one.a_kind.code, one.a_key.encode(), one.b_key.encode()))
@@ -54,17 +57,17 @@ def _rank(kind: int, key: str) -> tuple[int, bytes]:
     return kind, key.encode()
 
 
-def _instant(us: np.int64 | int) -> datetime | None:
-    return None if us in (MINUS_INFINITY_US, INFINITY_US) else EPOCH + int(us) * MICROSECOND
+def _instant(us: int) -> datetime | None:
+    return None if us in (MINUS_INFINITY_US, INFINITY_US) else EPOCH + us * MICROSECOND
 
 
 def _number(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)
+    return None if isnan(value) else value
 
 
-def _position(position_deg: NDArray[np.float64]) -> Position | None:
-    lon, lat = position_deg.tolist()
-    return None if np.isnan(lon) else (lon, lat)
+def _position(position_deg: Sequence[float]) -> Position | None:
+    lon, lat = position_deg
+    return None if isnan(lon) else (lon, lat)
 
 
 # How a value of an array becomes that of a `Conflict`.
@@ -72,5 +75,5 @@ _VALUE: Final[dict[ColumnType, Callable[[Any], Any]]] = {
     ColumnType.INSTANT: _instant,
     ColumnType.NUMBER: _number,
     ColumnType.POINT: _position,
-    ColumnType.NAME: lambda code: Certainty.of_code(int(code)),
+    ColumnType.NAME: Certainty.of_code,
 }

@@ -460,6 +460,39 @@ def test_probe_says_what_of_a_file_was_not_read(run: Run, tmp_path: Path) -> Non
     assert run("load", "--scene", "strait", path).err.endswith(asked.err)
 
 
+def intent(path: Path, reference: str) -> str:
+    """A file of one volume of ASTM F3548, 50 to 80 m above a reference."""
+    space: dict[str, Any] = {"outline_circle": {"center": {"lng": 8, "lat": 47}, "radius": {"value": 60, "units": "M"}}}
+    for name, height in (("altitude_lower", 50), ("altitude_upper", 80)):
+        space[name] = {"value": height, "reference": reference, "units": "M"}
+    path.write_text(json.dumps({"reference": {"id": path.stem}, "details": {"volumes": [{"volume": space}]}}))
+    return str(path)
+
+
+def test_heights_of_probed_files_are_those_of_the_scene(run: Run, tmp_path: Path) -> None:
+    settings = {"name": "utm", "vertical_datum": "wgs84"}
+    ring = [[7.9, 46.9], [8.1, 46.9], [8.1, 47.1], [7.9, 46.9]]
+    base = {"type": "Feature", "id": "base", "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    band = base | {"properties": {"floor_m": 60, "ceiling_m": 70}}
+    files = {name: tmp_path / f"{name}.geojson" for name in ("utm", "same", "other", "all")}
+    for name, datum, one in (("utm", "wgs84", band), ("same", "wgs84", band), ("other", "msl", band)):
+        own = {"type": "FeatureCollection", "scene": settings | {"vertical_datum": datum}, "features": [one]}
+        files[name].write_text(json.dumps(own))
+    files["all"].write_text(json.dumps({"type": "FeatureCollection", "features": [base | {"properties": {}}]}))
+    assert run("load", str(files["utm"])).code == 0
+
+    ask = "probe", "--scene", "utm", "--format", "json"
+    assert pairs(run(*ask, intent(tmp_path / "w84.json", "W84")).json) == {("base", "w84/1")}
+    assert run(*ask, str(files["same"])).code == 0
+    assert run(*ask, str(files["all"])).code == 0
+    amsl = run(*ask, intent(tmp_path / "amsl.json", "AMSL"))
+    assert amsl.code == 4
+    assert "cannot be compared with heights above the ellipsoid" in amsl.err
+    other = run(*ask, str(files["other"]))
+    assert other.code == 4
+    assert "vertical_datum: is 'wgs84', and the heights are above 'msl': convert them" in other.err
+
+
 def periods_of(text: str) -> dict[tuple[str, str], list[list[str]]]:
     return {(row["a_key"], row["b_key"]): row["periods"] for row in json.loads(text)}
 

@@ -15,6 +15,7 @@ from verdicts import periods_us
 import conflictdb
 from conflictdb import kernel
 from conflictdb.arrays.isolation import isolated
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.registry import plane_of
 from conflictdb.errors import KernelMissing
 from conflictdb.model.plans import Area, Method, Motion, Scene, Track, rectangle_outline_m
@@ -116,6 +117,21 @@ def test_an_object_whose_pieces_are_no_numbers_is_unresolved(bad: float, monkeyp
     found = answer(Scene("s"))
     assert {found[pair].verdict for pair in found if "T1" in pair} == {Verdict.UNRESOLVED}
     assert len([pair for pair in found if "T1" in pair]) == 5  # not A3, which is active later
+
+
+@pytest.mark.parametrize("motion", Motion)
+@pytest.mark.parametrize("corner", [(8.2, np.nan), (np.nan, 47.0), (-172.0, -47.0)])
+def test_a_stored_corner_without_a_place_is_no_smaller_area(motion: Motion, corner: tuple[float, float]) -> None:
+    """Such a corner is damage: the hull of the others would miss conflicts."""
+    scene = Scene("s", motion=motion, centre=(8.0, 47.0) if motion is Motion.GREAT_CIRCLE else None)
+    ring = [(8.0, 47.0), (8.01, 47.0), (8.01, 47.01)]
+    areas = AreaBatch.of([Area("a", ring), Area("b", ring)])
+    with np.errstate(invalid="ignore"):
+        areas.footprint[1] = shapely.MultiPolygon([shapely.Polygon([*ring, corner])])
+    pieces = covers.pieces_of(scene, plane_of(scene), areas, TrackBatch.of([]))
+    has_place = motion is Motion.RHUMB and np.isfinite(corner).all()
+    assert pieces.part[pieces.object_id == 0].tolist() == [0]
+    assert (covers.COVER in pieces.part[pieces.object_id == 1]) != has_place
 
 
 def test_a_pair_that_the_kernel_cannot_decide_is_unresolved(monkeypatch: pytest.MonkeyPatch) -> None:

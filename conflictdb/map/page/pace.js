@@ -1,5 +1,8 @@
 // How often something is done, and what waits meanwhile.
 
+const PICTURES = 4;
+const LONGEST_MS = 2000;
+
 // Does what takes a while not before some time has gone by, and for no more than a share of the time.
 export class Paced {
   // `does` returns how long it took, milliseconds.
@@ -15,10 +18,21 @@ export class Paced {
     this.timer = null;
     this.begun = performance.now();
     this.took = this.does();
+    this.watch(PICTURES);
+  }
+
+  // Maps are drawn by another thread, which delays only the pictures that follow: the longest wait for one of them counts.
+  watch(pictures, before = performance.now()) {
+    if (pictures === 0) return;
+    requestAnimationFrame((at) => {
+      this.took = Math.max(this.took, at - before);
+      this.watch(pictures - 1, at);
+    });
   }
 
   soon() {
-    const wait = Math.max(this.leastMs, this.took / this.mostShare) - (performance.now() - this.begun);
+    const rest = Math.min(LONGEST_MS, Math.max(this.leastMs, this.took / this.mostShare)); // a page in the background has no pictures
+    const wait = rest - (performance.now() - this.begun);
     if (wait <= 0) this.now();
     else this.timer ??= setTimeout(() => this.now(), wait);
   }

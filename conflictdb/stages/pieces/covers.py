@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
+from conflictdb.arrays.distinct import is_in
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces, level_m
@@ -97,7 +98,7 @@ def _pieces(
 
     found = []
     for rows, pieces in isolated(every, cut_some, cover, f"{kind} in row"):
-        unsound = rows[~np.isin(ids[rows], _sound(pieces))]
+        unsound = rows[~is_in(ids[rows], _sound(pieces))]
         if unsound.size:
             found.append(pieces.take(np.flatnonzero(~np.isin(pieces.object_id, ids[unsound]))))
             found.append(cover(unsound))
@@ -125,7 +126,7 @@ def _sound(pieces: Pieces) -> NDArray[np.int64]:
         finite = np.isfinite(xy)
         if not finite.all():
             bad[np.repeat(np.arange(len(pieces)), np.diff(offset))[~finite.all(axis=1)]] = True
-        bad |= np.diff(offset) == 0
+        bad |= offset[1:] == offset[:-1]
     if not bad.any():
         return pieces.object_id
     return np.setdiff1d(pieces.object_id, pieces.object_id[bad])

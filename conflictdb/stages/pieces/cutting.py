@@ -7,8 +7,8 @@ motion.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from typing import Any, Final
 
 import numpy as np
 import shapely
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
-from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
+from conflictdb.arrays.distinct import distinct
+from conflictdb.arrays.objects import Activations, AreaBatch, Legs, TrackBatch
 from conflictdb.arrays.pieces import OF_TOLERANCES, Pieces, level_m
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import shorter_way_deg
@@ -44,24 +45,17 @@ MAX_PIECES: Final = 1_000_000
 _LINES: Final = {Motion.RHUMB: "rhumb lines", Motion.GREAT_CIRCLE: "great circles"}
 
 
-def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) -> NDArray[np.object_]:
-    """Return the footprints of areas in the plane; raises InvalidInput for the first object that does not fit it."""
-    footprints = np.array([area.footprint for area in areas], dtype=object)
-    corners, owner = shapely.get_coordinates(footprints, return_index=True)
-    x, y, holds = plane.project(*corners.T)
-    if not holds.all():
-        raise InvalidInput(f"area {areas[owner[~holds][0]].key!r}", "geometry", plane.limit)
-    flat = shapely.set_coordinates(footprints.copy(), np.stack([x, y], axis=1)) if len(areas) else footprints
-    if not plane.turn_m:
-        flat = _stitched(flat, corners, owner)
-    for i in np.flatnonzero(~shapely.is_valid(flat)).tolist():
-        if not is_thread(flat[i]):
-            why = shapely.is_valid_reason(flat[i]).split("[")[0]
-            raise InvalidInput(
-                f"area {areas[i].key!r}", "geometry", f"crosses itself when its edges are {plane.lines} ({why})"
-            )
+def check_plane(
+    plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]
+) -> tuple[NDArray[np.object_], TrackBatch | None]:
+    """Raise InvalidInput for the first object that does not fit the plane; return what the check computes.
+
+    These are the footprints of areas in the plane, and the tracks, each on one voyage, with their legs; None without
+    tracks.
+    """
+    flat = _checked_areas(plane, areas) if areas else np.empty(0, object)
     if not tracks:
-        return flat
+        return flat, None
     for track in tracks:
         if track.legs is not None and _LINES[track.legs] != plane.lines:
             rule = f"are {_LINES[track.legs]}, and the scene follows {plane.lines}"
@@ -78,6 +72,25 @@ def check_plane(plane: Plane, areas: Sequence[Area], tracks: Sequence[Track]) ->
         track = tracks[int(legs.track[beyond[0]])]
         field = "grow_mps" if track.grow_mps else "outline_m" if track.outlines_m is None else "outlines_m"
         raise InvalidInput(f"track {track.key!r}", field, plane.haven_limit)
+    return flat, replace(batch, legs=replace(legs, whole=whole))
+
+
+def _checked_areas(plane: Plane, areas: Sequence[Area]) -> NDArray[np.object_]:
+    """Return footprints of areas in the plane; raises InvalidInput for the first that does not fit it."""
+    footprints = np.array([area.footprint for area in areas], dtype=object)
+    corners, owner = shapely.get_coordinates(footprints, return_index=True)
+    x, y, holds = plane.project(*corners.T)
+    if not holds.all():
+        raise InvalidInput(f"area {areas[owner[~holds][0]].key!r}", "geometry", plane.limit)
+    flat = shapely.set_coordinates(footprints.copy(), np.stack([x, y], axis=1))
+    if not plane.turn_m:
+        flat = _stitched(flat, corners, owner)
+    for i in np.flatnonzero(~shapely.is_valid(flat)).tolist():
+        if not is_thread(flat[i]):
+            why = shapely.is_valid_reason(flat[i]).split("[")[0]
+            raise InvalidInput(
+                f"area {areas[i].key!r}", "geometry", f"crosses itself when its edges are {plane.lines} ({why})"
+            )
     return flat
 
 
@@ -107,8 +120,15 @@ def _stitched(flat: NDArray[np.object_], lonlat: Floats, owner: NDArray[np.int64
 
 
 def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
-    """Return the pieces of some areas: their convex parts, and seam copies."""
-    owner, xy, offset = convex_parts(planar(plane, areas.footprint) if areas.flat is None else areas.flat)
+    """Return the pieces of some areas: their convex parts, and seam copies; ValueError for NaN corners."""
+    flat = areas.flat
+    if flat is None:
+        with np.errstate(invalid="ignore"):
+            flat = planar(plane, areas.footprint)
+        # GEOS drops such corners from hulls, which are then too small.
+        if not np.isfinite(shapely.get_coordinates(flat)).all():
+            raise ValueError("a corner has no place in the plane")
+    owner, xy, offset = convex_parts(flat)
     n = len(owner)
     nothing, none_us = np.zeros((n, 2)), np.zeros(n, np.int64)
     pieces = Pieces(
@@ -139,9 +159,11 @@ def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
     )
     hulls = kernel.hulls(plane.kernel_plane, pieces, scene.reach_m)
     # Shift coordinates beyond the seam back by whole turns, so that the copy below is always one turn west.
-    shift = -plane.turn_m * _turns_from_home(plane, hulls)
-    xy[:, 0] += np.repeat(shift, np.diff(offset))
-    hulls.xy[:, 0] += np.repeat(shift, np.diff(hulls.offset))
+    turns = _turns_from_home(plane, hulls)
+    if turns.any():
+        shift = -plane.turn_m * turns
+        xy[:, 0] += np.repeat(shift, np.diff(offset))
+        hulls.xy[:, 0] += np.repeat(shift, np.diff(hulls.offset))
     return _active(_with_seam_copies(plane, replace(pieces, hull_xy=hulls.xy, hull_offset=hulls.offset)), areas)
 
 
@@ -150,13 +172,16 @@ def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
     has_tolerances = np.array([one is not None for one in tracks.tolerances], np.bool_)
     of_tolerances = tracks.track_id[has_tolerances]
     tracks = with_ribbons(plane, tracks)
-    legs = _legs(plane, tracks)
+    legs = tracks.legs or _legs(plane, tracks)
     count = _slice_counts(legs, scene.reach_m)
     straight = np.bincount(legs.track, count)
     while True:
         if np.bincount(legs.track, count).max(initial=0.0) > MAX_PIECES:
             raise OverflowError(f"a track needs more than {MAX_PIECES:,} pieces")
-        pieces, leg = _slices(tracks, legs, count)
+        if legs.whole is not None and (count == 1).all():
+            pieces, leg = legs.whole, np.arange(len(count))
+        else:
+            pieces, leg = _slices(tracks, legs, count)
         hulls = kernel.hulls(plane.kernel_plane, pieces, scene.reach_m)
         # Near the poles the vertices of a wide haven deviate far from their chords: shorten the slices until the
         # padding is tight.
@@ -169,16 +194,14 @@ def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
             break
         count = np.where(loose, 2 * count, count)
     turns = _turns_from_home(plane, hulls)
-    hulls.xy[:, 0] -= np.repeat(plane.turn_m * turns, np.diff(hulls.offset))
-    away = np.stack([360.0 * turns, np.zeros(len(pieces))], axis=1)
-    pieces = replace(
-        pieces,
-        hull_xy=hulls.xy,
-        hull_offset=hulls.offset,
-        leg_start_deg=pieces.leg_start_deg - away,
-        leg_end_deg=pieces.leg_end_deg - away,
-    )
-    pieces = _departing(_with_seam_copies(plane, pieces), tracks)
+    columns: dict[str, Any] = {"hull_xy": hulls.xy, "hull_offset": hulls.offset}
+    if turns.any():
+        hulls.xy[:, 0] -= np.repeat(plane.turn_m * turns, np.diff(hulls.offset))
+        away = np.stack([360.0 * turns, np.zeros(len(pieces))], axis=1)
+        columns |= {name: getattr(pieces, name) - away for name in ("leg_start_deg", "leg_end_deg")}
+    pieces = _departing(_with_seam_copies(plane, replace(pieces, **columns)), tracks)
+    if not of_tolerances.size:
+        return pieces
     part = pieces.part + np.where(np.isin(pieces.object_id, of_tolerances), OF_TOLERANCES, 0)
     return replace(pieces, part=part.astype(np.int32))
 
@@ -228,7 +251,7 @@ def _repeated(pieces: Pieces, ids: NDArray[np.int64], activations: Activations) 
     return replace(pieces.take(rows), part=part[order].astype(np.int32)), offset[owner[rows]] + nth
 
 
-def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tuple[Pieces, NDArray[np.int64]]:
+def _slices(tracks: TrackBatch, legs: Legs, count: NDArray[np.int64]) -> tuple[Pieces, NDArray[np.int64]]:
     """Return the slices of all legs, without hulls, and the leg of each."""
     leg = np.repeat(np.arange(len(count)), count)
     nth = np.arange(len(leg)) - np.repeat(np.cumsum(count) - count, count)
@@ -269,33 +292,15 @@ def _slices(tracks: TrackBatch, legs: "_Legs", count: NDArray[np.int64]) -> tupl
 def _ends_inside(tracks: TrackBatch) -> NDArray[np.bool_]:
     """Return (n,) whether a row ends before the last row of the same track does."""
     end_us = tracks.times_us[tracks.waypoint_offset[1:] - 1]
-    _, one = np.unique(tracks.track_id, return_inverse=True)
+    each, one = distinct(tracks.track_id)
+    if len(each) == len(tracks):
+        return np.zeros(len(tracks), np.bool_)
     last_us = np.full(len(tracks), MINUS_INFINITY_US)
     np.maximum.at(last_us, one, end_us)
     return np.asarray(end_us < last_us[one])
 
 
-@dataclass(frozen=True, slots=True)
-class _Legs:
-    """m legs: track (m,) row of the batch, times in microseconds, ends in degrees (longitudes unwrapped), bearing.
-
-    outline_m, outline_to_m, outline_offset : ragged, (starboard, forward) metres at the leg's start and end,
-        counter-clockwise; the same array object if no haven changes
-    """
-
-    track: NDArray[np.int64]
-    start_us: NDArray[np.int64]
-    end_us: NDArray[np.int64]
-    start_deg: Floats
-    end_deg: Floats
-    bearing_deg: Floats
-    length_m: Floats
-    outline_m: Floats
-    outline_to_m: Floats
-    outline_offset: NDArray[np.int64]
-
-
-def _legs(plane: Plane, tracks: TrackBatch) -> _Legs:
+def _legs(plane: Plane, tracks: TrackBatch) -> Legs:
     waypoints = np.diff(tracks.waypoint_offset)
     of_waypoint = np.repeat(np.arange(len(tracks)), waypoints)
     lon = tracks.positions_deg[:, 0]
@@ -310,7 +315,7 @@ def _legs(plane: Plane, tracks: TrackBatch) -> _Legs:
     length_m, first_deg, last_deg = plane.courses(start, end)
     track = of_waypoint[inner]
     outline_offset, outline, outline_to = _counter_clockwise(*tracks.outlines_on(track, inner))
-    return _Legs(
+    return Legs(
         track=track,
         start_us=tracks.times_us[inner],
         end_us=tracks.times_us[inner + 1],
@@ -336,6 +341,8 @@ def _headings(
 
     A loiter keeps that of the leg before it (at its end), else of the next moving leg (at its start), else north.
     """
+    if moves.all():
+        return first_deg
     rows = np.arange(len(track))
     before = np.maximum.accumulate(np.where(moves, rows, -1))
     after = np.minimum.accumulate(np.where(moves, rows, len(rows))[::-1])[::-1]
@@ -344,7 +351,7 @@ def _headings(
     has_after = moves[after] & (track[after] == track)
     kept = last_deg[before] + _meridians_apart(start_deg, end_deg[before])
     left = first_deg[after] + _meridians_apart(start_deg, start_deg[after])
-    return np.select([moves, has_before, has_after], [first_deg, kept, left], 0.0)
+    return np.where(moves, first_deg, np.where(has_before, kept, np.where(has_after, left, 0.0)))
 
 
 def _meridians_apart(place_deg: Floats, same_place_deg: Floats) -> Floats:
@@ -352,7 +359,7 @@ def _meridians_apart(place_deg: Floats, same_place_deg: Floats) -> Floats:
     return np.sign(place_deg[:, 1]) * (place_deg[:, 0] - same_place_deg[:, 0])
 
 
-def _slice_counts(legs: _Legs, reach_m: float) -> NDArray[np.int64]:
+def _slice_counts(legs: Legs, reach_m: float) -> NDArray[np.int64]:
     """Return (m,) the number of slices of each leg, from its length relative to its haven's (the mean of both ends)."""
     radius = np.hypot(legs.outline_m[:, 0], legs.outline_m[:, 1])
     first = legs.outline_offset[:-1]
@@ -367,7 +374,7 @@ def _slice_counts(legs: _Legs, reach_m: float) -> NDArray[np.int64]:
     return np.minimum(count, legs.end_us - legs.start_us)
 
 
-def _cut(legs: _Legs, count: NDArray[np.int64], leg: NDArray[np.int64], nth: NDArray[np.int64]) -> NDArray[np.int64]:
+def _cut(legs: Legs, count: NDArray[np.int64], leg: NDArray[np.int64], nth: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the instants (whole microseconds) at nth / count of legs, without overflow of 64 bits."""
     whole, rest = np.divmod((legs.end_us - legs.start_us)[leg], count[leg])
     return legs.start_us[leg] + whole * nth + rest * nth // count[leg]
@@ -394,7 +401,7 @@ def _turns_from_home(plane: Plane, hulls: kernel.Hulls) -> Floats:
     """Return (n,) by how many whole turns the west end of each hull lies outside [-180, 180) degrees."""
     turns = np.zeros(len(hulls.offset) - 1)
     if plane.turn_m:
-        rows = np.flatnonzero(np.diff(hulls.offset))
+        rows = (hulls.offset[1:] > hulls.offset[:-1]).nonzero()[0]
         turns[rows] = np.floor(_extreme(np.minimum, hulls.xy, hulls.offset, rows) / plane.turn_m + 0.5)
     return turns
 
@@ -409,7 +416,7 @@ def _with_seam_copies(plane: Plane, pieces: Pieces) -> Pieces:
     turn_m = plane.turn_m
     if not len(pieces) or not turn_m:
         return pieces
-    there = np.flatnonzero(np.diff(pieces.hull_offset))
+    there = (pieces.hull_offset[1:] > pieces.hull_offset[:-1]).nonzero()[0]
     east = _extreme(np.maximum, pieces.hull_xy, pieces.hull_offset, there)
     # A contact on the seam must be found from both sides.
     beyond = np.zeros(len(pieces), np.int64)
@@ -428,5 +435,6 @@ def _numbered(owner: NDArray[np.int64]) -> NDArray[np.int32]:
     """Return for sorted owners the running number within each."""
     if not len(owner):
         return np.empty(0, np.int32)
-    starts = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
-    return (np.arange(len(owner)) - np.repeat(starts, np.diff(np.append(starts, len(owner))))).astype(np.int32)
+    is_new = np.ones(len(owner), np.bool_)
+    np.not_equal(owner[1:], owner[:-1], out=is_new[1:])
+    return (np.arange(len(owner)) - is_new.nonzero()[0][is_new.cumsum() - 1]).astype(np.int32)

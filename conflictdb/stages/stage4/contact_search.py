@@ -109,9 +109,8 @@ def static_verdicts(
     error_m = float(plane.distance_error_m(furthest_m)) if has_error else 0.0
     certainty_margin_m = TOUCH_M + error_m if error_m > 0.0 else 0.0
     close = clearance + error_m <= margin
-    verdicts = np.select(
-        [clearance > margin, clearance < -max(margin, certainty_margin_m), close & (clearance >= -margin)],
-        [-1, CONFLICT, GRAZING],
-        UNRESOLVED,
-    )
-    return np.where(np.isnan(clearance), UNRESOLVED, verdicts).astype(np.int8), ~(clearance > TOUCH_M)
+    verdicts = np.full(len(pairs), UNRESOLVED, np.int8)  # also where it is NaN
+    verdicts[close & (clearance >= -margin)] = GRAZING
+    verdicts[clearance < -max(margin, certainty_margin_m)] = CONFLICT
+    verdicts[clearance > margin] = -1
+    return verdicts, ~(clearance > TOUCH_M)

@@ -24,8 +24,8 @@ class Effort:
     def add(self, other: "Effort") -> None:
         """Add the counts of another effort."""
         for mine, theirs in ((self.exact, other.exact), (self.programs, other.programs)):
-            for name, count in asdict(theirs).items():
-                setattr(mine, name, getattr(mine, name) + count)
+            for name in theirs.__slots__:
+                setattr(mine, name, getattr(mine, name) + getattr(theirs, name))
 
     def counts(self) -> dict[str, int]:
         """Return all counts by name, without seconds."""
