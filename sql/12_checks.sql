@@ -344,6 +344,29 @@ $$;
 COMMENT ON FUNCTION _check_coordinates(text, text, geometry, bigint) IS
 'Raises ZC001 or ZC005 for longitudes or latitudes (degrees) that are not finite, out of range or outside the plane.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._stays_simple(p_footprint geometry) RETURNS boolean
+LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_wide double precision := radians(ST_XMax(p_footprint) - ST_XMin(p_footprint));
+    v_high double precision := radians(ST_YMax(p_footprint) - ST_YMin(p_footprint));
+    v_lat double precision := radians(greatest(ST_YMax(p_footprint), -ST_YMin(p_footprint)));
+BEGIN
+    IF (v_wide <= 0.17 AND v_high <= 0.17 AND v_lat <= 1.5 AND ST_NPoints(p_footprint) <= 100
+        AND ST_NRings(p_footprint) = 1) IS NOT TRUE THEN
+        RETURN false;
+    END IF;
+    -- An edge that is straight in degrees has the distance s(t) from the great circle of its ends (as a sine, t from 0
+    -- to 1), s(0) = s(1) = 0, and |s''| <= sin(lat) (wide^2 + 2 wide high) + (wide^2 + high^2) |s|, so that
+    -- |s| <= sin(lat) (wide^2 + 2 wide high) / 7.9. Edges c apart in degrees are 0.99 cos(lat) c apart on the sphere.
+    -- Two edges move by s each, and PROJ rounds by far less than 2e-8 (0.1 m).
+    RETURN cos(v_lat) * radians(ST_MinimumClearance(p_footprint))
+           > 0.27 * sin(v_lat) * (v_wide * v_wide + 2 * v_wide * v_high) + 2e-8;
+END
+$$;
+COMMENT ON FUNCTION _stays_simple(geometry) IS
+'Whether a footprint that is valid in degrees is certainly valid, too, if its edges are great circles; without a '
+'projection.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_planar(
     p_who text, p_footprint geometry, p_plane text
 ) RETURNS void
@@ -353,8 +376,10 @@ DECLARE
     v_reason text;
 BEGIN
     IF p_plane LIKE '+proj=gnom%' AND (ST_XMax(p_footprint) >= 180 OR ST_XMin(p_footprint) <= -180
-                                       OR greatest(ST_YMax(p_footprint), -ST_YMin(p_footprint)) >= 90) THEN
-        -- It was split at the antimeridian or runs along a pole; it is whole in the gnomonic plane.
+                                       OR greatest(ST_YMax(p_footprint), -ST_YMin(p_footprint)) >= 90
+                                       OR _stays_simple(p_footprint)) THEN
+        -- It was split at the antimeridian or runs along a pole, and is whole in the gnomonic plane; or edges are far
+        -- enough apart. PROJ prepares the projection at each call.
         RETURN;
     END IF;
     v_planar := _to_plane(p_footprint, p_plane);
@@ -410,8 +435,15 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._check_near_centre(
 ) RETURNS void
 LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
-    v_far double precision := _from_centre_deg(p_geometry, p_centre_lon, p_centre_lat);
+    v_far double precision;
 BEGIN
+    -- Along a meridian, then along a parallel: no shorter way. A box may lack points that are no numbers.
+    IF GeometryType(p_geometry) IN ('POLYGON', 'MULTIPOLYGON') AND ST_Perimeter(p_geometry) < 'infinity'
+       AND greatest(ST_XMax(p_geometry) - p_centre_lon, p_centre_lon - ST_XMin(p_geometry))
+           + greatest(ST_YMax(p_geometry) - p_centre_lat, p_centre_lat - ST_YMin(p_geometry)) <= 60 THEN
+        RETURN;
+    END IF;
+    v_far := _from_centre_deg(p_geometry, p_centre_lon, p_centre_lat);
     IF v_far > 60 + 1e-9 THEN
         FOUND := _raise('ZC005', p_who, p_field,
                         format('reaches %s degrees from the scene''s centre (%s, %s); with motion ''great_circle'' all '

@@ -100,7 +100,8 @@ BEGIN
     SELECT s.motion, s.earth, s.centre_lon, s.centre_lat INTO v_scene FROM scene s WHERE s.scene_id = NEW.scene_id;
     -- One expression accepts usual rows; all others pay for the checks one by one. Operator @ compares bounding boxes.
     IF (NEW.key <> '' AND octet_length(NEW.key) <= 1000 AND _is_plain(NEW.properties)
-        AND num_nonnulls(NEW.class, NEW.owner) = 0
+        AND (octet_length(NEW.class) BETWEEN 1 AND 200 AND NEW.class NOT IN ('area', 'track')) IS NOT FALSE
+        AND (octet_length(NEW.owner) BETWEEN 1 AND 200) IS NOT FALSE
         AND (NEW.floor_m > '-infinity' AND NEW.floor_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > '-infinity' AND NEW.ceiling_m < 'infinity') IS NOT FALSE
         AND (NEW.ceiling_m > NEW.floor_m) IS NOT FALSE
@@ -109,13 +110,19 @@ BEGIN
             IS NOT FALSE
         AND (upper(NEW.active_span) > '0001-01-01 00:00+00' AND upper(NEW.active_span) < '10000-01-01 00:00+00')
             IS NOT FALSE
-        AND v_scene.motion = 'rhumb' AND v_scene.earth = 'wgs84'
         AND coalesce(current_setting('conflictdb.max_vertices', true), '') = ''
         AND ST_NumGeometries(NEW.footprint) = 1 AND ST_NPoints(NEW.footprint) BETWEEN 1 AND 1000000
         AND NEW.footprint @ ST_MakeEnvelope(-180, -89, 180, 89, 4326)
         AND ST_IsValidReason(NEW.footprint) = 'Valid Geometry'
-        -- Within 180 degrees _to_plane does only this.
-        AND ST_IsValidReason(ST_Transform(NEW.footprint, 3395)) = 'Valid Geometry')
+        AND CASE v_scene.motion
+                -- Within 180 degrees _to_plane does only this.
+                WHEN 'rhumb' THEN v_scene.earth = 'wgs84'
+                                  AND ST_IsValidReason(ST_Transform(NEW.footprint, 3395)) = 'Valid Geometry'
+                -- As in _check_near_centre.
+                ELSE greatest(ST_XMax(NEW.footprint) - v_scene.centre_lon, v_scene.centre_lon - ST_XMin(NEW.footprint))
+                     + greatest(ST_YMax(NEW.footprint) - v_scene.centre_lat,
+                                v_scene.centre_lat - ST_YMin(NEW.footprint)) <= 60
+                     AND v_scene.centre_lon IS NOT NULL AND _stays_simple(NEW.footprint) END)
        IS NOT TRUE THEN
         PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties, NEW.class, NEW.owner);
         -- PostGIS does not report a ring without points as empty, but does not dump it either.

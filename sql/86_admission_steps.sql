@@ -225,7 +225,8 @@ COMMENT ON FUNCTION _plans_of(jsonb) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._put_plans(
     p_scene text, p_removed text[], p_plans jsonb, p_are_checked boolean
 ) RETURNS void
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     v_max_speed_kn text := current_setting('conflictdb.max_speed_kn', true);
     v_scene_id bigint := _scene_to_change(p_scene);

@@ -280,7 +280,9 @@ CREATE OR REPLACE FUNCTION admit(
     p_scene text, p_plans jsonb, p_owner text DEFAULT NULL, p_allow_known boolean DEFAULT false,
     OUT admitted boolean, OUT conflicts jsonb, OUT request_id bigint
 )
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT
+-- Planning takes as long as the rest: once per session.
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
 DECLARE
     c_refused CONSTANT text := 'ZCR00';
     v_scene_id bigint;

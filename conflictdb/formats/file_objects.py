@@ -360,6 +360,12 @@ def suspect_properties(item: Area | Track) -> Iterator[str]:
     return (refused.field for refused in misnamed(item.key, members, known, elsewhere))
 
 
+def datum_of(scene: Scene, item: Area | Track) -> dict[str, Any]:
+    """Return what the heights of an object are above, for a file without settings; empty if it has none."""
+    heights = [item.floor_m, item.ceiling_m, *((item.floors_m, item.ceilings_m) if isinstance(item, Track) else ())]
+    return {} if all(one is None for one in heights) else {DATUM: scene.vertical_datum.value}
+
+
 def area_properties(item: Area) -> dict[str, Any]:
     """Return the properties from which `area` reads the same area."""
     return {

@@ -73,12 +73,12 @@ def gather(
     """
     plans: dict[str, Plan] = {}
     refusals = Refusals()
-    files: list[_File] = []
+    files: list[_SceneFile] = []
     for i, path in enumerate(paths):
         with refusals:
             if path in paths[:i]:
                 raise InvalidInput("file", "", "is given twice", str(path))
-            files.append(_File(path, scene_name(path, None, scene)))
+            files.append(_SceneFile(path, scene_name(path, None, scene)))
     of_files: dict[str, VerticalDatum] = {}
     for file in files:
         file.read(partial(datum_of, file.scene), phase=phase, **options)
@@ -100,7 +100,7 @@ def gather(
 
 
 @dataclass(slots=True)
-class _File:
+class _SceneFile:
     """A file that was read, or refused.
 
     scene : name of its scene

@@ -80,4 +80,7 @@ def _positions(who: str, track: Element) -> tuple[NDArray[np.float64], list[int]
             times.append(parse_instant(when.text))
         except ValueError as error:
             raise InvalidInput(who, f"when in line {when.line}", str(error)) from None
+        if len(times) > 1 and times[-1] < times[-2]:
+            rule = f"must not be before the one above it; got {when.text!r:.40}"
+            raise InvalidInput(who, f"when in line {when.line}", rule)
     return np.array(positions, np.float64).reshape(-1, 2), times

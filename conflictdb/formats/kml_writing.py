@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.formats.file_objects import DATUM, area_properties, track_properties
+from conflictdb.formats.file_objects import DATUM, area_properties, datum_of, track_properties
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.single_activations import spans_of, voyages_of
@@ -50,10 +50,8 @@ def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
 
 
 def _datum(scene: Scene, item: Area | Track) -> dict[str, Any]:
-    """Return what the heights of an object are above, unless that is mean sea level: a file has no settings."""
-    has_heights = item.floor_m is not None or item.ceiling_m is not None
-    is_above_sea = scene.vertical_datum is VerticalDatum.MSL
-    return {DATUM: scene.vertical_datum.value} if has_heights and not is_above_sea else {}
+    """Return what the heights of an object are above, unless that is mean sea level: it becomes a property."""
+    return {} if scene.vertical_datum is VerticalDatum.MSL else datum_of(scene, item)
 
 
 def _placemark(key: str, members: dict[str, Any], span: str, shape: str) -> str:

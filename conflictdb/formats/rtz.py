@@ -12,7 +12,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Gathered
 from conflictdb.formats.contents import Contents
 from conflictdb.formats.fields import Fields
-from conflictdb.formats.file_objects import FileContext, track_members
+from conflictdb.formats.file_objects import DATUM, FileContext, track_members
 from conflictdb.formats.json_text import parse
 from conflictdb.formats.routes import Route, Waypoint, agreed, limit_m
 from conflictdb.formats.rtz_writing import EXTENSION
@@ -64,10 +64,12 @@ def _members(who: str, root: Element) -> dict[str, Any]:
                 value = parse(extension.attributes.get("track", ""))
                 if not isinstance(value, dict):
                     raise InvalidInput(who, f"extension in line {extension.line}", "must be an object of members")
-                fields = Fields(who, value)
+                stated = {DATUM: extension.get(DATUM)} if extension.get(DATUM) and DATUM not in value else {}
+                fields = Fields(who, value | stated)
                 members = track_members(fields, FileContext(Scene("file")))
                 fields.raise_found()
-                return members
+                properties = {name: one for name, one in members["properties"].items() if name not in stated}
+                return members | {"properties": properties}
     return {}
 
 

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from conflictdb.errors import InvalidInput
-from conflictdb.formats.file_objects import track_properties
+from conflictdb.formats.file_objects import datum_of, track_properties
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.xml_text import written
@@ -56,7 +56,8 @@ def rtz_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
     yield written("schedules", None, schedule) + "\n"
     members = {name: one for name, one in track_properties(track).items() if name not in _OF_ROUTE}
     members["name"] = track.name
-    yield written("extensions", None, written("extension", {**EXTENSION, "track": dumped(members)})) + "\n"
+    extension = {**EXTENSION, **datum_of(scene, track), "track": dumped(members)}
+    yield written("extensions", None, written("extension", extension)) + "\n"
     yield "</route>\n"
 
 

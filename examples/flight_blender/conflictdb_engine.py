@@ -19,11 +19,19 @@ from conflictdb import Area, InvalidInput, Scene, circle, connect
 SCENE = Scene("flights", motion="great_circle", tolerance_m=0.005, intervals="closed", vertical_datum="wgs84")
 
 
-def metres(value: dict[str, Any] | None) -> float | None:
+METRES_OF = {"M": 1.0, "FT": 0.3048}
+
+
+def metres(value: dict[str, Any]) -> float:
+    """Return an altitude or a radius; KeyError for another unit."""
+    return float(value["value"]) * METRES_OF[str(value.get("units", "M"))]
+
+
+def height_m(value: dict[str, Any] | None) -> float | None:
     """Return a height above the ellipsoid."""
     if value and str(value["reference"]) != "W84":  # the datum of the scene
         raise InvalidInput("volume", "altitude", f"must have the reference W84; got {value['reference']}")
-    return None if not value else float(value["value"]) * (0.3048 if value.get("units") == "FT" else 1.0)
+    return metres(value) if value else None
 
 
 def area(key: str, volume: dict[str, Any], owner: str) -> Area:
@@ -33,10 +41,11 @@ def area(key: str, volume: dict[str, Any], owner: str) -> Area:
         shape = [(one["lng"], one["lat"]) for one in outline["vertices"]]
     else:
         centre, radius = space["outline_circle"]["center"], space["outline_circle"]["radius"]
-        shape = circle((centre["lng"], centre["lat"]), radius["value"], SCENE)
+        shape = circle((centre["lng"], centre["lat"]), metres(radius), SCENE)
     span = (datetime.fromisoformat(volume[name]["value"]) for name in ("time_start", "time_end"))
-    heights = (metres(space.get(name)) for name in ("altitude_lower", "altitude_upper"))
-    return Area(key, shape, None, *span, *heights, owner=owner)
+    heights = (height_m(space.get(name)) for name in ("altitude_lower", "altitude_upper"))
+    # A scene with another datum refuses what says its own.
+    return Area(key, shape, None, *span, *heights, {"vertical_datum": SCENE.vertical_datum.value}, owner=owner)
 
 
 def admitted(owner: str, volumes: list[dict[str, Any]]) -> tuple[bool, set[str]]:

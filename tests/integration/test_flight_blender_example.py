@@ -7,7 +7,7 @@ import sys
 import uuid
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from enum import IntEnum
 from pathlib import Path
@@ -117,6 +117,29 @@ def test_a_fence_above_sea_level_is_not_mixed_with_flights(engine: Any, dsn: str
     ring = [(8.0, 47.0), (8.1, 47.0), (8.1, 47.1)]
     with connect(dsn) as db, pytest.raises(InvalidInput, match="vertical_datum"):
         db.scene("flights").put(Area("fence", ring, floor_m=0.0, properties={"vertical_datum": "msl"}))
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_units_are_feet_or_metres(engine: Any) -> None:
+    def with_units(units: str, radius_m: float = 0.0) -> dict[str, Any]:
+        one = volume(8.0, 0, 100.0, radius_m)
+        for name in ("altitude_lower", "altitude_upper", *(["outline_circle"] if radius_m else [])):
+            of = one["volume"][name]
+            (of["radius"] if name == "outline_circle" else of)["units"] = units
+        return one
+
+    assert asked(engine, 1, [with_units("FT", 300.0)]).is_approved  # 30.48 to 36.576 m, within 91 m
+    assert not asked(engine, 2, [volume(8.0, 0, 36.0)]).is_approved
+    assert asked(engine, 2, [volume(8.0, 0, 100.0), volume(8.0013, 0, 30.0)]).is_approved
+    for wrong in (with_units("YD"), with_units("YD", 30.0)):
+        assert asked(engine, 3, [wrong]) == Result([], [], False, 8)
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_a_scene_above_sea_level_takes_no_flights(engine: Any, dsn: str) -> None:
+    with connect(dsn) as db:
+        store.set_scene(db.connection, replace(engine.SCENE, vertical_datum="msl"))
+    assert asked(engine, 1, [volume(8.0, 0)]) == Result([], [], False, 8)
 
 
 def test_the_types_of_the_server(engine_of_server: Any) -> None:

@@ -373,3 +373,38 @@ def test_questions_about_places(conn: Conn) -> None:
     conn.commit()
     again = detect(conn, "s", full=True, jobs=1)
     assert (again.opened, again.changed, again.closed) == (0, 0, 0)
+
+
+def test_footprints_that_are_not_projected_are_valid_on_great_circles(conn: Conn) -> None:
+    rng, accepted, invalid = np.random.default_rng(8), 0, 0
+    for _ in range(400):
+        lon, lat = rng.uniform(-20, 20), rng.uniform(-80, 80)
+        wide, high = 10 ** rng.uniform(-3, 0.9, 2)
+        # Notches of any depth: the tip may cross the long side, which bulges.
+        depth = high * (1 - 10 ** rng.uniform(-5, 0))
+        ring = [(0, 0), (wide, 0), (wide, high), (0.5 * wide, high - depth), (0, high), (0, 0)]
+        side = rng.choice([-1, 1])
+        wkt = ", ".join(f"{lon + x} {lat + side * y}" for x, y in ring)
+        row = conn.execute(
+            "SELECT conflictdb_internal._stays_simple(f), ST_IsValid(conflictdb_internal._to_plane(f, "
+            "conflictdb_internal._plane('great_circle', 'sphere', 0, %s))) "
+            "FROM (SELECT ST_GeomFromText(%s, 4326) AS f) g",
+            (float(np.clip(lat, -40, 40)), f"POLYGON(({wkt}))"),
+        ).fetchone()
+        assert row is not None
+        assert row[1] or not row[0], wkt
+        accepted += row[0]
+        invalid += not row[1]
+    assert accepted > 50
+    assert invalid > 5
+
+
+@pytest.mark.parametrize("member", ["owner", "class"])
+@pytest.mark.parametrize("word", ["", "x" * 201])
+@pytest.mark.parametrize(("motion", "earth"), [("rhumb", "wgs84"), ("great_circle", "sphere")])
+def test_words_of_plain_areas_are_checked(conn: Conn, motion: str, earth: str, word: str, member: str) -> None:
+    conn.execute("INSERT INTO conflictdb.scene (name, motion, earth) VALUES ('w', %s, %s)", (motion, earth))
+    plan = f"SELECT conflictdb.put_area('w', 'A', 'SRID=4326;POLYGON((8 47,8.1 47,8.1 47.1,8 47))', p_{member} => %s)"
+    conn.execute(plan, ("x" * 200,))
+    with pytest.raises(psycopg.errors.DatabaseError, match=f"{member}: must be a text of 1 to 200 bytes"):
+        conn.execute(plan, (word,))

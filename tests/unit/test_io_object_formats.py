@@ -234,3 +234,24 @@ def test_a_format_that_is_only_read_is_not_written(tmp_path: Path, name: str) ->
     with pytest.raises(InvalidInput, match=r"this format is read, not written: write \.rtz, \.kml"):
         write_scene_file([], tmp_path / name, Scene("plans"))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("datum", ["msl", "wgs84", "flight_level"])
+def test_a_route_says_what_its_heights_are_above(tmp_path: Path, datum: str) -> None:
+    """Heights of a scene of the ellipsoid were read into scenes of mean sea level, in silence."""
+    times = np.array(["2026-06-01T08:00", "2026-06-01T09:00"], "datetime64[us]")
+    outline = [(5.0, 5.0), (5.0, -5.0), (-5.0, -5.0), (-5.0, 5.0)]
+    for heights in ({"floor_m": 10.0}, {"floors_m": [10.0, 20.0], "ceilings_m": [30.0, 40.0]}, {}):
+        track = Track("T", [(8.0, 54.0), (8.1, 54.0)], times, outline, **heights)
+        path = tmp_path / "route.rtz"
+        write_scene_file([track], path, Scene("s", vertical_datum=datum))
+        (again,) = read(path, hints=FileHints(vertical_datum=datum)).tracks
+        assert again.properties == {}
+        assert again.floor_m == track.floor_m
+        np.testing.assert_array_equal(again.floors_m, track.floors_m)
+        for other in {"msl", "wgs84", "flight_level"} - {datum}:
+            if heights:
+                with pytest.raises(InvalidInput, match=f"vertical_datum: must be '{other}'"):
+                    read(path, hints=FileHints(vertical_datum=other))
+            else:
+                read(path, hints=FileHints(vertical_datum=other))

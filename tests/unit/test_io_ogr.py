@@ -91,6 +91,11 @@ def test_a_track_of_kml_is_read_with_its_times(tmp_path: Path, track: str) -> No
     path.write_text(KML.format(track.replace("<when>2026-06-01T09:00:00Z</when>", "")))
     with pytest.raises(InvalidInput, match=r"gx:Track 1 in line \d+: when: must have as many of when and gx:coord"):
         formats.read(path)
+    path.write_text(KML.format(track.replace("2026-06-01T09:00:00Z", "2026-06-01T07:00:00Z")))
+    with pytest.raises(
+        InvalidInput, match=r"when in line \d+: must not be before the one above it; got '2026-06-01T07"
+    ):
+        formats.read(path)
     path.write_text(KML.format(track.replace("9.5 57.2 0", "9.5 97.2 0")))
     with pytest.raises(InvalidInput, match=r"gx:coord in line \d+: must lie within .* of latitude; got '9.5 97.2 0'"):
         formats.read(path)
