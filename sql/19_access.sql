@@ -74,10 +74,13 @@ COMMENT ON FUNCTION _is_protected() IS
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._may_change(p_scene_id bigint) RETURNS boolean
 -- Not LANGUAGE sql, which would be planned at each call.
-LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off AS $$
 BEGIN
-    RETURN NOT row_security_active('scene'::regclass::oid) OR pg_has_role('conflictdb_worker', 'USAGE')
-           OR EXISTS (SELECT FROM _accessible a WHERE a.scene_id = p_scene_id AND a.may_write);
+    IF NOT row_security_active('scene'::regclass::oid) OR pg_has_role('conflictdb_worker', 'USAGE') THEN
+        RETURN true;
+    END IF;
+    RETURN EXISTS (SELECT FROM _accessible a WHERE a.scene_id = p_scene_id AND a.may_write);
 END
 $$;
 COMMENT ON FUNCTION _may_change(bigint) IS 'Whether row-level security allows the current role to change a scene.';
