@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "5db04904e52c578a95c9bee84fbaa63538d74554b94deb06a40f88d06e911ee2"
+routines_sha256 = "14120161761c15ceeaf94fca66404d3dd7bca3c9515eae7c63c9d521cb85e909"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
