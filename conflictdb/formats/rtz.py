@@ -109,8 +109,14 @@ def _leg(who: str, point: Waypoint, own: Element | None, default: Element | None
         rule = f"must be one of {', '.join(_GEOMETRY)}; got {kind!r:.40}"
         raise InvalidInput(who, f"{point.name}, geometryType", rule)
     point.is_orthodrome = _GEOMETRY[kind]
+    sides = ("portsideXTD", "starboardXTD")
+    for name in given:
+        if "xtd" in name.lower() and name not in sides:
+            raise InvalidInput(
+                who, f"{point.name}, {name}", f"is not known: cross-track limits are {' and '.join(sides)}"
+            )
     limits = {}
-    for side in ("portsideXTD", "starboardXTD"):
+    for side in sides:
         where = f"{point.name}, {side}"
         limits[side] = limit_m(who, where, number_of(who, where, given[side])) if side in given else None
     point.port_m, point.starboard_m = limits["portsideXTD"], limits["starboardXTD"]

@@ -180,6 +180,7 @@ MISTAKES = {
     "latitude": (rtz(waypoint(1, 4, 57) + waypoint(2, 5, 89.5)), "'R': waypoint 2: must lie within"),
     "longitude": (rtz(waypoint(1, 4, 57) + waypoint(2, "E5", 57)), "waypoint 2, lon: must be a number; got 'E5'"),
     "geometry": (leg('geometryType="GreatCircle"'), "waypoint 2, geometryType: must be one of Loxodrome, Orthodrome"),
+    "limit": (leg('portXTD="0.2"'), "waypoint 2, portXTD: is not known: cross-track limits are portsideXTD and"),
     "metres": (leg('portsideXTD="185.2"'), "waypoint 2, portsideXTD: is 185.2 .* probably metres, .* 0.1 nautical"),
     "negative": (leg('starboardXTD="-1"'), "waypoint 2, starboardXTD: must be a number of nautical miles, 0 or more"),
     "infinite": (leg('starboardXTD="INF"'), "waypoint 2, starboardXTD: must be a finite number"),

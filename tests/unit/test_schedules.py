@@ -462,3 +462,10 @@ def test_item_d_beside_its_grammar(text: str, same: str) -> None:
 def test_item_d_that_has_another_reading_is_refused(text: str) -> None:
     with pytest.raises(InvalidInput, match=r"area 'A': schedule\.notam: "):
         item_d_schedule("area 'A'", text, (us("2026-06-05"), us("2026-06-12")))
+
+
+def test_lists_of_many_schedules_are_limited_together() -> None:
+    """Each list was within the limit, and all took minutes to refuse."""
+    parts = [{"periods": [["00:00", "01:00"]] * 5_001}] * 2
+    with pytest.raises(InvalidInput, match="lists of at most 10,000 entries in all; got 10,002"):
+        schedule_of("area 'A'", parts)

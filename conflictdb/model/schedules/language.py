@@ -38,7 +38,7 @@ _NOTATIONS: Final = {
     "periods": {"periods", "days", "dates", "except", "timezone"},
 }
 _MOST_PARTS: Final = 366
-# Of a list in a schedule; more take seconds before their activations are too many.
+# Of a list in a schedule, and of all lists of several; more take seconds before their activations are too many.
 _MOST_ENTRIES: Final = 10_000
 
 
@@ -47,6 +47,12 @@ def schedule_of(who: str, source: Any) -> Schedule:
     listed = source if isinstance(source, list) else [source]
     if not 0 < len(listed) <= _MOST_PARTS:
         raise InvalidInput(who, "schedule", f"must be a schedule, or a list of 1 to {_MOST_PARTS:,}")
+    values = [value for one in listed if isinstance(one, Mapping) for value in one.values()]
+    count = sum(len(value) for value in values if isinstance(value, list))
+    if len(listed) > 1 and count > _MOST_ENTRIES:
+        raise InvalidInput(
+            who, "schedule", f"must have lists of at most {_MOST_ENTRIES:,} entries in all; got {count:,}"
+        )
     parts: list[TimedRule] = []
     for i, one in enumerate(listed):
         parts.extend(_parts(who, f"schedule[{i}]" if isinstance(source, list) else "schedule", one))
