@@ -6,7 +6,7 @@ from typing import Any
 
 import psycopg
 import pytest
-from city import asked, beyond_limits, flight, keys, pairs, square, within_limits
+from city import CITY, asked, beyond_limits, flight, keys, pairs, square, within_limits
 from scene_strategies import assert_same
 from workloads import HARBOUR, HIGH_LATITUDE, LOW_LATITUDE, SEAM, Workload, throw
 
@@ -186,3 +186,17 @@ def test_limits_of_the_database_refuse_plans(db: Database, city: StoredScene) ->
             asked(conn, within_limits("a"))
     conn.execute("RESET ALL")
     conn.commit()
+
+
+def test_undetected_objects_at_other_times_are_not_projected(db: Database, city: StoredScene) -> None:
+    """PROJ prepares the plane of a great-circle scene at each call: an admission calls it once."""
+    store.set_scene(db.connection, replace(CITY, motion="great_circle", earth="sphere"))
+    city.put([square(f"there {k}", 0.001 * (k % 7), (2.0 + k, 3.0 + k)) for k in range(70)])
+    conn = db.connection
+    with conn.transaction():
+        conn.execute("SET LOCAL track_functions = 'all'")
+        assert asked(conn, *(square(f"{k}", 0.02 * k) for k in range(6)), p_owner="somebody")[0]
+        calls = conn.execute(
+            "SELECT calls FROM pg_stat_xact_user_functions WHERE funcname = 'postgis_transform_geometry'"
+        ).fetchone()
+    assert calls == (1,)
