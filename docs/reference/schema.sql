@@ -1244,7 +1244,7 @@ FUNCTION _drifted_objects(p_attachment_id bigint)
     RETURNS SETOF text LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _each_to_plane(p_geometries geometry[], p_plane text)
-    RETURNS geometry[] LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
+    RETURNS geometry[] LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _end_acknowledgement(p_conflict_id bigint)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1445,7 +1445,7 @@ FUNCTION _legs(p_path geometry, p_earth text, OUT leg integer, OUT starts_at tim
     RETURNS SETOF record LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _lies_near(p_shape geometry, p_reach_m double precision, p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[])
-    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+    RETURNS boolean LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _lift_limits(p_lock_timeout_s double precision)
     RETURNS void LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1460,7 +1460,7 @@ FUNCTION _lon_lat(p_who text, p_field text, p_geometry geometry)
     RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _longest_time_s(p_scene_id bigint)
-    RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _map_areas(p_scene text)
     RETURNS TABLE(area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision, start_s double precision, end_s double precision, spans_s double precision[], west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision, inside_lon_deg double precision, inside_lat_deg double precision) LANGUAGE sql STABLE PARALLEL UNSAFE;
@@ -1499,10 +1499,10 @@ FUNCTION _may_admit(p_role name, p_scene_id bigint)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _may_change(p_scene_id bigint)
-    RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+    RETURNS boolean LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _meetings(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
-    RETURNS TABLE(a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, period tstzrange) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET plan_cache_mode=force_generic_plan SET jit=off;
+    RETURNS TABLE(a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, period tstzrange) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET plan_cache_mode=force_generic_plan SET enable_bitmapscan=off SET jit=off;
 
 FUNCTION _meets(p_region geometry, p_geometry geometry, p_plane text)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
@@ -1562,7 +1562,7 @@ FUNCTION _objects_hash(p_scene_id bigint, OUT last_version bigint, OUT objects_h
     RETURNS record LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _objects_near(p_scene_id bigint, p_hulls bytea[], p_starts_us bigint[], p_ends_us bigint[], p_inclusive boolean[], p_floors_m double precision[], p_ceilings_m double precision[], p_turns integer[], p_low_lon double precision[], p_low_lat double precision[], p_high_lon double precision[], p_high_lat double precision[])
-    RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET jit=off;
+    RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET enable_bitmapscan=off SET plan_cache_mode=force_generic_plan SET jit=off;
 
 FUNCTION _off_the_pole(p_part geometry)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
@@ -1721,7 +1721,7 @@ FUNCTION _register_attachment(p_scene text, p_kind text, p_table regclass, p_map
     RETURNS attachment LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _replaced_objects(p_scene_id bigint, p_keys text[], p_owner text)
-    RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE sql STABLE PARALLEL SAFE;
+    RETURNS TABLE(kind smallint, id bigint, key text, name text, owner text) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
 FUNCTION _request_probe(p_scene text, p_key text, p_kind integer, p_footprint bytea, p_start_us bigint, p_end_us bigint, p_path bytea, p_outline bytea, p_floor_m double precision, p_ceiling_m double precision, p_grow_mps double precision)
     RETURNS bigint LANGUAGE sql VOLATILE PARALLEL UNSAFE;
