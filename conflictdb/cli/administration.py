@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import moment_text, remark_incomplete
-from conflictdb.cli.output import note, out, remark
+from conflictdb.cli.output import line, note, out, remark
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import table
@@ -92,7 +92,7 @@ def _report_attachment(db: Database, scene: str, number: int) -> None:
         remark(f"{one.table} cannot be read: {one.error}")
     left_out = f", {one.unmapped} left out" if one.unmapped else ""
     how = "triggers tell of changes" if one.has_triggers else f"changes are looked for every {one.every}"
-    out(f"{scene}: {_counted(one.objects, one.kind)} of {one.table}{left_out}; {how}")
+    line(f"{scene}: {_counted(one.objects, one.kind)} of {one.table}{left_out}; {how}")
     for row in db.scene(scene).unmapped()[:_MOST_ROWS]:
         if row.attachment_id == number:
             remark(f"left out: {row.identity}: {row.reason}")
@@ -106,7 +106,7 @@ def detach(args: argparse.Namespace) -> int:
     """Detach a table."""
     with database(args) as db:
         removed = db.scene(args.scene).detach(args.table, keep=args.keep)
-    out(f"{args.scene}: {args.table} is detached, {_counted(removed, 'object')} removed")
+    line(f"{args.scene}: {args.table} is detached, {_counted(removed, 'object')} removed")
     return DONE
 
 
@@ -125,7 +125,7 @@ def attachments(args: argparse.Namespace) -> int:
     ]
     out(table(header, lines, right=header[3:5]) if found else "nothing is attached")
     for row in rows[:_MOST_ROWS]:
-        out(f"{row.table}: {row.identity}: {row.reason}{' (kept as it was)' if row.is_kept else ''}")
+        line(f"{row.table}: {row.identity}: {row.reason}{' (kept as it was)' if row.is_kept else ''}")
     if len(rows) > _MOST_ROWS:
         out(f"and {len(rows) - _MOST_ROWS:,} more in the view conflictdb.unmapped")
     return DONE
@@ -142,7 +142,7 @@ def share(args: argparse.Namespace) -> int:
             out("taken back" if db.scene(args.scene).unshare(args.role) else "was not shared with it")
         else:
             db.scene(args.scene).share(args.role, args.access or "read")
-            out(f"{args.scene}: {args.role} may {args.access or 'read'} it")
+            line(f"{args.scene}: {args.role} may {args.access or 'read'} it")
     return DONE
 
 
@@ -187,7 +187,7 @@ def rules(args: argparse.Namespace) -> int:
             else:
                 scene.put_rule(rule_of({"a_class": a, "b_class": b} | _values(args.set), "--set"))
                 done = "entered"
-            out(f"{args.scene}: rule of {args.sides[0]} with {args.sides[1]} {done}")
+            line(f"{args.scene}: rule of {args.sides[0]} with {args.sides[1]} {done}")
             return DONE
         found = scene.rules()
     header = ["A", "B", "SEPARATION M", "VERTICAL M", "TIME S", "ALLOWED", "YIELDS"]

@@ -4,12 +4,11 @@ import argparse
 from dataclasses import asdict
 
 from conflictdb.cli.codes import DONE
-from conflictdb.cli.output import out, print_json
+from conflictdb.cli.output import line, out, print_json
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.cli.tables import table
 from conflictdb.db.store import BranchDiff
-from conflictdb.errors import printable
 
 
 def branch(args: argparse.Namespace) -> int:
@@ -22,16 +21,16 @@ def branch(args: argparse.Namespace) -> int:
         scene = db.scene(args.scene)
         if args.action == "create":
             made = scene.branch(args.branch, args.proposal)
-            out(printable(f"{made.name}: a branch of {args.scene}"))
+            line(f"{made.name}: a branch of {args.scene}")
             args.scene = made.name
         elif args.action == "merge":
             parent, count = scene.branch_of(), scene.merge()
-            out(printable(f"{parent}: {count} {_objects(count)} taken over from {args.branch}; to be detected"))
+            line(f"{parent}: {count} {_objects(count)} taken over from {args.branch}; to be detected")
             args.scene = parent
         elif args.action == "drop":
             args.scene = scene.branch_of()
             scene.drop()
-            out(printable(f"{args.branch}: dropped"))
+            line(f"{args.branch}: dropped")
         else:
             _show(args, scene.diff())
     return DONE

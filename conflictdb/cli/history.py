@@ -8,7 +8,7 @@ from typing import Any
 
 from conflictdb.cli.codes import DONE
 from conflictdb.cli.load_report import labels, moment_text, table_with_names
-from conflictdb.cli.output import out, print_json
+from conflictdb.cli.output import line, out, print_json
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database
 from conflictdb.model.results import ConflictEvent, format_moment
@@ -39,7 +39,7 @@ def acknowledge(args: argparse.Namespace) -> int:
         else:
             scene.acknowledge(a_key, b_key, args.reason, args.until, by=args.by)
             done = "acknowledged"
-        out(f"{done}: {labels(scene.names(a_key, b_key), (a_key, b_key))}")
+        line(f"{done}: {labels(scene.names(a_key, b_key), (a_key, b_key))}")
     return DONE
 
 

@@ -222,6 +222,8 @@ def scene_table(scenes: Sequence["SceneStatus"]) -> str:
         return as_called("no scenes: `conflictdb demo` or `conflictdb load FILE` makes one")
     header = ["SCENE", "AREAS", "TRACKS", "PENDING", "CONFLICTS", "RUN", "FINISHED (UTC)", "RESULT"]
     has_branches = any(one.branch_of is not None for one in scenes)
+    if has_branches:
+        header.append("BRANCH OF")
     rows = [
         [
             *(one.scene.name, one.areas, one.tracks, one.pending, one.conflicts, one.run_id),
@@ -230,8 +232,7 @@ def scene_table(scenes: Sequence["SceneStatus"]) -> str:
         ]
         for one in scenes
     ]
-    right = header[1:6]
-    return table([*header, *(["BRANCH OF"] if has_branches else [])], rows, right=right, whole=["FINISHED (UTC)"])
+    return table(header, rows, right=header[1:6], whole=["FINISHED (UTC)"])
 
 
 def _result(scene: "SceneStatus") -> str:

@@ -37,6 +37,11 @@ def out(text: str = "", *, flush: bool = False) -> None:
         sys.stdout.flush()
 
 
+def line(text: str) -> None:
+    """Print one line of a result that has names: their line breaks are escaped, too."""
+    out(printable(text))
+
+
 def program() -> str:
     """Return the command for this program: as ./run was called, else its name."""
     return shlex.quote(os.environ.get("CONFLICTDB_PROGRAM") or "conflictdb")

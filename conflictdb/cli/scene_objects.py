@@ -6,7 +6,7 @@ from datetime import UTC
 
 from conflictdb.cli.codes import DONE, LEFT_OUT
 from conflictdb.cli.load_report import Shown, labels, loaded_text, remark_loaded, scene_table
-from conflictdb.cli.output import binary, data, out, print_json
+from conflictdb.cli.output import binary, data, line, out, print_json
 from conflictdb.cli.parser import check
 from conflictdb.cli.session import database, load_files
 from conflictdb.cli.tables import table
@@ -87,10 +87,10 @@ def rename(args: argparse.Namespace) -> int:
         if args.key is not None:
             names = db.scene(args.scene).names(args.key)
             db.scene(args.scene).rename_object(args.key, args.new)
-            out(f"{args.scene}: {labels(names, [args.key])} is now {args.new}")
+            line(f"{args.scene}: {labels(names, [args.key])} is now {args.new}")
         else:
             db.scene(args.scene).rename(args.new)
-            out(f"{args.scene} is now {args.new}")
+            line(f"{args.scene} is now {args.new}")
             args.scene = args.new
     return DONE
 
@@ -99,7 +99,7 @@ def copy(args: argparse.Namespace) -> int:
     """Copy a scene."""
     with database(args) as db:
         copied = db.scene(args.scene).copy(args.new)
-        out(f"{args.new}: {len(copied.objects())} objects of {args.scene}, to be detected")
+        line(f"{args.new}: {len(copied.objects())} objects of {args.scene}, to be detected")
     return DONE
 
 
@@ -110,9 +110,9 @@ def delete(args: argparse.Namespace) -> int:
     with database(args) as db:
         if args.all:
             db.scene(args.scene).delete()
-            out(f"{args.scene}: deleted")
+            line(f"{args.scene}: deleted")
         else:
             names = db.scene(args.scene).names(*args.keys)
             db.scene(args.scene).delete_objects(*args.keys)
-            out(f"{args.scene}: {len(args.keys)} deleted: {labels(names, args.keys)}")
+            line(f"{args.scene}: {len(args.keys)} deleted: {labels(names, args.keys)}")
     return DONE

@@ -227,3 +227,19 @@ def test_scenes_name_the_parent_of_a_branch_in_one_line(dsn: str, capsys: pytest
     assert first.split()[-1] != "strait"
     assert (second.split()[0], second.split()[-1]) == ("two\\nlines", "strait")
     assert run("branch", "drop", "two\nlines").out == "two\\nlines: dropped\n"
+
+
+def test_names_with_line_breaks_stay_in_one_line(dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+    run = runner(dsn, capsys)
+    for words in (
+        ("copy", "two\nlines", "--scene", "strait"),
+        ("rename", "more\nlines", "--scene", "two\nlines"),
+        ("delete", "FERRY", "--scene", "more\nlines"),
+        ("admin", "rules", "ferry", "any", "--set", "separation_m=5", "--scene", "more\nlines"),
+        ("delete", "--all", "--scene", "more\nlines"),
+    ):
+        done = run(*words)
+        assert (done.code, done.out.count("\n")) == (0, 1), words
+        assert "\\nlines" in done.out
