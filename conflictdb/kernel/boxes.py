@@ -74,7 +74,7 @@ class HeldBoxes(Held):
 def near_order(rows: RowBoxes) -> NDArray[np.int64]:
     """Return an order (n,) of rows in which neighbours in space and time are neighbours."""
     held, order = HeldBoxes.of(rows), np.empty(len(rows), np.int64)
-    check(library().kernel_box_order(ctypes.byref(held), order.ctypes.data))
+    check(library().kernel_box_order(ctypes.byref(held), address(order)))
     return order
 
 
@@ -95,9 +95,9 @@ def box_pairs(
     while len(left):
         # Pages of an empty array that are never written take no memory.
         first, second = np.empty(room, np.int64), np.empty(room, np.int64)
-        places: list[Any] = [first.ctypes.data, second.ctypes.data, room]
-        counts: list[Any] = [count.ctypes.data for count in (done, found, looked_at)]
-        check(library().kernel_box_pairs(ctypes.byref(held), left.ctypes.data, wanted, *places, *counts))
+        places: list[Any] = [address(first), address(second), room]
+        counts: list[Any] = [address(count) for count in (done, found, looked_at)]
+        check(library().kernel_box_pairs(ctypes.byref(held), address(left), wanted, *places, *counts))
         if not done[0]:
             # The pairs of the first object alone do not fit: retry it with more room.
             others = np.flatnonzero(rows.object[left] != rows.object[left[0]])

@@ -11,7 +11,7 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
 from conflictdb.arrays.ragged import offsets
 from conflictdb.kernel.header import structure
-from conflictdb.kernel.library import Held, check, library
+from conflictdb.kernel.library import Held, address, check, library
 from conflictdb.model.results import Kind
 
 # First size of the result, pairs of pieces, and its growth factor. All pairs of two areas of a hundred thousand parts
@@ -35,8 +35,8 @@ def bundles(pieces: Pieces, run: NDArray[np.int64]) -> Bundles:
     boxes, run = boxes_of(pieces), np.ascontiguousarray(run, np.int64)
     moves = np.ascontiguousarray(pieces.kind == Kind.TRACK.code, np.uint8)
     order, begins = np.empty(n, np.int64), np.empty(n, np.uint8)
-    given: list[Any] = [array.ctypes.data for array in (boxes, run, moves)]
-    check(library().kernel_bundles(*given, n, order.ctypes.data, begins.ctypes.data))
+    given: list[Any] = [address(array) for array in (boxes, run, moves)]
+    check(library().kernel_bundles(*given, n, address(order), address(begins)))
     return Bundles(pieces.take(order), np.append(np.flatnonzero(begins), n))
 
 
@@ -55,12 +55,12 @@ def bundled_pairs(bundles: Bundles, a: NDArray[np.int64], b: NDArray[np.int64]) 
     size = np.diff(bundles.offset)
     most = int((size[a] * size[b]).sum())
     found, room = np.zeros(1, np.int64), min(most, _FIRST_ROOM)
-    given: list[Any] = [array.ctypes.data for array in (a, b)]
+    given: list[Any] = [address(array) for array in (a, b)]
     while True:
         # Pages of an empty array that are never written take no memory.
         first, second = np.empty(room, np.int64), np.empty(room, np.int64)
-        room_for: list[Any] = [array.ctypes.data for array in (first, second)]
-        status = library().kernel_bundled_pairs(ctypes.byref(held), *given, len(a), *room_for, room, found.ctypes.data)
+        room_for: list[Any] = [address(array) for array in (first, second)]
+        status = library().kernel_bundled_pairs(ctypes.byref(held), *given, len(a), *room_for, room, address(found))
         if not (status and found[0] == room < most):
             break
         room = min(_MORE_ROOM * room, most)
@@ -79,7 +79,7 @@ def wkb_rings(wkb: Sequence[bytes], rings: int) -> tuple[Floats, NDArray[np.int6
     data = np.frombuffer(b"".join(wkb), np.uint8)
     offset, found = offsets([len(one) for one in wkb]), np.zeros(rings + 1, np.int64)
     xy = np.empty((len(data) // 16, 2))
-    read: list[Any] = [array.ctypes.data for array in (data, offset, xy, found)]
+    read: list[Any] = [address(array) for array in (data, offset, xy, found)]
     check(library().kernel_wkb_rings(read[0], len(data), read[1], len(wkb), read[2], len(xy), read[3], rings))
     return xy[: found[-1]], found
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.kernel.header import record, structure
 from conflictdb.kernel.kernel_scene import HeldWork, KernelScene, Work
-from conflictdb.kernel.library import Held, check, library, shared
+from conflictdb.kernel.library import Held, address, check, library, shared
 
 _Ints = NDArray[np.int64]
 # Pairs per slice of a thread: milliseconds of work.
@@ -95,7 +95,7 @@ def differences(scene: KernelScene, shifts: Shifts, reach_m: float, work: Work, 
     def solve(rows: slice) -> HeldWork:
         held, done = _HeldShifts(rows.stop - rows.start, shifts.is_factor), HeldWork()
         held.hold(**{name: column[rows] for name, column in columns.items()})
-        answers = found[rows].ctypes.data
+        answers = address(found[rows])
         check(library().kernel_differences(scene.handle, ctypes.byref(held), reach_m, answers, ctypes.byref(done)))
         return done
 

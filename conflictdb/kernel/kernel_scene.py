@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.kernel.header import structure
-from conflictdb.kernel.library import Held, check, library
+from conflictdb.kernel.library import Held, address, check, library
 
 _Ints = NDArray[np.int64]
 
@@ -81,7 +81,7 @@ class KernelScene:
     def states(self) -> NDArray[np.int8]:
         """Return the `PieceState` of each piece."""
         found = np.empty(len(self.pieces), np.int8)
-        check(library().kernel_states(self.handle, found.ctypes.data))
+        check(library().kernel_states(self.handle, address(found)))
         return found
 
 

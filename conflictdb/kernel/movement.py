@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.kernel.header import structure
 from conflictdb.kernel.kernel_scene import KernelScene
-from conflictdb.kernel.library import Held, check, library
+from conflictdb.kernel.library import Held, address, check, library
 
 _Ints = NDArray[np.int64]
 # Bisections until a fraction of the time is known to its last digit.
@@ -71,7 +71,7 @@ class Movement:
         """Return the vertices at times t (n,), (2, slots, n); pieces of fewer vertices repeat their last one."""
         t = np.ascontiguousarray(t, np.float64)
         found = np.empty((2, self.slots, len(self.piece)))
-        arguments = ctypes.byref(_Rows.of(self)), t.ctypes.data, self.slots, found.ctypes.data
+        arguments = ctypes.byref(_Rows.of(self)), address(t), self.slots, address(found)
         check(library().kernel_positions(self.scene.handle, *arguments))
         return found
 
@@ -79,7 +79,7 @@ class Movement:
         """Return the reference points (2, n) of havens at times t (n,), which move on straight lines; NaN for areas."""
         t = np.ascontiguousarray(t, np.float64)
         found = np.empty((2, len(self.piece)))
-        arguments = ctypes.byref(_Rows.of(self)), t.ctypes.data, found.ctypes.data
+        arguments = ctypes.byref(_Rows.of(self)), address(t), address(found)
         check(library().kernel_references(self.scene.handle, *arguments))
         return found
 
@@ -110,7 +110,7 @@ class Movement:
         velocity, curve = np.empty((2, n)), np.empty((2, n))
         acceleration, spread, deviation, scale, variation = (np.empty(n) for _ in range(5))
         found = Bounds(velocity, acceleration, spread, deviation, scale, curve, variation)
-        arguments = ctypes.byref(_Rows.of(self)), t0.ctypes.data, t1.ctypes.data, ctypes.byref(_Bounds.of(found))
+        arguments = ctypes.byref(_Rows.of(self)), address(t0), address(t1), ctypes.byref(_Bounds.of(found))
         check(library().kernel_bounds(self.scene.handle, *arguments))
         return found
 

@@ -11,7 +11,7 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.ragged import offsets
 from conflictdb.kernel.header import constant
 from conflictdb.kernel.kernel_scene import HeldPairs, KernelScene
-from conflictdb.kernel.library import check, library, shared
+from conflictdb.kernel.library import address, check, library, shared
 
 # Result vertices of a pair.
 _PER_VERTEX: Final = constant("KERNEL_REGION_PER_VERTEX")
@@ -66,7 +66,7 @@ def regions(
             room = _PER_VERTEX * int(vertices[some].sum()) + _MORE * n
             ring, ring_offset = np.empty((room, 2)), np.empty(2 * n + 1, np.int64)
             held = HeldPairs.of(pairs, some)
-            arrays = [array.ctypes.data for array in (ring, ring_offset, kinds[some])]
+            arrays = [address(array) for array in (ring, ring_offset, kinds[some])]
             check(library().kernel_regions(scene.handle, ctypes.byref(held), reach_m, *arrays))
             found.append(ring[: ring_offset[-1]].copy())
             counts.append(np.diff(ring_offset))
@@ -90,7 +90,7 @@ def joined(ring: Floats, offset: _Ints, owner: _Ints) -> tuple[Floats, _Ints, _I
     offset, owner = (np.ascontiguousarray(array, np.int64) for array in (offset, owner))
     found, found_offset, found_owner = np.empty_like(ring), np.empty_like(offset), np.empty_like(owner)
     count = ctypes.c_int64()
-    of_ring, where, of, *room = (one.ctypes.data for one in (ring, offset, owner, found, found_offset, found_owner))
+    of_ring, where, of, *room = (address(one) for one in (ring, offset, owner, found, found_offset, found_owner))
     check(library().kernel_joined(of_ring, len(ring), where, of, len(owner), *room, ctypes.byref(count)))
     n = count.value
     return found[: found_offset[n]].copy(), found_offset[: n + 1].copy(), found_owner[:n].copy()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from conflictdb.arrays import Floats
 from conflictdb.kernel.header import structure
 from conflictdb.kernel.kernel_scene import HeldPairs, KernelScene
-from conflictdb.kernel.library import Held, check, library
+from conflictdb.kernel.library import Held, address, check, library
 
 _Ints = NDArray[np.int64]
 
@@ -63,7 +63,7 @@ def whole_depths(
         raise ValueError("kernel: the columns of pairs are not of one length")
     held, of_areas, depth = HeldPairs.arrays(a, b, zero_us, low_s, high_s), _HeldAreas.of(areas), np.empty(n, np.int8)
     pairs = HeldPairs.of(held, slice(0, n))
-    arrays = (column.ctypes.data for column in (*given, depth))
+    arrays = (address(column) for column in (*given, depth))
     check(library().kernel_whole_depths(scene.handle, ctypes.byref(pairs), ctypes.byref(of_areas), *arrays))
     return depth
 
