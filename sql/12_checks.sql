@@ -430,6 +430,19 @@ END;
 COMMENT ON FUNCTION _from_centre_deg(geometry, double precision, double precision) IS
 'Greatest distance of a geometry''s points (longitude and latitude) from a place, degrees along a great circle.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._box_is_near_centre(
+    p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision
+) RETURNS boolean
+LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+    -- Along a meridian, then along a parallel: no shorter way.
+    SELECT greatest(ST_XMax(p_geometry) - p_centre_lon, p_centre_lon - ST_XMin(p_geometry))
+           + greatest(ST_YMax(p_geometry) - p_centre_lat, p_centre_lat - ST_YMin(p_geometry)) <= 60;
+END;
+COMMENT ON FUNCTION _box_is_near_centre(geometry, double precision, double precision) IS
+'Whether the box of a geometry is certainly within 60 degrees of a centre; null without a centre. A box lacks points '
+'that are no numbers. Inlined into expressions.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_near_centre(
     p_who text, p_field text, p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision
 ) RETURNS void
@@ -437,10 +450,8 @@ LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     v_far double precision;
 BEGIN
-    -- Along a meridian, then along a parallel: no shorter way. A box may lack points that are no numbers.
     IF GeometryType(p_geometry) IN ('POLYGON', 'MULTIPOLYGON') AND ST_Perimeter(p_geometry) < 'infinity'
-       AND greatest(ST_XMax(p_geometry) - p_centre_lon, p_centre_lon - ST_XMin(p_geometry))
-           + greatest(ST_YMax(p_geometry) - p_centre_lat, p_centre_lat - ST_YMin(p_geometry)) <= 60 THEN
+       AND _box_is_near_centre(p_geometry, p_centre_lon, p_centre_lat) THEN
         RETURN;
     END IF;
     v_far := _from_centre_deg(p_geometry, p_centre_lon, p_centre_lat);

@@ -118,11 +118,9 @@ BEGIN
                 -- Within 180 degrees _to_plane does only this.
                 WHEN 'rhumb' THEN v_scene.earth = 'wgs84'
                                   AND ST_IsValidReason(ST_Transform(NEW.footprint, 3395)) = 'Valid Geometry'
-                -- As in _check_near_centre.
-                ELSE greatest(ST_XMax(NEW.footprint) - v_scene.centre_lon, v_scene.centre_lon - ST_XMin(NEW.footprint))
-                     + greatest(ST_YMax(NEW.footprint) - v_scene.centre_lat,
-                                v_scene.centre_lat - ST_YMin(NEW.footprint)) <= 60
-                     AND v_scene.centre_lon IS NOT NULL AND _stays_simple(NEW.footprint) END)
+                ELSE v_scene.centre_lon IS NOT NULL
+                     AND _box_is_near_centre(NEW.footprint, v_scene.centre_lon, v_scene.centre_lat)
+                     AND _stays_simple(NEW.footprint) END)
        IS NOT TRUE THEN
         PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties, NEW.class, NEW.owner);
         -- PostGIS does not report a ring without points as empty, but does not dump it either.

@@ -1018,6 +1018,9 @@ FUNCTION _beyond_horizon(p_scene text, p_span tstzrange)
 FUNCTION _box_deg(p_place geometry, p_reach_m double precision, OUT west double precision, OUT south double precision, OUT east double precision, OUT north double precision)
     RETURNS record LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _box_is_near_centre(p_geometry geometry, p_centre_lon double precision, p_centre_lat double precision)
+    RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
 FUNCTION _boxes_meet(p_a geometry, p_b geometry)
     RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
