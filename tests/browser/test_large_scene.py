@@ -9,7 +9,7 @@ import psycopg
 import pytest
 import shapely
 from browsing import Open, go_to
-from large_scenes import T0_US, drones, many
+from large_scenes import HOUR_US, T0_US, drones, many
 from map_page import served_page
 from piecework import load
 from playwright.sync_api import Page, expect
@@ -18,7 +18,6 @@ from conflictdb.db.detect import detect
 from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 
 Conn = psycopg.Connection[Any]
-HOUR_US = 3_600_000_000
 T0_S = T0_US / 1e6
 
 MOST_FIRST_VIEW_S = 2.0

@@ -279,10 +279,10 @@ export class Timeline {
         return [x0, Math.max(x1, x0 + LEAST_BAR)];
       }),
     });
-    this.bars = this.isDense ? seen.map((conflict) => bar(conflict, 0)) : this.rows.flatMap(({ conflicts }, lane) => conflicts.map((conflict) => bar(conflict, lane)));
+    this.bars = this.rows.flatMap(({ conflicts }, lane) => conflicts.map((conflict) => bar(conflict, lane)));
     this.size.height = Math.max(view.clientHeight, this.isDense ? 0 : 2 * TOP + this.rows.length * ROW);
     canvas.style.height = `${this.size.height}px`;
-    if (this.isDense) this.count();
+    if (this.isDense) this.count(seen.flatMap(({ periods }) => periods.filter(isSeen)));
     const what = this.isDense ? `${seen.length.toLocaleString("en")} conflicts over time; at most ${this.most.toLocaleString("en")} at once`
       : isByObject ? `Conflicts over time, ${this.rows.length} rows of objects` : "Conflicts over time, as in the list";
     canvas.setAttribute("aria-label", what);
@@ -291,10 +291,8 @@ export class Timeline {
   }
 
   // The most that are on at one instant of each pixel, whatever the width: ends that touch count as one instant.
-  count() {
+  count(periods) {
     const width = Math.ceil(this.size.width);
-    const [from, to] = this.shown;
-    const periods = this.bars.flatMap(({ conflict }) => conflict.periods.filter(([a, b]) => a <= to && b >= from));
     const starts = Float64Array.from(periods, ([a]) => a).sort();
     const ends = Float64Array.from(periods, ([, b]) => b).sort();
     this.density = new Array(width).fill(0);
