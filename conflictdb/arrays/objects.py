@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.arrays.ragged import offsets, ragged_rows, ragged_take, stacked
+from conflictdb.arrays.ragged import followed_by, offsets, ragged_rows, ragged_take, stacked
 from conflictdb.arrays.words import numbers_of_words
 from conflictdb.errors import InvalidInput
 from conflictdb.model.outlines import mitred
@@ -39,9 +39,8 @@ class Activations:
 
     def followed_by(self, other: "Activations") -> "Activations":
         """Return the activations of these objects, then of others."""
-        offset = np.concatenate([self.offset, other.offset[1:] + self.offset[-1]])
         return Activations(
-            offset,
+            followed_by([self.offset, other.offset]),
             np.concatenate([self.at_us, other.at_us]),
             np.concatenate([self.is_unknown, other.is_unknown]),
         )
@@ -245,7 +244,7 @@ class TrackBatch:
             if isinstance(first, Activations):
                 columns[column.name] = first.followed_by(second)
             elif column.name.endswith("_offset"):
-                columns[column.name] = np.concatenate([first, second[1:] + first[-1]])
+                columns[column.name] = followed_by([first, second])
             else:
                 columns[column.name] = np.concatenate([first, second])
         return TrackBatch(**columns)

@@ -367,8 +367,7 @@ def _check(
         if key not in every:
             raise InvalidInput(who, "object", f"{key!r} is not known")
     for key, weight in weights.items():
-        is_number = isinstance(weight, int | float | np.number) and not isinstance(weight, bool)
-        if not (is_number and _LEAST_WEIGHT <= weight <= _MOST_WEIGHT):
+        if not (inputs.is_number(weight) and _LEAST_WEIGHT <= weight <= _MOST_WEIGHT):
             rule = f"must be a number from {_LEAST_WEIGHT:g} to {_MOST_WEIGHT:g}; got {weight!r:.20}"
             raise InvalidInput("resolve", f"weights[{key!r}]", rule)
     for key, level in levels.items():

@@ -361,7 +361,7 @@ def suspect_properties(item: Area | Track) -> Iterator[str]:
 
 
 def datum_of(scene: Scene, item: Area | Track) -> dict[str, Any]:
-    """Return what the heights of an object are above, for a file without settings; empty if it has none."""
+    """Return the vertical datum as a member of an object with heights, for a file without settings; else nothing."""
     heights = [item.floor_m, item.ceiling_m, *((item.floors_m, item.ceilings_m) if isinstance(item, Track) else ())]
     return {} if all(one is None for one in heights) else {DATUM: scene.vertical_datum.value}
 

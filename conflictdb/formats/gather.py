@@ -89,7 +89,7 @@ def gather(
         own = of_files.get(file.scene, file.datum)
         if file.datum is not None and own is not None and own != file.datum:
             # Read for another datum than that of the settings, which are in another file.
-            file.read(lambda own=own: own, phase=phase, **options)  # type: ignore[misc]
+            file.read(partial(VerticalDatum, own), phase=phase, **options)
         with refusals:
             contents = file.found()
             if contents.scene is None and not (contents.areas or contents.tracks):
@@ -104,13 +104,13 @@ class _SceneFile:
     """A file that was read, or refused.
 
     scene : name of its scene
-    outcome : None before it is read
+    outcome : once it is read
     datum : that its heights were read for, None if it names none
     """
 
     path: str | Path
     scene: str
-    outcome: Contents | InvalidInput | None = None
+    outcome: Contents | InvalidInput = field(init=False)
     datum: VerticalDatum | None = None
 
     def read(self, datum_of: Callable[[], VerticalDatum], *, phase: Phase, **options: Unpack[ReadOptions]) -> None:
@@ -129,8 +129,8 @@ class _SceneFile:
 
     def found(self) -> Contents:
         """Return what the file has; raises the InvalidInput with which it is refused."""
-        if not isinstance(self.outcome, Contents):
-            raise self.outcome or InvalidInput("file", "", "is not read", str(self.path))
+        if isinstance(self.outcome, InvalidInput):
+            raise self.outcome
         return self.outcome
 
 

@@ -50,7 +50,7 @@ def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
 
 
 def _datum(scene: Scene, item: Area | Track) -> dict[str, Any]:
-    """Return what the heights of an object are above, unless that is mean sea level: it becomes a property."""
+    """Return the vertical datum as a property, unless it is mean sea level, as in KML."""
     return {} if scene.vertical_datum is VerticalDatum.MSL else datum_of(scene, item)
 
 

@@ -6,6 +6,7 @@ from typing import Final, TypeAlias
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.kml_writing import kml_lines
+from conflictdb.formats.reading import OTHER_ENDINGS
 from conflictdb.formats.rtz_writing import rtz_lines
 from conflictdb.formats.scene_file import scene_text
 from conflictdb.formats.uas_zones_writing import ed318_lines
@@ -28,10 +29,7 @@ _WRITERS: Final[dict[str, Lines]] = {
     ".f3548.json": _f3548_lines,
 }
 # Endings that are read as other formats: a scene file of such a name would not load.
-_READ_ONLY: Final = (
-    *(".csv", ".gml", ".gpkg", ".gpx", ".kmz", ".notam"),
-    *(".s421", ".shp", ".tsv", ".txt", ".xml", ".zip"),
-)
+_READ_ONLY: Final = (*(OTHER_ENDINGS - _WRITERS.keys()), ".gpkg", ".kmz", ".shp", ".zip")
 
 
 def object_lines(path: str | Path, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:

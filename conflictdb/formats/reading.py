@@ -284,13 +284,17 @@ def _read_ogr(file: _File) -> Contents:
     return read_objects(file.path, most_mb, file.fastest_kn, file.layers, skip_invalid=file.skip_invalid)
 
 
+_JSON: Final = (".json", ".geojson", ".mfjson")
 _READERS: Final[Mapping[str, Callable[[_File], Contents]]] = {
-    **dict.fromkeys((".json", ".geojson", ".mfjson"), _read_json),
+    **dict.fromkeys(_JSON, _read_json),
     **dict.fromkeys((".csv", ".tsv"), _read_rows),
     **dict.fromkeys(PARQUET, _read_parquet),
     **dict.fromkeys((".txt", ".notam"), _read_notam),
     **dict.fromkeys((".rtz", ".xml", ".gml", ".s421", ".gpx"), _read_xml),
 }
+
+# Endings of formats that are neither JSON nor GeoParquet.
+OTHER_ENDINGS: Final = _READERS.keys() - {*_JSON, *PARQUET}
 
 
 def is_parquet(path: str | Path) -> bool:

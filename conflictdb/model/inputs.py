@@ -140,44 +140,44 @@ def footprint(who: str, given: Footprint) -> Any:
     return shapely.MultiPolygon([shapely.Polygon(ring)])
 
 
+def is_number(given: object) -> bool:
+    """Whether a value is a number, of Python or of numpy, and no truth value."""
+    return isinstance(given, int | float | np.number) and not isinstance(given, bool)
+
+
 def metres(who: str, field: str, given: float | None) -> float | None:
     """Return a finite number of metres, or None; raises InvalidInput."""
     if given is None:
         return None
-    is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
-    if not is_number or not abs(given) <= sys.float_info.max:
+    if not is_number(given) or not abs(given) <= sys.float_info.max:
         raise InvalidInput(who, field, f"must be a finite number of metres, or absent; got {given!r:.60}")
     return float(given)
 
 
 def speed_limit_kn(who: str, field: str, given: float) -> float:
     """Return a speed limit in knots, which may be infinite; raises InvalidInput."""
-    is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
-    if not is_number or not (0.0 < given <= sys.float_info.max or given == np.inf):
+    if not is_number(given) or not (0.0 < given <= sys.float_info.max or given == np.inf):
         raise InvalidInput(who, field, f"must be a number of knots above 0; got {given!r:.60}")
     return float(given)
 
 
 def seconds(who: str, field: str, given: float) -> float:
     """Return a waiting time in seconds; raises InvalidInput."""
-    is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
-    if not is_number or not 0.0 <= given <= _LONGEST_S:
+    if not is_number(given) or not 0.0 <= given <= _LONGEST_S:
         raise InvalidInput(who, field, f"must be a number of seconds, 0 to {_LONGEST_S:g}; got {given!r:.60}")
     return float(given)
 
 
 def days(who: str, field: str, given: float) -> float:
     """Return a number of days; raises InvalidInput."""
-    is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
-    if not is_number or not 0.0 <= given <= _MOST_DAYS:
+    if not is_number(given) or not 0.0 <= given <= _MOST_DAYS:
         raise InvalidInput(who, field, f"must be a number of days, 0 to {_MOST_DAYS:,.0f}; got {given!r:.60}")
     return float(given)
 
 
 def reach_m(who: str, field: str, given: float) -> float:
     """Return a distance to look as far as, in metres; raises InvalidInput."""
-    is_number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
-    if not is_number or not 0.0 <= given <= _FARTHEST_M:
+    if not is_number(given) or not 0.0 <= given <= _FARTHEST_M:
         raise InvalidInput(who, field, f"must be a number of metres, 0 to {_FARTHEST_M:,.0f}; got {given!r:.60}")
     return float(given)
 

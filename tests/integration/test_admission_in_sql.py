@@ -195,7 +195,7 @@ def test_undetected_objects_at_other_times_are_not_projected(db: Database, city:
     conn = db.connection
     with conn.transaction():
         conn.execute("SET LOCAL track_functions = 'all'")
-        assert asked(conn, *(square(f"{k}", 0.02 * k) for k in range(6)), p_owner="somebody")[0]
+        assert asked(conn, *(square(f"{k}", 0.02 * k) for k in range(6)), p_owner="operator")[0]
         calls = conn.execute(
             "SELECT calls FROM pg_stat_xact_user_functions WHERE funcname = 'postgis_transform_geometry'"
         ).fetchone()
