@@ -431,10 +431,12 @@ class Page {
 
   // --- the instant ---------------------------------------------------------------------------------------------------
 
-  moveTo(at) {
+  // `isAlone`: only the time has changed.
+  moveTo(at, isAlone = true) {
     this.state.moveTo(at);
     this.showInstant();
-    this.marks.soon();
+    if (isAlone) this.marks.soon();
+    else this.marks.now();
     if (this.state.filter.now) this.filterSoon();
   }
 
@@ -480,7 +482,7 @@ class Page {
     byId("all").hidden = true;
     byId("detail").hidden = false;
     this.showDetail();
-    this.moveTo(Number.isFinite(conflict.start) ? conflict.start : state.t);
+    this.moveTo(Number.isFinite(conflict.start) ? conflict.start : state.t, false);
     this.goToBox(state.model.around(conflict, state.t));
     this.address.step();
   }
@@ -506,7 +508,7 @@ class Page {
     this.havens.focus = null;
     byId("detail").hidden = true;
     byId("all").hidden = false;
-    this.moveTo(state.t);
+    this.moveTo(state.t, false);
     const n = this.list.reveal(id);
     this.list.focus(n);
     if (isStep) this.address.step();

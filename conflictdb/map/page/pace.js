@@ -3,12 +3,14 @@
 const PICTURES = 4;
 const LONGEST_MS = 2000;
 
-// Does what takes a while not before some time has gone by, and for no more than a share of the time.
+// Does what takes a while not before some time has gone by, and for no more than a share of the time; what is asked for after a
+// rest is not put off.
 export class Paced {
   // `does` returns how long it took, milliseconds.
   constructor(does, leastMs, mostShare) {
     Object.assign(this, { does, leastMs, mostShare });
     this.begun = 0;
+    this.asked = 0; // the last time
     this.took = 0; // milliseconds, the last time
     this.timer = null;
   }
@@ -31,10 +33,14 @@ export class Paced {
   }
 
   soon() {
-    const rest = Math.min(LONGEST_MS, Math.max(this.leastMs, this.took / this.mostShare)); // a page in the background has no pictures
-    const wait = rest - (performance.now() - this.begun);
+    const asked = performance.now();
+    const isAfterRest = asked - this.asked > Math.max(this.leastMs, 2 * this.took); // longer than a picture
+    this.asked = asked;
+    const apart = isAfterRest ? 0 : Math.min(LONGEST_MS, this.took / this.mostShare); // a page in the background has no pictures
+    const wait = this.begun + Math.max(this.leastMs, apart) - asked;
+    clearTimeout(this.timer);
     if (wait <= 0) this.now();
-    else this.timer ??= setTimeout(() => this.now(), wait);
+    else this.timer = setTimeout(() => this.now(), Math.min(wait, this.leastMs)); // at the latest when nobody asks any more
   }
 }
 
