@@ -1,10 +1,11 @@
 // How often something is done, and what waits meanwhile.
 
-const PICTURES = 4;
-const LONGEST_MS = 2000;
+const PICTURES = 4; // that may be late
+const RESTING = 3; // pictures without a request, which moving time makes for each
+const LONGEST_MS = 2000; // a page in the background has no pictures
 
-// Does what takes a while not before some time has gone by, and for no more than a share of the time; what is asked for after a
-// rest is not put off.
+// Does what takes a while not before some time has gone by, and for no more than a share of the time; but at once when nobody asks
+// any more.
 export class Paced {
   // `does` returns how long it took, milliseconds.
   constructor(does, leastMs, mostShare) {
@@ -33,14 +34,22 @@ export class Paced {
   }
 
   soon() {
-    const asked = performance.now();
-    const isAfterRest = asked - this.asked > Math.max(this.leastMs, 2 * this.took); // longer than a picture
-    this.asked = asked;
-    const apart = isAfterRest ? 0 : Math.min(LONGEST_MS, this.took / this.mostShare); // a page in the background has no pictures
-    const wait = this.begun + Math.max(this.leastMs, apart) - asked;
-    clearTimeout(this.timer);
-    if (wait <= 0) this.now();
-    else this.timer = setTimeout(() => this.now(), Math.min(wait, this.leastMs)); // at the latest when nobody asks any more
+    const asked = this.asked = performance.now();
+    const wait = this.begun + Math.min(LONGEST_MS, Math.max(this.leastMs, this.took / this.mostShare)) - asked;
+    if (wait <= 0) {
+      this.now();
+      return;
+    }
+    this.timer ??= setTimeout(() => this.now(), wait);
+    this.afterRest(asked, RESTING);
+  }
+
+  afterRest(asked, pictures) {
+    requestAnimationFrame(() => {
+      if (this.timer === null || this.asked !== asked) return;
+      if (pictures > 1) this.afterRest(asked, pictures - 1);
+      else this.now();
+    });
   }
 }
 
