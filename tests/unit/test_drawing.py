@@ -229,7 +229,9 @@ def test_a_scene_is_drawn_wide_and_pale_below_its_conflicts(strait: Any) -> None
     [colour] = paths.get_colors()
     assert colour[3] == 1.0
     assert colour[:3].min() > 0.4
-    assert paths.get_zorder() < 3 <= max(one.get_zorder() for one in above.collections)  # regions are there
+    contacts = [one for one in above.lines if one.get_marker() == "o"]
+    assert len(contacts) == len(found)
+    assert all(one.get_zorder() > paths.get_zorder() for one in contacts)
 
 
 def test_a_report_has_the_deepest_conflicts_on_its_timeline(strait: Any) -> None:
