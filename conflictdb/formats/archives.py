@@ -10,7 +10,7 @@ from conflictdb.formats.contents import TOO_LARGE
 
 _REMEDY: Final = "unpack it, and load the files in it"
 # Endings of compressed files and archives that no reader opens.
-_UNREAD: Final = frozenset({".gz", ".tgz", ".tar", ".7z", ".rar", ".bz2", ".xz", ".zst"})
+_UNREAD: Final = frozenset({".gz", ".tgz", ".tar", ".7z", ".rar", ".bz2", ".xz", ".zst", ".rtzp"})
 # OGR reads all Shapefiles of an archive.
 _OF_SHAPEFILE: Final = (".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".sbn", ".sbx", ".shp.xml")
 # Of the list of contents of an archive, bytes: some 20,000 files.

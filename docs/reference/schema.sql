@@ -1309,10 +1309,10 @@ FUNCTION _globe()
 FUNCTION _grown_outline(p_outline geometry, p_by_m double precision)
     RETURNS geometry LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
-FUNCTION _half_open(p_span tstzrange)
+FUNCTION _half_open(p_span tstzrange, p_is_closed boolean)
     RETURNS tstzrange LANGUAGE sql IMMUTABLE PARALLEL SAFE;
 
-FUNCTION _half_open(p_spans tstzmultirange)
+FUNCTION _half_open(p_spans tstzmultirange, p_is_closed boolean)
     RETURNS tstzmultirange LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE;
 
 FUNCTION _has_grown(p_periods tstzmultirange, p_verdict text, p_time_error_s double precision, p_closest_m double precision, p_closest_error_m double precision, p_known_periods tstzmultirange, p_known_verdict text, p_known_time_error_s double precision, p_known_closest_m double precision, p_known_closest_error_m double precision, p_tolerance_m double precision)
@@ -1365,6 +1365,9 @@ FUNCTION _is_all_dirty(p_scene_id bigint)
 
 FUNCTION _is_behind_horizon(p_expanded tstzrange, p_horizon_days double precision)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _is_closed(p_scene_id bigint)
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _is_compared(p_attachment attachment)
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;

@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "07c0d7e39f35128f8bd663b8000e91503f99d9aaf91addfe3bcdd5461c06727e"
+routines_sha256 = "de3eb4c0cbbe6dd6ef59f28d818fef25aa35ba05205257204d6b9cb8cefa0011"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

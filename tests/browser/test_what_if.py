@@ -211,7 +211,7 @@ def drag_second_waypoint(page: Page, key: str, conflict: str) -> None:
 
 
 def periods_elsewhere(dsn: str, scene: str, key: str, waypoint: list[float]) -> list[Any]:
-    """The conflicts of a copy of a scene, in which a track has a waypoint elsewhere: other keys, and ends of periods."""
+    """The conflicts of a copy, in which a track has a waypoint elsewhere: other keys, and ends of periods."""
     with conflictdb.connect(dsn) as db:
         settings, areas, tracks = db.scene(scene)._read(None)
     n, *place = waypoint

@@ -161,7 +161,7 @@ def test_bombs_are_refused_before_they_are_unpacked(tmp_path: Path) -> None:
         read(path)
 
 
-@pytest.mark.parametrize("name", ["plan.kml.gz", "plan.tar", "plan.7z", "plan.kmz", "plan.zip"])
+@pytest.mark.parametrize("name", ["plan.kml.gz", "plan.tar", "plan.7z", "plan.rtzp", "plan.kmz", "plan.zip"])
 def test_what_is_no_archive_that_is_read_is_named(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text(kml())
