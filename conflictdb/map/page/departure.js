@@ -4,6 +4,7 @@
 import { element } from "./dom.js";
 import { counted, duration, metres, printable } from "./format.js";
 import { moved, statement } from "./moved_plan.js";
+import { withWaypoint } from "./moved_waypoint.js";
 import { DepartureStrip } from "./strip.js";
 import { union, unpackPieces, WhatIf } from "./what_if.js";
 
@@ -162,6 +163,7 @@ export class Departure {
     if (isHopeless && this.mayWiden && this.rangeS < WIDER_S) {
       return this.widen(WIDER_S, false);
     }
+    if (isHopeless && this.isWidened) return this.widen(FIRST_S);
     this.mayWiden = false;
     [this.slider.min, this.slider.max] = [-this.rangeS, this.rangeS];
     this.on.range(this.track, this.rangeS);
@@ -232,11 +234,25 @@ export class Departure {
     this.strip.mark(us);
     // Which departures are clear is known of the planned way.
     for (const one of [this.canvas, this.buttons.earlier, this.buttons.later]) one.hidden = this.waypoint !== null;
-    if (this.waypoint !== null) {
-      this.probe();
-      return;
+    if (this.waypoint === null) this.show(this.whatIf.conflicts(us, upM));
+    else if (this.source.isLive) this.probe();
+    else this.showElsewhere();
+  }
+
+  // Computes the conflicts of a plan with another waypoint, where there is no server to ask: the page has all pieces then.
+  showElsewhere() {
+    const { waypoint, laterUs, upM } = this;
+    try {
+      if (this.elsewhere?.waypoint !== waypoint) {
+        const { kernel, pack } = this.whatIf;
+        this.elsewhere = { waypoint, whatIf: new WhatIf(kernel, withWaypoint(kernel, pack, this.key, waypoint, this.track.motion.scene), this.key) };
+      }
+      const { whatIf } = this.elsewhere;
+      if (whatIf.refusal !== null) throw new Error(whatIf.refusal);
+      this.show(whatIf.conflicts(laterUs, upM));
+    } catch (error) {
+      this.summary.textContent = `Not known: ${printable(error.message)}.`;
     }
-    this.show(this.whatIf.conflicts(us, upM));
   }
 
   // As it is planned.
