@@ -110,6 +110,7 @@ def test_a_conflict_is_printed_on_one_page(strait: str, open_page: Open) -> None
     page.emulate_media(media="print")
     for shown in ("#headline", "#map", "#legend", ".card", "svg.plan"):
         expect(page.locator(shown)).to_be_visible()
+    expect(page.locator("#scenes")).to_be_hidden()  # lists to choose from
     assert page.pdf(format="A4").count(b"/Type /Page\n") == 1
 
 
