@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from browsing import Open, rows, time_of, wait_until
 from commands import runner
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 COPIES = {"permissions": ["clipboard-read", "clipboard-write"]}
 PLACE = "conflictdbPage.view.place()"
@@ -67,6 +67,19 @@ def test_an_address_that_is_not_understood_changes_nothing(strait: str, open_pag
     if "another" in hash_:
         expect(page.locator("#state")).to_contain_text("another")
         assert len(rows(page)) == 7
+
+
+def test_a_scene_that_is_not_there_stays_named_when_changes_are_heard_late(strait: str, browser: Browser) -> None:
+    """As on a busy machine: the page hears of changes after it was shown."""
+    waiting: list[Route] = []
+    with browser.new_page() as page:
+        page.route("**/api/events*", lambda route: waiting.append(route))
+        page.goto(f"{strait}#scene=another")
+        expect(page.locator("#state")).to_contain_text("another")
+        with page.expect_response("**/api/events*"):
+            waiting[0].continue_()
+        page.wait_for_timeout(500)
+        expect(page.locator("#state")).to_contain_text("another")
 
 
 def test_a_file_has_an_address_too(

@@ -183,13 +183,14 @@ export class ServerSource {
     return this.at(`${location.origin}/tiles/${kind}/{z}/{x}/{y}`, { v: version });
   }
 
-  // Calls `told` with "objects" or "conflicts" when these changed since a version, and `state` with whether changes are heard of.
+  // Calls `told` with "objects" or "conflicts" when these changed since a version, and `state` with whether changes are heard of, when that changes.
   watch(version, told, state) {
     const events = new EventSource(this.at("/api/events", { version }));
     let wasLost = false;
     events.addEventListener("open", () => {
+      if (!wasLost) return;
       state(true);
-      if (wasLost) told("objects"); // whatever happened meanwhile
+      told("objects"); // whatever happened meanwhile
       wasLost = false;
     });
     events.addEventListener("error", () => {
