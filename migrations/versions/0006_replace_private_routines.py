@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "07c0d7e39f35128f8bd663b8000e91503f99d9aaf91addfe3bcdd5461c06727e"
+routines_sha256 = "d81048991b632a50fb7cc354ba263286532a16314962c86cdbcdbc22fbee1063"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
