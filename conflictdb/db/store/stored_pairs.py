@@ -97,7 +97,7 @@ class Marks:
         return bool((self.marked & 1).all())
 
     def are_dirty(self, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return (m,) whether marks of either row concern a pair, as _is_dirty_pair does."""
+        """Return (m,) whether marks of either row concern a pair."""
         return ((self.marked[a] & self.concerned[b]) | (self.marked[b] & self.concerned[a])) != 0
 
 
