@@ -13,21 +13,30 @@ COMMENT ON FUNCTION _settings_of(anyelement) IS
 'Name and settings of a scene by the columns of its row: all but its id, the age of its history, its '
 'owner, its parent, and how far schedules are expanded.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._half_open(p_span tstzrange) RETURNS tstzrange
+CREATE OR REPLACE FUNCTION conflictdb_internal._is_closed(p_scene_id bigint) RETURNS boolean
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT EXISTS (SELECT FROM scene s WHERE s.scene_id = p_scene_id AND s.intervals = 'closed');
+END;
+COMMENT ON FUNCTION _is_closed(bigint) IS 'Whether spans and height bands of a scene contain their upper ends.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._half_open(p_span tstzrange, p_is_closed boolean) RETURNS tstzrange
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
-    -- Instants are whole microseconds: an inclusive end equals an exclusive end one microsecond later.
+    -- Instants are whole microseconds: an inclusive end equals an exclusive end one microsecond later. In a scene of
+    -- closed intervals [start, end) contains its end; but it cannot be empty.
     SELECT CASE WHEN isempty(p_span) THEN p_span ELSE tstzrange(
         CASE WHEN lower(p_span) = '-infinity' THEN NULL
              WHEN lower_inc(p_span) OR lower_inf(p_span) THEN lower(p_span)
              ELSE lower(p_span) + interval '1 microsecond' END,
         CASE WHEN upper(p_span) = 'infinity' THEN NULL
-             WHEN upper_inc(p_span) THEN upper(p_span) + interval '1 microsecond'
+             WHEN upper_inc(p_span) AND (NOT p_is_closed OR lower(p_span) = upper(p_span))
+                 THEN upper(p_span) + interval '1 microsecond'
              ELSE upper(p_span) END) END;
 END;
-COMMENT ON FUNCTION _half_open(tstzrange) IS
-'Returns the same instants as [start, end): an inclusive end becomes an exclusive end one microsecond later. An '
-'infinite bound becomes no bound.';
+COMMENT ON FUNCTION _half_open(tstzrange, boolean) IS
+'Returns the same instants as [start, end): an inclusive end becomes an exclusive end one microsecond later, unless '
+'the scene''s intervals are closed. An instant lasts a microsecond. An infinite bound becomes no bound.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._is_plain(p_properties jsonb) RETURNS boolean
 LANGUAGE sql IMMUTABLE CALLED ON NULL INPUT PARALLEL SAFE
@@ -669,7 +678,9 @@ COMMENT ON FUNCTION _check_growth(text, geometry, geometry, double precision, ge
 'Raises ZC006 for an outward speed (m/s) that is out of range or makes spikes, and for outlines per waypoint that are '
 'not rings, differ in their number of vertices, or are not convex at all times. Outlines count from 1.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._half_open(p_spans tstzmultirange) RETURNS tstzmultirange
+CREATE OR REPLACE FUNCTION conflictdb_internal._half_open(
+    p_spans tstzmultirange, p_is_closed boolean
+) RETURNS tstzmultirange
 LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 BEGIN ATOMIC
     -- Subqueries, because aggregates of one query are computed whatever CASE says. Expansions are half-open.
@@ -677,9 +688,10 @@ BEGIN ATOMIC
                                       AND isfinite(lower(s.span)) AND isfinite(upper(s.span)))
                       FROM unnest(p_spans) s (span))
                 THEN p_spans
-                ELSE (SELECT coalesce(range_agg(_half_open(s.span)), '{}') FROM unnest(p_spans) s (span)) END;
+                ELSE (SELECT coalesce(range_agg(_half_open(s.span, p_is_closed)), '{}')
+                      FROM unnest(p_spans) s (span)) END;
 END;
-COMMENT ON FUNCTION _half_open(tstzmultirange) IS
+COMMENT ON FUNCTION _half_open(tstzmultirange, boolean) IS
 'Returns the same instants as spans [start, end), joined where they touch.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._ends_of(p_spans tstzmultirange) RETURNS timestamptz[]

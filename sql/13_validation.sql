@@ -47,7 +47,7 @@ BEGIN
     NEW.active_span := coalesce(NEW.active_span, tstzrange(NULL, NULL));
     IF upper_inc(NEW.active_span) OR NOT (lower_inc(NEW.active_span) OR lower_inf(NEW.active_span))
        OR lower(NEW.active_span) = '-infinity' OR upper(NEW.active_span) = 'infinity' THEN
-        NEW.active_span := _half_open(NEW.active_span);
+        NEW.active_span := _half_open(NEW.active_span, _is_closed(NEW.scene_id));
     END IF;
     NEW.properties := coalesce(NEW.properties, '{}');
     -- As object-relational mappers write None.
@@ -71,7 +71,7 @@ BEGIN
         END IF;
     END IF;
     IF NEW.activations IS NOT NULL THEN
-        NEW.activations := _half_open(NEW.activations);
+        NEW.activations := _half_open(NEW.activations, _is_closed(NEW.scene_id));
         IF NEW.schedule IS NULL AND NOT isempty(NEW.activations) THEN
             NEW.active_span := range_merge(NEW.activations);
         END IF;
@@ -274,7 +274,8 @@ BEGIN
        IS NOT TRUE THEN
         PERFORM _check_common(v_who, NEW.key, NEW.floor_m, NEW.ceiling_m, NEW.properties, NEW.class, NEW.owner);
         IF NEW.path IS NULL OR ST_NPoints(NEW.path) < 2 THEN
-            FOUND := _raise('ZC001', v_who, 'path', 'needs at least two waypoints', 'path_of_two');
+            FOUND := _raise('ZC001', v_who, 'path', 'needs at least two waypoints', 'path_of_two',
+                            'track_path(waypoints, times) makes a path; it is null without times.');
         END IF;
         PERFORM _check_size(v_who, 'path', ST_NPoints(NEW.path), 'max_waypoints');
         IF NEW.tolerances IS NOT NULL AND num_nonnulls(NEW.departures, NEW.schedule) > 0 THEN

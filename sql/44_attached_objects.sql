@@ -202,6 +202,8 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._put_attached(
     p_attachment attachment, p_first bigint, p_last bigint
 ) RETURNS void
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_is_closed boolean := _is_closed(p_attachment.scene_id);
 BEGIN
     IF p_attachment.object_kind = 0 THEN
         DELETE FROM area a USING pg_temp.attached_item i
@@ -211,7 +213,7 @@ BEGIN
                    coalesce(CASE WHEN NOT isempty(s.activations) THEN range_merge(s.activations) END,
                             _attached_span(format('area %L', i.key), s.span, s.starts_at, s.ends_at)) AS active_span,
                    s.floor_m, s.ceiling_m, coalesce(s.properties, '{}') AS properties, s.class, s.owner,
-                   _half_open(s.activations) AS activations, nullif(s.schedule, 'null') AS schedule
+                   _half_open(s.activations, v_is_closed) AS activations, nullif(s.schedule, 'null') AS schedule
             FROM pg_temp.attached_item i JOIN pg_temp.staged_attached s ON s.identity = i.identity AND NOT s.is_asked
             WHERE i.n BETWEEN p_first AND p_last
         ), changed AS (
@@ -223,8 +225,8 @@ BEGIN
               AND (a.name, a.footprint, a.active_span, a.floor_m, a.ceiling_m, a.properties, a.class, a.owner,
                    CASE WHEN a.schedule IS NULL THEN a.activations END, a.schedule)
                   IS DISTINCT FROM
-                  (n.name, n.footprint, _half_open(n.active_span), n.floor_m, n.ceiling_m, n.properties, n.class,
-                   n.owner, n.activations, n.schedule)
+                  (n.name, n.footprint, _half_open(n.active_span, v_is_closed), n.floor_m, n.ceiling_m, n.properties,
+                   n.class, n.owner, n.activations, n.schedule)
         )
         INSERT INTO area (scene_id, key, name, footprint, active_span, floor_m, ceiling_m, properties, class, owner,
                           activations, schedule)

@@ -161,7 +161,8 @@ BEGIN
         NEW.active_span := tstzrange(lower(NEW.active_span), NULL);
     ELSIF NEW.object_kind = 0 THEN
         PERFORM _check_area_probe(NEW.footprint, NEW.active_span, NEW.floor_m, NEW.ceiling_m);
-        NEW.active_span := _half_open(coalesce(NEW.active_span, tstzrange(NULL, NULL)));
+        NEW.active_span := _half_open(coalesce(NEW.active_span, tstzrange(NULL, NULL)),
+                                      _is_closed(NEW.scene_id));
         NEW.active_span := tstzrange(nullif(lower(NEW.active_span), '-infinity'),
                                      nullif(upper(NEW.active_span), 'infinity'));
     ELSE

@@ -211,6 +211,10 @@ BEGIN
         END IF;
         IF times IS NOT NULL THEN
             path := _timed_path(v_who, path, times);
+        ELSIF ST_Zmflag(path) IN (0, 2) THEN
+            FOUND := _raise('ZC002', v_who, 'times', 'is missing: a path without M needs a time for each waypoint',
+                            'path_time_per_waypoint',
+                            'Give "times": ["2026-03-01T06:00:00Z", ...], or a LineStringM whose M is Unix seconds.');
         END IF;
         outline := ST_SetSRID(outline, 0);
         outlines := ST_SetSRID(outlines, 0);

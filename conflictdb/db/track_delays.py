@@ -73,6 +73,14 @@ def read_departing(
     return _read(conn, scene, key, lambda track: round(1e6 * within_s), at_any_height=at_any_height)
 
 
+def read_around(conn: psycopg.Connection[Any], scene: str, track: Track) -> tuple[Scene, list[Area], list[Track]]:
+    """Return a scene and what a track, stored or not, may meet; raises InvalidInput if the scene does not exist."""
+    with store.snapshot(conn):
+        is_current = store.scene_state(conn, scene).is_current
+        keys = _around(conn, scene, [track], lambda _: 0, 0.0, False) if is_current else None
+        return store.read_scene(conn, scene, keys)
+
+
 def _read(
     conn: psycopg.Connection[Any],
     scene: str,
@@ -90,26 +98,30 @@ def _read(
         is_current = store.scene_state(conn, scene).is_current
         keys = None
         if key is not None and is_current:
-            keys = [*_near(conn, scene, key, most_us, near_m, at_any_height), key]
+            _, _, tracks = store.read_scene(conn, scene, [key])
+            keys = [*_around(conn, scene, tracks, most_us, near_m, at_any_height), key]
         return store.read_scene(conn, scene, keys)
 
 
-def _near(
+def _around(
     conn: psycopg.Connection[Any],
     scene: str,
-    key: str,
+    tracks: list[Track],
     most_us: Callable[[Track], int],
     near_m: float,
     at_any_height: bool,
 ) -> list[str]:
     """Return the keys of the objects whose boxes a track may meet if it is earlier or later, or come near to.
 
+    tracks : the track, or none
     near_m : metres, beyond the required separation
     """
-    settings, _, tracks = store.read_scene(conn, scene, [key])
+    if not tracks:
+        return []
+    settings = store.read_settings(conn, store.scene_or_branch_id(conn, scene))
     wide = widened(settings, settings.separation_m + near_m) if near_m else settings
     pieces = pieces_of(wide, plane_of(settings), AreaBatch.of([]), TrackBatch.of(tracks))
-    horizon_us = max(map(most_us, tracks), default=0) + settings.longest_time_us
+    horizon_us = max(map(most_us, tracks)) + settings.longest_time_us
     at_any_time = replace(pieces.longer(horizon_us, horizon_us), end_inclusive=np.ones(len(pieces), np.bool_))
     if at_any_height:
         all_m = np.full(len(pieces), np.inf)
@@ -117,4 +129,4 @@ def _near(
     number = store.scene_or_branch_id(conn, scene)
     parent = store.parent_name(conn, number)
     layers = [number] if parent is None else [number, store.scene_id(conn, parent)]
-    return [one for layer in layers for one in store.keys_meeting(conn, layer, at_any_time, key)]
+    return [one for layer in layers for one in store.keys_meeting(conn, layer, at_any_time, tracks[0].key)]

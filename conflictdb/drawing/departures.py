@@ -59,7 +59,7 @@ def plot_delays(
     ends_s = [abs(end) for one in shown for each in one.forbidden for end in (each.from_s, each.to_s)]
     horizon_s = max([1.0, *ends_s, *(max(one.latest_s, -one.earliest_s) for one in shown)])
     with styled() as mpl:
-        figure = mpl.figure.Figure(figsize=(9.0, 1.1 + 0.26 * len(shown)), layout="constrained")
+        figure = mpl.figure.Figure(figsize=(9.0, 1.3 + 0.26 * len(shown)), layout="constrained")
         panel = figure.subplots()
         for row, one in enumerate(shown):
             _draw_bar(panel, row, one)
@@ -71,7 +71,8 @@ def plot_delays(
         _delay_axis(panel, horizon_s)
         of = len(found) + left_out
         more = f" (the first {len(shown)} of {of:,})" if of > len(shown) else ""
-        panel.set_title(f"Departures, earlier and later than planned{more}")
+        title = f"Departures, earlier and later than planned{more}"
+        figure.suptitle(title, x=0.01, ha="left", fontsize=10, fontweight="bold")
         looks = (
             ("free", {"facecolor": FIRST + "50"}),
             ("in conflict", {"facecolor": CONFLICT}),
@@ -80,7 +81,6 @@ def plot_delays(
         for label, look in looks:
             panel.fill([], [], label=label, linewidth=0, **look)
         panel.plot([], [], "D", color=INK, markersize=4, label="least delay")
-        # Beside the title, where no bar is.
         panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, fontsize=7, frameon=False)
         draw_remark(figure, remark)
         return figure

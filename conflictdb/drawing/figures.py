@@ -24,6 +24,7 @@ from conflictdb.drawing.style import (
     HATCH,
     INK,
     OF_VERDICT,
+    PALE,
     QUIET,
     SECOND,
     checked_name,
@@ -43,8 +44,9 @@ from conflictdb.stages.separations import Separations
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# What fits on a page and can be read.
+# What fits on a page and can be read; and on the first page of a report, below its counts.
 MOST_ROWS: Final = 40
+_MOST_DEEPEST: Final = 10
 _MOST_NAMES: Final = 30
 _INSTANTS: Final = 301
 _FORMATS: Final = (".png", ".svg", ".pdf")
@@ -75,19 +77,48 @@ def plot_scene(
 
     Raises InvalidInput for a scene without objects, and ConflictDBError where there is no matplotlib.
     """
+    rows = sorted((one for one in conflicts if one.periods), key=first_contact_order)
+    return _scene_figure(scene, areas, tracks, rows, rows[:MOST_ROWS], f"the first {MOST_ROWS}", remark)
+
+
+def plot_deepest(
+    scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], conflicts: Sequence[Conflict]
+) -> "Figure":
+    """Return the figure of `plot_scene` for the first page of a report: the timeline has the deepest conflicts.
+
+    conflicts : the deepest first
+    """
+    rows = [one for one in conflicts if one.periods]
+    shown = sorted(rows[:_MOST_DEEPEST], key=first_contact_order)
+    return _scene_figure(scene, areas, tracks, rows, shown, f"the {_MOST_DEEPEST} deepest")
+
+
+def _scene_figure(
+    scene: Scene,
+    areas: Sequence[Area],
+    tracks: Sequence[Track],
+    rows: Sequence[Conflict],
+    shown: Sequence[Conflict],
+    which: str,
+    remark: str | None = None,
+) -> "Figure":
+    """Return a figure of a scene with all conflicts on the map, and some on the timeline.
+
+    which : words for these, where there are more
+    """
     if not (areas or tracks):
         raise InvalidInput(f"scene {scene.name!r}", "objects", "there are none: there is nothing to draw")
-    rows = sorted((one for one in conflicts if one.periods), key=first_contact_order)
     with styled() as mpl:
         sketch = Sketch(scene, areas, tracks)
-        shown = rows[:MOST_ROWS]
         bars = 0.7 + 0.22 * max(len(shown), 1)
         figure = mpl.figure.Figure(figsize=(9.0, 6.0 + bars), layout="constrained")
-        above, below = figure.subplots(2, 1, height_ratios=(6.0, bars))
+        # Grids of their own: names of rows do not make the map narrow.
+        grid = figure.add_gridspec(2, 1, height_ratios=(6.0, bars))
+        above, below = (figure.add_subplot(grid[row].subgridspec(1, 1)[0]) for row in (0, 1))
         above.set_title(_title(scene, areas, tracks, rows))
         draw_remark(figure, remark)
         _draw_timeline(mpl, below, shown)
-        below.set_title(f"When, UTC{_left_out(shown, rows)}")
+        below.set_title(f"When, UTC{_left_out(shown, rows, which)}")
         _draw_scene(above, sketch, rows)
         return figure
 
@@ -102,7 +133,7 @@ def plot_timeline(conflicts: Iterable[Conflict]) -> "Figure":
         figure = mpl.figure.Figure(figsize=(9.0, 1.0 + 0.22 * len(shown)), layout="constrained")
         panel = figure.subplots()
         _draw_timeline(mpl, panel, shown)
-        panel.set_title(f"When plans are in conflict, UTC{_left_out(shown, rows)}")
+        panel.set_title(f"When plans are in conflict, UTC{_left_out(shown, rows, f'the first {MOST_ROWS}')}")
         return figure
 
 
@@ -222,7 +253,7 @@ def _draw_scene(panel: Any, sketch: Sketch, conflicts: Sequence[Conflict]) -> No
     )
     is_image = len(ways) > map_panel.MOST_VECTORS
     panel.add_collection(
-        LineCollection(list(ways.values()), colors=FIRST, linewidths=0.8, alpha=0.7, rasterized=is_image), autolim=False
+        LineCollection(list(ways.values()), colors=PALE, linewidths=0.8, rasterized=is_image), autolim=False
     )
     for conflict in conflicts:
         _draw_place(panel, sketch, conflict)
@@ -510,5 +541,5 @@ def _title(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], conflic
     return f"{name_of(scene.name)}: {words}"
 
 
-def _left_out(shown: Sequence[Conflict], rows: Sequence[Conflict]) -> str:
-    return f" (the first {len(shown)} of {len(rows):,})" if len(rows) > len(shown) else ""
+def _left_out(shown: Sequence[Conflict], rows: Sequence[Conflict], which: str) -> str:
+    return f" ({which} of {len(rows):,})" if len(rows) > len(shown) else ""

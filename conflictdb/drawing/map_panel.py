@@ -32,6 +32,8 @@ _EDGE: Final = 0.02
 _NAME_WIDTH: Final = 40.0
 _NAME_HEIGHT: Final = 8.5
 _SIGN_WIDTH: Final = 4.5
+# Below a name, so that lines do not cross its letters.
+_PLATE: Final[Any] = {"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 0.6}
 # What has more objects than these is drawn as an image within the figure: a vector each would make files of megabytes.
 MOST_VECTORS: Final = 2_000
 
@@ -132,7 +134,8 @@ def names(panel: Any, places: Iterable[tuple[str, tuple[float, float]]]) -> None
         taken.append((x, y))
         # To the left of its place where it would leave the map.
         aside, side = (-3, "right") if x + _SIGN_WIDTH * len(name) > right else (3, "left")
-        panel.annotate(name, place, (aside, 3 + y - above), textcoords="offset points", ha=side, fontsize=7, color=INK)
+        at = {"xytext": (aside, 3 + y - above), "textcoords": "offset points", "ha": side}
+        panel.annotate(name, place, **at, fontsize=7, color=INK, bbox=_PLATE)
 
 
 def _path(polygon: shapely.Polygon) -> Any:

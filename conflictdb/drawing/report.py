@@ -113,7 +113,8 @@ def check_name(file: str | Path) -> Path:
 def _sections(checked: Checked) -> list[Section]:
     known = _depths(checked)
     conflicts = sorted(checked.conflicts, key=lambda one: (-_depth_m(known, one), figures.first_contact_order(one)))
-    overview = figures.plot_scene(checked.scene, checked.areas, checked.tracks, conflicts)
+    draw = figures.plot_deepest if known else figures.plot_scene
+    overview = draw(checked.scene, checked.areas, checked.tracks, conflicts)
     return [
         _found(checked, conflicts),
         Section("Where and when", figures=[("All objects, and where and when they are in conflict.", overview)]),

@@ -15,6 +15,8 @@ from conflictdb.model.results import Verdict
 
 # Distinguishable with colour blindness (Okabe and Ito), and by lightness.
 FIRST, SECOND, CONFLICT, QUIET, INK = "#0072b2", "#009e73", "#d55e00", "#8a949e", "#2b333b"
+# Of paths on a map of many: also where they cross, conflicts stand out.
+PALE: Final = "#7fb8d8"
 LAND, COAST = "#efede6", "#c3c4bf"
 OF_VERDICT: Final = {Verdict.CONFLICT: CONFLICT, Verdict.GRAZING: "#e69f00", Verdict.UNRESOLVED: "#8a949e"}
 HATCH: Final = {Verdict.CONFLICT: "", Verdict.GRAZING: "////", Verdict.UNRESOLVED: "xxxx"}
@@ -110,6 +112,9 @@ def instant(us: int) -> datetime:
 def time_axis(mpl: Any, panel: Any, first: datetime, last: datetime) -> None:
     """Make the axis across one of time, UTC."""
     locator = mpl.dates.AutoDateLocator(minticks=3, maxticks=7)
+    # Without steps of two, spans of eight minutes have one label.
+    for unit in (mpl.dates.MINUTELY, mpl.dates.SECONDLY):
+        locator.intervald[unit] = [1, 2, 5, 10, 15, 30]
     panel.xaxis.set_major_locator(locator)
     panel.xaxis.set_major_formatter(mpl.dates.ConciseDateFormatter(locator))
     panel.set_xlim(first, last)

@@ -147,9 +147,14 @@ class Gathered:
             raise given_twice(name_of(item), f"{self._seen[item.key]} and {where}")
         self._seen[item.key] = where
 
-    def circle(self, who: str, lon_deg: float, lat_deg: float, radius_m: float) -> shapely.MultiPolygon:
-        """Return a polygon that contains a circle; raises InvalidInput."""
-        return disc(who, lon_deg, lat_deg, radius_m, _SCENE, self.corners)
+    def circle(
+        self, who: str, lon_deg: float, lat_deg: float, radius_m: float, field: str = "radius_m"
+    ) -> shapely.MultiPolygon:
+        """Return a polygon that contains a circle; raises InvalidInput for the field of its radius."""
+        try:
+            return disc(who, lon_deg, lat_deg, radius_m, _SCENE, self.corners)
+        except InvalidInput as error:
+            raise InvalidInput(who, field if error.field == "radius_m" else error.field, error.rule) from None
 
     def contents(self, *, skip_invalid: bool) -> Contents:
         """Return the objects; refused ones are left out or raised."""

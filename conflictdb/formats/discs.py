@@ -70,6 +70,9 @@ def disc(
     made : counts the corners of a file
     """
     made = made or Corners()
+    if not abs(lat_deg) <= MAX_LATITUDE_DEG:
+        rule = f"latitude must lie within +-90 degrees; got {lat_deg:g} (is it longitude first?)"
+        raise InvalidInput(who, "geometry", rule)
     if not 0.0 < radius_m <= MAX_RADIUS_M:
         rule = f"must be a number of metres, more than 0 and at most {MAX_RADIUS_M:,.0f}; got {radius_m:g}"
         raise InvalidInput(who, "radius_m", rule)

@@ -13,8 +13,10 @@ from conflictdb.formats.contents import Skipped
 from conflictdb.formats.fields import Fields, number_as_key
 from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.geometry import CIRCLE_TYPE, TRACK_TYPE
+from conflictdb.formats.hints import heights_may_be_unbounded, vertical_datum
 from conflictdb.formats.track_times import TrackAtSpeed
 from conflictdb.model.plans import Area, Track
+from conflictdb.model.settings import datum_named
 
 ALIASES: Final = {"begin": "start"}  # KML's name
 POLYGONS: Final = frozenset({shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON})
@@ -70,9 +72,17 @@ def track_of_line(
 
 def _keyed(where: str, number: str, values: Mapping[str, Any], members: frozenset[str]) -> tuple[str, dict[str, Any]]:
     """Return the key of a feature, and its columns named as in scene files."""
-    values = _known_names(values, members)
+    values = _comparable(_known_names(values, members))
     key = number_as_key(values.pop("id", None))
     return checked_key(where, "id", number if key is None or key == "" else key), values
+
+
+def _comparable(values: dict[str, Any]) -> dict[str, Any]:
+    """Return the columns without heights above another datum than the scene's, if these may be unbounded."""
+    stated = values.get(file_objects.DATUM)
+    if stated is None or not heights_may_be_unbounded() or datum_named(stated) is vertical_datum():
+        return values
+    return {name: None if name in ("floor_m", "ceiling_m") else value for name, value in values.items()}
 
 
 def _known_names(values: Mapping[str, Any], members: frozenset[str]) -> dict[str, Any]:
@@ -80,7 +90,7 @@ def _known_names(values: Mapping[str, Any], members: frozenset[str]) -> dict[str
     known = {}
     for name, value in values.items():
         lower = ALIASES.get(name.lower(), name.lower())
-        if lower not in members | {"id"} or lower in known:
+        if lower not in members | {"id", file_objects.DATUM} or lower in known:
             known[name] = value
             continue
         if isinstance(value, str) and value.lstrip().startswith("["):

@@ -64,8 +64,8 @@ TRACK_MEMBERS: Final = frozenset(
     | {f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi")}
 )
 # Members whose loss would change conflicts, and where else they belong.
-AREA_GUARDED: Final = tuple(sorted(AREA_MEMBERS - {"kind", "name", "owner"}))
-TRACK_GUARDED: Final = tuple(sorted(TRACK_MEMBERS - {"kind", "name", "owner"}))
+AREA_GUARDED: Final = tuple(sorted((AREA_MEMBERS | {DATUM}) - {"kind", "name", "owner"}))
+TRACK_GUARDED: Final = tuple(sorted((TRACK_MEMBERS | {DATUM}) - {"kind", "name", "owner"}))
 _SETTINGS: Final = dict.fromkeys(SETTINGS, SETTING_RULE)
 AREA_ELSEWHERE: Final = _SETTINGS | dict.fromkeys(
     TRACK_MEMBERS - AREA_MEMBERS, "has a meaning for tracks only; an area stays as it is from start to end"

@@ -43,14 +43,16 @@ def line(who: str, where: str, coordinates: Any) -> NDArray[np.float64]:
     return positions
 
 
-def point(who: str, coordinates: Any) -> NDArray[np.float64]:
+def point(who: str, coordinates: Any, where: str = "geometry.coordinates") -> NDArray[np.float64]:
     """Return the (1, 2) longitude and latitude of a Point in degrees."""
-    return _positions(who, "geometry.coordinates", [coordinates])
+    if not isinstance(coordinates, list) or len(coordinates) not in (2, 3):
+        raise _no_position(who, where, coordinates)
+    return np.array([[finite(who, f"{where}[{j}]", number) for j, number in enumerate(coordinates)][:2]])
 
 
-def multipolygon(who: str, geometry: dict[str, Any]) -> shapely.MultiPolygon:
+def multipolygon(who: str, geometry: dict[str, Any], where: str = "geometry") -> shapely.MultiPolygon:
     """Return a Polygon or MultiPolygon of GeoJSON, in degrees; the model checks its validity."""
-    where, coordinates = "geometry.coordinates", geometry.get("coordinates")
+    where, coordinates = f"{where}.coordinates", geometry.get("coordinates")
     if geometry["type"] == "Polygon":
         return shapely.MultiPolygon([_polygon(who, where, coordinates)])
     return shapely.MultiPolygon(_each(who, where, coordinates, "polygons", _polygon))
@@ -107,12 +109,16 @@ def _positions(who: str, where: str, value: Any) -> NDArray[np.float64]:
     return _first_fault(who, where, value)
 
 
+def _no_position(who: str, where: str, position: Any) -> InvalidInput:
+    rule = "must be a position: [longitude, latitude] (a third number, the altitude, is left aside)"
+    return InvalidInput(who, where, f"{rule}; got {position!r:.60}")
+
+
 def _first_fault(who: str, where: str, value: list[Any]) -> NDArray[np.float64]:
     """Raise InvalidInput for the first position that is not two or three finite numbers."""
     for i, position in enumerate(value):
         if not isinstance(position, list) or len(position) not in (2, 3):
-            rule = "must be a position: [longitude, latitude] (a third number, the altitude, is left aside)"
-            raise InvalidInput(who, f"{where}[{i}]", f"{rule}; got {position!r:.60}")
+            raise _no_position(who, f"{where}[{i}]", position)
         for j, number in enumerate(position):
             finite(who, f"{where}[{i}][{j}]", number)
     raise AssertionError(value)  # the caller found a fault

@@ -1,29 +1,25 @@
 """Read the times of gx:Track in KML and KMZ, which the OGR library does not give."""
 
-import zipfile
-import zlib
 from collections import defaultdict
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
-from conflictdb.formats.contents import TOO_LARGE
 from conflictdb.formats.instants import parse_instant
 from conflictdb.formats.values_of_xml import number_of
-from conflictdb.formats.xml_text import Element, parsed
+from conflictdb.formats.xml_text import Element
 
 _DIGITS: Final = 9  # of coordinates that are compared
 
 
 class GxTracks:
-    """The tracks of a file, found by their positions."""
+    """The tracks of a file, found by their positions; raises InvalidInput."""
 
-    def __init__(self, path: Path, max_file_mb: float) -> None:
+    def __init__(self, root: Element) -> None:
         self._times: dict[bytes, list[list[int]]] = defaultdict(list)
-        for number, track in enumerate(parsed(_text(path, max_file_mb)).all("Track"), 1):
+        for number, track in enumerate(root.all("Track"), 1):
             positions, times_us = _positions(f"gx:Track {number} in line {track.line}", track)
             self._times[_key(positions)].append(times_us)
 
@@ -35,28 +31,6 @@ class GxTracks:
 
 def _key(positions_deg: NDArray[np.float64]) -> bytes:
     return bytes((np.round(positions_deg, _DIGITS) + 0.0).tobytes())
-
-
-def _text(path: Path, max_file_mb: float) -> str:
-    """Return the text of a KML file, or of the first one in a KMZ."""
-    limit = int(max_file_mb * 1e6)
-    try:
-        if path.suffix.lower() == ".kmz":
-            with zipfile.ZipFile(path) as archive:
-                name = next((one for one in archive.namelist() if one.lower().endswith(".kml")), None)
-                if name is None:
-                    raise InvalidInput("file", "", "is a KMZ without a KML file")
-                with archive.open(name) as stream:
-                    data = stream.read(limit + 1)
-        else:
-            with path.open("rb") as stream:
-                data = stream.read(limit + 1)
-        text = data.decode("utf-8-sig")
-    except (OSError, zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, UnicodeDecodeError) as error:
-        raise InvalidInput("file", "", f"cannot be read: {error}") from None
-    if len(data) > limit:
-        raise InvalidInput("file", "", f"holds more than {max_file_mb:g} MB{TOO_LARGE}")
-    return text
 
 
 def _positions(who: str, track: Element) -> tuple[NDArray[np.float64], list[int]]:

@@ -15,7 +15,7 @@ from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.single_activations import spans_of, voyages_of
 from conflictdb.formats.xml_text import written
-from conflictdb.model.plans import Area, Scene, Track, VerticalDatum
+from conflictdb.model.plans import Area, Scene, Track
 
 # Members with a type: other ExtendedData are texts to other programs, and OGR reads them only without these.
 _TYPED: Final = {"floor_m": "double", "ceiling_m": "double", DATUM: "string"}
@@ -34,10 +34,8 @@ def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
         spans = spans_of(area)
         for number, span in enumerate(spans, 1):
             key = area.key if len(spans) == 1 else f"{area.key}/{number}"
-            yield (
-                _placemark(key, area_properties(area) | _datum(scene, area), _span(span), _polygons(area.footprint))
-                + "\n"
-            )
+            members = area_properties(area) | datum_of(scene, area)
+            yield _placemark(key, members, _span(span), _polygons(area.footprint)) + "\n"
     for track in tracks:
         voyages = list(voyages_of(track))
         for number, voyage in enumerate(voyages, 1):
@@ -45,13 +43,8 @@ def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
             whens = (written("when", text=format_instant(int(time))) for time in voyage.times_us)
             coords = (written("gx:coord", text=f"{lon!r} {lat!r} 0") for lon, lat in voyage.positions_deg.tolist())
             shape = written("gx:Track", None, *whens, *coords)
-            yield _placemark(key, track_properties(voyage) | _datum(scene, track), "", shape) + "\n"
+            yield _placemark(key, track_properties(voyage) | datum_of(scene, track), "", shape) + "\n"
     yield "</Document></kml>\n"
-
-
-def _datum(scene: Scene, item: Area | Track) -> dict[str, Any]:
-    """Return the vertical datum as a property, unless it is mean sea level, as in KML."""
-    return {} if scene.vertical_datum is VerticalDatum.MSL else datum_of(scene, item)
 
 
 def _placemark(key: str, members: dict[str, Any], span: str, shape: str) -> str:

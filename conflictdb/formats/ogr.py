@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats import file_objects, wkb
+from conflictdb.formats.archives import check_archive
 from conflictdb.formats.confined import ConfinedProgram
 from conflictdb.formats.contents import (
     Contents,
@@ -42,6 +43,7 @@ from conflictdb.formats.features import LINES, POINTS, TIMES_OR_SPEED, area_of_p
 from conflictdb.formats.fields import MAX_KEY_BYTES
 from conflictdb.formats.fixes import Fixes, tracks_of
 from conflictdb.formats.hints import renamed
+from conflictdb.formats.kml_document import ALTITUDE_MODES, KmlDocument
 from conflictdb.formats.kml_tracks import GxTracks
 from conflictdb.formats.names import RENAME_COLUMN
 from conflictdb.formats.reference import EXTRA, of_name
@@ -51,13 +53,6 @@ from conflictdb.model.plans import Area, Scene, Track
 
 # Some of the columns that OGR gives the features of KML.
 _KML_FIELDS: Final = frozenset({"begin", "end", "altitudeMode", "tessellate", "extrude"})
-# What altitudes of KML are above; other modes have none.
-_ABOVE: Final = {
-    "absolute": "MSL",
-    "relativeToGround": "the ground",
-    "relativeToSeaFloor": "the sea floor",
-    "clampToSeaFloor": "the sea floor",
-}
 _KML_LINE: Final = (
     "are missing: a line with a begin and an end says no time of each point; write it as gx:Track, or as a line with a "
     "column times"
@@ -122,9 +117,14 @@ def read_objects(
     names : layers to read; none: all
     skip_invalid : leave out refused objects
     """
+    inside = check_archive(path, max_file_mb)
+    is_kml = inside is not None or path.suffix.lower() == ".kml"
+    document = KmlDocument(path, inside, max_file_mb) if is_kml else None
     layers = read_layers(path, max_file_mb)
     if not layers:
         raise InvalidInput("file", "", "holds no layer with geometries")
+    if document is None and any(set(layer.fields) >= _KML_FIELDS for layer in layers):
+        raise InvalidInput("file", "", "is KML: its name must end with .kml or .kmz")
     known = [layer.name for layer in layers]
     unknown = [name for name in names if name not in known]
     if unknown:
@@ -133,11 +133,13 @@ def read_objects(
     contents = Contents(None, [], [], [])
     refusals = FileRefusals()
     names_of = _kml_keys(layers)
-    timed_lines = _TimedLines()
+    timed_lines = _TimedLines(document)
     _read_features(str(path), chosen, names_of, len(layers) > 1, max_speed_kn, contents, refusals, timed_lines)
     if timed_lines.lines:
         with refusals:
-            timed_lines.read(path, max_file_mb, max_speed_kn, contents, refusals)
+            timed_lines.read(str(path), max_speed_kn, contents, refusals)
+    if document is not None:
+        contents.remarks = [*contents.remarks, *document.remarks(str(path))]
     if not skip_invalid:
         refusals.raise_found()
     contents.skipped.extend(left_out(str(path), refusals))
@@ -224,17 +226,22 @@ def _features(
     setting = file_objects.FileContext(scene, (), of_name(who, layer.crs), RENAME_COLUMN)
     has_times = not TIMES_OR_SPEED.isdisjoint(name.lower() for name in layer.fields)
     others: dict[str, list[int]] = defaultdict(list)
-    is_kml = set(layer.fields) >= _KML_FIELDS
+    has_modes = set(layer.fields) >= _KML_FIELDS
     time_like: dict[str, None] = {}
     for i, number in enumerate(layer.numbers):
         shape = shapes[i]
         where = f"feature {number} of {who}"
         values = {name: column[i] for name, column in zip(layer.fields, layer.columns, strict=True)}
-        if is_kml and values.get(file_objects.DATUM) is None and values["altitudeMode"] in _ABOVE:
-            values[file_objects.DATUM] = _ABOVE[values["altitudeMode"]]
+        above = ALTITUDE_MODES.get(values["altitudeMode"]) if has_modes else None
+        if above is not None and not any(values[name] for name in values if name.lower() == file_objects.DATUM):
+            values = {file_objects.DATUM: above} | {
+                n: one for n, one in values.items() if n.lower() != file_objects.DATUM
+            }
+        if has_modes and timed_lines.document is not None:
+            values = timed_lines.document.exact(values)
         kind = None if shape is None else shapely.get_type_id(shape)
         is_track = kind in LINES and has_times
-        if is_kml and kind in LINES and not is_track and values["begin"] is not None and values["end"] is not None:
+        if has_modes and kind in LINES and not is_track and values["begin"] is not None and values["end"] is not None:
             timed_lines.lines.append((where, keys[i], shape))
             continue
         if kind in LINES and not is_track:
@@ -287,19 +294,20 @@ def _shapes(who: str, layer: Layer) -> NDArray[np.object_]:
 
 @dataclass(slots=True)
 class _TimedLines:
-    """Lines of KML with a begin and an end: place, key and shape of each."""
+    """Lines of KML with a begin and an end: place, key and shape of each; and the document."""
 
+    document: KmlDocument | None
     lines: list[tuple[str, str, Any]] = field(default_factory=list)
 
-    def read(self, path: Path, max_file_mb: float, max_speed_kn: float, contents: Contents, refusals: Refusals) -> None:
+    def read(self, source: str, max_speed_kn: float, contents: Contents, refusals: Refusals) -> None:
         """Add the tracks of lines that are a gx:Track, and refuse all others."""
-        known = GxTracks(path, max_file_mb)
+        known = None if self.document is None else GxTracks(self.document.root)
         observed: list[tuple[str, Fixes]] = []
         for where, key, shape in self.lines:
             parts = shapely.get_parts(shape)
             for part, line in enumerate(parts, 1):
                 positions = shapely.get_coordinates(line)
-                times_us = known.times_us(positions)
+                times_us = None if known is None else known.times_us(positions)
                 if times_us is None:
                     with refusals:
                         raise InvalidInput(where, "times", _KML_LINE)
@@ -308,8 +316,8 @@ class _TimedLines:
                 numbers = list(range(1, len(places) + 1))
                 fixes = Fixes(numbers, times_us, places, constant={"name": key})
                 observed.append((key if len(parts) == 1 else f"{key}.{part}", fixes))
-        tracks, rest = tracks_of(str(path), observed, (), max_speed_kn, defaultdict(list))
+        tracks, rest = tracks_of(source, observed, (), max_speed_kn, defaultdict(list))
         contents.tracks.extend(tracks)
         contents.skipped.extend(rest)
         if tracks:
-            contents.remarks = [Remark(str(path), "file", "says nothing of sizes: its gx:Tracks are points")]
+            contents.remarks = [Remark(source, "file", "says nothing of sizes: its gx:Tracks are points")]

@@ -115,6 +115,10 @@ def track_of(who: str, route: Route, max_speed_kn: float) -> Track:
         if not (abs(point.lat_deg) <= MAX_RHUMB_LATITUDE_DEG and abs(point.lon_deg) <= 180.0):
             rule = f"must lie within +-180 degrees of longitude and +-{MAX_RHUMB_LATITUDE_DEG:g} of latitude"
             raise InvalidInput(who, point.name, f"{rule}; got {point.lon_deg:g}, {point.lat_deg:g}")
+        if (point.port_m is None) != (point.starboard_m is None):
+            given, missing = ("starboard", "port") if point.port_m is None else ("port", "starboard")
+            rule = f"has a cross-track limit to {given} only: give that to {missing} too, which may be 0"
+            raise InvalidInput(who, point.name, rule)
     deviation_m = _deviation_m(points)
     lines = [_line(who, before, point, deviation_m) for before, point in pairwise(points)]
     arrivals, departures = _times(who, points, lines)

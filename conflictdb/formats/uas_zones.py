@@ -4,6 +4,7 @@ EUROCAE ED-269 (2020) and ED-318 (2023). Each volume of a zone becomes an area. 
 standards do not know refuse the zone; other members are kept as properties.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
@@ -15,31 +16,58 @@ from conflictdb.formats.contents import Contents
 from conflictdb.formats.fields import finite, instant
 from conflictdb.formats.file_heights import height_m
 from conflictdb.formats.geometry import AREA_TYPES, multipolygon, point
+from conflictdb.formats.names import look_alike
 
 _OF_ED318: Final = frozenset({"identifier", "country", "type", "variant"})
 _OF_ED269: Final = frozenset({"identifier", "country", "restriction", "geometry"})
+# Members of which a zone of ED-318 has at least some.
+_SIGNS_OF_ED318: Final = _OF_ED318 | {"limitedApplicability", "zoneAuthority"}
+_FIRST: Final = 100  # zones that are looked at
+_VOLUME: Final = frozenset(
+    {
+        *("uomDimensions", "lowerLimit", "lowerVerticalReference", "upperLimit", "upperVerticalReference"),
+        "horizontalProjection",
+    }
+)
+# Codes of zones, of which rules may name the class.
+_CODES: Final = frozenset(
+    {"PROHIBITED", "REQ_AUTHORIZATION", "REQ_AUTHORISATION", "CONDITIONAL", "NO_RESTRICTION", "USPACE"}
+)
 _LAYER: Final = frozenset({"upper", "upperReference", "lower", "lowerReference", "uom"})
+_WHEN: Final = frozenset({"applicability", "limitedApplicability"})
 _TIMES: Final = frozenset({"startDateTime", "endDateTime", "schedule", "dailyPeriod", "permanent"})
+_NUMBER: Final = re.compile(r"\s*-?[0-9]+(\.[0-9]*)?\s*", re.ASCII)
 _FEET: Final = {"M": 1.0, "m": 1.0, "FT": 0.3048, "ft": 0.3048}
 
 
 def is_ed318(document: Any) -> bool:
     """Return whether a JSON document is a collection of zones of ED-318."""
-    features = _first_of(document, "features")
-    properties = features.get("properties")
-    return isinstance(properties, dict) and properties.keys() >= _OF_ED318 and "scene" not in document
+    return any(map(_is_ed318, _first_of(document, "features"))) and "scene" not in document
 
 
 def is_ed269(document: Any) -> bool:
     """Return whether a JSON document is a list of zones of ED-269."""
-    return any(_first_of(document, name).keys() >= _OF_ED269 for name in ("features", "UASZoneList"))
+    return any(_is_ed269(one) for name in ("features", "UASZoneList") for one in _first_of(document, name))
 
 
-def _first_of(document: Any, name: str) -> Mapping[str, Any]:
-    """Return the first member of a list of objects, empty without one."""
+def _first_of(document: Any, name: str) -> Iterator[Mapping[str, Any]]:
+    """Yield the first objects of a list: one with a mistake does not hide what the file is."""
     members = document.get(name) if isinstance(document, dict) else None
-    first = members[0] if isinstance(members, list) and members else None
-    return first if isinstance(first, dict) else {}
+    if isinstance(members, list):
+        yield from (one for one in members[:_FIRST] if isinstance(one, dict))
+
+
+def _is_ed318(feature: Mapping[str, Any]) -> bool:
+    properties, geometry = feature.get("properties"), feature.get("geometry")
+    if not isinstance(properties, dict):
+        return False
+    has_volume = isinstance(geometry, dict) and not {"layer", "extent"}.isdisjoint(geometry)
+    signs = properties.keys() & _SIGNS_OF_ED318
+    return signs >= _OF_ED318 or (len(signs) >= 3 and (has_volume or not signs <= _OF_ED318))
+
+
+def _is_ed269(zone: Mapping[str, Any]) -> bool:
+    return isinstance(zone.get("geometry"), list) or len(zone.keys() & _OF_ED269) >= 3
 
 
 def read_ed318(document: Any, source: str, *, stem: str, skip_invalid: bool) -> Contents:
@@ -52,10 +80,10 @@ def read_ed318(document: Any, source: str, *, stem: str, skip_invalid: bool) -> 
             key = _identifier(where, properties)
             who = f"zone {key!r}"
             volumes = list(_layers(who, "geometry", feature.get("geometry"), found))
-            active = _actives(who, "limitedApplicability", properties.get("limitedApplicability"))
+            active = _actives(who, "limitedApplicability", properties)
             rest = {name: one for name, one in properties.items() if name not in ("identifier", "name")}
             rest.pop("limitedApplicability", None)
-            kind = _class(rest.get("type"))
+            kind = _class(who, "type", rest)
             found.add_zone(where, Zone(key, volumes, _text(properties.get("name")), active, rest, kind))
     return found.contents(skip_invalid=skip_invalid)
 
@@ -73,9 +101,9 @@ def read_ed269(document: Any, source: str, *, stem: str, skip_invalid: bool) -> 
                 _projection(who, f"geometry[{k}]", _object(who, f"geometry[{k}]", one), found)
                 for k, one in enumerate(_list(who, "geometry", zone.get("geometry")))
             ]
-            active = _actives(who, "applicability", zone.get("applicability"))
+            active = _actives(who, "applicability", zone)
             rest = {one: zone[one] for one in zone if one not in ("identifier", "name", "geometry", "applicability")}
-            kind = _class(rest.get("restriction"))
+            kind = _class(who, "restriction", rest)
             found.add_zone(where, Zone(key, volumes, _text(zone.get("name")), active, rest, kind))
     return found.contents(skip_invalid=skip_invalid)
 
@@ -96,9 +124,14 @@ def _text(name: Any) -> str | None:
     return name if isinstance(name, str) and name else None
 
 
-def _class(value: Any) -> str | None:
+def _class(who: str, field: str, zone: Mapping[str, Any]) -> str:
     """Return the class of a zone that separation rules may name."""
-    return value if isinstance(value, str) and value else None
+    value = zone.get(field)
+    if not isinstance(value, str) or not value:
+        raise InvalidInput(who, field, f"must be a non-empty string, such as PROHIBITED; got {value!r:.40}")
+    if value not in _CODES and value.upper() in _CODES:
+        raise InvalidInput(who, field, f"must be in upper case: {value.upper()}; got {value!r:.40}")
+    return value
 
 
 def _layers(who: str, field: str, geometry: Any, found: Gathered) -> Iterator[Volume]:
@@ -119,17 +152,17 @@ def _layers(who: str, field: str, geometry: Any, found: Gathered) -> Iterator[Vo
     }
     if kind in AREA_TYPES:
         _known(who, field, geometry, {"type", "coordinates", "layer", "bbox"})
-        footprint = multipolygon(who, geometry)
+        footprint = multipolygon(who, geometry, field)
     elif kind == "Point":
         _known(who, field, geometry, {"type", "coordinates", "layer", "extent", "bbox"})
         extent = _object(who, f"{field}.extent", geometry.get("extent"))
         _known(who, f"{field}.extent", extent, {"subType", "radius"})
         if extent.get("subType") != "Circle":
             raise InvalidInput(who, f"{field}.extent", f"must be of subType Circle; got {extent.get('subType')!r:.40}")
-        place = point(who, geometry.get("coordinates"))[0]
+        place = point(who, geometry.get("coordinates"), f"{field}.coordinates")[0]
         # Lengths of ED-318 other than heights are metres.
         radius_m = finite(who, f"{field}.extent.radius", extent.get("radius"))
-        footprint = found.circle(who, float(place[0]), float(place[1]), radius_m)
+        footprint = found.circle(who, float(place[0]), float(place[1]), radius_m, f"{field}.extent.radius")
     else:
         rule = f"must be one of {', '.join(AREA_TYPES)}, a Point with an extent, or a GeometryCollection of these"
         raise InvalidInput(who, field, f"{rule}; got {kind!r:.40}")
@@ -138,6 +171,7 @@ def _layers(who: str, field: str, geometry: Any, found: Gathered) -> Iterator[Vo
 
 def _projection(who: str, field: str, volume: Mapping[str, Any], found: Gathered) -> Volume:
     """Return a volume of ED-269."""
+    _known(who, field, volume, _VOLUME)
     unit = volume.get("uomDimensions")
     if not isinstance(unit, str) or unit not in _FEET:
         raise InvalidInput(who, f"{field}.uomDimensions", f"must be M or FT; got {unit!r:.40}")
@@ -156,12 +190,13 @@ def _projection(who: str, field: str, volume: Mapping[str, Any], found: Gathered
     footprint: shapely.MultiPolygon
     if plan.get("type") == "Circle":
         _known(who, f"{field}.horizontalProjection", plan, {"type", "center", "radius"})
-        place = point(who, plan.get("center"))[0]
-        radius = finite(who, f"{field}.horizontalProjection.radius", plan.get("radius"))
-        footprint = found.circle(who, float(place[0]), float(place[1]), radius * _FEET[unit])
+        place = point(who, plan.get("center"), f"{field}.horizontalProjection.center")[0]
+        where = f"{field}.horizontalProjection.radius"
+        radius = finite(who, where, plan.get("radius"))
+        footprint = found.circle(who, float(place[0]), float(place[1]), radius * _FEET[unit], where)
     elif plan.get("type") == "Polygon":
         _known(who, f"{field}.horizontalProjection", plan, {"type", "coordinates"})
-        footprint = multipolygon(who, dict(plan))
+        footprint = multipolygon(who, dict(plan), f"{field}.horizontalProjection")
     else:
         rule = f"must be a Circle or a Polygon; got {plan.get('type')!r:.40}"
         raise InvalidInput(who, f"{field}.horizontalProjection", rule)
@@ -170,9 +205,7 @@ def _projection(who: str, field: str, volume: Mapping[str, Any], found: Gathered
 
 def _number(value: Any) -> Any:
     """Return the number of a text such as "120", which feeds of ED-269 contain; other values unchanged."""
-    if isinstance(value, str) and value.strip().lstrip("-").replace(".", "", 1).isdigit():
-        return float(value)
-    return value
+    return float(value) if isinstance(value, str) and _NUMBER.fullmatch(value) else value
 
 
 def _height(who: str, field: str, value: Any, unit: Any, reference: Any, side: str) -> float | None:
@@ -184,8 +217,12 @@ def _height(who: str, field: str, value: Any, unit: Any, reference: Any, side: s
     return height_m(who, field, finite(who, field, value), unit, reference, is_floor=side == "lower")
 
 
-def _actives(who: str, field: str, periods: Any) -> list[Active]:
+def _actives(who: str, field: str, zone: Mapping[str, Any]) -> list[Active]:
     """Return when a zone is active; an empty list is always."""
+    other = next((name for name in zone if name != field and (name in _WHEN or look_alike(name, (field,)))), None)
+    if other is not None:
+        raise InvalidInput(who, other, f"is not known here; did you mean {field}?")
+    periods = zone.get(field)
     if periods is None:
         return []
     found = []
@@ -198,8 +235,17 @@ def _actives(who: str, field: str, periods: Any) -> list[Active]:
             None if one.get(name) is None else instant(who, f"{field}[{i}].{name}", one[name])
             for name in ("startDateTime", "endDateTime")
         )
-        daily = one.get("schedule") or one.get("dailyPeriod") or []
-        found.append(Active(start, end, {"ed318": daily} if any(map(_says, _list(who, field, daily))) else None))
+        if one.get("permanent") == "YES" and (start is not None or end is not None):
+            rule = "is YES, but a start or an end is given: leave one of them out"
+            raise InvalidInput(who, f"{field}[{i}].permanent", rule)
+        given = [
+            daily
+            for name in ("schedule", "dailyPeriod")
+            if any(map(_says, daily := _list(who, f"{field}[{i}].{name}", one.get(name) or [])))
+        ]
+        if len(given) > 1:
+            raise InvalidInput(who, f"{field}[{i}].dailyPeriod", "must not be given together with schedule")
+        found.append(Active(start, end, {"ed318": given[0]} if given else None))
     return found
 
 

@@ -9,11 +9,15 @@ import psycopg
 
 from conflictdb.db import probes, store
 from conflictdb.db.detect import detect
+from conflictdb.db.track_delays import read_around
+from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import feature_of
+from conflictdb.index import Members, conflicts_between
 from conflictdb.map.content import to_json
-from conflictdb.model.plans import Track
-from conflictdb.model.recurring_plans import later
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.recurring_plans import expanded, later
+from conflictdb.model.results import Conflict
 from conflictdb.session import loading
 
 
@@ -67,6 +71,8 @@ def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> list[tu
     By the stages of a detection. Raises as `put`, and StoreError if a transaction is open; stores nothing.
     """
     track = moved(_seen(conn, scene, move), move)
+    is_branch = store.parent_name(conn, store.scene_or_branch_id(conn, scene)) is not None
+    found = _met(*read_around(conn, scene, track), track) if is_branch else probes.probe(conn, scene, [track])
     return [
         (
             one.b_key if one.a_key == move.key else one.a_key,
@@ -74,9 +80,19 @@ def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> list[tu
             one.time_error_s,
             [[None if end is None else end.timestamp() for end in period] for period in one.periods],
         )
-        for one in probes.probe(conn, scene, [track])
+        for one in found
         if one.periods
     ]
+
+
+def _met(settings: Scene, areas: list[Area], tracks: list[Track], track: Track) -> list[Conflict]:
+    """Return the conflicts of a track with objects, of which one may have its key."""
+    scene = centred(settings, [], [track])
+    plane = plane_of(scene)
+    others = [one for kind in expanded(areas, tracks, settings.horizon_days) for one in kind if one.key != track.key]
+    if not others:
+        return []
+    return conflicts_between(scene, plane, *(Members.of_plans(scene, plane, some) for some in ([track], others)))
 
 
 def _seen(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> Track:

@@ -45,10 +45,11 @@ def pieces(conn: psycopg.Connection[Any], scene: str, key: str, within_s: float)
 def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Container[str] | None = None) -> bytes:
     """Pack all pieces of some objects: length of a JSON head (little-endian), head, arrays.
 
-    The head has the settings that the kernel takes, `objects` (keys, in the order of a detection), `base_us` (the
-    instant that others count from, as text), `refusal` (why moved plans are not shown, or null), `plans` (features of
-    the tracks that may be moved, by key; null: its voyages repeat), `digests` of those (for `editing.PlanMove`), and
-    `arrays`: name, type of typed arrays, place in the packed bytes, and number of elements of each array.
+    The head has what the kernel takes, `turn_m` (around the earth in the plane; 0: no seam), `objects` (keys, in the
+    order of a detection), `base_us` (the instant that others count from, as text), `refusal` (why moved plans are not
+    shown, or null), `plans` (features of the tracks that may be moved, by key; null: its voyages repeat), `digests` of
+    those (for `editing.PlanMove`), and `arrays`: name, type of typed arrays, place in the packed bytes, and number of
+    elements of each array.
 
     moved : keys of the tracks that may be moved; None: all
     """
@@ -90,6 +91,7 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
         "intervals": str(scene.intervals),
         "tolerance_m": scene.tolerance_m,
         "reach_m": scene.reach_m,
+        "turn_m": plane.turn_m,
         "objects": [keys[one] for one in objects.tolist()],
         "plans": {
             track.key: None if track.departures_us or track.schedule else feature_of(track)

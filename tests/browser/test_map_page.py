@@ -118,6 +118,18 @@ def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
     expect(detail.get_by_role("heading")).to_have_text("FIRING and FERRY")
 
 
+def test_conflicts_without_known_depths_are_listed_by_how_long_they_last(strait: str, open_page: Open) -> None:
+    """As in a scene of thousands, whose depths are not computed; the first one has the clock."""
+    page = open_page(strait)
+    page.evaluate("conflictdbPage.model.takeDepths([])")
+    page.get_by_label("Object").fill("e")
+    page.get_by_label("Object").fill("")
+    lasting = page.evaluate("""conflictdbPage.model.conflicts.map(
+        ({a, b, periods}) => [periods.reduce((sum, [from, to]) => sum + to - from, 0), `${a} and ${b}`])""")
+    assert rows(page) == [pair for _, pair in sorted(lasting, reverse=True)]
+    assert rows(page)[0] == "CABLE and SUB-1"
+
+
 def test_filters_leave_what_they_say(strait: str, open_page: Open) -> None:
     page = open_page(strait)
     words = page.get_by_label("Object")

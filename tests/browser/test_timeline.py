@@ -1,5 +1,6 @@
 """The timeline of the page of `conflictdb map`: rows with names, many conflicts, the calendar, filtering by time."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -84,6 +85,48 @@ def test_rows_have_names_and_the_calendar_filters(dsn: str, serve: Serve, open_p
     page.get_by_role("slider", name="Time shown").press("End")
     page.keyboard.press("[")
     expect(page.locator("#count")).to_have_text("0 of 7 conflicts")
+
+
+def test_fingers_and_keys_have_hints_too(strait: str, open_page: Open) -> None:
+    """A finger that stays reads, one that is lifted at once chooses; keys say what is on, also to screen readers."""
+    page = open_page(strait, has_touch=True, size=(390, 844))
+    tip = page.get_by_role("tooltip")
+    box = page.locator("#bars").bounding_box()
+    assert box is not None
+    x = box["x"] + page.evaluate("(({pieces: [[from, to]]}) => (from + to) / 2)(conflictdbPage.timeline.bars[1])")
+    point = {"x": x, "y": box["y"] + 4 + 1.5 * 16}
+    touch = page.context.new_cdp_session(page)
+    touch.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [point]})
+    expect(tip).to_contain_text("FIRING and FERRY")
+    above = tip.bounding_box()
+    assert above is not None
+    assert above["y"] + above["height"] <= point["y"] - 30
+    assert above["x"] >= 0
+    assert above["x"] + above["width"] <= 390
+    page.wait_for_timeout(600)
+    touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    expect(tip).to_be_hidden()
+    expect(page.locator("#detail")).to_be_hidden()
+    page.touchscreen.tap(point["x"], point["y"])
+    expect(page.locator("#detail").get_by_role("heading")).to_have_text("FIRING and FERRY")
+    expect(tip).to_be_hidden()
+    page.keyboard.press("Escape")
+
+    slider = page.get_by_role("slider", name="Time shown")
+    slider.press("Home")
+    expect(tip).to_be_hidden()
+    expect(slider).to_have_attribute("aria-valuetext", "1 Jun 2026 06:00:00 UTC, nothing is on")
+    page.evaluate(f"conflictdbPage.moveTo({T0_S} + 9.03 * 3600)")
+    slider.press("ArrowRight")
+    expect(tip).to_contain_text("5 at once")
+    expect(tip).to_contain_text("; 2 more")
+    expect(slider).to_have_attribute("aria-valuetext", re.compile("UTC, 5 at once, .* and .*; 2 more"))
+    slider.press("Escape")
+    expect(tip).to_be_hidden()
+    slider.press("ArrowRight")
+    expect(tip).to_be_visible()
+    page.keyboard.press("Tab")
+    expect(tip).to_be_hidden()
 
 
 def test_conflicts_one_after_the_other_are_not_at_once(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:

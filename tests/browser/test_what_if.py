@@ -2,6 +2,7 @@
 
 import gzip
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -63,13 +64,17 @@ def test_moved_track_shows_what_goes_and_what_comes(strait: str, conn: Conn, dsn
     page = open_page(strait, **COPIES)
     ask(page, "FERRY and TOW", "FERRY")
     said(page, "As planned: 3 conflicts.")
+    range_ = page.get_by_role("combobox", name="Range")
+    expect(range_).to_have_value("10800")  # within an hour no departure is clear
+    range_.select_option("3600")
+    expect(page.get_by_role("button", name="none earlier")).to_be_disabled()
     slider = page.get_by_role("slider", name="Departure")
     for _ in range(4):
         slider.press("PageUp")
     said(page, "10 min later: 1 fewer, none new; 2 in all.")
     expect(page.locator("li.gone .keys")).to_have_text("FERRY and TOW")
     assert page.evaluate("conflictdbPage.havens.plan.laterUs") == 600_000_000
-    page.get_by_role("combobox", name="Range").select_option("10800")
+    range_.select_option("10800")
     said(page, "10 min later: 1 fewer, none new; 2 in all.")
     page.get_by_text("What forbids which departures").click()
     expect(page.locator(".what-if ol")).to_contain_text("DIVING, FIRING")
@@ -127,7 +132,7 @@ def test_a_plan_is_moved_in_height_proposed_applied_and_undone(
     height.fill("-40")
     said(page, "40 m lower: 1 fewer, 2 new; 2 in all.")
     page.get_by_role("slider", name="Departure").press("ArrowRight")
-    expect(page.locator(".what-if .said")).to_contain_text("15 s later, 40 m lower: 1 fewer, 2 new")
+    expect(page.locator(".what-if .said")).to_contain_text("45 s later, 40 m lower: 1 fewer, 2 new")
     page.evaluate(gzip.decompress(AXE.read_bytes()).decode())
     violations = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
     assert [(one["id"], one["nodes"][0]["html"]) for one in violations] == []
@@ -135,11 +140,11 @@ def test_a_plan_is_moved_in_height_proposed_applied_and_undone(
     assert shown == ["CABLE and SUB-2", "SUB-1 and SUB-2"]
     assert "floor_m = floor_m + -40" in copied(page, "SQL")
     page.get_by_role("button", name="Propose").click()
-    branch = "strait: SUB-2 15 s later, 40 m lower"
+    branch = "strait: SUB-2 45 s later, 40 m lower"
     expect(page.locator(".what-if")).to_contain_text(f"Proposed as the branch {branch}.")
     assert conflicts_of(dsn, branch, "SUB-2") == shown
     page.get_by_role("button", name="Apply").click()
-    expect(page.locator(".what-if")).to_contain_text("Applied: 15 s later, 40 m lower.")
+    expect(page.locator(".what-if")).to_contain_text("Applied: 45 s later, 40 m lower.")
     said(page, "As planned: 2 conflicts.")
     assert conflicts_of(dsn, "strait", "SUB-2") == shown
     page.get_by_role("button", name="Undo").click()
@@ -190,6 +195,62 @@ def test_a_waypoint_is_dragged_with_its_conflicts_at_once(strait: str, conn: Con
     expect(page.get_by_role("button", name="Waypoint")).to_have_count(0)
 
 
+def drag_second_waypoint(page: Page, key: str, conflict: str) -> None:
+    """Drag it south by 120 pixels of the same map."""
+    page.keyboard.press("Escape")
+    page.get_by_label("Object").fill("")
+    ask(page, conflict, key)
+    said(page, "As planned: 3 conflicts.")
+    page.evaluate("void conflictdbPage.view.map.jumpTo({center: [9.2, 57.8], zoom: 8})")
+    box = page.get_by_role("button", name="Waypoint 2").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 12, box["y"] + 12)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 12, box["y"] + 140, steps=6)
+    page.mouse.up()
+
+
+def periods_elsewhere(dsn: str, scene: str, key: str, waypoint: list[float]) -> list[Any]:
+    """The conflicts of a copy, in which a track has a waypoint elsewhere: other keys, and ends of periods."""
+    with conflictdb.connect(dsn) as db:
+        settings, areas, tracks = db.scene(scene)._read(None)
+    n, *place = waypoint
+    places = {track.key: np.array(track.positions_deg) for track in tracks}
+    places[key][int(n)] = place
+    moved = [replace(track, positions_deg=places[track.key], max_speed_kn=np.inf) for track in tracks]
+    found = [one for one in conflictdb.solve(moved, areas, settings) if key in (one.a_key, one.b_key)]
+    return [
+        [
+            one.b_key if one.a_key == key else one.a_key,
+            *(pytest.approx(end.timestamp(), abs=2e-6) for period in one.periods for end in period if end),
+        ]
+        for one in found
+    ]
+
+
+def test_a_waypoint_is_dragged_in_a_branch(strait: str, dsn: str, open_page: Open) -> None:
+    """The page shows what a detection of the branch finds, with its own edits."""
+    with conflictdb.connect(dsn) as db:
+        branch = db.scene("strait").branch("less")
+        branch.delete_objects("DIVING")
+        branch.detect()
+    page = open_page(f"{strait}#scene=less", size=(1440, 900))
+    ask(page, "FERRY and TOW", "FERRY")
+    said(page, "As planned: 2 conflicts.")
+    page.evaluate("void conflictdbPage.view.map.jumpTo({center: [9.2, 57.8], zoom: 8})")
+    second = page.get_by_role("button", name="Waypoint 2")
+    for _ in range(3):
+        second.press("ArrowDown")
+    said(page, "Waypoint 2 elsewhere: 1 fewer, none new; 1 in all.")
+    shown = page.evaluate("conflictdbPage.havens.plan.conflicts.map(({other, periods}) => [other, ...periods.flat()])")
+    waypoint = page.evaluate("conflictdbPage.havens.plan.waypoint")
+    assert sorted(shown) == periods_elsewhere(dsn, "less", "FERRY", waypoint)
+    page.get_by_role("button", name="Apply").click()
+    expect(page.locator(".what-if")).to_contain_text("Applied: waypoint 2 elsewhere.")
+    assert len(conflicts_of(dsn, "less", "FERRY")) == len(shown)
+    assert len(conflicts_of(dsn, "strait", "FERRY")) == 3
+
+
 def test_a_file_computes_it_without_a_server(
     dsn: str, tmp_path: Path, strait: str, open_page: Open, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -204,6 +265,12 @@ def test_a_file_computes_it_without_a_server(
     page.get_by_role("slider", name="Departure").press("End")
     said(page, "1 h later: 1 fewer, none new; clear.")
     expect(page.locator("li.gone .keys")).to_have_text("FERRY and TOW")
+    drag_second_waypoint(page, "FERRY", "DIVING and FERRY")
+    said(page, "Waypoint 2 elsewhere: 2 fewer, none new; 1 in all.")
+    shown = page.evaluate("conflictdbPage.havens.plan.conflicts.map(({other, periods}) => [other, ...periods.flat()])")
+    assert shown == periods_elsewhere(dsn, "strait", "FERRY", page.evaluate("conflictdbPage.havens.plan.waypoint"))
+    page.get_by_role("slider", name="Departure").press("PageUp")
+    expect(page.locator(".what-if .said")).to_contain_text("later, waypoint 2 elsewhere: ")
     page.evaluate(gzip.decompress(AXE.read_bytes()).decode())
     violations = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
     assert [one["id"] for one in violations if one["impact"] in ("serious", "critical")] == []

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -40,11 +41,25 @@ DRIVER: Final = """
 import { readFileSync } from "node:fs";
 import { Kernel } from "./kernel.mjs";
 import { PairDistance } from "./pair_distance.mjs";
+import { withWaypoint } from "./moved_waypoint.mjs";
 import { unpackPieces, WhatIf } from "./what_if.mjs";
 const kernel = await Kernel.of(readFileSync("kernel.wasm"));
 const { horizon, scenes } = JSON.parse(readFileSync(0));
-const answers = scenes.map(([text, asked]) => {
+const answers = scenes.map(([text, asked, lines]) => {
   const pack = unpackPieces(new Uint8Array(Buffer.from(text, "base64")).buffer);
+  const elsewhere = (key, place) => {
+    try {
+      return new WhatIf(kernel, withWaypoint(kernel, pack, key, place, lines), key);
+    } catch (error) {
+      return { refusal: error.message };
+    }
+  };
+  if (asked[0].length === 3) {
+    return asked.map(([key, place, us]) => {
+      const one = elsewhere(key, place);
+      return one.refusal !== null ? { refusal: one.refusal } : { conflicts: [one.conflicts(us)], base: pack.base_us };
+    });
+  }
   return asked.map(([key, delays]) => {
     const one = new WhatIf(kernel, pack, key);
     if (one.refusal !== null) return { refusal: one.refusal };
@@ -70,13 +85,14 @@ WORKLOADS: Final = (LOW_LATITUDE, HIGH_LATITUDE, SEAM, EQUATOR, HARBOUR, OCEAN, 
 pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="did not run: no node here")
 
 
-def on_page(tmp_path: Path, scenes: list[tuple[bytes, Asked]]) -> Any:
-    for name in ("kernel", "pair_distance", "what_if"):
+def on_page(tmp_path: Path, scenes: Sequence[tuple[Any, ...]]) -> Any:
+    """The answers of the page on packs, with what is asked of each, and the lines that the scene follows if need be."""
+    for name in ("kernel", "pair_distance", "what_if", "moved_waypoint", "motion", "world"):
         text = re.sub(r'"\./(\w+)\.js"', r'"./\1.mjs"', (PAGE / f"{name}.js").read_text())
         (tmp_path / f"{name}.mjs").write_text(text)
     shutil.copy(PAGE / "kernel.wasm", tmp_path)
     (tmp_path / "driver.mjs").write_text(DRIVER)
-    given = {"horizon": HORIZON_US, "scenes": [[base64.b64encode(pack).decode(), asked] for pack, asked in scenes]}
+    given = {"horizon": HORIZON_US, "scenes": [[base64.b64encode(pack).decode(), *asked] for pack, *asked in scenes]}
     command = [str(shutil.which("node")), "driver.mjs"]
     done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 0, done.stderr
@@ -89,7 +105,7 @@ def later(track: Track, by_us: int) -> Track:
 
 def higher(track: Track, up_m: float) -> Track:
     floor_m, ceiling_m = (None if end is None else end + up_m for end in (track.floor_m, track.ceiling_m))
-    return replace(track, floor_m=floor_m, ceiling_m=ceiling_m)
+    return replace(track, floor_m=floor_m, ceiling_m=ceiling_m, max_speed_kn=np.inf)
 
 
 def of_copy(scene: Scene, areas: list[Area], tracks: list[Track], key: str, by_us: int, up_m: float) -> dict[str, Any]:
@@ -207,6 +223,54 @@ def test_owners_heights_and_closed_intervals_count_as_in_a_detection(tmp_path: P
             own = replace(scene, **settings)
             plans.append((own, owned[: len(areas)], owned[len(areas) :]))
     check(tmp_path, 3, plans, 2)
+
+
+def check_waypoints(tmp_path: Path, scenes: list[Plans], each: int) -> None:
+    """A number of random (track, waypoint, place, delay) over scenes."""
+    rng = np.random.default_rng(11)
+    asked: list[tuple[Any, ...]] = []
+    for scene, areas, tracks in scenes:
+        own = []
+        for nth in rng.choice(len(tracks), each):
+            track = tracks[nth]
+            n = int(rng.integers(len(track.positions_deg)))
+            others = tracks[int(rng.integers(len(tracks)))].positions_deg
+            lon, lat = np.array(others[int(rng.integers(len(others)))]) + rng.normal(0.0, 0.002, 2)
+            own.append((track.key, (n, float(lon), float(lat)), int(rng.integers(-HORIZON_US, HORIZON_US))))
+        lines = {"motion": str(scene.motion), "earth": str(scene.earth)}
+        asked.append((what_if.packed(scene, areas, tracks), own, lines))
+    found, met = [], 0
+    for (scene, areas, tracks), (_, own, _), answers in zip(scenes, asked, on_page(tmp_path, asked), strict=True):
+        for (key, place, by_us), answer in zip(own, answers, strict=True):
+            assert "refusal" not in answer, (scene.name, key, place, answer)
+            moved = [with_waypoint(one, *place) if one.key == key else one for one in tracks]
+            copy = of_copy(scene, areas, moved, key, by_us, 0.0)
+            here = {one["other"]: one for one in answer["conflicts"][0]}
+            if here.keys() != copy.keys():
+                found.append(f"{scene.name} {key} {place} {by_us}: {here.keys() ^ copy.keys()}")
+            for other in here.keys() & copy.keys():
+                unlikes = unlike(here[other], copy[other], int(answer["base"]))
+                found += [f"{scene.name} {key} {place} {by_us} {other}: {text}" for text in unlikes]
+            met += len(here)
+    assert found == []
+    assert met > len(scenes)
+
+
+def with_waypoint(track: Track, number: int, lon: float, lat: float) -> Track:
+    places = np.array(track.positions_deg)
+    places[number] = lon, lat
+    return replace(track, positions_deg=places, max_speed_kn=np.inf)
+
+
+def test_track_with_a_waypoint_elsewhere_meets_what_a_detection_of_its_copy_finds(tmp_path: Path) -> None:
+    """Few of each workload: on rhumb lines and great circles, across the date line, also of growing havens."""
+    check_waypoints(tmp_path, [scenes_of(workload, seed) for seed, workload in enumerate(WORKLOADS)], 6)
+
+
+@pytest.mark.slow
+def test_many_waypoints_elsewhere_meet_what_detections_of_copies_find(tmp_path: Path) -> None:
+    """A thousand."""
+    check_waypoints(tmp_path, [scenes_of(workload, seed) for workload in WORKLOADS for seed in range(2, 7)], 25)
 
 
 def at_heights(scene: Scene, areas: list[Area], tracks: list[Track], seed: int) -> Plans:

@@ -1,11 +1,15 @@
 """Bad rows are refused by the database itself, each rule with its own SQLSTATE, whoever writes them."""
 
+import json
+import re
 from typing import Any
 
 import numpy as np
 import psycopg
 import pytest
 from hostile_objects import put, throw
+
+from conflictdb import connect
 
 Conn = psycopg.Connection[Any]
 
@@ -377,6 +381,67 @@ def test_constraints_hold_where_triggers_are_off(scene: Conn) -> None:
 def test_span_is_stored_half_open_and_holds_the_same_instants(scene: Conn, given: str, stored: str) -> None:
     scene.execute(f"SELECT put_area('s', 'X', {SQUARE}, '{given}')".encode())
     assert scene.execute("SELECT active_span = %s::tstzrange FROM area", [stored]).fetchone() == (True,)
+
+
+NEXT_DAY = "2026-01-02 00:00+00"
+SPANS = [
+    ("half_open", f"[2026-01-01 00:00+00,{NEXT_DAY}]", "2026-01-02 00:00:00.000001+00"),
+    ("closed", f"[2026-01-01 00:00+00,{NEXT_DAY}]", NEXT_DAY),
+    ("half_open", "[2026-01-01 00:00+00,2026-01-01 00:00+00]", "2026-01-01 00:00:00.000001+00"),
+    ("closed", "[2026-01-01 00:00+00,2026-01-01 00:00+00]", "2026-01-01 00:00:00.000001+00"),
+]
+ZONE = f"scene_id, 'A', ST_Multi({SQUARE})"
+WAYS = {
+    "put": f"SELECT put_area('s', 'A', {SQUARE}, %(span)s)",
+    "activations": f"SELECT put_area('s', 'A', {SQUARE}, p_activations => ('{{' || %(span)s || '}}')::tstzmultirange)",
+    "insert": f"INSERT INTO area (scene_id, key, footprint, active_span) SELECT {ZONE}, %(span)s FROM scene",
+    "update": f"INSERT INTO area (scene_id, key, footprint) SELECT {ZONE} FROM scene; "
+    "UPDATE area SET active_span = %(span)s",
+    "admit": f"SELECT admit('s', jsonb_build_array(jsonb_build_object('key', 'A', 'footprint', ST_AsText({SQUARE}), "
+    "'active_span', %(span)s)))",
+    "attach": f"CREATE TABLE public.zone AS SELECT 'A'::text AS id, {SQUARE} AS geom, %(span)s::tstzrange AS span; "
+    "ALTER TABLE public.zone ADD PRIMARY KEY (id); SELECT attach('s', 'area', 'public.zone', "
+    """'{"key": "id", "footprint": "geom", "span": "span"}')""",
+    "probe": f"SELECT request_probe('s', {SQUARE}, %(span)s)",
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(("intervals", "span", "end"), SPANS)
+def test_an_inclusive_end_adds_no_microsecond_where_intervals_are_closed(
+    conn: Conn, way: str, intervals: str, span: str, end: str
+) -> None:
+    """There [start, end) contains its end; an instant still lasts a microsecond, as a span is never empty."""
+    conn.execute("SET search_path = conflictdb, conflictdb_internal, public")
+    conn.execute("SELECT create_scene('s', p_intervals => %s)", [intervals])
+    for statement in WAYS[way].split("; "):
+        psycopg.ClientCursor(conn).execute(statement.encode(), {"span": span} if "%(" in statement else None)
+    if way == "attach":
+        conn.commit()
+        connect(conn).scene("s").detect()
+    table = "probe_request" if way == "probe" else "area"
+    found = conn.execute(f"SELECT upper(active_span) = %s, upper_inc(active_span) FROM {table}".encode(), [end])
+    assert found.fetchall() == [(True, False)]
+    conn.execute("DROP TABLE IF EXISTS public.zone")
+
+
+@pytest.mark.parametrize(
+    ("plan", "rule", "hint"),
+    [
+        ({}, "plan 'T': times: is missing: a path without M needs a time for each waypoint", 'Give "times": \\["2026'),
+        ({"times": None}, "plan 'T': times: is missing", "or a LineStringM whose M is Unix seconds"),
+    ],
+)
+@pytest.mark.parametrize(
+    "path",
+    ["LINESTRING(5 50,6 50)", "LINESTRING Z(5 50 0,6 50 0)", {"type": "LineString", "coordinates": [[5, 50], [6, 50]]}],
+)
+def test_a_plan_without_times_is_told_to_give_them(scene: Conn, path: Any, plan: Any, rule: str, hint: str) -> None:
+    given = {"key": "T", "path": path, "outline": "POLYGON((0 0,1 0,1 1,0 0))"} | plan
+    with pytest.raises(psycopg.Error, match=rule) as refused:
+        scene.execute("SELECT admit('s', %s)", [json.dumps([given])])
+    assert refused.value.sqlstate == "ZC002"
+    assert re.search(hint, refused.value.diag.message_hint or "")
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,7 @@ def s421(*, namespace: str = "S421/gml/1.0", kind: str = "2", limit: str = "500"
         + point(1, 57.0, 4.0)
         + point(2, 57.0, 9.0, '<routeWaypointLeg xlink:href="#L"/>')
         + f'<member><S421:routeWaypointLeg gml:id="L"><routeWaypointLegPortXTDL>{limit}</routeWaypointLegPortXTDL>'
+        "<routeWaypointLegStarboardXTDL>0</routeWaypointLegStarboardXTDL>"
         f"<routeWaypointLegGeometryType>{kind}</routeWaypointLegGeometryType></S421:routeWaypointLeg></member>"
         '<imember><S421:routeSchedule gml:id="S"><routeScheduleManual xlink:href="#M"/></S421:routeSchedule></imember>'
         '<imember><S421:routeScheduleManual gml:id="M"><routeScheduleElement xlink:href="#E1"/>'

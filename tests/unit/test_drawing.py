@@ -216,6 +216,46 @@ def test_a_scene_shows_all_objects_by_name_and_a_bar_for_each_period(strait: Any
     assert len(plot_timeline(found).axes[0].patches) == len(bars)
 
 
+def test_a_scene_is_drawn_wide_and_pale_below_its_conflicts(strait: Any) -> None:
+    """Long names of rows take no width of the map; paths do not darken where they cross."""
+    from matplotlib.collections import LineCollection
+
+    scene, areas, tracks, found = strait
+    figure = plot_scene(scene, areas, tracks, found)
+    above, below = figure.axes
+    assert above.get_position().width > 0.85
+    assert below.get_position().width < 0.7
+    [paths] = [one for one in above.collections if isinstance(one, LineCollection) and len(one.get_segments()) == 7]
+    [colour] = paths.get_colors()
+    assert colour[3] == 1.0
+    assert colour[:3].min() > 0.4
+    contacts = [one for one in above.lines if one.get_marker() == "o"]
+    assert len(contacts) == len(found)
+    assert all(one.get_zorder() > paths.get_zorder() for one in contacts)
+
+
+def test_a_report_has_the_deepest_conflicts_on_its_timeline(strait: Any) -> None:
+    """In the order of time, with so few rows that they fit on its first page."""
+    scene, areas, tracks, found = strait
+    many = [replace(one, a_name=f"{n:02} of", b_name="many") for n, one in enumerate([*found] * 3)]
+    figure = figures.plot_deepest(scene, areas, tracks, many)
+    rows = [one.get_text() for one in figure.axes[1].get_yticklabels()]
+    assert len(rows) == 10
+    assert figure.axes[1].get_title(loc="left") == "When, UTC (the 10 deepest of 21)"
+    first = [bar.get_x() for bar in figure.axes[1].patches]
+    assert first[0] == min(first)
+
+
+def test_times_have_two_labels_or_more(strait: Any) -> None:
+    """At every length from seconds to weeks."""
+    *_, found = strait
+    for seconds in (5, 20, 45, 100, 250, 416, 1000, 3000, 9000, 40_000, 100_000, 400_000, 1_500_000):
+        period = START, START + timedelta(seconds=seconds)
+        [panel] = plot_timeline([replace(found[0], periods=[period])]).axes
+        low, high = panel.get_xlim()
+        assert 2 <= sum(low <= at <= high for at in panel.get_xticks()) <= 9, seconds
+
+
 def test_a_figure_tells_two_objects_of_one_name_apart_by_their_keys(strait: Any) -> None:
     scene, areas, tracks, found = strait
     alike = {"FERRY": "Ferry", "TOW": "Ferry", "DIVING": "FIRING"}
@@ -440,7 +480,11 @@ def test_bars_are_as_long_as_departures_are_forbidden(strait: Any) -> None:
     assert {"TOW", "51 min", "11 min 18 s", "as planned", "+2 h"} <= set(said)
     assert "Departures, earlier and later than planned (the first 7 of 10)" in said
     names = {track.key: track.name for track in tracks}
-    assert {"Ferry", "Tug with a barge on a long …", "Survey aircraft"} <= set(texts(plot_delays(found, names=names)))
+    figure = plot_delays(found, names=names)
+    assert {"Ferry", "Tug with a barge on a long …", "Survey aircraft"} <= set(texts(figure))
+    figure.draw_without_rendering()
+    title, legend = figure._suptitle.get_window_extent(), figure.axes[0].get_legend().get_window_extent()
+    assert not title.overlaps(legend)
     with pytest.raises(InvalidInput, match="there are none"):
         plot_delays([])
 

@@ -43,7 +43,7 @@ AREA = [
     ({"geometry": None}, "geometry", "there is none"),
     ({"geometry": 5}, "geometry", "must be a Polygon"),
     ({"geometry": {"type": "Point", "coordinates": [1, 2]}}, "geometry", "got 'Point', which needs radius_m"),
-    ({"geometry": {"type": "Point", "coordinates": [1]}, "radius_m": 5}, "@[0]", "must be a position"),
+    ({"geometry": {"type": "Point", "coordinates": [1]}, "radius_m": 5}, "@", "must be a position"),
     ({"geometry": {"type": "Point", "coordinates": [1, 2]}, "radius_m": 0}, "radius_m", "more than 0"),
     ({"geometry": {"type": "Point", "coordinates": [1, 2]}, "radius_m": "9"}, "radius_m", "must be a number"),
     ({"geometry": {"type": "Point", "coordinates": [1, 2]}, "radius_m": 6e6}, "radius_m", "at most 5,000,000"),

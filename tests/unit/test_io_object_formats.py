@@ -30,7 +30,8 @@ def random_rtz(rng: np.random.Generator) -> str:
     lon, lat = rng.uniform(-180, 180), rng.uniform(-60, 60)
     points, calls, hours = "", [], 0.0
     if rng.random() < 0.3:
-        points = '<defaultWaypoint radius="0.2"><leg portsideXTD="0.3" geometryType="Orthodrome"/></defaultWaypoint>'
+        leg = '<leg portsideXTD="0.3" starboardXTD="0" geometryType="Orthodrome"/>'
+        points = f'<defaultWaypoint radius="0.2">{leg}</defaultWaypoint>'
     for number in range(1, count + 1):
         leg = f'geometryType="{rng.choice(["Loxodrome", "Orthodrome"])}"'
         if rng.random() < 0.5:

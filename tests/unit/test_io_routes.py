@@ -92,7 +92,9 @@ def test_limits_and_turns_are_tolerances_of_the_track(tmp_path: Path) -> None:
 
 def test_windows_and_stays_are_tolerances_of_the_track(tmp_path: Path) -> None:
     """The largest windows count for the whole plan; a stay has the limits of the wider leg around it, and no turn."""
-    points = waypoint(1, 4, 57) + waypoint(2, 5, 57, 'portsideXTD="0.5"', radius=1) + waypoint(3, 5, 58)
+    points = (
+        waypoint(1, 4, 57) + waypoint(2, 5, 57, 'portsideXTD="0.5" starboardXTD="0"', radius=1) + waypoint(3, 5, 58)
+    )
     schedule = manual(
         '"1" etd="2026-03-01T06:00:00Z" etdWindowBefore="PT5M"',
         '"2" eta="2026-03-01T09:00:00Z" stay="PT1H" etaWindowAfter="PT20M"',
@@ -121,7 +123,7 @@ def test_a_stay_has_no_bounds_of_speed(tmp_path: Path) -> None:
 
 
 def test_a_route_with_tolerances_meets_an_area_beside_it(tmp_path: Path) -> None:
-    points = waypoint(1, 4, 57) + waypoint(2, 5, 57, 'portsideXTD="1"')
+    points = waypoint(1, 4, 57) + waypoint(2, 5, 57, 'portsideXTD="1" starboardXTD="0"')
     found = track(tmp_path, rtz(points), STARTED)
     beside = Area("A", [(4.4, 57.01), (4.6, 57.01), (4.6, 57.1), (4.4, 57.1)])
     far = Area("B", [(4.4, 57.03), (4.6, 57.03), (4.6, 57.1), (4.4, 57.1)])
@@ -182,6 +184,12 @@ MISTAKES = {
     "geometry": (leg('geometryType="GreatCircle"'), "waypoint 2, geometryType: must be one of Loxodrome, Orthodrome"),
     "limit": (leg('portXTD="0.2"'), "waypoint 2, portXTD: is not known: cross-track limits are portsideXTD and"),
     "metres": (leg('portsideXTD="185.2"'), "waypoint 2, portsideXTD: is 185.2 .* probably metres, .* 0.1 nautical"),
+    "metres to starboard": (leg('starboardXTD="11"'), "waypoint 2, starboardXTD: is 11 .* probably metres"),
+    "one side": (
+        leg('portsideXTD="0.2"'),
+        "waypoint 2: has a cross-track limit to port only: give that to starboard too",
+    ),
+    "other side": (leg('starboardXTD="0"'), "waypoint 2: has a cross-track limit to starboard only: give that to port"),
     "negative": (leg('starboardXTD="-1"'), "waypoint 2, starboardXTD: must be a number of nautical miles, 0 or more"),
     "infinite": (leg('starboardXTD="INF"'), "waypoint 2, starboardXTD: must be a finite number"),
     "unknown waypoint": (calls("9", 'speed="5"'), "'R': scheduleElement: has the waypointId '9', which no waypoint"),

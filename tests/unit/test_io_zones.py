@@ -211,6 +211,111 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
 }
 
 
+def changed(document: Any, where: str, value: Any) -> Any:
+    """Return a feed, in which the member at a path of its only zone has another value, or another name ("=name")."""
+    *path, last = [int(step) if step.isdigit() else step for step in where.split(".")]
+    holder = document["features"][0]
+    for step in path:
+        holder = holder[step]
+    if isinstance(value, str) and value.startswith("="):
+        holder[value[1:]] = holder.pop(last)
+    elif value is ABSENT:
+        del holder[last]
+    else:
+        holder[last] = value
+    return document
+
+
+ABSENT = object()
+DAILY = {"day": ["MON"], "startTime": "08:00:00Z", "endTime": "10:00:00Z"}
+PERIOD = {"startDateTime": "2026-03-01T00:00:00Z", "endDateTime": "2026-06-01T00:00:00Z"}
+CIRCLE = {"type": "Point", "coordinates": [7.0, 47.0], "extent": {"subType": "Circle", "radius": 1000}}
+OPEN, LATITUDE = [[*RING[:3], [7.0, 47.01]]], [[[7, 147], [7.1, 147], [7.1, 147.1], [7, 147]]]
+DAY = "must be days of MON, TUE, WED, THU, FRI, SAT, SUN or ANY"
+
+# Of the only zone of a feed: the member, what it becomes, and the message.
+CHANGES: list[tuple[str, Any, str]] = [
+    ("properties.identifier", ABSENT, r"features\[0\]: identifier: must be a non-empty string; got None"),
+    ("properties.identifier", "=Identifier", r"features\[0\]: identifier: must be a non-empty string; got None"),
+    ("properties.type", ABSENT, "'ZH001': type: must be a non-empty string"),
+    ("properties.type", "prohibited", "'ZH001': type: must be in upper case: PROHIBITED; got 'prohibited'"),
+    ("geometry.type", "polygon", "'ZH001': geometry: must be one of Polygon"),
+    ("geometry.coordinates", OPEN, r"'ZH001': geometry.coordinates\[0\]: a ring must be closed"),
+    ("geometry.coordinates", LATITUDE, "'ZH001': geometry: latitude must lie within .* longitude first"),
+    ("geometry.coordinates.0.1.0", float("nan"), r"coordinates\[0\]\[1\]\[0\]: must be a finite number"),
+    ("geometry.coordinates.0.1.0", "7.1", r"coordinates\[0\]\[1\]\[0\]: must be a number; got '7.1'"),
+    ("geometry.layer", "=Layer", "geometry.Layer: is not known here"),
+    ("geometry.layer.upper", "500", "geometry.layer.upper: must be a number; got '500'"),
+    ("geometry.layer.upper", 50, r"ceiling_m: must be above floor_m \(100\); got 50"),
+    ("geometry.layer.upperReference", ABSENT, "geometry.layer.upper: needs a unit and a reference"),
+    ("geometry.layer.uom", "feet", "geometry.layer.lower: has the unit 'feet'"),
+    ("geometry", {**CIRCLE, "extent": {"subType": "Circle"}}, "geometry.extent.radius: must be a number; got None"),
+    (
+        "geometry",
+        {**CIRCLE, "extent": {"subType": "Circle", "radius": 0}},
+        "geometry.extent.radius: must be a number of",
+    ),
+    (
+        "geometry",
+        {**CIRCLE, "extent": {"subType": "Circle", "radius": 1, "uom": "km"}},
+        "geometry.extent.uom: is not known",
+    ),
+    (
+        "geometry",
+        {**CIRCLE, "coordinates": [47.0, 97.0]},
+        "'ZH001': geometry: latitude must lie within .* longitude first",
+    ),
+    ("properties.limitedApplicability", "=LimitedApplicability", "did you mean limitedApplicability?"),
+    ("properties.limitedApplicability", "=limitedApplicabilty", "did you mean limitedApplicability?"),
+    ("properties.limitedApplicability", "=applicability", "did you mean limitedApplicability?"),
+    ("properties.limitedApplicability.0.endDateTime", "2026-02-01T00:00:00Z", "end: must be later than start"),
+    (
+        "properties.limitedApplicability.0.startDateTime",
+        "2026-02-29T00:00:00Z",
+        "startDateTime: must be a date and time",
+    ),
+    ("properties.limitedApplicability.0.schedule", DAILY, r"limitedApplicability\[0\].schedule: must be a list"),
+    ("properties.limitedApplicability.0.dailyPeriod", [DAILY], "dailyPeriod: must not be given together with schedule"),
+    ("properties.limitedApplicability.0.schedule.0.day", ["Monday"], DAY),
+    ("properties.limitedApplicability.0.schedule.0.endTime", "24:01:00Z", "endTime: must be a time of day"),
+    ("properties.limitedApplicability.0.schedule.0.endTime", "10:00:00", "endTime: needs an offset from UTC"),
+    ("properties.limitedApplicability.0.schedule.0.startEvent", "SR", "needs either startTime or startEvent"),
+    ("restriction", ABSENT, "'ZH001': restriction: must be a non-empty string"),
+    ("identifier", ABSENT, r"features\[0\]: identifier: must be a non-empty string"),
+    ("geometry", ABSENT, "'ZH001': geometry: must be a list; got None"),
+    ("geometry.0.lowerLimit", "--5", r"geometry\[0\].lowerLimit: must be a number; got '--5'"),
+    ("geometry.0.lowerLimit", "²", r"geometry\[0\].lowerLimit: must be a number; got '²'"),
+    ("geometry.0.upperLimit", "=UpperLimit", r"geometry\[0\].UpperLimit: is not known here"),
+    (
+        "geometry.0.horizontalProjection.radius",
+        0,
+        r"geometry\[0\].horizontalProjection.radius: must be a number of metres",
+    ),
+    (
+        "geometry.0.horizontalProjection.center",
+        [47.0],
+        r"geometry\[0\].horizontalProjection.center: must be a position",
+    ),
+    ("geometry.0.horizontalProjection.center", "=centre", "horizontalProjection.centre: is not known here"),
+    ("geometry.0.horizontalProjection.type", "Polygon", "horizontalProjection.center: is not known here"),
+    ("applicability", "=limitedApplicability", "limitedApplicability: is not known here; did you mean applicability?"),
+    ("applicability.0", {**PERIOD, "permanent": "YES"}, "permanent: is YES, but a start or an end is given"),
+    ("applicability.0", {"schedule": [DAILY], "dailyPeriod": [DAILY]}, "dailyPeriod: must not be given together"),
+]
+
+
+@pytest.mark.parametrize(("where", "value", "rule"), CHANGES)
+def test_a_changed_member_has_one_message_that_names_it(where: str, value: Any, rule: str, tmp_path: Path) -> None:
+    """The first zone decides no longer what a feed is: without its identifier it was read as another format."""
+    is_318 = (where.startswith(("properties", "geometry.")) and not where.startswith("geometry.0")) or value == CIRCLE
+    is_318 |= isinstance(value, dict) and "extent" in value
+    limited = [PERIOD | {"schedule": [DAILY]}]
+    document = ed318(layered(lower=100, lower_reference="AMSL"), limitedApplicability=limited) if is_318 else ed269()
+    with pytest.raises(InvalidInput, match=rule) as refused:
+        found(tmp_path, changed(copy.deepcopy(document), where, value))
+    assert str(refused.value).count("\n") == 0
+
+
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_has_one_message_that_names_it(mistake: str, tmp_path: Path) -> None:
     made, rule = MISTAKES[mistake]

@@ -136,22 +136,30 @@ def test_written_files_say_what_their_heights_are_above(tmp_path: Path, ending: 
     assert one.ceiling_m is not None
     assert one.floor_m <= 100.0
     assert one.ceiling_m >= 3048.0
-    if ending != "kml" or datum is not VerticalDatum.MSL:
-        other = next(item for item in VerticalDatum if item is not own)
+    if ending == "kml":
+        assert (one.floor_m, one.ceiling_m) == (100.0, 3048.0)
+    for other in set(VerticalDatum) - {own}:
         with pytest.raises(InvalidInput):
             read(path, hints=FileHints(vertical_datum=other))
+        (one,) = read(path, hints=FileHints(vertical_datum=other, unbounded_heights=True)).areas
+        assert (one.floor_m, one.ceiling_m) == (None, None)
 
 
-@pytest.mark.parametrize(
-    ("mode", "is_taken"), [("absolute", True), ("relativeToGround", False), ("clampToGround", True)]
-)
-def test_altitude_modes_of_kml_are_read(tmp_path: Path, mode: str, is_taken: bool) -> None:
+@pytest.mark.parametrize("mode", ["absolute", "relativeToGround", "clampToGround", "relativeToSeaFloor"])
+@pytest.mark.parametrize("datum", list(VerticalDatum))
+def test_altitude_modes_of_kml_are_read(tmp_path: Path, mode: str, datum: VerticalDatum) -> None:
+    """Altitudes that are not used say nothing of the heights in the data of an object."""
     text = "".join(object_lines(tmp_path / "s.kml", Scene("s"), [area()], []))
     path = tmp_path / "s.kml"
-    path.write_text(text.replace("<Polygon>", f"<Polygon><altitudeMode>{mode}</altitudeMode>"))
-    if is_taken:
-        (one,) = read(path).areas
+    gx = "gx:" if mode.endswith("SeaFloor") else ""
+    text = text.replace('<SimpleData name="vertical_datum">msl</SimpleData>', "")
+    path.write_text(text.replace("<Polygon>", f"<Polygon><{gx}altitudeMode>{mode}</{gx}altitudeMode>"))
+    hints = FileHints(vertical_datum=datum)
+    if mode == "clampToGround" or (mode == "absolute" and datum is VerticalDatum.MSL):
+        (one,) = read(path, hints=hints).areas
         assert (one.floor_m, one.ceiling_m) == (100.0, 3048.0)
-    else:
-        with pytest.raises(InvalidInput, match="vertical_datum: must be 'msl', the scene's"):
-            read(path)
+        return
+    with pytest.raises(InvalidInput, match=f"vertical_datum: must be '{datum}', the scene's"):
+        read(path, hints=hints)
+    (one,) = read(path, hints=replace(hints, unbounded_heights=True)).areas
+    assert (one.floor_m, one.ceiling_m) == (None, None)

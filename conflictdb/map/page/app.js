@@ -624,10 +624,9 @@ class Page {
     this.showInstant();
   }
 
-  // Waypoints that can be dragged, where the server says what that would meet; null: none.
+  // Waypoints that can be dragged; null: none.
   showWaypoints(track) {
-    const { branch_of: parent } = this.state.model.scene;
-    const isAble = track !== null && this.source.isLive && parent === null && track.motion.points.length <= MOST_WAYPOINTS;
+    const isAble = track !== null && track.motion.points.length <= MOST_WAYPOINTS;
     this.view.showWaypoints(isAble ? track.motion.points : null, (n, lon, lat) => this.departure.moveWaypoint(n, lon, lat));
   }
 

@@ -4,10 +4,12 @@
 import { element } from "./dom.js";
 import { counted, duration, metres, printable } from "./format.js";
 import { moved, statement } from "./moved_plan.js";
+import { withWaypoint } from "./moved_waypoint.js";
 import { DepartureStrip } from "./strip.js";
 import { union, unpackPieces, WhatIf } from "./what_if.js";
 
 const RANGES = [900, 3600, 10800, 43200, 86400]; // seconds to choose from
+const [FIRST_S, WIDER_S] = [3600, 10800]; // shown first; and where no departure within it is clear
 const MOST_STRETCHES = 60;
 
 // "1 h 4 min 10 s later", of microseconds, to the last one: a departure that is read out is the very same.
@@ -58,7 +60,9 @@ export class Departure {
     this.on = on;
     this.kernel = kernel; // loads it
     this.key = null;
-    this.rangeS = 3600;
+    this.rangeS = FIRST_S;
+    this.isWidened = false; // rather than chosen so
+    this.mayWiden = false;
     this.laterUs = 0;
     this.upM = 0;
     this.waypoint = null; // one that is elsewhere: [n, lon, lat]
@@ -77,9 +81,11 @@ export class Departure {
     this.track = track;
     this.laterUs = this.upM = 0;
     this.waypoint = null;
+    this.mayWiden = true;
+    if (this.isWidened) [this.rangeS, this.isWidened] = [FIRST_S, false];
     this.summary = element("p", { class: "said", role: "status" });
     this.slider = element("input", { type: "range", step: "any", "aria-label": "Departure", input: () => this.moveTo(seconds(1e6 * this.slider.value)), keydown: (event) => this.pressed(event) });
-    this.range = element("select", { "aria-label": "Range", change: () => { this.rangeS = Number(this.range.value); this.read(); } },
+    this.range = element("select", { "aria-label": "Range", change: () => this.widen(Number(this.range.value)) },
       ...RANGES.map((s) => new Option(`± ${duration(s).replace(/ 00 (s|min)/, "")}`, s, s === this.rangeS, s === this.rangeS)));
     this.height = element("input", { type: "range", step: 1, "aria-label": "Height", input: () => this.moveTo(this.laterUs, Number(this.height.value)) });
     this.heights = element("div", { class: "heights", hidden: true }, element("span", { class: "soft" }, "Height"), this.height);
@@ -153,12 +159,26 @@ export class Departure {
     if (!whatIf.mayRise) this.upM = 0;
     this.limitHeight(whatIf);
     this.showForbidden();
+    const isHopeless = this.planned.size > 0 && this.clear.earlier === null && this.clear.later === null;
+    if (isHopeless && this.mayWiden && this.rangeS < WIDER_S) {
+      return this.widen(WIDER_S, false);
+    }
+    if (isHopeless && this.isWidened) return this.widen(FIRST_S);
+    this.mayWiden = false;
     [this.slider.min, this.slider.max] = [-this.rangeS, this.rangeS];
     this.on.range(this.track, this.rangeS);
     this.on.waypoints(this.track);
     this.waypoint = null;
     this.more.hidden = false;
     this.moveTo(Math.min(1e6 * this.rangeS, Math.max(-1e6 * this.rangeS, this.laterUs)));
+  }
+
+  // Shows departures earlier and later by so many seconds.
+  widen(rangeS, isChosen = true) {
+    this.mayWiden = false;
+    this.isWidened = !isChosen;
+    this.rangeS = this.range.value = rangeS;
+    return this.read();
   }
 
   // As high and as low as whatever is around, and clear of it.
@@ -214,11 +234,25 @@ export class Departure {
     this.strip.mark(us);
     // Which departures are clear is known of the planned way.
     for (const one of [this.canvas, this.buttons.earlier, this.buttons.later]) one.hidden = this.waypoint !== null;
-    if (this.waypoint !== null) {
-      this.probe();
-      return;
+    if (this.waypoint === null) this.show(this.whatIf.conflicts(us, upM));
+    else if (this.source.isLive) this.probe();
+    else this.showElsewhere();
+  }
+
+  // Computes the conflicts of a plan with another waypoint, where there is no server to ask: the page has all pieces then.
+  showElsewhere() {
+    const { waypoint, laterUs, upM } = this;
+    try {
+      if (this.elsewhere?.waypoint !== waypoint) {
+        const { kernel, pack } = this.whatIf;
+        this.elsewhere = { waypoint, whatIf: new WhatIf(kernel, withWaypoint(kernel, pack, this.key, waypoint, this.track.motion.scene), this.key) };
+      }
+      const { whatIf } = this.elsewhere;
+      if (whatIf.refusal !== null) throw new Error(whatIf.refusal);
+      this.show(whatIf.conflicts(laterUs, upM));
+    } catch (error) {
+      this.summary.textContent = `Not known: ${printable(error.message)}.`;
     }
-    this.show(this.whatIf.conflicts(us, upM));
   }
 
   // As it is planned.
@@ -328,10 +362,7 @@ export class Departure {
     this.upM = this.whatIf.mayRise ? Math.min(MOST_UP_M, Math.max(-MOST_UP_M, upM)) : 0;
     const wide = RANGES.find((s) => 1e6 * s >= Math.abs(us)) ?? RANGES[RANGES.length - 1];
     this.laterUs = Math.sign(us) * Math.min(Math.abs(us), 1e6 * wide);
-    if (wide > this.rangeS) {
-      this.rangeS = this.range.value = wide;
-      return this.read();
-    }
+    if (wide > this.rangeS) return this.widen(wide);
     this.moveTo(this.laterUs);
   }
 

@@ -338,10 +338,16 @@ export function narrowest(spans) {
   return gap <= 0 ? [-180, 180] : [west, west + 360 - gap];
 }
 
-// Conflicts in the order of a list: what a moved plan changes, the deepest, and those without a known depth; each by time.
+// How long a conflict lasts, seconds: all of its periods.
+export const lasting = ({ periods }) => periods.reduce((sum, [start, end]) => sum + end - start, 0);
+
+// Conflicts in the order of a list: what a moved plan changes, by time; the deepest; those without a known depth, the longest
+// first.
 export function worstFirst(conflicts) {
-  const rank = ({ change, since, depth }) => (change || since ? -Infinity : depth === null ? Infinity : -depth);
-  return [...conflicts].sort((a, b) => (rank(a) === rank(b) ? 0 : rank(a) - rank(b)));
+  const ranked = conflicts.map((one) => (
+    { one, rank: one.change || one.since ? 0 : one.depth === null ? 2 : 1, by: one.change || one.since ? 0 : one.depth ?? lasting(one) }));
+  const differ = (a, b) => (a === b ? 0 : a - b); // also of two that have no end
+  return ranked.sort((a, b) => a.rank - b.rank || differ(b.by, a.by)).map(({ one }) => one);
 }
 
 // Whether two spans of heights have one in common.

@@ -69,6 +69,7 @@ function rhumbLegs(points, earth) {
     const heading = kept;
     const [sine, cosine] = [Math.sin(heading), Math.cos(heading)];
     return {
+      bearing: heading,
       t0: points[i].t,
       t1: points[i + 1].t,
       at(share, outline) {
@@ -89,6 +90,8 @@ function rhumbLegs(points, earth) {
 }
 
 const mixed = (a, s, b, t) => [a[0] * s + b[0] * t, a[1] * s + b[1] * t, a[2] * s + b[2] * t];
+
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
 function degreesOf([x, y, z]) {
   return [Math.atan2(y, x) / RADIANS, Math.atan2(z, Math.hypot(x, y)) / RADIANS];
@@ -112,12 +115,12 @@ function circleLegs(points) {
       start: [Math.cos(lat) * Math.cos(lon), Math.cos(lat) * Math.sin(lon), Math.sin(lat)],
       heading: sine > 0 ? mixed(toEast, east / sine, toNorth, north / sine) : null,
       angle: sine > 0 ? Math.atan2(sine, cosine) : 0,
-      toNorth,
+      toNorth, toEast,
     });
   }
   const first = legs.find((leg) => leg.heading)?.heading ?? null;
   let kept = null;
-  return legs.map(({ start, heading, angle, toNorth }, i) => {
+  return legs.map(({ start, heading, angle, toNorth, toEast }, i) => {
     const along = heading ?? kept ?? first ?? toNorth;
     if (heading) kept = mixed(heading, Math.cos(angle), start, -Math.sin(angle));
     const side = [
@@ -126,6 +129,7 @@ function circleLegs(points) {
       along[0] * start[1] - along[1] * start[0],
     ];
     return {
+      bearing: Math.atan2(dot(along, toEast), dot(along, toNorth)),
       t0: points[i].t,
       t1: points[i + 1].t,
       at(share, outline) {
@@ -142,6 +146,11 @@ function circleLegs(points) {
     };
   });
 }
+
+const legsOf = (points, scene) => (scene.motion === "great_circle" ? circleLegs(points) : rhumbLegs(points, EARTHS[scene.earth]));
+
+// The bearing of each leg at its start, degrees.
+export const bearingsOf = (points, scene) => legsOf(points, scene).map(({ bearing }) => bearing / RADIANS);
 
 // An outline (metres) whose sides all moved outward, corners mitred; a point is a square of size 0, a line a rectangle.
 function grown(outline, byM) {
@@ -244,8 +253,7 @@ export class Motion {
   }
 
   leg(i) {
-    this.legs ??= this.scene.motion === "great_circle"
-      ? circleLegs(this.points) : rhumbLegs(this.points, EARTHS[this.scene.earth]);
+    this.legs ??= legsOf(this.points, this.scene);
     return this.legs[i];
   }
 

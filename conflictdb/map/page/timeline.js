@@ -3,6 +3,7 @@
 
 import { ticks } from "./calendar.js";
 import { duration, moment, period, printable } from "./format.js";
+import { lasting } from "./model.js";
 import { colour, font, theme } from "./theme.js";
 
 const PAD = 10; // half of the slider's thumb, pixels: bars and slider have one scale; on the left are names (`left`)
@@ -18,6 +19,9 @@ const ZOOM = 2; // by a button or a key
 const WHEEL = 0.002; // by a pixel of a wheel, as a logarithm
 const NEAR_PX = 3; // a pointer that is so near points at it
 const STILL_PX = 6; // a pointer that moves by less only presses
+const HELD_MS = 500; // a finger that stays so long reads what is there, and chooses nothing
+const FINGER_PX = 36; // a hint is so far above one
+const MOST_NAMED = 3; // pairs in a hint
 const LINE_PX = 16; // of a wheel that counts lines
 const ROOM = 0.1; // share of what is shown that is left beside an instant that comes into view
 const STEPS = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800,
@@ -50,8 +54,13 @@ export class Timeline {
       if (wanted !== null) {
         event.preventDefault();
         onTime(wanted);
+        this.hintNow();
+      } else if (event.key === "Escape" && !this.tip.hidden) {
+        event.stopPropagation();
+        this.hint(null);
       }
     });
+    for (const type of ["blur", "pointerdown"]) slider.addEventListener(type, () => this.hint(null));
     this.listenToPointers(onTime, onChoose);
     this.listenToBrush(onTime, onBrush);
     grouping.addEventListener("change", () => this.lay());
@@ -74,8 +83,9 @@ export class Timeline {
       canvas.setPointerCapture(event.pointerId);
       isPinch ||= held.size > 1;
       const bar = isPinch ? null : this.barAt(event);
-      pressed = bar && { bar, x: event.offsetX };
+      pressed = bar && { bar, x: event.offsetX, at: event.timeStamp };
       if (!bar && !isPinch) onTime(this.timeAt(event.offsetX));
+      if (event.pointerType === "touch") this.hint(isPinch ? null : event);
     });
     canvas.addEventListener("pointermove", (event) => {
       if (!held.has(event.pointerId)) {
@@ -88,11 +98,14 @@ export class Timeline {
       if (pressed && Math.abs(event.offsetX - pressed.x) > STILL_PX) pressed = null;
       if (held.size === 2) this.pinched(before, [...held.values()]);
       else if (!isPinch && !pressed) onTime(this.timeAt(event.offsetX));
+      if (event.pointerType === "touch") this.hint(isPinch ? null : event);
     });
     canvas.addEventListener("pointerleave", () => this.hint(null));
     for (const end of ["pointerup", "pointercancel"]) {
-      canvas.addEventListener(end, ({ pointerId }) => {
-        if (pressed && end === "pointerup") onChoose(pressed.bar);
+      canvas.addEventListener(end, ({ pointerId, pointerType, timeStamp }) => {
+        const isHeld = pressed && pointerType === "touch" && timeStamp - pressed.at > HELD_MS;
+        if (pressed && !isHeld && end === "pointerup") onChoose(pressed.bar);
+        if (pointerType === "touch") this.hint(null);
         pressed = null;
         held.delete(pointerId);
         isPinch &&= held.size > 0;
@@ -120,16 +133,32 @@ export class Timeline {
     axis.addEventListener("pointercancel", () => { from = null; });
   }
 
-  // Says what is under the mouse: a conflict, or how many.
+  // Says what is under the mouse or a finger: a conflict, or how many.
   hint(event) {
+    this.say(event && this.hintAt(event), event?.clientX, event?.clientY - (event?.pointerType === "touch" ? FINGER_PX : 12));
+  }
+
+  // Says what is on at the instant that is shown, also to readers of the screen: for those who move it by keys.
+  hintNow() {
+    const on = (this.conflicts ?? []).filter((one) => this.isOn(one));
+    const named = on.slice(0, MOST_NAMED).map(({ a, b }) => `${printable(a)} and ${printable(b)}`);
+    if (on.length > MOST_NAMED) named.push(`${(on.length - MOST_NAMED).toLocaleString("en")} more`);
+    const said = on.length === 0 ? null : on.length === 1 ? hintOf(on[0]) : [`${on.length.toLocaleString("en")} at once`, named.join("; ")];
+    const { left, top } = this.view.getBoundingClientRect();
+    this.say(said, left + this.x(this.t), top);
+    this.slider.setAttribute("aria-valuetext", [`${moment(this.t)} UTC`, ...(said ?? ["nothing is on"])].join(", "));
+  }
+
+  // Shows a title and a text above a place of the page; null hides them.
+  say(said, x, y) {
     const { tip } = this;
-    tip.hidden = event === null || event.pointerType === "touch" || !this.hintAt(event);
+    tip.hidden = said === null;
     if (tip.hidden) return;
-    const [title, text] = this.hintAt(event);
+    const [title, text] = said;
     tip.replaceChildren(Object.assign(document.createElement("b"), { textContent: title }), document.createElement("br"), text);
     const { offsetWidth: width, offsetHeight: height } = tip;
-    tip.style.left = `${Math.max(4, Math.min(innerWidth - width - 4, event.clientX + 12))}px`;
-    tip.style.top = `${Math.max(4, event.clientY - height - 12)}px`;
+    tip.style.left = `${Math.max(4, Math.min(innerWidth - width - 4, x + 12))}px`;
+    tip.style.top = `${Math.max(4, y - height)}px`;
   }
 
   // A title and a text; null where nothing is.
@@ -139,11 +168,12 @@ export class Timeline {
       return n === undefined ? null : [`${n.toLocaleString("en")} at once`, `${moment(this.timeAt(event.offsetX))} UTC`];
     }
     const conflict = this.barAt(event);
-    if (!conflict) return null;
-    const lasts = conflict.periods.reduce((sum, [a, b]) => sum + b - a, 0);
-    const count = conflict.periods.length > 1 ? `, ${conflict.periods.length} periods` : "";
-    const long = Number.isFinite(lasts) ? ` · ${duration(lasts)}${count}` : "";
-    return [`${printable(conflict.a)} and ${printable(conflict.b)}`, `${period(conflict.start, conflict.end, null)}${long} · ${conflict.verdict}`];
+    return conflict && hintOf(conflict);
+  }
+
+  // Whether a conflict is on at the instant that is shown.
+  isOn({ periods, change }) {
+    return change !== "gone" && periods.some(([a, b]) => this.t >= a && this.t <= b);
   }
 
   // Two fingers keep the instants that they are on.
@@ -357,8 +387,7 @@ export class Timeline {
   drawInstant() {
     const { width, height, foot } = this.size;
     if (!width) return;
-    const isOn = ({ conflict: { periods, change } }) => change !== "gone" && periods.some(([a, b]) => this.t >= a && this.t <= b);
-    const wanted = this.isDense ? "many" : `${this.chosen} ${this.bars.map((bar) => (isOn(bar) ? 1 : 0)).join("")}`;
+    const wanted = this.isDense ? "many" : `${this.chosen} ${this.bars.map(({ conflict }) => (this.isOn(conflict) ? 1 : 0)).join("")}`;
     if (wanted !== this.drawn) {
       this.drawn = wanted;
       const bars = this.contextOf(this.picture, width, height);
@@ -468,13 +497,13 @@ export class Timeline {
     context.textBaseline = "middle";
     this.rows.forEach((row, lane) => {
       const isChosen = row.conflicts.some(({ id }) => id === this.chosen);
-      const isOn = row.conflicts.some(({ periods, change }) => change !== "gone" && periods.some(([a, b]) => this.t >= a && this.t <= b));
+      const isOn = row.conflicts.some((one) => this.isOn(one));
       context.fillStyle = colour(isChosen ? "ink" : isOn ? "conflict-ink" : "ink-soft");
       this.drawName(context, row, TOP + (lane + 0.5) * ROW);
     });
     for (const { conflict, pieces, lane } of this.bars) {
       const isGone = conflict.change === "gone"; // by a moved plan
-      const isOn = !isGone && conflict.periods.some(([a, b]) => this.t >= a && this.t <= b);
+      const isOn = this.isOn(conflict);
       const isChosen = this.chosen === conflict.id;
       const y = TOP + lane * ROW + 3;
       context.globalAlpha = isOn || isChosen ? 1 : 0.5;
@@ -497,6 +526,14 @@ export class Timeline {
     }
     context.globalAlpha = 1;
   }
+}
+
+// A title and a text on a conflict.
+function hintOf(conflict) {
+  const lasts = lasting(conflict);
+  const count = conflict.periods.length > 1 ? `, ${conflict.periods.length} periods` : "";
+  const long = Number.isFinite(lasts) ? ` · ${duration(lasts)}${count}` : "";
+  return [`${printable(conflict.a)} and ${printable(conflict.b)}`, `${period(conflict.start, conflict.end, null)}${long} · ${conflict.verdict}`];
 }
 
 // A text, cut in its middle to a width: keys of one kind differ at their ends.

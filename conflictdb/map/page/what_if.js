@@ -46,8 +46,14 @@ export function taken(pack, rows) {
   };
 }
 
+// The hulls of a pack, made once.
+export function hullsOf(kernel, pack) {
+  pack.hulls ??= kernel.hulls(pack, pack.reach_m);
+  return pack.hulls;
+}
+
 // The box of each hull: [west, south, east, north].
-function boxes({ xy, offset }) {
+export function boxes({ xy, offset }) {
   return Array.from({ length: offset.length - 1 }, (_, row) => {
     const box = [Infinity, Infinity, -Infinity, -Infinity];
     for (let n = Number(offset[row]); n < Number(offset[row + 1]); n += 1) {
@@ -61,7 +67,7 @@ function boxes({ xy, offset }) {
   });
 }
 
-const overlap = (a, b) => a[0] <= b[2] && b[0] <= a[2] && a[1] <= b[3] && b[1] <= a[3];
+export const overlap = (a, b) => a[0] <= b[2] && b[0] <= a[2] && a[1] <= b[3] && b[1] <= a[3];
 
 // Why pairs of rows of a pack are not compared; null if they are.
 function refusalOf(pack, pairs) {
@@ -89,7 +95,7 @@ export class WhatIf {
     this.object = pack.objects.indexOf(key);
     const [mine, others] = [[], []];
     pack.object.forEach((object, row) => (object === this.object ? mine : others).push(row));
-    const hulls = kernel.hulls(pack, pack.reach_m);
+    const hulls = hullsOf(kernel, pack);
     const box = boxes(hulls);
     const [a, b] = [[], []];
     const whole = mine.reduce((all, row) => [

@@ -1,0 +1,77 @@
+// A track with a waypoint elsewhere: the pieces of its legs are made anew, as conflictdb/stages/pieces/cutting.py makes them, but
+// each leg is one piece; hulls of whole legs cover more, and the contacts are the same.
+
+import { bearingsOf } from "./motion.js";
+import { boxes, hullsOf, overlap, taken } from "./what_if.js";
+import { shorter } from "./world.js";
+
+const TOLERANCES = ["xtd_port_m", "xtd_starboard_m", "min_speed_kn", "max_speed_kn", "turn_radius_m", "departure_window", "arrival_window"];
+const ALLOWANCE_M = 1; // hulls that end so near to the seam are on both sides of it
+
+// Places of a plan, degrees: longitudes run on across the date line, and keep their digits.
+function unwrapped(coordinates) {
+  let sum = coordinates[0][0];
+  return coordinates.map(([lon, lat], n) => {
+    if (n > 0) sum += shorter(lon - coordinates[n - 1][0]);
+    return { lon: lon + 360 * Math.round((sum - lon) / 360), lat };
+  });
+}
+
+// Of each leg of an object the rows of a pack of its first and its last piece, in order of time.
+function legsOf(pack, object) {
+  const legs = new Map();
+  pack.object.forEach((one, row) => {
+    if (one !== object || pack.turn[row] !== 0) return;
+    const leg = legs.get(pack.leg_start_us[row]) ?? { row, last: row };
+    if (pack.start_us[row] > pack.start_us[leg.last]) leg.last = row;
+    legs.set(pack.leg_start_us[row], leg);
+  });
+  return [...legs].sort(([a], [b]) => (a < b ? -1 : 1)).map(([, leg]) => leg);
+}
+
+// A pack (unpackPieces) of a track with a waypoint [n, longitude, latitude] elsewhere, and of what it may meet there; `scene` says
+// which lines it follows. Throws an Error where it cannot be there.
+export function withWaypoint(kernel, pack, key, [n, lon, lat], scene) {
+  const object = pack.objects.indexOf(key);
+  const { coordinates } = pack.plans[key].geometry;
+  const places = unwrapped(coordinates.map((place, i) => (i === n ? [lon, lat] : place)));
+  const bearings = bearingsOf(places, scene);
+  const legs = legsOf(pack, object).map((leg, nth) => ({ ...leg, from: places[nth], to: places[nth + 1], bearing: bearings[nth], turn: 0 }));
+  if (legs.length !== bearings.length || TOLERANCES.some((name) => name in pack.plans[key].properties)) throw new Error("the plan has tolerances");
+  const hulls = boxes(kernel.hulls(packed(pack, legs, []), pack.reach_m));
+  const made = legs.flatMap((leg, nth) => onTurns(leg, hulls[nth], pack.turn_m));
+  const others = [];
+  boxes(hullsOf(kernel, pack)).forEach((box, row) => {
+    if (pack.object[row] !== object && made.some((leg) => overlap(leg.box, box))) others.push(row);
+  });
+  return packed(pack, made, others);
+}
+
+// A leg where its hull begins within half a turn of the prime meridian, and copies a turn further west of one that reaches beyond.
+function onTurns(leg, [west, south, east, north], turnM) {
+  if (!(west <= east)) throw new Error("it leaves the plane of the scene");
+  const away = turnM ? Math.floor(west / turnM + 0.5) : 0;
+  const copies = turnM ? Math.floor((east + ALLOWANCE_M) / turnM - away + 0.5) : 0;
+  const moved = ({ lon, lat }) => ({ lon: lon - 360 * away, lat });
+  return Array.from({ length: copies + 1 }, (_, turn) => {
+    const by = turnM * (away + turn);
+    return { ...leg, from: moved(leg.from), to: moved(leg.to), turn: -turn, box: [west - by, south, east - by, north] };
+  });
+}
+
+// A pack of legs, and of some rows of another pack.
+function packed(pack, legs, others) {
+  const rows = [...legs.map(({ row }) => row), ...others];
+  const climbs = pack.climb_m && Float64Array.from(rows.flatMap((row) => [0, 1, 2, 3].map((i) => pack.climb_m[4 * row + i])));
+  const made = { ...pack, hulls: null, ...taken(pack, rows), ...(climbs && { climb_m: climbs }) };
+  legs.forEach(({ last, from, to, bearing, turn }, row) => {
+    made.start_us[row] = made.leg_start_us[row];
+    made.end_us[row] = made.leg_end_us[row];
+    made.end_inclusive[row] = pack.end_inclusive[last];
+    made.leg_start_deg.set([from.lon, from.lat], 2 * row);
+    made.leg_end_deg.set([to.lon, to.lat], 2 * row);
+    made.bearing_deg[row] = bearing;
+    made.turn[row] = turn;
+  });
+  return made;
+}

@@ -1,0 +1,101 @@
+"""Five tasks of a planner on the page of `conflictdb map`, counted in clicks and keys; a typed word counts once."""
+
+from datetime import UTC, datetime
+
+import psycopg
+from browsing import Open, rows
+from playwright.sync_api import Locator, Page, expect
+
+import conflictdb
+
+COPIES = {"permissions": ["clipboard-read", "clipboard-write"]}
+
+
+class Hands:
+    """Clicks and presses, and counts them."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+        self.count = 0
+
+    def click(self, target: Locator) -> None:
+        self.count += 1
+        target.click()
+
+    def press(self, key: str) -> None:
+        self.count += 1
+        self.page.keyboard.press(key)
+
+    def type(self, word: str) -> None:
+        self.count += 1
+        self.page.keyboard.type(word)
+
+    def choose(self, choice: Locator, label: str) -> None:
+        """Open a list, and choose."""
+        self.count += 2
+        choice.select_option(label=label)
+
+
+def test_what_does_my_ferry_meet_in_three(strait: str, open_page: Open) -> None:
+    hands = Hands(open_page(strait, size=(1440, 900)))
+    hands.press("/")
+    hands.type("ferry")
+    hands.press("Enter")
+    expect(hands.page.locator("#count")).to_have_text("3 of 7 conflicts")
+    assert rows(hands.page) == ["FIRING and FERRY", "DIVING and FERRY", "FERRY and TOW"]
+    assert hands.count <= 3
+
+
+def test_clear_it_in_four(strait: str, open_page: Open, dsn: str) -> None:
+    page = open_page(strait, size=(1440, 900))
+    hands = Hands(page)
+    hands.click(page.get_by_role("button", name="FERRY and TOW"))
+    hands.click(page.get_by_role("button", name="What if FERRY departs earlier or later"))
+    hands.click(page.get_by_role("button", name="Clear 1 h 7 min 24 s earlier"))
+    hands.click(page.get_by_role("button", name="Apply"))
+    expect(page.locator(".what-if")).to_contain_text("Applied: ")
+    expect(page.locator(".what-if .said")).to_have_text("As planned: clear.")
+    with conflictdb.connect(dsn) as db:
+        assert not [one for one in db.scene("strait").conflicts() if "FERRY" in (one.a_key, one.b_key)]
+    assert hands.count <= 4
+
+
+def test_tell_a_colleague_in_two(strait: str, open_page: Open) -> None:
+    page = open_page(strait, size=(1440, 900), **COPIES)
+    hands = Hands(page)
+    hands.click(page.get_by_role("button", name="FERRY and TOW"))
+    hands.click(page.get_by_role("button", name="Copy link"))
+    expect(page.locator("#link")).to_have_text("Copied")
+    other = open_page(page.evaluate("navigator.clipboard.readText()"))
+    expect(other.locator("#detail").get_by_role("heading")).to_have_text("FERRY and TOW")
+    assert hands.count <= 2
+
+
+def test_what_changed_since_the_hour_in_two(
+    strait: str, open_page: Open, conn: psycopg.Connection[None], dsn: str
+) -> None:
+    for column, table in (("finished_at", "run"), ("at", "conflict_event")):
+        conn.execute(f"UPDATE conflictdb.{table} SET {column} = {column} - interval '5 hours'".encode())
+    conn.commit()
+    with conflictdb.connect(dsn) as db:
+        db.scene("strait").delete_objects("TOW")
+        db.scene("strait").detect()
+    page = open_page(strait, size=(1440, 900))
+    hands = Hands(page)
+    hour = f"{datetime.now(UTC):%H}:00 UTC"
+    hands.choose(page.get_by_label("Changes since"), hour)
+    expect(page.locator("#changed")).to_have_text(f"Since {hour}: 0 new, 1 gone")
+    assert rows(page) == ["FERRY and TOW"]
+    assert hands.count <= 2
+
+
+def test_print_in_two(strait: str, open_page: Open) -> None:
+    """Ctrl+P is the browser's own; what it prints is one page with the chosen conflict."""
+    page = open_page(strait, size=(1440, 900))
+    hands = Hands(page)
+    hands.click(page.get_by_role("button", name="FERRY and TOW"))
+    expect(page.locator("svg.plan")).to_be_visible()
+    expect(page.locator("svg.chart")).to_be_visible()
+    hands.press("Control+p")
+    assert page.pdf(format="A4").count(b"/Type /Page\n") == 1
+    assert hands.count <= 2
