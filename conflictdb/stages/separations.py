@@ -118,9 +118,7 @@ class Separations:
             vertical_separation_m=float(self.vertical_m[type_]),
         )
 
-    def split(
-        self, pieces: Pieces, a: PieceRows, b: PieceRows
-    ) -> Iterator[tuple[Scene, Pieces, PieceRows, PieceRows]]:
+    def split(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> Iterator[tuple[Scene, Pieces, PieceRows, PieceRows]]:
         """Yield settings, pieces as these ask for, and the pairs of pieces that have them; at least once.
 
         Pairs that are not compared, and pairs further apart in time or height than their own settings ask for, are left

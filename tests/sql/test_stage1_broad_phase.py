@@ -133,8 +133,8 @@ def test_marked_pairs_joined_in_memory_are_those_of_the_database(conn: Conn) -> 
         for _ in range(2):
             for kind, number, version in (mark for mark in marks if rng.random() < share):
                 conn.execute(
-                    "INSERT INTO conflictdb.change (scene_id, object_kind, object_id, version, is_covered, with_number) "
-                    "VALUES (%s, %s, %s, %s, true, %s)",
+                    "INSERT INTO conflictdb.change (is_covered, scene_id, object_kind, object_id, version, "
+                    "with_number) VALUES (true, %s, %s, %s, %s, %s)",
                     [scene_id, kind, number, version, chosen[rng.integers(len(chosen))]],
                 )
         conn.commit()
