@@ -48,10 +48,11 @@ def read_rtz(
         version = root.get("version")
         if version not in VERSIONS:
             raise InvalidInput(who, "version", f"must be one of {', '.join(VERSIONS)}; got {version!r:.40}")
-        points = dict(_waypoints(who, root))
+        members = _members(who, root)
+        points = dict(_waypoints(who, root, reads_limits=not members))
         _schedule(who, root, points, layers)
         properties = {} if info is None else {key: one for key, one in info.attributes.items() if key != "routeName"}
-        route = Route(name, list(points.values()), dict(properties), _members(who, root))
+        route = Route(name, list(points.values()), dict(properties), members)
         found.add_route(name, who, route, max_speed_kn)
     return found.contents(skip_invalid=skip_invalid)
 
@@ -73,8 +74,11 @@ def _members(who: str, root: Element) -> dict[str, Any]:
     return {}
 
 
-def _waypoints(who: str, root: Element) -> Iterator[tuple[str, Waypoint]]:
-    """Yield the waypoints by id, in their order."""
+def _waypoints(who: str, root: Element, *, reads_limits: bool) -> Iterator[tuple[str, Waypoint]]:
+    """Yield the waypoints by id, in their order.
+
+    reads_limits : cross-track limits that `rtz_writing` wrote are the haven, which the members have
+    """
     every = root.child("waypoints")
     if every is None:
         raise InvalidInput(who, "waypoints", "are missing")
@@ -98,17 +102,19 @@ def _waypoints(who: str, root: Element) -> Iterator[tuple[str, Waypoint]]:
         if turn is not None:
             point.radius_m = limit_m(who, f"{where}, radius", number_of(who, f"{where}, radius", turn))
         if len(ids) > 1:
-            _leg(who, point, element.child("leg"), default)
+            _leg(who, point, element.child("leg"), default, reads_limits=reads_limits)
         yield number, point
 
 
-def _leg(who: str, point: Waypoint, own: Element | None, default: Element | None) -> None:
+def _leg(who: str, point: Waypoint, own: Element | None, default: Element | None, *, reads_limits: bool) -> None:
     given = {**(default.attributes if default is not None else {}), **(own.attributes if own is not None else {})}
     kind = given.get("geometryType", "Loxodrome")
     if kind not in _GEOMETRY:
         rule = f"must be one of {', '.join(_GEOMETRY)}; got {kind!r:.40}"
         raise InvalidInput(who, f"{point.name}, geometryType", rule)
     point.is_orthodrome = _GEOMETRY[kind]
+    if not reads_limits:
+        return
     sides = ("portsideXTD", "starboardXTD")
     for name in given:
         if "xtd" in name.lower() and name not in sides:

@@ -259,7 +259,9 @@ def application(usual: str, connect: Connect, access: Access) -> Starlette:
         return _json(land.places())
 
     async def events(request: Request) -> Response:
-        return StreamingResponse(answers.view(request).changes.each(), media_type="text/event-stream")
+        version = _parameter(request, "version")
+        known = None if version is None else _number("version", version)
+        return StreamingResponse(answers.view(request).changes.each(known), media_type="text/event-stream")
 
     def writes(handler: Callable[[Request, Mapping[str, Any]], Response]) -> Callable[[Request], Awaitable[Response]]:
         async def handled(request: Request) -> Response:

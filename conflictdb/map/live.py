@@ -67,12 +67,14 @@ class SceneChanges:
         for queue in self._subscribers:
             queue.put_nowait(None)
 
-    async def each(self) -> AsyncIterator[str]:
-        """Yield server-sent events until the end."""
+    async def each(self, known: int | None) -> AsyncIterator[str]:
+        """Yield server-sent events until the end; at once, if the subscriber knows another version."""
         queue: asyncio.Queue[str | None] = asyncio.Queue()
         self._subscribers.add(queue)
         try:
             yield "retry: 1000\n\n"
+            if known not in (None, self.version):
+                yield self._event(OBJECTS)
             while not self._ends.is_set():
                 try:
                     what = await asyncio.wait_for(queue.get(), _SILENT_S)
@@ -81,9 +83,12 @@ class SceneChanges:
                     continue
                 if what is None:
                     return
-                yield f"event: {what}\ndata: {self.version}\n\n"
+                yield self._event(what)
         finally:
             self._subscribers.discard(queue)
+
+    def _event(self, what: str) -> str:
+        return f"event: {what}\ndata: {self.version}\n\n"
 
     def publish(self, what: str) -> None:
         """Send subscribers a change; from any thread."""

@@ -17,8 +17,13 @@ _UNITS: Final = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
 
 
 def conflicts_html(conflicts: "Sequence[Conflict]") -> str:
-    """Return conflicts as a table, times in UTC, rounded outward to the second; only the first of many."""
-    header = ["A", "B", "verdict", "first contact (UTC)", "last contact (UTC)", "periods", "known to", "closest, m"]
+    """Return conflicts as a table, times in UTC, rounded outward to the second; only the first of many.
+
+    Least distances are left out where all pairs touch.
+    """
+    shown = conflicts[:_MOST_ROWS]
+    has_distances = any(one.closest_m for one in shown)
+    header = ["A", "B", "verdict", "first contact (UTC)", "last contact (UTC)", "periods", "known to"]
     rows = (
         [
             *one.labels,
@@ -27,11 +32,11 @@ def conflicts_html(conflicts: "Sequence[Conflict]") -> str:
             instant_text(one.last_contact, up=True),
             str(len(one.periods)),
             bound_text(one.time_error_s),
-            distance_text(one),
+            *([distance_text(one)] if has_distances else []),
         ]
-        for one in conflicts[:_MOST_ROWS]
+        for one in shown
     )
-    return _table(header, rows, len(conflicts), "no conflicts")
+    return _table([*header, *(["closest, m"] if has_distances else [])], rows, len(conflicts), "no conflicts")
 
 
 def approaches_html(approaches: "Sequence[Approach]") -> str:

@@ -3,9 +3,11 @@
 import gzip
 import math
 import re
+import time
 from functools import partial
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import psycopg
@@ -209,6 +211,28 @@ def test_changes_and_acknowledgements_show_without_reload(
     expect(page.locator(".tag", has_text="acknowledged")).to_have_count(0)
     assert page.evaluate("isSame") is True
     assert page.locator("img[src=x]").count() == 0
+
+
+def test_a_change_while_the_page_opens_is_seen(strait: str, browser: Browser, dsn: str) -> None:
+    """After the page has read the scene, and before it hears of changes; what it reads at first is asked for once."""
+    asked: list[str] = []
+
+    def changed(route: Route) -> None:
+        with conflictdb.connect(dsn) as db:
+            db.scene("strait").delete_objects("TOW")
+        time.sleep(1.0)  # the server has heard of it
+        asked.append("events")
+        route.continue_()
+
+    with browser.new_page() as page:
+        page.on("request", lambda request: asked.append(urlsplit(request.url).path))
+        page.route("**/api/events*", changed)
+        page.goto(strait)
+        expect(page.locator("#state")).to_contain_text("4 areas · 6 tracks")
+        first = asked[: asked.index("events")]
+        for path in ("/api/scene", "/api/conflicts", "/api/areas", "/api/tracks"):
+            assert first.count(path) == 1
+        assert first.index("/api/tracks") < first.index("/api/depths")
 
 
 def test_a_bar_says_what_changed(strait: str, open_page: Open, conn: Conn, dsn: str) -> None:

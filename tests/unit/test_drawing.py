@@ -655,6 +655,8 @@ def test_notebooks_show_tables(strait: Any) -> None:
     assert shown.count("<tr>") == 8
     assert "2026-06-01 09:45:43<" in shown
     many = Results(list(found) * 20, Conflict)
+    assert "closest, m" not in shown  # a column of zeros
+    assert "closest, m" in replace(found[0], closest_m=12.5, closest_error_m=0.1)._repr_html_()
     assert "the first 50 of 140" in many._repr_html_()
     assert many._repr_html_().count("<tr>") == 51
     state = SceneState("s", 1, 1, None, None, False, "1 object waits for detection")

@@ -3,6 +3,7 @@
 
 import { Address, addressOfScene, askedBy } from "./address.js";
 import { nearestOf } from "./approach.js";
+import { LARGE } from "./begun.js";
 import { byId } from "./dom.js";
 import { Departure } from "./departure.js";
 import { Detail } from "./detail.js";
@@ -37,14 +38,13 @@ const written = (t) => new Date(t * 1000).toISOString().slice(0, 19).replace("T"
 
 const MARKS_MS = 120; // how often the map hears what is on, while the time moves
 const REST_MS = 250; // after the last move of a plan the map hears of it: it draws all of its layers again
-const DEPTHS_MS = 1500; // for so long the page waits for depths before it is shown without
+const DEPTHS_MS = 1500; // for so long a map that is open waits for depths before it is shown without
 const MOST_WAYPOINTS = 50; // of a track, that can be dragged
 const MARKS_SHARE = 0.2; // of the time, at most, that this takes
 const POLAR_LAT = 75; // degrees: what is chosen beyond is shown about the pole
 const POLE_LAT = 60; // scenes that reach beyond can be
 const NARROW_PX = 900; // the legend opens on wider screens
 const OBJECT_ZOOM = 11; // the most, of an object that was found
-const LARGE = 2000; // a scene of more objects or conflicts has an overview
 
 // Places all around a box.
 const corners = ([west, south, east, north]) => [0, 0.25, 0.5, 0.75, 1].flatMap((share) => (
@@ -109,11 +109,13 @@ class Page {
   async start() {
     const missing = await this.openScene();
     await this.readAll();
-    await Promise.race([this.readDepths(), new Promise((done) => { setTimeout(done, DEPTHS_MS); })]);
     const { source, state } = this;
     const { model } = state;
+    const depths = this.readDepths();
     const box = model.box();
-    this.view = await MapView.open("map", source, box, state.version, this.hasOverview(model.scene));
+    const opened = await MapView.open("map", source, box, state.version, this.hasOverview(model.scene));
+    await Promise.race([depths, new Promise((done) => { setTimeout(done, DEPTHS_MS); })]);
+    this.view = opened; // what follows runs at once: nobody sees a page without its other parts
     this.graticule = new Graticule(byId("graticule"), this.view);
     this.placeNames = new PlaceNames(byId("place-names"), this.view, () => source.places());
     this.havens = new Havens(byId("havens"), this.view);
@@ -130,7 +132,7 @@ class Page {
     if (model.areas.length + model.tracks.length > 0 && Math.abs(box[1] + box[3]) / 2 > POLAR_LAT) this.showPole(true, this.poleOfScene());
     if (source.isLive) {
       this.scenes.read(model.scene.scene);
-      source.watch((what) => this.changed(what), (isHeard) => {
+      source.watch(state.version, (what) => this.changed(what), (isHeard) => {
         if (isHeard) this.describe();
         else tell("The server does not answer; trying again.", true);
       });
@@ -222,6 +224,7 @@ class Page {
 
   // How deep conflicts are: the server computes it, and the list waits for nothing.
   async readDepths() {
+    if (this.state.model.conflicts.length === 0) return;
     try {
       this.state.takeDepths(await this.source.depths());
     } catch {

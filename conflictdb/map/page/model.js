@@ -177,11 +177,13 @@ export class Model {
     this.conflicts = [];
     this.depths = new Map();
     this.beyond = 0;
+    this.knownBox = null;
     this.spare = null; // a span that the timeline shows, too
     this.refused = null; // why the scene is not there any more, of one of which nothing may be shown
   }
 
   takeObjects(areas, tracks, outlines) {
+    this.knownBox = null;
     this.outlines = outlines && unpackOutlines(outlines);
     this.areas = records(areas).map(areaOf);
     this.tracks = unpackTracks(tracks, this.scene);
@@ -242,6 +244,11 @@ export class Model {
 
   // The box that holds all there is, as narrow as it can be: it may reach across the date line (east > 180).
   box() {
+    this.knownBox ??= this.boxOfAll();
+    return this.knownBox;
+  }
+
+  boxOfAll() {
     const spans = [];
     let [south, north] = [90, -90];
     const take = (west, south0, east, north0) => {

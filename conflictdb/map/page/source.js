@@ -1,5 +1,7 @@
 // Where the page has its scene from: the server of `conflictdb map`.
 
+import { requested } from "./begun.js";
+
 // Of an answer that says that there is nothing here for who asks: no scene, or no right to it.
 const REFUSALS = [400, 401, 403, 404, 410];
 
@@ -63,13 +65,13 @@ export class ServerSource {
   }
 
   async scene() {
-    const { secret, ...scene } = await (await answered(fetch(this.at("/api/scene")))).json();
+    const { secret, ...scene } = await (await answered(requested(this.at("/api/scene")))).json();
     this.secret = secret;
     return scene;
   }
 
   async conflicts() {
-    return (await answered(fetch(this.at("/api/conflicts")))).arrayBuffer();
+    return (await answered(requested(this.at("/api/conflicts")))).arrayBuffer();
   }
 
   // How deep conflicts undercut the required separation: [[id, metres, Unix seconds or null], …].
@@ -78,16 +80,16 @@ export class ServerSource {
   }
 
   async areas() {
-    return (await answered(fetch(this.at("/api/areas")))).json();
+    return (await answered(requested(this.at("/api/areas")))).json();
   }
 
   async tracks() {
-    return (await answered(fetch(this.at("/api/tracks")))).arrayBuffer();
+    return (await answered(requested(this.at("/api/tracks")))).arrayBuffer();
   }
 
   // Outlines of areas as they are seen from afar.
   async overview() {
-    return (await answered(await fetch(this.at("/api/overview")))).arrayBuffer();
+    return (await answered(requested(this.at("/api/overview")))).arrayBuffer();
   }
 
   // GeoJSON of each layer, whole.
@@ -181,9 +183,9 @@ export class ServerSource {
     return this.at(`${location.origin}/tiles/${kind}/{z}/{x}/{y}`, { v: version });
   }
 
-  // Calls `told` with "objects" or "conflicts" when these changed, and `state` with whether changes are heard of.
-  watch(told, state) {
-    const events = new EventSource(this.at("/api/events"));
+  // Calls `told` with "objects" or "conflicts" when these changed since a version, and `state` with whether changes are heard of.
+  watch(version, told, state) {
+    const events = new EventSource(this.at("/api/events", { version }));
     let wasLost = false;
     events.addEventListener("open", () => {
       state(true);
