@@ -14,6 +14,7 @@ from conflictdb.formats.contents import Contents
 from conflictdb.formats.fields import Fields
 from conflictdb.formats.file_objects import DATUM, FileContext, track_members
 from conflictdb.formats.json_text import parse
+from conflictdb.formats.names import look_alike
 from conflictdb.formats.routes import Route, Waypoint, agreed, limit_m
 from conflictdb.formats.rtz_writing import EXTENSION
 from conflictdb.formats.values_of_xml import duration_us, number_of, time_of
@@ -26,6 +27,13 @@ _NAMESPACES: Final = ("http://www.cirm.org/RTZ/", "https://cirm.org/rtz-xml-sche
 _GEOMETRY: Final = {"Loxodrome": False, "Orthodrome": True}
 # The schema of version 1.0 misspells it.
 _ELEMENTS: Final = ("scheduleElement", "sheduleElement")
+
+# Attributes of a scheduleElement, and others that resemble them.
+_READ: Final = (
+    *("waypointId", "eta", "etd", "stay", "speed", "speedWindow"),
+    *(f"{name}Window{side}" for name in ("eta", "etd") for side in ("Before", "After")),
+)
+_UNREAD: Final = ("windSpeed", "windDirection", "currentSpeed", "currentDirection")
 
 
 def is_rtz(root: Element) -> bool:
@@ -155,6 +163,14 @@ def _named(schedules: Sequence[Element]) -> str:
     return "the file has " + ", ".join(repr(one.get("name") or one.get("id")) for one in schedules)
 
 
+def _check_names(who: str, where: str, element: Element) -> None:
+    """Refuse an attribute of a schedule that resembles one that is read: it would be lost."""
+    for name in element.attributes:
+        meant = look_alike(name, _READ)
+        if name not in (*_READ, *_UNREAD) and meant is not None:
+            raise InvalidInput(who, f"{where}, {name}", f"is not known to RTZ; did you mean {meant}?")
+
+
 def _call(who: str, point: Waypoint, elements: Sequence[Element]) -> None:
     """Give a waypoint what the calculated and the manual schedule say of it."""
     where = point.name
@@ -164,6 +180,7 @@ def _call(who: str, point: Waypoint, elements: Sequence[Element]) -> None:
 
     point.arrival_us, point.departure_us = times("eta"), times("etd")
     for element in elements:
+        _check_names(who, where, element)
         stay, speed = element.get("stay"), element.get("speed")
         if stay is not None and point.stay_us is None:
             point.stay_us = duration_us(who, f"{where}, stay", stay)
