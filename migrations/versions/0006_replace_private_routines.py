@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "19a862d3aaae6475da9ff64200f56390953a86bad80d4bf9ccb4f74a45a0d161"
+routines_sha256 = "bf1e0de39e141ec472b4a32b0d9c29f0cd42121955e7bac2bd84a015b34fec3f"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
