@@ -192,36 +192,65 @@ COMMENT ON FUNCTION _candidates(bigint, bigint) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._row_boxes(
     p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT pieces bytea, OUT objects bytea, OUT turns bytea,
     OUT low_xs bytea, OUT low_ys bytea, OUT high_xs bytea, OUT high_ys bytea, OUT floors_m bytea, OUT ceilings_m bytea,
-    OUT span_starts bytea, OUT span_ends bytea, OUT classes bytea, OUT owners bytea
+    OUT span_starts bytea, OUT span_ends bytea, OUT classes bytea, OUT owners bytea, OUT marks bytea,
+    OUT with_numbers bytea
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT SET jit = off AS $$
 DECLARE
-    -- Read nothing if only some objects are dirty, or if there are more than p_most rows.
-    v_is_asked boolean := (SELECT count(*) FROM (SELECT FROM piece p WHERE p.scene_id = p_scene_id LIMIT p_most + 1) n)
-                          <= p_most AND _is_all_dirty(p_scene_id);
+    -- Looking up the neighbours of a dirty object takes as long as reading the boxes of some twenty rows.
+    c_rows_for_object CONSTANT bigint := 15;
+    -- The bits of a mark.
+    c_most_numbers CONSTANT integer := 62;
+    v_is_all boolean := _is_all_dirty(p_scene_id);
+    v_rows bigint := (SELECT count(*) FROM (SELECT FROM piece p WHERE p.scene_id = p_scene_id LIMIT p_most + 1) n);
+    v_is_asked boolean := v_rows <= p_most AND v_is_all;
+    v_with bigint[] := '{}';
+    -- Whether all rows may be in a pair.
+    v_is_any boolean := true;
 BEGIN
     PERFORM _require_snapshot();
+    IF NOT v_is_all AND v_rows <= p_most AND _parent_of(p_scene_id) IS NULL THEN
+        SELECT coalesce(array_agg(DISTINCT c.with_number) FILTER (WHERE c.with_number IS NOT NULL), '{}'),
+               coalesce(bool_or(c.with_number IS NULL), false),
+               count(DISTINCT _object_number(c.object_kind, c.object_id)) * c_rows_for_object >= v_rows
+            INTO v_with, v_is_any, v_is_asked
+            FROM change c WHERE c.scene_id = p_scene_id AND c.is_covered;
+        v_is_asked := v_is_asked AND cardinality(v_with) <= c_most_numbers;
+    END IF;
+    WITH marked AS (
+        SELECT c.object_kind, c.object_id,
+               bit_or(1::bigint << coalesce(array_position(v_with, c.with_number), 0)) AS marks
+        FROM change c WHERE v_is_asked AND NOT v_is_all AND c.scene_id = p_scene_id AND c.is_covered
+        GROUP BY c.object_kind, c.object_id
+    )
     SELECT array_send(coalesce(array_agg(r.piece_id), '{}')), array_send(coalesce(array_agg(r.pieces), '{}')),
            array_send(coalesce(array_agg(r.object), '{}')), array_send(coalesce(array_agg(r.turn), '{}')),
            array_send(coalesce(array_agg(ST_XMin(r.box)), '{}')), array_send(coalesce(array_agg(ST_YMin(r.box)), '{}')),
            array_send(coalesce(array_agg(ST_XMax(r.box)), '{}')), array_send(coalesce(array_agg(ST_YMax(r.box)), '{}')),
            array_send(coalesce(array_agg(r.floor_m), '{}')), array_send(coalesce(array_agg(r.ceiling_m), '{}')),
            array_send(coalesce(array_agg(r.span_start), '{}')), array_send(coalesce(array_agg(r.span_end), '{}')),
-           array_send(coalesce(array_agg(r.class_number), '{}')), array_send(coalesce(array_agg(r.owner_number), '{}'))
+           array_send(coalesce(array_agg(r.class_number), '{}')),
+           array_send(coalesce(array_agg(r.owner_number), '{}')),
+           array_send(coalesce(array_agg(r.marks), '{}')), array_send(v_with)
         INTO piece_ids, pieces, objects, turns, low_xs, low_ys, high_xs, high_ys, floors_m, ceilings_m, span_starts,
-             span_ends, classes, owners
+             span_ends, classes, owners, marks, with_numbers
         -- OFFSET 0: compute each box once.
         FROM (SELECT p.piece_id, p.pieces, _object_number(p.object_kind, p.object_id) AS object, p.turn,
                      p.hull::box3d AS box, p.floor_m, p.ceiling_m, p.class_number, p.owner_number,
                      coalesce(lower(p.span), '-infinity') AS span_start,
-                     coalesce(upper(p.span), 'infinity') AS span_end
-              FROM piece p WHERE v_is_asked AND p.scene_id = p_scene_id AND NOT isempty(p.span) OFFSET 0) r;
+                     coalesce(upper(p.span), 'infinity') AS span_end,
+                     CASE WHEN v_is_all THEN 1 ELSE coalesce(m.marks, 0) END AS marks
+              FROM piece p
+              LEFT JOIN marked m ON m.object_kind = p.object_kind AND m.object_id = p.object_id
+              WHERE v_is_asked AND p.scene_id = p_scene_id AND NOT isempty(p.span)
+                AND (v_is_any OR m.marks IS NOT NULL OR _is_with(p.object_kind, p.class_number, v_with)) OFFSET 0) r;
 END
 $$;
 COMMENT ON FUNCTION _row_boxes(bigint, bigint) IS
-'Bounding boxes of the rows of pieces of a scene, for joining them in memory as _candidates does: each column an array '
-'without nulls (array_send), metres of the plane. Empty if only some objects are dirty, or if there are more than '
-'p_most rows. Raises ZC013 in READ COMMITTED.';
+'Bounding boxes of the rows of pieces of a scene that may be in a pair that marks concern, for joining them in memory '
+'as _candidates does: each column an array without nulls (array_send), metres of the plane. marks: bit 0 for all pairs '
+'of the object, bit n for its pairs with the nth of with_numbers (_is_with). Empty if few objects are dirty, for a '
+'branch, or if the scene has more than p_most rows. Raises ZC013 in READ COMMITTED.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._pieces(
     p_scene_id bigint, p_piece_ids bigint[], OUT piece_id bigint, OUT rank bigint, OUT object_kind smallint,

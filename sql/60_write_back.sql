@@ -130,32 +130,20 @@ $$;
 COMMENT ON FUNCTION _known_conflicts_of(bigint, smallint[], bigint[]) IS
 'Conflicts of the given objects of a scene, with the columns of _known_conflicts.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._is_dirty_pair(
-    p_scene_id bigint, p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint
-) RETURNS boolean
-LANGUAGE sql STABLE PARALLEL SAFE
-BEGIN ATOMIC
-    -- The class of a removed object does not matter: it has a mark for all of its pairs.
-    SELECT EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
-                   AND m.object_kind = p_a_kind AND m.object_id = p_a_id
-                   AND (m.with_number IS NULL
-                        OR _is_with(p_b_kind, _class_number(p_b_kind, p_b_id), ARRAY[m.with_number])))
-        OR EXISTS (SELECT FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered
-                   AND m.object_kind = p_b_kind AND m.object_id = p_b_id
-                   AND (m.with_number IS NULL
-                        OR _is_with(p_a_kind, _class_number(p_a_kind, p_a_id), ARRAY[m.with_number])));
-END;
-COMMENT ON FUNCTION _is_dirty_pair(bigint, smallint, bigint, smallint, bigint) IS
-'Whether covered marks of either object concern the pair. Inlined into queries.';
-
 CREATE OR REPLACE FUNCTION conflictdb_internal._known_conflicts_among(
     p_scene_id bigint, p_is_all boolean,
     OUT a_kinds bytea, OUT a_ids bytea, OUT b_kinds bytea, OUT b_ids bytea, OUT digests bytea, OUT places bytea
 )
 LANGUAGE plpgsql STABLE SET search_path FROM CURRENT
--- Reads in storage order, whatever the statistics.
-SET enable_seqscan = off SET enable_indexscan = off SET jit = off AS $$
+-- Reads in storage order, whatever the statistics. A nested loop would compare each conflict with all marks.
+SET enable_seqscan = off SET enable_indexscan = off SET enable_nestloop = off SET jit = off AS $$
 BEGIN
+    WITH marked AS MATERIALIZED (
+        SELECT m.object_kind, m.object_id, bool_or(m.with_number IS NULL) AS for_all,
+               array_agg(DISTINCT m.with_number) AS with
+        FROM change m WHERE NOT p_is_all AND m.scene_id = p_scene_id AND m.is_covered
+        GROUP BY m.object_kind, m.object_id
+    )
     SELECT array_send(coalesce(array_agg(k.a_kind), '{}')), array_send(coalesce(array_agg(k.a_id), '{}')),
            array_send(coalesce(array_agg(k.b_kind), '{}')), array_send(coalesce(array_agg(k.b_id), '{}')),
            array_send(coalesce(array_agg(k.digest), '{}')), array_send(coalesce(array_agg(k.place), '{}'))
@@ -164,8 +152,15 @@ BEGIN
               WHERE p_is_all AND c.scene_id = p_scene_id
               UNION ALL
               SELECT c.a_kind, c.a_id, c.b_kind, c.b_id, c.digest, c.ctid FROM conflict c
+              LEFT JOIN marked a ON a.object_kind = c.a_kind AND a.object_id = c.a_id
+              LEFT JOIN marked b ON b.object_kind = c.b_kind AND b.object_id = c.b_id
               WHERE NOT p_is_all AND c.scene_id = p_scene_id
-                AND _is_dirty_pair(p_scene_id, c.a_kind, c.a_id, c.b_kind, c.b_id)) k;
+                -- The class of a removed object does not matter: it has a mark for all of its pairs.
+                AND (a.for_all OR b.for_all
+                     OR _is_with(c.b_kind, CASE WHEN a.with IS NOT NULL THEN _class_number(c.b_kind, c.b_id) END,
+                                 a.with)
+                     OR _is_with(c.a_kind, CASE WHEN b.with IS NOT NULL THEN _class_number(c.a_kind, c.a_id) END,
+                                 b.with))) k;
 END
 $$;
 COMMENT ON FUNCTION _known_conflicts_among(bigint, boolean) IS

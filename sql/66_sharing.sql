@@ -107,8 +107,9 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._protected_tables() RETURNS SETOF
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
     -- Probes and shares always have row-level security.
-    SELECT c.oid::regclass FROM pg_catalog.pg_class c
-    WHERE c.relnamespace = 'conflictdb'::regnamespace AND c.relkind = 'r'
+    -- By the schema's name: PostgreSQL 18 cannot move a routine that depends on the schema in its body, too.
+    SELECT c.oid::regclass FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON n.oid = c.relnamespace
+    WHERE n.nspname = 'conflictdb' AND c.relkind = 'r'
       AND c.relname NOT IN ('alembic_version', 'probe_request', 'probe_reply', 'scene_share');
 END;
 COMMENT ON FUNCTION _protected_tables() IS 'Tables whose rows belong to scenes.';

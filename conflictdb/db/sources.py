@@ -1,7 +1,7 @@
 """Provide the candidate pairs of a scene of the database: stage 1 and the pieces of its rows.
 
-If all objects changed and the boxes of all rows fit the memory, rows are joined here. Otherwise the database joins them
-through its index. If few pieces are involved, it also runs stage 2.
+If many objects changed and the boxes of all rows fit the memory, rows are joined here. Otherwise the database joins
+them through its index. If few pieces are involved, it also runs stage 2.
 """
 
 from collections.abc import Callable, Iterator
@@ -60,9 +60,9 @@ class SceneSource:
     def candidates(self) -> Iterator[Chunk]:
         """Implement `PairSource`; join boxes here if `store.boxes` returns them, else in the database.
 
-        It returns them if all objects changed and they fit the memory (`_row_boxes`, sql/20_stage1_broad_phase.sql).
+        It returns them if many objects changed and they fit the memory (`_row_boxes`, sql/20_stage1_broad_phase.sql).
         """
-        ids, pieces, boxes, numbers = store.boxes(self._conn, self.scene_id, self._memory.boxes)
+        ids, pieces, boxes, numbers, marks = store.boxes(self._conn, self.scene_id, self._memory.boxes)
         boxes = boxes.meeting_within(self._within_us)
         if not len(ids):
             for found in store.candidates(self._conn, self.scene_id, self._memory.pairs):
@@ -70,13 +70,14 @@ class SceneSource:
                     yield chunk._replace(share=None)
             return
         memory = self._memory.beside(len(ids))
-        if pieces.sum() > memory.pieces:
-            for found in self._joined(ids, pieces, boxes, numbers, memory.pairs):
+        joined_rows = self._joined(ids, pieces, boxes, numbers, marks, memory.pairs)
+        if pieces.sum() > memory.pieces or not marks.are_all():
+            for found in joined_rows:
                 for chunk in pairs_of_rows(found, self._read, memory, self._within_us):
                     yield chunk._replace(share=found.share)
             return
         bundles, place = self._read(ids)
-        for found in self._joined(ids, pieces, boxes, numbers, memory.pairs):
+        for found in joined_rows:
             for chunk in _pairs_of(bundles, place, found.a, found.b, memory.pairs, self._within_us):
                 yield chunk._replace(share=found.share)
 
@@ -86,18 +87,20 @@ class SceneSource:
         pieces: NDArray[np.int64],
         boxes: RowBoxes,
         numbers: store.Numbers,
+        marks: store.Marks,
         at_once: int,
     ) -> Iterator[store.Candidates]:
-        """Yield `joined` rows without pairs that are not compared."""
+        """Yield `joined` rows without pairs that are not compared, or that no mark concerns."""
         by_id = np.argsort(ids)
         kind, (classes, owners) = kinds_and_ids(boxes.object)[0], numbers
         for found in joined(ids, pieces, boxes, at_once):
+            a, b = (by_id[np.searchsorted(ids, some, sorter=by_id)] for some in (found.a, found.b))
+            keep = marks.are_dirty(a, b)
             if self._separations is not None:
-                a, b = (by_id[np.searchsorted(ids, some, sorter=by_id)] for some in (found.a, found.b))
                 of = (kind[a], kind[b]), (classes[a], classes[b]), (owners[a], owners[b])
-                rows = np.flatnonzero(self._separations.of_pairs(*of) != NEVER)
-                found = found if len(rows) == len(found) else found.take(rows)
-            yield found
+                keep &= self._separations.of_pairs(*of) != NEVER
+            if keep.any():
+                yield found if keep.all() else found.take(np.flatnonzero(keep))
 
     def _read(self, ids: NDArray[np.int64]) -> tuple[Bundles, NDArray[np.int64]]:
         found = store.bundles(self._conn, self.scene_id, ids)

@@ -54,6 +54,9 @@ def read_aixm(
     points = {one.attributes["id"]: one for one in root.all("Point", "ElevatedPoint") if "id" in one.attributes}
     for airspace in _airspaces(root, others):
         baseline = next((one for one in airspace.slices if _interpretation(one) in _WHOLE and _components(one)), None)
+        if not airspace.slices:
+            reason = "has no AirspaceTimeSlice: no area"
+            skipped.append(Skipped(source, f"zone {airspace.key!r}", reason, (), is_whole=False))
         seen: Counter[str] = Counter()
         for slice_ in _current(airspace.slices):
             kind = _interpretation(slice_)

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.contents import TOO_LARGE, FileRefusals, Remark
-from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
+from conflictdb.formats.file_objects import AREA_MEMBERS, DATUM, TRACK_MEMBERS
 from conflictdb.formats.instants import format_instant, parse_instant
 from conflictdb.formats.xml_text import Element, parsed
 
@@ -58,6 +58,7 @@ class KmlDocument:
             who = f"placemark {number}" if name is None else f"placemark {name!r}"
             with refusals:
                 data = list(placemark.all("SimpleData", "Data"))
+                _check_one_kind(who, data)
                 for one in data:
                     _check_number(who, one, types.get(one.get("name")))
                 _check_times(who, placemark)
@@ -125,6 +126,15 @@ def _number(name: str, value: Any) -> Any:
         with suppress(ValueError):
             return float(value)
     return value
+
+
+def _check_one_kind(who: str, data: list[Element]) -> None:
+    """Refuse Data that OGR does not read, because there is SchemaData."""
+    if any(one.name == "SimpleData" for one in data):
+        for one in data:
+            name = one.get("name") or ""
+            if one.name == "Data" and name.lower() in {*_MEMBERS, DATUM}:
+                raise InvalidInput(who, name, "is Data beside SchemaData, and only one is read: write one kind")
 
 
 def _check_number(who: str, data: Element, kind: str | None) -> None:

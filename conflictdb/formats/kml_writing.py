@@ -1,4 +1,4 @@
-"""Write areas and tracks as KML 2.2, to look at: polygons, and gx:Tracks of reference points.
+"""Write areas and tracks as KML 2.2: polygons, and gx:Tracks of reference points.
 
 Members that KML has no room for are ExtendedData, named as in scene files.
 """
@@ -10,15 +10,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.formats.file_objects import DATUM, area_properties, datum_of, track_properties
+from conflictdb.formats.file_objects import area_properties, datum_of, track_properties
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.single_activations import spans_of, voyages_of
 from conflictdb.formats.xml_text import written
 from conflictdb.model.plans import Area, Scene, Track
 
-# Members with a type: other ExtendedData are texts to other programs, and OGR reads them only without these.
-_TYPED: Final = {"floor_m": "double", "ceiling_m": "double", DATUM: "string"}
 # What the placemarks say.
 _TIMES: Final = frozenset({"kind", "start", "end", "times", "spans", "schedule", "departures"})
 
@@ -28,8 +26,6 @@ def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
     yield '<?xml version="1.0" encoding="UTF-8"?>\n'
     yield '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'
     yield written("name", text=scene.name) + "\n"
-    fields = (written("SimpleField", {"type": of, "name": name}) for name, of in _TYPED.items())
-    yield written("Schema", {"name": "heights", "id": "heights"}, *fields) + "\n"
     for area in areas:
         spans = spans_of(area)
         for number, span in enumerate(spans, 1):
@@ -49,15 +45,11 @@ def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
 
 def _placemark(key: str, members: dict[str, Any], span: str, shape: str) -> str:
     data = {"id": key} | {name: one for name, one in members.items() if name not in _TIMES}
-    fit = {name: data.pop(name) for name in _TYPED if isinstance(data.get(name), int | float | str)}
-    typed = (written("SimpleData", {"name": name}, text=str(one)) for name, one in fit.items())
-    values = [
-        written("SchemaData", {"schemaUrl": "#heights"}, *typed),
-        *(
-            written("Data", {"name": name}, written("value", text=one if isinstance(one, str) else dumped(one)))
-            for name, one in data.items()
-        ),
-    ]
+    # Without a schema: OGR reads either Data or SchemaData of a placemark.
+    values = (
+        written("Data", {"name": name}, written("value", text=one if isinstance(one, str) else dumped(one)))
+        for name, one in data.items()
+    )
     return written("Placemark", None, written("name", text=key), span, written("ExtendedData", None, *values), shape)
 
 

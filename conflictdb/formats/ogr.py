@@ -2,8 +2,8 @@
 
 Needs the extra `ogr`: ``pip install 'conflictdb[ogr]'``. Every polygon of every layer, or of the selected layers,
 becomes an area. A line becomes a track if its layer has a column of times or a speed (OGR drops the M values). A
-gx:Track of KML becomes a track as positions do, with the times that `kml_tracks` reads; another line of KML with a
-begin and an end is refused. All other points and lines are left out and listed.
+gx:Track of KML becomes a track with the times that `kml_tracks` reads, as positions do if its data give no haven;
+another line of KML with a begin and an end is refused. All other points and lines are left out and listed.
 
 Columns named like members of scene files, in upper or lower case, are read as these members, lists as JSON; all others
 are kept as properties. Without an id column the id is the name of a feature of KML if it is unique, else the number of
@@ -43,6 +43,7 @@ from conflictdb.formats.features import LINES, POINTS, TIMES_OR_SPEED, area_of_p
 from conflictdb.formats.fields import MAX_KEY_BYTES
 from conflictdb.formats.fixes import Fixes, tracks_of
 from conflictdb.formats.hints import renamed
+from conflictdb.formats.instants import format_instant
 from conflictdb.formats.kml_document import ALTITUDE_MODES, KmlDocument
 from conflictdb.formats.kml_tracks import GxTracks
 from conflictdb.formats.names import RENAME_COLUMN
@@ -53,6 +54,9 @@ from conflictdb.model.plans import Area, Scene, Track
 
 # Some of the columns that OGR gives the features of KML.
 _KML_FIELDS: Final = frozenset({"begin", "end", "altitudeMode", "tessellate", "extrude"})
+_HAVEN: Final = frozenset({"outline_m", "outlines_m"}) | {
+    f"{side}_{unit}" for side in file_objects.SIDES for unit in ("m", "nmi")
+}
 _KML_LINE: Final = (
     "are missing: a line with a begin and an end says no time of each point; write it as gx:Track, or as a line with a "
     "column times"
@@ -242,7 +246,7 @@ def _features(
         kind = None if shape is None else shapely.get_type_id(shape)
         is_track = kind in LINES and has_times
         if has_modes and kind in LINES and not is_track and values["begin"] is not None and values["end"] is not None:
-            timed_lines.lines.append((where, keys[i], shape))
+            timed_lines.lines.append(_TimedLine(where, values.get("id") or keys[i], shape, values, setting))
             continue
         if kind in LINES and not is_track:
             time_like.update(dict.fromkeys(name for name, value in values.items() if is_time_like(name, value)))
@@ -292,32 +296,53 @@ def _shapes(who: str, layer: Layer) -> NDArray[np.object_]:
         raise InvalidInput(who, "geometry", f"holds what is no simple geometry: {error}") from error
 
 
+@dataclass(frozen=True, slots=True)
+class _TimedLine:
+    """A line of KML with a begin and an end: its place in the file, its key, shape and columns."""
+
+    where: str
+    key: str
+    shape: Any
+    values: Mapping[str, Any]
+    setting: file_objects.FileContext
+
+    def track(self, key: str, line: Any, times_us: Sequence[int]) -> Track | TrackAtSpeed:
+        """Return the track of a gx:Track whose columns give its haven."""
+        others = {name: one for name, one in self.values.items() if name not in ("id", *_KML_FIELDS)}
+        times = [format_instant(at) for at in times_us]
+        return track_of_line(self.where, key, {**others, "times": times}, line, self.setting)
+
+
 @dataclass(slots=True)
 class _TimedLines:
-    """Lines of KML with a begin and an end: place, key and shape of each; and the document."""
+    """Lines of KML with a begin and an end, and the document."""
 
     document: KmlDocument | None
-    lines: list[tuple[str, str, Any]] = field(default_factory=list)
+    lines: list[_TimedLine] = field(default_factory=list)
 
     def read(self, source: str, max_speed_kn: float, contents: Contents, refusals: Refusals) -> None:
         """Add the tracks of lines that are a gx:Track, and refuse all others."""
         known = None if self.document is None else GxTracks(self.document.root)
         observed: list[tuple[str, Fixes]] = []
-        for where, key, shape in self.lines:
-            parts = shapely.get_parts(shape)
+        planned: list[Area | Track | TrackAtSpeed] = []
+        for one in self.lines:
+            parts = shapely.get_parts(one.shape)
             for part, line in enumerate(parts, 1):
+                key = one.key if len(parts) == 1 else f"{one.key}.{part}"
                 positions = shapely.get_coordinates(line)
                 times_us = None if known is None else known.times_us(positions)
-                if times_us is None:
-                    with refusals:
-                        raise InvalidInput(where, "times", _KML_LINE)
-                    continue
-                places = [(float(lon), float(lat)) for lon, lat in positions]
-                numbers = list(range(1, len(places) + 1))
-                fixes = Fixes(numbers, times_us, places, constant={"name": key})
-                observed.append((key if len(parts) == 1 else f"{key}.{part}", fixes))
+                with refusals:
+                    if times_us is None:
+                        raise InvalidInput(one.where, "times", _KML_LINE)
+                    if _HAVEN.intersection(name.lower() for name, value in one.values.items() if value is not None):
+                        planned.append(one.track(key, line, times_us))
+                        continue
+                    places = [(float(lon), float(lat)) for lon, lat in positions]
+                    numbers = list(range(1, len(places) + 1))
+                    observed.append((key, Fixes(numbers, times_us, places, constant={"name": one.key})))
+        _, sized = timed(planned, Scene("file"), max_speed_kn, refusals)
         tracks, rest = tracks_of(source, observed, (), max_speed_kn, defaultdict(list))
-        contents.tracks.extend(tracks)
+        contents.tracks.extend([*sized, *tracks])
         contents.skipped.extend(rest)
         if tracks:
             contents.remarks = [Remark(source, "file", "says nothing of sizes: its gx:Tracks are points")]

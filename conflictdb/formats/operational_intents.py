@@ -3,7 +3,7 @@
 Each volume becomes an area. Edges of polygons are shortest lines, which rhumb lines follow within half a metre.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -15,6 +15,7 @@ from conflictdb.formats.areas_of_files import Active, Gathered, Volume, Zone, al
 from conflictdb.formats.contents import Contents
 from conflictdb.formats.fields import finite, instant
 from conflictdb.formats.file_heights import height_m
+from conflictdb.formats.names import look_alike
 
 # Lists of volumes in operational intents, in their details, and in requests for them and for constraints.
 _LISTS: Final = ("volumes", "off_nominal_volumes", "extents")
@@ -26,22 +27,31 @@ _AROUND: Final = frozenset({"volume", "time_start", "time_end"})
 def is_intent(document: Any) -> bool:
     """Return whether a JSON document is an operational intent, a list of these, or a list of volumes."""
     first = document[0] if isinstance(document, list) and document else document
-    return _is_volume(first) or (isinstance(first, dict) and bool(_intents(first)))
+    if not isinstance(first, dict):
+        return False
+    if _is_volume(first) or "operational_intent" in first or first.keys() >= {"reference", "details"}:
+        return True
+    return any(_has_volumes(one) for _, one in _intents("", first))
 
 
-def _intents(one: Any) -> list[Mapping[str, Any]]:
-    """Return the operational intents in an answer of the standard's interfaces."""
-    if not isinstance(one, dict):
-        return []
-    for name in ("operational_intent", "constraint"):
-        if isinstance(one.get(name), dict):
-            return _intents(one[name])
-    for name in ("operational_intents", "constraints"):
-        if isinstance(one.get(name), list) and one[name]:
-            return [intent for member in one[name] for intent in _intents(member)]
-    details = one.get("details", one)
-    is_one = isinstance(details, dict) and any(_is_list_of_volumes(details.get(name)) for name in _LISTS)
-    return [one] if is_one else []
+def _has_volumes(intent: Any) -> bool:
+    details = intent.get("details", intent) if isinstance(intent, dict) else None
+    return isinstance(details, dict) and any(_is_list_of_volumes(details.get(name)) for name in _LISTS)
+
+
+def _intents(where: str, one: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the operational intents in an answer of the standard's interfaces, each with its place."""
+    if isinstance(one, dict):
+        for name in ("operational_intent", "constraint"):
+            if isinstance(one.get(name), dict):
+                yield from _intents(f"{where}.{name}", one[name])
+                return
+        for name in ("operational_intents", "constraints"):
+            if isinstance(one.get(name), list):
+                for k, member in enumerate(one[name]):
+                    yield from _intents(f"{where}.{name}[{k}]", member)
+                return
+    yield where, one
 
 
 def _is_list_of_volumes(value: Any) -> bool:
@@ -61,23 +71,44 @@ def read_intents(document: Any, source: str, *, stem: str, skip_invalid: bool) -
     members = document if isinstance(document, list) else [document]
     if members and _is_volume(members[0]):
         members = [{"volumes": members}]
-    intents = [intent for member in members for intent in _intents(member)]
-    for i, intent in enumerate(intents):
-        reference: Any = intent["reference"] if isinstance(intent.get("reference"), dict) else intent
-        key = reference.get("id") or (stem if len(intents) == 1 else f"{stem}/{i + 1}")
-        details = intent.get("details", intent)
-        number = 0
-        rest = {name: one for name, one in reference.items() if name != "id" and not isinstance(one, list | dict)}
-        if "priority" in details:
-            rest["priority"] = details["priority"]
-        for name in _LISTS:
-            for k, volume in enumerate(details.get(name) or []):
-                number += 1
-                where = f"{name}[{k}] of intent {key!r}"
-                with found.refusals:
-                    zone = _zone(where, f"{key}/{number}", volume, {**rest, "list": name}, found)
-                    found.add_zone(where, replace(zone, owner=key))
+    several = len(members) > 1
+    intents = [one for i, member in enumerate(members) for one in _intents(f"[{i}]" if several else "", member)]
+    for i, (place, intent) in enumerate(intents):
+        with found.refusals:
+            _read_intent(place.lstrip(".") or "intent", intent, stem if len(intents) == 1 else f"{stem}/{i + 1}", found)
     return found.contents(skip_invalid=skip_invalid)
+
+
+def _read_intent(place: str, intent: Any, default_key: str, found: Gathered) -> None:
+    """Add the areas of an intent; raises InvalidInput for one without volumes, which would be lost."""
+    details = intent.get("details", intent) if isinstance(intent, dict) else None
+    if not isinstance(details, dict):
+        raise InvalidInput(place, "details", f"must be an object with {', '.join(_LISTS)}; got {details!r:.60}")
+    reference: Any = intent["reference"] if isinstance(intent.get("reference"), dict) else intent
+    key = reference.get("id") or default_key
+    for name, value in details.items():
+        meant = look_alike(name, _LISTS)
+        if name not in _LISTS and meant is not None and isinstance(value, list):
+            raise InvalidInput(f"intent {key!r}", name, f"is not known to ASTM F3548; did you mean {meant}?")
+    if not any(isinstance(details.get(name), list) for name in _LISTS):
+        raise InvalidInput(f"intent {key!r}", "volumes", f"is missing: give a list of volumes as {', '.join(_LISTS)}")
+    number = 0
+    rest = {name: one for name, one in reference.items() if name != "id" and not isinstance(one, list | dict)}
+    if "priority" in details:
+        rest["priority"] = details["priority"]
+    for name in _LISTS:
+        for k, volume in enumerate(_volumes(f"intent {key!r}", name, details.get(name))):
+            number += 1
+            where = f"{name}[{k}] of intent {key!r}"
+            with found.refusals:
+                zone = _zone(where, f"{key}/{number}", volume, {**rest, "list": name}, found)
+                found.add_zone(where, replace(zone, owner=key))
+
+
+def _volumes(who: str, name: str, value: Any) -> list[Any]:
+    if value is not None and not isinstance(value, list):
+        raise InvalidInput(who, name, f"must be a list of volumes; got {value!r:.60}")
+    return value or []
 
 
 def _zone(who: str, key: str, value: Any, properties: Mapping[str, Any], found: Gathered) -> Zone:

@@ -14,6 +14,7 @@ from conflictdb.formats.contents import Contents
 from conflictdb.formats.fields import Fields
 from conflictdb.formats.file_objects import DATUM, FileContext, track_members
 from conflictdb.formats.json_text import parse
+from conflictdb.formats.names import look_alike
 from conflictdb.formats.routes import Route, Waypoint, agreed, limit_m
 from conflictdb.formats.rtz_writing import EXTENSION
 from conflictdb.formats.values_of_xml import duration_us, number_of, time_of
@@ -26,6 +27,13 @@ _NAMESPACES: Final = ("http://www.cirm.org/RTZ/", "https://cirm.org/rtz-xml-sche
 _GEOMETRY: Final = {"Loxodrome": False, "Orthodrome": True}
 # The schema of version 1.0 misspells it.
 _ELEMENTS: Final = ("scheduleElement", "sheduleElement")
+
+# Attributes of a scheduleElement, and others that resemble them.
+_READ: Final = (
+    *("waypointId", "eta", "etd", "stay", "speed", "speedWindow"),
+    *(f"{name}Window{side}" for name in ("eta", "etd") for side in ("Before", "After")),
+)
+_UNREAD: Final = ("windSpeed", "windDirection", "currentSpeed", "currentDirection")
 
 
 def is_rtz(root: Element) -> bool:
@@ -48,10 +56,11 @@ def read_rtz(
         version = root.get("version")
         if version not in VERSIONS:
             raise InvalidInput(who, "version", f"must be one of {', '.join(VERSIONS)}; got {version!r:.40}")
-        points = dict(_waypoints(who, root))
+        members = _members(who, root)
+        points = dict(_waypoints(who, root, reads_limits=not members))
         _schedule(who, root, points, layers)
         properties = {} if info is None else {key: one for key, one in info.attributes.items() if key != "routeName"}
-        route = Route(name, list(points.values()), dict(properties), _members(who, root))
+        route = Route(name, list(points.values()), dict(properties), members)
         found.add_route(name, who, route, max_speed_kn)
     return found.contents(skip_invalid=skip_invalid)
 
@@ -73,8 +82,11 @@ def _members(who: str, root: Element) -> dict[str, Any]:
     return {}
 
 
-def _waypoints(who: str, root: Element) -> Iterator[tuple[str, Waypoint]]:
-    """Yield the waypoints by id, in their order."""
+def _waypoints(who: str, root: Element, *, reads_limits: bool) -> Iterator[tuple[str, Waypoint]]:
+    """Yield the waypoints by id, in their order.
+
+    reads_limits : cross-track limits that `rtz_writing` wrote are the haven, which the members have
+    """
     every = root.child("waypoints")
     if every is None:
         raise InvalidInput(who, "waypoints", "are missing")
@@ -98,17 +110,19 @@ def _waypoints(who: str, root: Element) -> Iterator[tuple[str, Waypoint]]:
         if turn is not None:
             point.radius_m = limit_m(who, f"{where}, radius", number_of(who, f"{where}, radius", turn))
         if len(ids) > 1:
-            _leg(who, point, element.child("leg"), default)
+            _leg(who, point, element.child("leg"), default, reads_limits=reads_limits)
         yield number, point
 
 
-def _leg(who: str, point: Waypoint, own: Element | None, default: Element | None) -> None:
+def _leg(who: str, point: Waypoint, own: Element | None, default: Element | None, *, reads_limits: bool) -> None:
     given = {**(default.attributes if default is not None else {}), **(own.attributes if own is not None else {})}
     kind = given.get("geometryType", "Loxodrome")
     if kind not in _GEOMETRY:
         rule = f"must be one of {', '.join(_GEOMETRY)}; got {kind!r:.40}"
         raise InvalidInput(who, f"{point.name}, geometryType", rule)
     point.is_orthodrome = _GEOMETRY[kind]
+    if not reads_limits:
+        return
     sides = ("portsideXTD", "starboardXTD")
     for name in given:
         if "xtd" in name.lower() and name not in sides:
@@ -149,6 +163,14 @@ def _named(schedules: Sequence[Element]) -> str:
     return "the file has " + ", ".join(repr(one.get("name") or one.get("id")) for one in schedules)
 
 
+def _check_names(who: str, where: str, element: Element) -> None:
+    """Refuse an attribute of a schedule that resembles one that is read: it would be lost."""
+    for name in element.attributes:
+        meant = look_alike(name, _READ)
+        if name not in (*_READ, *_UNREAD) and meant is not None:
+            raise InvalidInput(who, f"{where}, {name}", f"is not known to RTZ; did you mean {meant}?")
+
+
 def _call(who: str, point: Waypoint, elements: Sequence[Element]) -> None:
     """Give a waypoint what the calculated and the manual schedule say of it."""
     where = point.name
@@ -158,6 +180,7 @@ def _call(who: str, point: Waypoint, elements: Sequence[Element]) -> None:
 
     point.arrival_us, point.departure_us = times("eta"), times("etd")
     for element in elements:
+        _check_names(who, where, element)
         stay, speed = element.get("stay"), element.get("speed")
         if stay is not None and point.stay_us is None:
             point.stay_us = duration_us(who, f"{where}, stay", stay)

@@ -40,13 +40,17 @@ def read_s124(
         raise InvalidInput("file", "layer", "has no layers: files that OGR opens may have some")
     found = Gathered(source)
     others: Counter[str] = Counter()
+    without: list[Skipped] = []
     warning = _warning(root)
     for number, part in enumerate(root.all(*_PARTS), 1):
         key = part.attributes.get("id") or f"{stem}/{number}"
         who = f"warning {key!r}"
         surfaces = [one for geometry in part.each("geometry") for one in _outermost(geometry, _SURFACES)]
-        others.update(one.name for geometry in part.each("geometry") for one in _outermost(geometry, _OTHERS))
+        lines = [one for geometry in part.each("geometry") for one in _outermost(geometry, _OTHERS)]
+        others.update(one.name for one in lines)
         if not surfaces:
+            if not lines:
+                without.append(Skipped(source, who, "has no geometry that is read: no area", (), is_whole=False))
             continue
         with found.refusals:
             read = Geometries(who, found, {}, latitude_first=True)
@@ -59,6 +63,7 @@ def read_s124(
             name = None if text is None else " ".join(text.split())[:_MOST_NAMED]
             found.add_zone(f"{part.name} in line {part.line}", Zone(key, volumes, name, active, properties))
     contents = found.contents(skip_invalid=skip_invalid)
+    contents.skipped.extend(without)
     for kind, count in others.items():
         reason = f"{count} geometries are {kind}s: no areas"
         contents.skipped.append(Skipped(source, "file", reason, (), is_whole=False))

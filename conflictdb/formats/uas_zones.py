@@ -30,7 +30,7 @@ _VOLUME: Final = frozenset(
     }
 )
 # Codes of zones, of which rules may name the class.
-_CODES: Final = frozenset(
+CODES: Final = frozenset(
     {"PROHIBITED", "REQ_AUTHORIZATION", "REQ_AUTHORISATION", "CONDITIONAL", "NO_RESTRICTION", "USPACE"}
 )
 _LAYER: Final = frozenset({"upper", "upperReference", "lower", "lowerReference", "uom"})
@@ -129,7 +129,7 @@ def _class(who: str, field: str, zone: Mapping[str, Any]) -> str:
     value = zone.get(field)
     if not isinstance(value, str) or not value:
         raise InvalidInput(who, field, f"must be a non-empty string, such as PROHIBITED; got {value!r:.40}")
-    if value not in _CODES and value.upper() in _CODES:
+    if value not in CODES and value.upper() in CODES:
         raise InvalidInput(who, field, f"must be in upper case: {value.upper()}; got {value!r:.40}")
     return value
 

@@ -10,6 +10,7 @@ from conflictdb.formats.file_heights import refuse_flight_levels
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.single_activations import spans_of
+from conflictdb.formats.uas_zones import CODES
 from conflictdb.model.plans import Area, Scene, Track, VerticalDatum
 
 _LONGEST_KEY: Final = 7
@@ -56,7 +57,8 @@ def _feature(scene: Scene, area: Area) -> dict[str, Any]:
     if layer:
         geometry["layer"] = {**layer, "uom": "m"}
     own = {name: one for name, one in area.properties.items() if name in _DEFAULTS.keys() | _OPTIONAL}
-    properties = {"identifier": area.key, **_DEFAULTS, **own}
+    kind = {"type": area.object_class} if area.object_class in CODES else {}
+    properties = {"identifier": area.key, **_DEFAULTS, **kind, **own}
     if area.name is not None:
         properties["name"] = [{"text": area.name[:200], "lang": "en-GB"}]
     periods = _periods(area)

@@ -132,11 +132,12 @@ class RuleTable:
         for number, rule in enumerate(rules):
             # Of the pairs of its two sides alone: a thousand rules have millions of pairs of types.
             a, b = types(rule.a_class), types(rule.b_class)
-            block, mirrored = np.ix_(a, b), np.ix_(b, a)
+            block, mirrored = (a[:, None], b), (b[:, None], a)
             own_chosen, own_rank, own_rival = chosen[block], rank[block], rival[block]
             tied, better = own_rank == rule.rank, own_rank < rule.rank
-            same = [one for one in np.unique(own_chosen[tied]).tolist() if rules[one].says_as(rule)]
-            own_rival[tied & ~np.isin(own_chosen, same)] = number
+            if tied.any():
+                same = [one for one in np.unique(own_chosen[tied]).tolist() if rules[one].says_as(rule)]
+                own_rival[tied & ~np.isin(own_chosen, same)] = number
             own_chosen[better], own_rank[better], own_rival[better] = number, rule.rank, -1
             for of_all, own in ((chosen, own_chosen), (rank, own_rank), (rival, own_rival)):
                 of_all[block], of_all[mirrored] = own, own.T

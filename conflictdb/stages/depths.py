@@ -59,10 +59,10 @@ def depths(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict
     pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
     keys = {Kind.AREA.code: [one.key for one in areas], Kind.TRACK.code: [one.key for one in tracks]}
     found: dict[tuple[str, str], DeepestContact] = {}
-    for settings, own, rows in Separations.of(scene).split(pieces, *(pair := candidates(pieces))):
+    for settings, own, *pair in Separations.of(scene).split(pieces, *candidates(pieces)):
         if settings.time_separation_us:
             continue
-        pairs = intersections(own, PieceRows(pair[0][rows]), PieceRows(pair[1][rows]), regions=False)
+        pairs = intersections(own, *pair, regions=False)
         a, b, _ = ordered_members(own, pairs.a, pairs.b)
         depth_m, at_us = _of_pieces(plane, own, a, b)
         depth_m += settings.separation_m

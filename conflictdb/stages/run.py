@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,9 @@ from conflictdb.stages.stage4.contact_search import contacts, static_verdicts
 from conflictdb.stages.uses import Uses, as_contacts, uses_by_spans, uses_of_areas, with_lacking, with_wide_areas
 from conflictdb.stages.uses_of_tracks import uses_of_tracks
 from conflictdb.stages.whole_areas import Footprints
+
+# First and last time at which the heights of pairs (n,) overlap, and errors (`overlap_at_one_time`).
+_Heights: TypeAlias = tuple[Floats, Floats, Floats]
 
 _SHORTEST_S: Final = 1e-9  # divisor if the clock shows no time
 
@@ -70,10 +73,8 @@ def run_scene(
             part = next(parts, None)
             if part is None:
                 break
-            settings, own, rows = part
-            pairs = intersections(
-                own, PieceRows(a[rows]), PieceRows(b[rows]), regions=METHODS[scene.method].needs_regions
-            )
+            settings, own, one, other = part
+            pairs = intersections(own, one, other, regions=METHODS[scene.method].needs_regions)
             counted.stage2_s += time.perf_counter() - clock
             found, funnel = run_stages(
                 settings,
@@ -92,7 +93,7 @@ def run_scene(
             counted = Funnel()
             decided += funnel.solved_pairs + funnel.effort.exact.closed_forms
             # Free before the next pairs are allocated.
-            del pairs, part, own
+            del pairs, part, own, one, other
             yield found, funnel
             del found, funnel
         # Free before the next chunk is allocated.
@@ -127,8 +128,12 @@ def run_stages(
     started = time.perf_counter()
     method = METHODS[scene.method]
     within_us = scene.time_separation_us
+    lasting = with_wide_areas(pieces, within_us) if within_us else pieces
+    heights = overlap_at_one_time(lasting, pairs.a, pairs.b)
     if not within_us:
-        pairs = sharing_heights(pieces, pairs)
+        sharing = PairRows(np.flatnonzero(heights[0] <= heights[1]))
+        if len(sharing) < len(pairs):
+            pairs, heights = pairs.take(sharing), _some(heights, sharing)
     if not len(pairs):
         return Conflicts.none(), funnel
     pairs = replace(pairs, company=company_of(pieces, pairs))
@@ -137,13 +142,11 @@ def run_stages(
     # With a separation in time pairs of tracks have a solver of their own, and areas are there for longer.
     of_tracks = ~static & ~covered & (pieces.kind[pairs.a] == pieces.kind[pairs.b]) & (within_us > 0)
     # Once, for all queries about the pairs.
-    prepared = kernel.KernelScene(
-        plane.kernel_plane, with_wide_areas(pieces, within_us) if within_us else pieces, pairs.a, pairs.b
-    )
+    prepared = kernel.KernelScene(plane.kernel_plane, lasting, pairs.a, pairs.b)
     parts = []
     for rows, decide in (
-        (PairRows(np.flatnonzero(covered)), partial(_unresolved, pieces)),
-        (PairRows(np.flatnonzero(static & ~covered)), partial(_static_contacts, scene, plane, prepared)),
+        (PairRows(np.flatnonzero(covered)), partial(_unresolved, pieces, heights)),
+        (PairRows(np.flatnonzero(static & ~covered)), partial(_static_contacts, scene, plane, prepared, heights)),
     ):
         parts.append(decide(pairs, rows) if rows.size else Contacts.none())
     funnel.window_pairs = sum(map(len, parts))
@@ -151,13 +154,13 @@ def run_stages(
     moving = PairRows(np.flatnonzero(~static & ~covered & ~of_tracks))
     if method.solver is None:
         moving, of_tracks = PairRows(np.flatnonzero(~static & ~covered)), of_tracks & False
-        parts.append(_unresolved(pieces, pairs, moving))
+        parts.append(_unresolved(pieces, heights, pairs, moving))
     elif moving.size:
         clock = time.perf_counter()
         first, last = _windows(scene, plane, prepared, pairs.take(moving), funnel)
         if method.needs_regions:
             funnel.stage3_s = time.perf_counter() - clock
-        low, high, doubt_s = overlap_at_one_time(prepared.pieces, *_members(pairs, moving))
+        low, high, doubt_s = _some(heights, moving)
         first, last = np.maximum(first, low), np.minimum(last, high)
         possible = np.flatnonzero(first <= last)
         moving, first, last = PairRows(moving[possible]), first[possible], last[possible]
@@ -284,35 +287,45 @@ def _spans_s(pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
 
 
 def _static_contacts(
-    scene: Scene, plane: Plane, prepared: kernel.KernelScene, pairs: Pairs, rows: PairRows
+    scene: Scene, plane: Plane, prepared: kernel.KernelScene, heights: _Heights, pairs: Pairs, rows: PairRows
 ) -> Contacts:
     """Return the contacts of pairs of areas, for the time that both exist."""
     asked = pairs if rows.size == len(pairs) else pairs.take(rows)
     verdict, touches = static_verdicts(scene, plane, prepared, asked)
     meets = np.flatnonzero(verdict >= 0)
-    return _whole_spans(prepared.pieces, pairs, PairRows(rows[meets]), verdict[meets], touches[meets])
+    return _whole_spans(prepared.pieces, heights, pairs, PairRows(rows[meets]), verdict[meets], touches[meets])
 
 
-def _unresolved(pieces: Pieces, pairs: Pairs, rows: PairRows) -> Contacts:
+def _unresolved(pieces: Pieces, heights: _Heights, pairs: Pairs, rows: PairRows) -> Contacts:
     """Return undecided pairs, with their shared time."""
     verdict, touches = np.full(len(rows), Verdict.UNRESOLVED.code, np.int8), np.ones(len(rows), np.bool_)
-    return _whole_spans(pieces, pairs, rows, verdict, touches)
+    return _whole_spans(pieces, heights, pairs, rows, verdict, touches)
 
 
 def _whole_spans(
-    pieces: Pieces, pairs: Pairs, rows: PairRows, verdict: NDArray[np.int8], touches: NDArray[np.bool_]
+    pieces: Pieces,
+    heights: _Heights,
+    pairs: Pairs,
+    rows: PairRows,
+    verdict: NDArray[np.int8],
+    touches: NDArray[np.bool_],
 ) -> Contacts:
     """Return the shared spans of some pairs as contacts: the exact time for areas, a safe one for a screening."""
     start, end = pieces.shared_span(*_members(pairs, rows))
     unbounded = (start == MINUS_INFINITY_US) | (end == INFINITY_US)
     width = np.where(unbounded, np.inf, (end - np.where(unbounded, 0, start)) / 1e6)
     # Areas that meet do so during all of their shared time; the place is unknown.
-    first, last, _ = overlap_at_one_time(pieces, *_members(pairs, rows))
+    first, last, _ = _some(heights, rows)
     # With a separation in time heights need not overlap at one time; nobody reads the times of these contacts.
     overlap = first <= last
     first, last = np.where(overlap, np.maximum(first, 0.0), 0.0), np.where(overlap, np.minimum(last, width), width)
     error = np.where((verdict == Verdict.UNRESOLVED.code) & np.isfinite(width), last - first, 0.0)
     return Contacts(rows, first, last, error, verdict, touches)
+
+
+def _some(heights: _Heights, rows: PairRows) -> _Heights:
+    first, last, error = (column[rows] for column in heights)
+    return first, last, error
 
 
 def _members(pairs: Pairs, rows: PairRows) -> tuple[PieceRows, PieceRows]:

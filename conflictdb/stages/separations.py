@@ -51,10 +51,16 @@ class Separations:
         found = {plain: 0}
         # The last one is of the pairs without a rule.
         of_rules = np.zeros(len(table.rules) + 1, np.int64)
+        of_values: dict[tuple[Any, ...], int] = {}
         for i, rule in enumerate(table.rules):
-            given = {setting: getattr(rule, name) for name, setting in REPLACED.items()}
-            own = replace(plain, **{name: value for name, value in given.items() if value is not None})
-            of_rules[i] = NEVER if rule.allowed else found.setdefault(own, len(found))
+            if rule.allowed:
+                of_rules[i] = NEVER
+                continue
+            given = {name: getattr(rule, own) for own, name in REPLACED.items() if getattr(rule, own) is not None}
+            values = tuple(given.items())
+            if values not in of_values:
+                of_values[values] = found.setdefault(replace(plain, **given), len(found))
+            of_rules[i] = of_values[values]
         of_types = of_rules[table.rule]
         both = np.argwhere(table.second >= 0)
         given_two = np.column_stack((of_types[tuple(both.T)], of_rules[table.second[tuple(both.T)]]))
@@ -112,25 +118,27 @@ class Separations:
             vertical_separation_m=float(self.vertical_m[type_]),
         )
 
-    def split(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> Iterator[tuple[Scene, Pieces, NDArray[np.int64]]]:
-        """Yield settings, the pieces as these ask for, and the rows of pairs that have them; at least once.
+    def split(self, pieces: Pieces, a: PieceRows, b: PieceRows) -> Iterator[tuple[Scene, Pieces, PieceRows, PieceRows]]:
+        """Yield settings, pieces as these ask for, and the pairs of pieces that have them; at least once.
 
         Pairs that are not compared, and pairs further apart in time or height than their own settings ask for, are left
         out.
         """
         if (self.of_types == 0).all() and not pieces.owner_number.any():
-            yield self.settings[0], pieces, np.arange(len(a))
+            yield self.settings[0], pieces, a, b
             return
         found = self._of_pieces(pieces, a, b)
         for i in np.unique(found[found >= 0]).tolist() or [0]:
-            settings, own, rows = (
-                self.settings[i],
-                self.of_settings(self.settings[i], pieces),
-                np.flatnonzero(found == i),
-            )
-            wide, one, other = own.meeting_within(settings.time_separation_us), PieceRows(a[rows]), PieceRows(b[rows])
+            settings, rows = self.settings[i], np.flatnonzero(found == i)
+            # Only the pieces of these pairs: the work of all settings together is that of one for all pairs.
+            is_used = np.zeros(len(pieces), np.bool_)
+            is_used[a[rows]] = is_used[b[rows]] = True
+            place = np.cumsum(is_used) - 1
+            one, other = PieceRows(place[a[rows]]), PieceRows(place[b[rows]])
+            own = self.of_settings(settings, pieces.take(np.flatnonzero(is_used)))
             keep = (own.floor_m[one] < own.ceiling_m[other]) & (own.floor_m[other] < own.ceiling_m[one])
-            yield settings, own, rows[keep & is_together(wide, one, other)]
+            keep &= is_together(own.meeting_within(settings.time_separation_us), one, other)
+            yield settings, own, PieceRows(one[keep]), PieceRows(other[keep])
 
     def have(self, settings: Scene, pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
         """Return (n,) whether pairs of pieces have some settings."""

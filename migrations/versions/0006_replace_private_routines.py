@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "de3eb4c0cbbe6dd6ef59f28d818fef25aa35ba05205257204d6b9cb8cefa0011"
+routines_sha256 = "bf1e0de39e141ec472b4a32b0d9c29f0cd42121955e7bac2bd84a015b34fec3f"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -3,15 +3,18 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import psycopg
 import pytest
 from piecework import Stored, expected_pairs, load, refresh, stored_pieces
 from workloads import HARBOUR, LOW_LATITUDE, SEAM, throw
 
+from conflictdb.arrays.words import numbers_of_words
 from conflictdb.db import store
-from conflictdb.db.sources import joined
+from conflictdb.db.sources import SceneSource, joined
 from conflictdb.errors import StoreError
 from conflictdb.model.plans import Area, EarthModel
+from conflictdb.stages.memory import DEFAULT_MEMORY
 
 Conn = psycopg.Connection[Any]
 
@@ -90,11 +93,68 @@ def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn) -> No
     assert len(store.boxes(conn, scene_id, count, fit=count - 1)[0]) == 0
     assert len(list(store.candidates(conn, scene_id, 10**9))) == 1
     assert len(list(store.candidates(conn, scene_id, 10**9, fit=2))) > 1
-    conn.execute("DELETE FROM conflictdb.change WHERE object_kind = 0")
+    conn.execute("DELETE FROM conflictdb.change")
     assert len(store.boxes(conn, scene_id, count)[0]) == 0
     conn.rollback()
     with pytest.raises(StoreError, match="REPEATABLE READ"):
         store.boxes(conn, scene_id, count)
+
+
+def pairs_of_source(conn: Conn, scene_id: int, boxes: int) -> set[frozenset[tuple[int, ...]]]:
+    """The pairs of pieces of a detection, by kind, object, part and turn; it joins up to so many boxes itself."""
+    store.begin_snapshot(conn)
+    found = set()
+    for pieces, a, b, *_ in SceneSource(conn, scene_id, replace(DEFAULT_MEMORY, boxes=boxes)).candidates():
+        columns = (pieces.kind, pieces.object_id, pieces.part, pieces.turn)
+        names = list(zip(*(column.tolist() for column in columns), strict=True))
+        pairs = [frozenset((names[i], names[j])) for i, j in zip(a.tolist(), b.tolist(), strict=True)]
+        assert found.isdisjoint(pairs)
+        found |= set(pairs)
+    conn.rollback()
+    return found
+
+
+def test_marked_pairs_joined_in_memory_are_those_of_the_database(conn: Conn) -> None:
+    """With marks for all pairs of an object, and for those with a class or kind."""
+    rng = np.random.default_rng(1)
+    scene, areas, tracks = throw(HARBOUR, 3, 40, 40)
+    areas, tracks = (
+        [replace(one, object_class=(None, "ferry", "drone", "tug")[rng.integers(4)]) for one in some]
+        for some in (areas, tracks)
+    )
+    scene_id = load(conn, scene, areas, tracks)
+    refresh(conn, scene_id)
+    marks = conn.execute("SELECT object_kind, object_id, version FROM conflictdb.change").fetchall()
+    with_numbers = [None, *numbers_of_words(["ferry", "drone", "track", "area"]).tolist()]
+    conn.rollback()
+    every = pairs_of_source(conn, scene_id, 10**6)
+    for share, chosen in ((1.0, with_numbers[1:2]), (1.0, with_numbers[1:]), (0.5, with_numbers), (0.3, [None])):
+        conn.execute("DELETE FROM conflictdb.change")
+        for _ in range(2):
+            for kind, number, version in (mark for mark in marks if rng.random() < share):
+                conn.execute(
+                    "INSERT INTO conflictdb.change (is_covered, scene_id, object_kind, object_id, version, "
+                    "with_number) VALUES (true, %s, %s, %s, %s, %s)",
+                    [scene_id, kind, number, version, chosen[rng.integers(len(chosen))]],
+                )
+        conn.commit()
+        found = pairs_of_source(conn, scene_id, 10**6)
+        assert found == pairs_of_source(conn, scene_id, 0)
+        assert len(every) > len(found) > 20
+
+
+def test_few_changed_objects_are_not_joined_in_memory(conn: Conn) -> None:
+    scene_id = load(conn, *throw(LOW_LATITUDE, 15, 30, 30))
+    refresh(conn, scene_id)
+    conn.execute("DELETE FROM conflictdb.change WHERE change_id > (SELECT min(change_id) + 1 FROM conflictdb.change)")
+    conn.commit()
+    store.begin_snapshot(conn)
+    assert len(store.boxes(conn, scene_id, 1_000_000)[0]) == 0
+    conn.execute(
+        "INSERT INTO conflictdb.change (scene_id, object_kind, object_id, version, is_covered) "
+        "SELECT scene_id, 1, track_id, version, true FROM conflictdb.track"
+    )
+    assert len(store.boxes(conn, scene_id, 1_000_000)[0]) == len(stored_pieces(conn, scene_id))
 
 
 def test_only_pairs_with_a_changed_member_are_looked_at_again(conn: Conn) -> None:

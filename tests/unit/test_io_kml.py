@@ -4,13 +4,14 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import shapely
 from ogr_files import write_layer
 
 from conflictdb import InvalidInput, Scene, read
 from conflictdb.formats.objects_writing import object_lines
-from conflictdb.model.plans import Area
+from conflictdb.model.plans import Area, Track
 
 RING = "<coordinates>8,47 8.1,47 8.1,47.1 8,47</coordinates>"
 OUTER = f"<outerBoundaryIs><LinearRing>{RING}</LinearRing></outerBoundaryIs>"
@@ -85,6 +86,50 @@ def test_data_of_kml_are_numbers_where_numbers_are_meant(tmp_path: Path) -> None
     ground = data.replace("<Data", '<Data name="Vertical_Datum"><value>AGL</value></Data><Data', 1)
     with pytest.raises(InvalidInput, match="vertical_datum: must be 'msl'"):
         read_text(tmp_path, kml(more=ground))
+
+
+def test_a_written_file_keeps_class_owner_and_properties(tmp_path: Path) -> None:
+    """OGR reads no Data of a placemark that has SchemaData, as heights were written."""
+    box = shapely.MultiPolygon([shapely.box(8.0, 47.0, 8.1, 47.1)])
+    more: Any = {"floor_m": 1.5, "object_class": "navy", "owner": "me & you", "properties": {"colour": "red"}}
+    area = Area("A", box, "Zone <1>", **more)
+    track = Track("T", [(8.0, 47.0), (8.1, 47.0)], [0, 10**9], [(0.0, 0.0)], name="Ferry")
+    contents = read_text(tmp_path, "".join(object_lines("plan.kml", Scene("s"), [area], [track])))
+    (found,), (ferry,) = contents.areas, contents.tracks
+    assert (found.key, found.name, found.floor_m) == ("A", "Zone <1>", 1.5)
+    assert (found.object_class, found.owner, found.properties["colour"]) == ("navy", "me & you", "red")
+    assert ferry.key == "T"
+    both = FLOOR.format("10").replace("</ExtendedData>", '<Data name="class"><value>navy</value></Data></ExtendedData>')
+    with pytest.raises(InvalidInput, match="placemark 'P': class: is Data beside SchemaData"):
+        read_text(tmp_path, kml(more=both, outside=SCHEMA.format("double")))
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"outline_m": [(-5.5, -20.0), (5.5, -20.0), (5.5, 30.0), (-5.5, 30.0)], "floor_m": -3.25, "owner": "me"},
+        {"outline_m": [(0.0, 0.0), (9.5, 0.0), (0.0, 9.5)], "grow_mps": 0.25, "object_class": "ferry"},
+        {
+            "outlines_m": [[(0.0, 0.0), (size, 0.0), (0.0, size)] for size in (10.0, 20.0, 30.5)],
+            "floors_m": [-1.5, -2.5],
+            "ceilings_m": [7.5, float("inf")],
+        },
+        {"outline_m": [(0.0, 0.0)], "tolerances": {"xtd_port_m": 100.0, "xtd_starboard_m": 50.0}},
+    ],
+)
+def test_a_written_track_keeps_all_that_decides_conflicts(tmp_path: Path, more: Any) -> None:
+    """Its haven, heights, tolerances and class were lost: OGR gives a gx:Track as a line, and the rest as its data."""
+    given = {name: one if isinstance(one, str | float | dict) else np.array(one) for name, one in more.items()}
+    given.setdefault("outline_m", np.array(more.get("outlines_m", [[]])[0]))
+    times = [1_772_323_200_000_001, 1_772_326_800_000_000, 1_772_330_400_999_999]
+    track = Track("T", [(8.0, 57.0), (8.25, 57.0), (8.25, 57.125)], times, **given, name="Ferry")
+    contents = read_text(tmp_path, "".join(object_lines("plan.kml", Scene("s"), [], [track])))
+    (found,) = contents.tracks
+    assert list(contents.remarks) == []
+    for name in ("key", "name", "floor_m", "ceiling_m", "grow_mps", "object_class", "owner", "tolerances"):
+        assert getattr(found, name) == getattr(track, name), name
+    for name in ("positions_deg", "times_us", "outline_m", "outlines_m", "floors_m", "ceilings_m"):
+        assert np.array_equal(getattr(found, name), getattr(track, name)), name
 
 
 def test_times_of_kml_keep_their_microseconds(tmp_path: Path) -> None:

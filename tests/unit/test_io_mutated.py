@@ -69,6 +69,31 @@ def test_a_valid_file_is_read(name: str, tmp_path: Path) -> None:
     assert len(found.areas) + len(found.tracks) >= 1
 
 
+@pytest.mark.parametrize(
+    ("name", "change", "reason"),
+    [
+        ("warning.gml", ("geometry>", "geometri>"), "left out warning 'W': has no geometry that is read: no area"),
+        ("airspace.xml", ("timeSlice>", "timeSlices>"), "left out zone .*: has no AirspaceTimeSlice: no area"),
+    ],
+)
+def test_an_object_without_its_contents_is_listed(
+    name: str, change: tuple[str, str], reason: str, tmp_path: Path
+) -> None:
+    """It was left out in silence, beside others."""
+    (tmp_path / name).write_text(FILES[name].replace(*change))
+    assert [bool(re.search(reason, str(one))) for one in read(tmp_path / name, hints=HINTS).skipped] == [True]
+
+
+@pytest.mark.parametrize(("name", "other"), [("stay", "Stay"), ("speed", "sped"), ("etd", "ETD")])
+def test_a_misspelt_attribute_of_a_schedule_is_refused(name: str, other: str, tmp_path: Path) -> None:
+    (tmp_path / "a.rtz").write_text(FILES["a.rtz"].replace(f" {name}=", f" {other}="))
+    with pytest.raises(InvalidInput, match=f"{other}: is not known to RTZ; did you mean {name}?"):
+        read(tmp_path / "a.rtz", hints=HINTS)
+    more = 'windSpeed="9" fuel="1" Note="n" rpm="80" speed='
+    (tmp_path / "a.rtz").write_text(FILES["a.rtz"].replace("speed=", more, 1))
+    assert len(read(tmp_path / "a.rtz", hints=HINTS).tracks) == 1
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_a_changed_file_is_read_or_refused(name: str, tmp_path: Path) -> None:
     """One token is replaced, removed or doubled at a time."""

@@ -13,8 +13,9 @@ import pyproj
 import pytest
 from route_files import THREE, rtz, s421, waypoint
 
-from conflictdb import Area, InvalidInput, Track, read, solve
+from conflictdb import Area, InvalidInput, Scene, Track, read, solve
 from conflictdb.formats import FileHints
+from conflictdb.formats.objects_writing import object_lines
 
 GEOD = pyproj.Geod(ellps="WGS84")
 NMI = 1852.0
@@ -109,6 +110,16 @@ def test_windows_and_stays_are_tolerances_of_the_track(tmp_path: Path) -> None:
     speeds = np.array([found.tolerances["min_speed_kn"], found.tolerances["max_speed_kn"]])
     assert speeds[1, 2] - speeds[0, 2] == pytest.approx(2.0)
     assert speeds[0, 0] == pytest.approx(speeds[1, 0])
+
+
+def test_a_written_haven_may_be_wider_than_limits_of_other_files(tmp_path: Path) -> None:
+    """A haven that grows for days is wider than 10 nautical miles; the file was refused when it was read again."""
+    grown = Track("T", [(8.0, 57.0), (9.0, 57.0)], [0, 10**12], [(0.0, 0.0)], grow_mps=0.1)
+    path = tmp_path / "back.rtz"
+    path.write_text("".join(object_lines(path, Scene("s"), [], [grown])))
+    assert 'portsideXTD="5' in path.read_text()
+    (found,) = read(path).tracks
+    assert (found.grow_mps, found.tolerances) == (0.1, None)
 
 
 def test_a_stay_has_no_bounds_of_speed(tmp_path: Path) -> None:

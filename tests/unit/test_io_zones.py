@@ -226,6 +226,39 @@ def changed(document: Any, where: str, value: Any) -> Any:
     return document
 
 
+def several(**second: Any) -> Any:
+    """Return two intents, of which the second has other details."""
+    intents = [intent()["operational_intent"] for _ in range(2)]
+    intents[1]["reference"]["id"] = "op-2"
+    intents[1]["details"] = second
+    return {"operational_intents": intents}
+
+
+@pytest.mark.parametrize("is_list", [True, False])
+@pytest.mark.parametrize(
+    ("second", "rule"),
+    [
+        ({"Volumes": [{}]}, "intent 'op-2': Volumes: is not known to ASTM F3548; did you mean volumes?"),
+        ({"volumes": [], "offNominalVolumes": [{}]}, "intent 'op-2': offNominalVolumes: .* mean off_nominal_volumes?"),
+        ({"volumes": [{"volume": None}]}, r"volumes\[0\] of intent 'op-2': must be an object with a volume"),
+        ({"volumes": [None]}, r"volumes\[0\] of intent 'op-2': must be an object with a volume; got None"),
+        ({"volumes": {"volume": {}}}, "intent 'op-2': volumes: is missing: give a list of volumes"),
+        ({"volumes": [], "extents": {}}, "intent 'op-2': extents: must be a list of volumes"),
+        ({}, "intent 'op-2': volumes: is missing: give a list of volumes"),
+    ],
+)
+def test_no_intent_of_several_is_lost(second: Any, rule: str, is_list: bool, tmp_path: Path) -> None:
+    """An intent whose volumes were not recognized was left out in silence, beside others."""
+    document = several(**second)
+    with pytest.raises(InvalidInput, match=rule) as refused:
+        found(tmp_path, document["operational_intents"] if is_list else document, AT_ALL_HEIGHTS)
+    assert str(refused.value).count("\n") == 0
+    assert len(found(tmp_path, several(volumes=[]), AT_ALL_HEIGHTS)) == 1
+    alone = {"operational_intent": document["operational_intents"][1]}
+    with pytest.raises(InvalidInput, match=rule):
+        found(tmp_path, alone, AT_ALL_HEIGHTS)
+
+
 ABSENT = object()
 DAILY = {"day": ["MON"], "startTime": "08:00:00Z", "endTime": "10:00:00Z"}
 PERIOD = {"startDateTime": "2026-03-01T00:00:00Z", "endDateTime": "2026-06-01T00:00:00Z"}

@@ -152,7 +152,7 @@ def test_altitude_modes_of_kml_are_read(tmp_path: Path, mode: str, datum: Vertic
     text = "".join(object_lines(tmp_path / "s.kml", Scene("s"), [area()], []))
     path = tmp_path / "s.kml"
     gx = "gx:" if mode.endswith("SeaFloor") else ""
-    text = text.replace('<SimpleData name="vertical_datum">msl</SimpleData>', "")
+    text = text.replace('<Data name="vertical_datum"><value>msl</value></Data>', "")
     path.write_text(text.replace("<Polygon>", f"<Polygon><{gx}altitudeMode>{mode}</{gx}altitudeMode>"))
     hints = FileHints(vertical_datum=datum)
     if mode == "clampToGround" or (mode == "absolute" and datum is VerticalDatum.MSL):

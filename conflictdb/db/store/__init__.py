@@ -151,7 +151,7 @@ from conflictdb.db.store.stored_objects import (
     set_scene,
     waiting_scenes,
 )
-from conflictdb.db.store.stored_pairs import Candidates, Numbers, Parts, boxes, bundles, candidates
+from conflictdb.db.store.stored_pairs import Candidates, Marks, Numbers, Parts, boxes, bundles, candidates
 from conflictdb.db.store.stored_probes import (
     ProbeRequest,
     answer_delays,

@@ -12,11 +12,14 @@ import numpy as np
 import psycopg
 from numpy.typing import NDArray
 
+from conflictdb.arrays.object_numbers import kinds_and_ids
 from conflictdb.arrays.pieces import Bundles
+from conflictdb.arrays.words import numbers_of_words
 from conflictdb.db.store import copy_binary
 from conflictdb.db.store.connection import call_each
 from conflictdb.db.store.stored_bundles import PIECE_COLUMNS, PIECE_STRINGS, decoded
 from conflictdb.kernel.boxes import RowBoxes
+from conflictdb.model.rules import KINDS
 
 # Rows and pairs that fit one answer, limited by the 1 GB of a value. A row's box takes 134 bytes, a pair 52, with room
 # for all pairs of the last two objects.
@@ -26,7 +29,7 @@ _PAIRS_THAT_FIT: Final = 10_000_000
 _BOX_COLUMNS: Final = [
     ("piece_id", "i8"), ("pieces", "i4"), ("object", "i8"), ("turn", "i2"), ("low_x", "f8"), ("low_y", "f8"),
     ("high_x", "f8"), ("high_y", "f8"), ("floor_m", "f8"), ("ceiling_m", "f8"), ("start", "i8"), ("end", "i8"),
-    ("class_number", "i8"), ("owner_number", "i8"),
+    ("class_number", "i8"), ("owner_number", "i8"), ("marks", "i8"), ("with_number", "i8"),
 ]  # fmt: skip
 
 
@@ -78,12 +81,32 @@ def candidates(
         yield Candidates(a, b, a_pieces, b_pieces, ranks)
 
 
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """The marks of n rows of pieces, as bits: bit 0 for all pairs, any other for those with a class or kind.
+
+    marked : (n,) int64, the bits of the object's marks
+    concerned : (n,) int64, the bits of the marks that concern the object's pairs with theirs
+    """
+
+    marked: NDArray[np.int64]
+    concerned: NDArray[np.int64]
+
+    def are_all(self) -> bool:
+        """Return whether all pairs of rows are marked."""
+        return bool((self.marked & 1).all())
+
+    def are_dirty(self, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return (m,) whether marks of either row concern a pair."""
+        return ((self.marked[a] & self.concerned[b]) | (self.marked[b] & self.concerned[a])) != 0
+
+
 def boxes(
     conn: psycopg.Connection[Any], scene_id: int, most: int, *, fit: int = _ROWS_THAT_FIT
-) -> tuple[NDArray[np.int64], NDArray[np.int64], RowBoxes, Numbers]:
-    """Return ids, numbers of pieces, boxes, and classes and owners, of all rows of pieces, if all objects changed.
+) -> tuple[NDArray[np.int64], NDArray[np.int64], RowBoxes, Numbers, Marks]:
+    """Return ids, numbers of pieces, boxes, classes and owners, and marks of all rows that may be in a marked pair.
 
-    Returns no rows if only some objects changed, or there are more rows than `most` or `fit`. Raises StoreError outside
+    Returns no rows if few objects changed, or the scene has more rows than `most` or `fit`. Raises StoreError outside
     of a snapshot.
     """
     rows = copy_binary.receive_arrays(conn, "_row_boxes", [scene_id, min(most, fit)], _BOX_COLUMNS)
@@ -96,7 +119,12 @@ def boxes(
         object=rows["object"],
         is_copy=rows["turn"] != 0,
     )
-    return rows["piece_id"], rows["pieces"].astype(np.int64), found, (rows["class_number"], rows["owner_number"])
+    of_kind = numbers_of_words(KINDS)[kinds_and_ids(found.object)[0]]
+    concerned = np.ones(len(found), np.int64)
+    for bit, number in enumerate(rows["with_number"].tolist(), 1):
+        concerned |= ((rows["class_number"] == number) | (of_kind == number)).astype(np.int64) << bit
+    numbers = rows["class_number"], rows["owner_number"]
+    return rows["piece_id"], rows["pieces"].astype(np.int64), found, numbers, Marks(rows["marks"], concerned)
 
 
 def bundles(

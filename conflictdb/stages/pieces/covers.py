@@ -44,11 +44,11 @@ def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) 
     if not scene.rules:
         return _padded(scene, plane, areas, tracks)
     separations, made = Separations.of(scene), []
+    needs = [separations.padding(one) for one in range(len(separations.of_types))]
+    distinct = list(dict.fromkeys(needs))
+    of_type = np.array([distinct.index(one) for one in needs])
     for kind, batch in ((Kind.AREA, areas), (Kind.TRACK, tracks)):
-        types = separations.types(np.full(len(batch), kind.code, np.int8), batch.class_number)
-        needs = [separations.padding(one) for one in range(len(separations.of_types))]
-        distinct = list(dict.fromkeys(needs))
-        number = np.array([distinct.index(one) for one in needs])[types]
+        number = of_type[separations.types(np.full(len(batch), kind.code, np.int8), batch.class_number)]
         for i in np.unique(number).tolist():
             some, nothing = batch.take(np.flatnonzero(number == i)), np.empty(0, np.int64)
             both = (some, tracks.take(nothing)) if isinstance(some, AreaBatch) else (areas.take(nothing), some)
