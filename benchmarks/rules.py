@@ -20,7 +20,7 @@ from ruled import random_rules, sea
 import conflictdb
 from conflictdb import Scene, solve
 
-OBJECTS, SEEDS, ROUNDS = 2_000, 5, 15
+OBJECTS, SEEDS, ROUNDS = 2_000, 5, 9
 STORED = 50_000
 # A separation with more conflicts than any rules, and the halvings that come within one conflict of theirs.
 MOST_M, HALVINGS = 20_000.0, 14
