@@ -478,7 +478,8 @@ def test_command_prints_where_and_ends_cleanly(dsn: str, capsys: pytest.CaptureF
 
 def test_demo_ends_with_the_map_for_a_person_at_a_terminal(dsn: str) -> None:
     """In a program of continuous integration, which may have a terminal too, it names the command only."""
-    command = [sys.executable, "-m", "conflictdb", "--dsn", dsn, "demo"]
+    # Not ignored, as it is in the background of a shell.
+    command = ["env", "--default-signal=INT", sys.executable, "-m", "conflictdb", "--dsn", dsn, "demo"]
     plain = {name: value for name, value in os.environ.items() if name not in ("CI", "DISPLAY", "WAYLAND_DISPLAY")}
     for env in (plain, plain | {"CI": "true"}):
         ours, theirs = pty.openpty()
