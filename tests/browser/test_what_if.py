@@ -13,7 +13,7 @@ from browsing import Open, rows
 from commands import runner
 from map_page import Serve
 from piecework import load
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 from workloads import HARBOUR, throw
 
 import conflictdb
@@ -193,6 +193,21 @@ def test_a_waypoint_is_dragged_with_its_conflicts_at_once(strait: str, conn: Con
     conn.rollback()
     page.keyboard.press("Escape")
     expect(page.get_by_role("button", name="Waypoint")).to_have_count(0)
+
+
+def test_a_late_answer_leaves_the_copy_that_was_said(strait: str, open_page: Open) -> None:
+    """The server answers about a moved waypoint after the plan was copied."""
+    page = open_page(strait, size=(1440, 900), **COPIES)
+    ask(page, "FERRY and TOW", "FERRY")
+    said(page, "As planned: 3 conflicts.")
+    asked: list[Route] = []
+    page.route("**/api/probe", lambda route: asked.append(route))
+    page.get_by_role("button", name="Waypoint 2").press("ArrowDown")
+    copied(page, "GeoJSON")
+    for one in asked:
+        one.continue_()
+    expect(page.locator(".what-if .said")).to_contain_text("Waypoint 2 elsewhere")
+    expect(page.locator(".what-if")).to_contain_text("Copied as GeoJSON")
 
 
 def drag_second_waypoint(page: Page, key: str, conflict: str) -> None:

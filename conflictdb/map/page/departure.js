@@ -226,6 +226,8 @@ export class Departure {
 
   moveTo(us, upM = this.upM) {
     [this.laterUs, this.upM] = [us, upM];
+    this.copied.textContent = ""; // of another plan
+    this.text.hidden = true;
     if (upM !== this.shownUpM) this.showForbidden();
     this.height.value = upM;
     this.height.setAttribute("aria-valuetext", upM === 0 ? "as planned" : higherBy(upM).slice(2));
@@ -295,8 +297,6 @@ export class Departure {
   show(conflicts) {
     const { laterUs: us, upM } = this;
     this.summary.textContent = this.told(conflicts);
-    this.copied.textContent = "";
-    this.text.hidden = true;
     const isPlanned = us === 0 && upM === 0 && this.waypoint === null;
     const { may_edit: mayEdit, branch_of: parent } = this.on.rights();
     this.writing.hidden = !mayEdit || isPlanned;
