@@ -13,6 +13,7 @@ REMEDIES: Final = {
     "footprint_valid": "shapely.make_valid and most GIS programs repair it.",
     "outline_convex": "Split it into several tracks, or give its convex hull.",
     "outline_corners": "Simplify it.",
+    "path_of_two": "Give two or more waypoints, and a time for each.",
     "proposal_applied_once": "`conflictdb resolve` computes another one.",
     "proposal_known": "`conflictdb resolve` computes one.",
     "radius_known": "Draw a polygon instead.",
