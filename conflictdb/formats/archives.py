@@ -62,9 +62,9 @@ def _listed(path: Path) -> list[zipfile.ZipInfo]:
             raise InvalidInput("file", "", f"is an archive of too many files: {_REMEDY}")
         with zipfile.ZipFile(path) as archive:
             return archive.infolist()
+    except InvalidInput:
+        raise
     except (OSError, zipfile.BadZipFile, NotImplementedError, ValueError) as error:
-        if isinstance(error, InvalidInput):
-            raise
         raise InvalidInput("file", "", f"is no {path.suffix[1:].upper()} archive, or a broken one: {error}") from None
 
 

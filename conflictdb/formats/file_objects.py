@@ -36,6 +36,8 @@ from conflictdb.model.plans import (
 from conflictdb.model.speed_limits import MPS_PER_KNOT
 
 SIDES: Final = ("fore", "aft", "port", "starboard")
+# The members of a rectangular haven.
+SIZES: Final = tuple(f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi"))
 TIMES: Final = ("times", "datetimes")
 SPEED: Final = ("start", "speed_kn", "speed_mps")
 # Members that decide how far apart objects must be.
@@ -60,8 +62,8 @@ TRACK_MEMBERS: Final = frozenset(
         *SPEED,
         *RULED,
         *TOLERANCES,
+        *SIZES,
     }
-    | {f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi")}
 )
 # Members whose loss would change conflicts, and where else they belong.
 AREA_GUARDED: Final = tuple(sorted((AREA_MEMBERS | {DATUM}) - {"kind", "name", "owner"}))
@@ -269,7 +271,7 @@ def haven(fields: Fields) -> NDArray[np.float64]:
 
     Raises InvalidInput if there is none, if it is given twice, or if a size is negative.
     """
-    sides = [f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi") if fields.has(f"{side}_{unit}")]
+    sides = [name for name in SIZES if fields.has(name)]
     if fields.has("outline_m"):
         if sides:
             raise fields.refusal(sides[0], "must not be given together with outline_m")
@@ -289,8 +291,7 @@ def havens(fields: Fields) -> NDArray[np.float64] | None:
     """
     if not fields.has("outlines_m"):
         return None
-    others = [f"{side}_{unit}" for side in SIDES for unit in ("m", "nmi")]
-    given = [name for name in ("outline_m", "grow_mps", *others) if fields.has(name)]
+    given = [name for name in ("outline_m", "grow_mps", *SIZES) if fields.has(name)]
     if given:
         raise fields.refusal(given[0], "must not be given together with outlines_m")
     value = fields.get("outlines_m")

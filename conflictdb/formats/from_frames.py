@@ -32,9 +32,7 @@ if TYPE_CHECKING:
     import geopandas
     from movingpandas import TrajectoryCollection
 
-HAVEN: Final = frozenset(
-    {"outline_m", "outlines_m", "grow_mps"} | {f"{side}_{unit}" for side in file_objects.SIDES for unit in ("m", "nmi")}
-)
+HAVEN: Final = frozenset({"outline_m", "outlines_m", "grow_mps", *file_objects.SIZES})
 _INSTANTS: Final = frozenset({"start", "end", "time", *file_objects.TIMES})
 # Columns of a frame of fixes that belong to each fix, not to the track.
 _OF_FIXES: Final = frozenset({"id", "time", "end", *file_objects.TIMES, *file_objects.SPEED})

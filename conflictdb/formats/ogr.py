@@ -54,9 +54,7 @@ from conflictdb.model.plans import Area, Scene, Track
 
 # Some of the columns that OGR gives the features of KML.
 _KML_FIELDS: Final = frozenset({"begin", "end", "altitudeMode", "tessellate", "extrude"})
-_HAVEN: Final = frozenset({"outline_m", "outlines_m"}) | {
-    f"{side}_{unit}" for side in file_objects.SIDES for unit in ("m", "nmi")
-}
+_HAVEN: Final = frozenset({"outline_m", "outlines_m", *file_objects.SIZES})
 _KML_LINE: Final = (
     "are missing: a line with a begin and an end says no time of each point; write it as gx:Track, or as a line with a "
     "column times"
