@@ -18,7 +18,7 @@ from conflictdb.formats.file_objects import AREA_MEMBERS, DATUM, TRACK_MEMBERS
 from conflictdb.formats.instants import format_instant, parse_instant
 from conflictdb.formats.xml_text import Element, parsed
 
-# What altitudes are above.
+# The reference of altitudes, by mode.
 ALTITUDE_MODES: Final = {
     "absolute": "MSL",
     "relativeToGround": "the ground",

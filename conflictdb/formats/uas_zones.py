@@ -51,7 +51,7 @@ def is_ed269(document: Any) -> bool:
 
 
 def _first_of(document: Any, name: str) -> Iterator[Mapping[str, Any]]:
-    """Yield the first objects of a list: one with a mistake does not hide what the file is."""
+    """Yield the first objects of a list: a mistake in one of them does not hide the format."""
     members = document.get(name) if isinstance(document, dict) else None
     if isinstance(members, list):
         yield from (one for one in members[:_FIRST] if isinstance(one, dict))

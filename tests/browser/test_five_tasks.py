@@ -90,7 +90,7 @@ def test_what_changed_since_the_hour_in_two(
 
 
 def test_print_in_two(strait: str, open_page: Open) -> None:
-    """Ctrl+P is the browser's own; what it prints is one page with the chosen conflict."""
+    """The browser prints by Ctrl+P: one page with the chosen conflict."""
     page = open_page(strait, size=(1440, 900))
     hands = Hands(page)
     hands.click(page.get_by_role("button", name="FERRY and TOW"))

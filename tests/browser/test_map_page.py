@@ -214,7 +214,7 @@ def test_changes_and_acknowledgements_show_without_reload(
 
 
 def test_a_change_while_the_page_opens_is_seen(strait: str, browser: Browser, dsn: str) -> None:
-    """After the page has read the scene, and before it hears of changes; what it reads at first is asked for once."""
+    """The scene changes after the page has read it and before it listens; the page makes each first request once."""
     asked: list[str] = []
 
     def changed(route: Route) -> None:

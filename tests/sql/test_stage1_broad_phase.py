@@ -101,7 +101,7 @@ def test_boxes_are_those_of_a_whole_scene_that_is_small_enough(conn: Conn) -> No
 
 
 def pairs_of_source(conn: Conn, scene_id: int, boxes: int) -> set[frozenset[tuple[int, ...]]]:
-    """The pairs of pieces of a detection, by kind, object, part and turn; it joins up to so many boxes itself."""
+    """The pairs of pieces of a detection, by kind, object, part and turn; the client joins at most `boxes` boxes."""
     store.begin_snapshot(conn)
     found = set()
     for pieces, a, b, *_ in SceneSource(conn, scene_id, replace(DEFAULT_MEMORY, boxes=boxes)).candidates():

@@ -235,7 +235,7 @@ def test_a_scene_is_drawn_wide_and_pale_below_its_conflicts(strait: Any) -> None
 
 
 def test_a_report_has_the_deepest_conflicts_on_its_timeline(strait: Any) -> None:
-    """In the order of time, with so few rows that they fit on its first page."""
+    """The timeline is in the order of time, and short enough for the first page."""
     scene, areas, tracks, found = strait
     many = [replace(one, a_name=f"{n:02} of", b_name="many") for n, one in enumerate([*found] * 3)]
     figure = figures.plot_deepest(scene, areas, tracks, many)

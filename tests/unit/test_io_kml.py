@@ -191,7 +191,7 @@ def test_archives_of_one_plan_are_read(tmp_path: Path) -> None:
 
 
 def test_bombs_are_refused_before_they_are_unpacked(tmp_path: Path) -> None:
-    """Gigabytes of nothing, and so many files that their list alone is long."""
+    """Gigabytes of zeros, and a long list of files."""
     path = tmp_path / "bomb.kmz"
     with (
         zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,

@@ -339,7 +339,7 @@ CHANGES: list[tuple[str, Any, str]] = [
 
 @pytest.mark.parametrize(("where", "value", "rule"), CHANGES)
 def test_a_changed_member_has_one_message_that_names_it(where: str, value: Any, rule: str, tmp_path: Path) -> None:
-    """The first zone decides no longer what a feed is: without its identifier it was read as another format."""
+    """A first zone without an identifier does not change the format of a feed."""
     is_318 = (where.startswith(("properties", "geometry.")) and not where.startswith("geometry.0")) or value == CIRCLE
     is_318 |= isinstance(value, dict) and "extent" in value
     limited = [PERIOD | {"schedule": [DAILY]}]
