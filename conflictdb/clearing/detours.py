@@ -7,10 +7,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from conflictdb.in_memory import questions
 from conflictdb.arrays import Floats
 from conflictdb.earth.geodesy import earth_of, great_circle_distance, rhumb_direct, rhumb_distance, rhumb_inverse
 from conflictdb.errors import InvalidInput
+from conflictdb.in_memory import questions
 from conflictdb.in_memory.index import Index
 from conflictdb.model import inputs
 from conflictdb.model.methods import Method

@@ -8,13 +8,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb.in_memory import questions
 from conflictdb.clearing.detours import is_changing, rerouted, ways_of
 from conflictdb.clearing.least import Solution, least
 from conflictdb.clearing.passing import moves_of
 from conflictdb.clearing.program import Program, chain_of
 from conflictdb.clearing.yielding import levels_of, yielding_areas
 from conflictdb.errors import ConflictDBError, InvalidInput
+from conflictdb.in_memory import questions
 from conflictdb.in_memory.index import Index
 from conflictdb.model import inputs
 from conflictdb.model.methods import Method

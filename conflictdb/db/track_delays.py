@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import psycopg
 
-from conflictdb.in_memory import questions
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import level_m
 from conflictdb.db import store
 from conflictdb.earth.registry import plane_of
+from conflictdb.in_memory import questions
 from conflictdb.model import inputs
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Delays, Speeds

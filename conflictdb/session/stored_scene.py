@@ -830,8 +830,8 @@ class StoredScene:
         Raises InvalidInput for unknown objects, two areas and a scene without tracks, and ConflictDBError, naming the
         extra to install, without matplotlib.
         """
-        from conflictdb.in_memory import questions
         from conflictdb.drawing import departures, figures
+        from conflictdb.in_memory import questions
 
         keys = _both("plot_delays", a_key, b_key)
         inputs.seconds("plot_delays", "within_s", within_s)
@@ -869,8 +869,8 @@ class StoredScene:
         Raises InvalidInput for an empty scene, and for other file names; ConflictDBError,
         naming the extra to install, if a package is missing.
         """
-        from conflictdb.in_memory import questions
         from conflictdb.drawing import report
+        from conflictdb.in_memory import questions
 
         report.check_name(file)
         with store.transaction(self.connection):
