@@ -39,7 +39,7 @@ from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import EngineMissing
-from conflictdb.in_memory import _InMemory
+from conflictdb.in_memory.questions import _InMemory
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.server.options import Settings

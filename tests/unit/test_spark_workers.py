@@ -29,7 +29,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import settings_of as settings_as_json
-from conflictdb.in_memory import solve
+from conflictdb.in_memory.questions import solve
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
 from conflictdb.spark import cut_objects, solving, work_units
