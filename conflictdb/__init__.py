@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from conflictdb.drawing.departures import plot_coordination, plot_delays
     from conflictdb.drawing.figures import plot_pair, plot_scene, plot_timeline
     from conflictdb.formats import Contents, FileHints, Remark, Skipped, circle, read, write, write_scene_file
-    from conflictdb.in_memory import chances, delays, solve, speeds
-    from conflictdb.index import Index
+    from conflictdb.in_memory.index import Index
+    from conflictdb.in_memory.questions import chances, delays, solve, speeds
     from conflictdb.model.methods import Method
     from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track, rectangle_outline_m
     from conflictdb.model.proposals import Detour, Goal, Left, Move, NewWaypoints, Passing, Proposal, Side
@@ -159,8 +159,8 @@ _HOME: Final = {
     **dict.fromkeys(
         ("Detour", "Goal", "Left", "Move", "NewWaypoints", "Passing", "Proposal", "Side"), "conflictdb.model.proposals"
     ),
-    "Index": "conflictdb.index",
-    **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.in_memory"),
+    "Index": "conflictdb.in_memory.index",
+    **dict.fromkeys(("chances", "delays", "solve", "speeds"), "conflictdb.in_memory.questions"),
     **dict.fromkeys(
         ("Contents", "FileHints", "Remark", "Skipped", "circle", "read", "write", "write_scene_file"),
         "conflictdb.formats",

@@ -213,6 +213,52 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _keys_of_class(text, text) IS 'Keys of the objects of a class.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._conflicts(
+    p_scene text, p_at timestamptz, p_with_region boolean, p_keys text[], p_key text, p_from timestamptz,
+    p_to timestamptz, p_since timestamptz, p_verdict text, p_acknowledged boolean, p_class text
+) RETURNS TABLE (
+    a_key text, a_kind text, b_key text, b_kind text, periods bytea, verdict text, region text,
+    first_contact_lon_deg double precision, first_contact_lat_deg double precision, method text,
+    time_error_s double precision, is_current boolean, run_id bigint, found_at timestamptz, closest_at timestamptz,
+    closest_m double precision, closest_error_m double precision, closest_a_lon_deg double precision,
+    closest_a_lat_deg double precision, closest_b_lon_deg double precision, closest_b_lat_deg double precision,
+    scene_is_current boolean, conflict_id bigint, changed_at timestamptz, acknowledged_by text,
+    acknowledged_at timestamptz, acknowledged_for text, acknowledged_until timestamptz, a_name text, b_name text,
+    lacking_s double precision, certainty text, a_id bigint, a_version bigint, b_id bigint, b_version bigint
+)
+LANGUAGE sql STABLE
+BEGIN ATOMIC
+    -- Inlined, so that a cursor streams rows instead of storing the result first.
+    -- 25 decimals give all digits of a double; PostGIS writes values below 1e-8 with an exponent.
+    SELECT c.a_key, c.a_kind, c.b_key, c.b_kind, multirange_send(c.periods), c.verdict,
+           CASE WHEN p_with_region THEN ST_AsGeoJSON(c.region, 25) END,
+           ST_X(c.first_contact_point), ST_Y(c.first_contact_point), c.method, c.time_error_s, c.is_current,
+           c.run_id, c.found_at, c.closest_at, c.closest_m, c.closest_error_m, ST_X(c.closest_a_point),
+           ST_Y(c.closest_a_point), ST_X(c.closest_b_point), ST_Y(c.closest_b_point), c.scene_is_current,
+           c.conflict_id, c.changed_at, c.acknowledged_by, c.acknowledged_at, c.acknowledged_for,
+           c.acknowledged_until, c.a_name, c.b_name, c.lacking_s, c.certainty, k.a_id, k.a_version, k.b_id,
+           k.b_version
+    FROM conflicts c
+    LEFT JOIN conflict k ON p_with_region AND k.scene_id = ANY ((SELECT _layers(_scene_or_branch(p_scene)))::bigint[])
+                            AND k.conflict_id = c.conflict_id
+                            AND k.a_key = c.a_key AND k.b_key = c.b_key
+    WHERE c.scene = p_scene AND _scene_or_branch(p_scene) IS NOT NULL AND (p_at IS NULL OR c.periods @> p_at)
+      AND (p_keys IS NULL OR c.a_key = ANY (p_keys) AND c.b_key = ANY (p_keys))
+      AND (p_key IS NULL OR _check_key(p_scene, p_key) AND p_key IN (c.a_key, c.b_key))
+      AND (num_nulls(p_from, p_to) = 2 OR c.periods && tstzrange(p_from, p_to))
+      AND (p_since IS NULL OR greatest(c.found_at, c.changed_at) >= p_since)
+      AND (p_verdict IS NULL OR c.verdict = p_verdict)
+      AND (p_acknowledged IS NULL OR p_acknowledged = (c.acknowledged_by IS NOT NULL))
+      AND (p_class IS NULL OR c.a_key IN (SELECT _keys_of_class(p_scene, p_class))
+           OR c.b_key IN (SELECT _keys_of_class(p_scene, p_class)))
+    ORDER BY lower(c.periods) NULLS FIRST, c.a_key, c.b_key;
+END;
+COMMENT ON FUNCTION _conflicts(text, timestamptz, boolean, text[], text, timestamptz, timestamptz, timestamptz, text,
+                               boolean, text) IS
+'Conflicts of a scene, earliest first. Only those at p_at, among p_keys, of p_key, in [p_from, p_to), opened or '
+'changed since p_since, with a verdict, acknowledged or not, of an object of a class; null: all. Periods in binary. '
+'Ids and versions of objects only p_with_region. Raises ZC011 for an unknown p_key.';
+
 CREATE OR REPLACE FUNCTION conflicts_of_class(p_scene text, p_class text) RETURNS SETOF conflicts
 LANGUAGE sql STABLE PARALLEL RESTRICTED
 BEGIN ATOMIC

@@ -7,11 +7,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from conflictdb import in_memory
 from conflictdb.arrays import Floats
 from conflictdb.earth.geodesy import earth_of, great_circle_distance, rhumb_direct, rhumb_distance, rhumb_inverse
 from conflictdb.errors import InvalidInput
-from conflictdb.index import Index
+from conflictdb.in_memory import questions
+from conflictdb.in_memory.index import Index
 from conflictdb.model import inputs
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Motion, Scene, Track
@@ -52,8 +52,8 @@ def detours(
     """
     most_m = inputs.reach_m("detours", "most_m", most_m)
     later_s = inputs.seconds("detours", "later_s", later_s)
-    areas = in_memory.each("detours", "areas", areas, Area)
-    scene, _, _, _, _, known = in_memory.numbered("detours", tracks, areas, scene)
+    areas = questions.each("detours", "areas", areas, Area)
+    scene, _, _, _, _, known = questions.numbered("detours", tracks, areas, scene)
     scene = replace(scene, method=Method.EXACT, nearest_m=0.0)
     planned = {track.key: track for track in known}
     if key not in planned:

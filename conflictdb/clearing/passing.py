@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from conflictdb import in_memory
+from conflictdb.in_memory import questions
 from conflictdb.model.plans import MAX_DISTANCE_M, Area, Scene, Track
 from conflictdb.model.proposals import METRES_PER_NMI, Move, NewWaypoints, Passing, Side
 from conflictdb.model.results import Conflict
@@ -109,7 +109,7 @@ def _near(
     tracks = {key for pair in pairs for key in pair if key in changed}
     wide = replace(scene, nearest_m=min(scene.largest_separation_m + _NEAR_M, MAX_DISTANCE_M))
     found = {}
-    for one in in_memory.solve([changed[key] for key in sorted(tracks)], [], wide):
+    for one in questions.solve([changed[key] for key in sorted(tracks)], [], wide):
         for pair in ((one.a_key, one.b_key), (one.b_key, one.a_key)):
             if pair in pairs:
                 found[pair] = one

@@ -8,14 +8,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from conflictdb import in_memory
 from conflictdb.clearing.detours import is_changing, rerouted, ways_of
 from conflictdb.clearing.least import Solution, least
 from conflictdb.clearing.passing import moves_of
 from conflictdb.clearing.program import Program, chain_of
 from conflictdb.clearing.yielding import levels_of, yielding_areas
 from conflictdb.errors import ConflictDBError, InvalidInput
-from conflictdb.index import Index
+from conflictdb.in_memory import questions
+from conflictdb.in_memory.index import Index
 from conflictdb.model import inputs
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Scene, Track
@@ -70,7 +70,7 @@ class ProposalLimits:
         now_us = None if now is None else (inputs.moment("resolve", "now", now) - inputs.EPOCH) // inputs.MICROSECOND
         if goal not in list(Goal):
             raise InvalidInput("resolve", "goal", f"must be one of {', '.join(Goal)}; got {goal!r:.20}")
-        factors = in_memory.limits(slowest, fastest)
+        factors = questions.limits(slowest, fastest)
         aside_m = inputs.reach_m("resolve", "aside_m", aside_m)
         limit_s = inputs.seconds("resolve", "limit_s", limit_s)
         return cls(round(1e6 * within_s), now_us, *factors, aside_m, Goal(goal), limit_s)
@@ -136,8 +136,8 @@ def resolve(
         Time for the proof, seconds.
     """
     limits = ProposalLimits.of(within_s, now, slowest, fastest, aside_m, goal, limit_s)
-    areas = in_memory.each("resolve", "areas", areas, Area)
-    scene, plane, pieces, key_of, _, known = in_memory.numbered("resolve", tracks, areas, scene)
+    areas = questions.each("resolve", "areas", areas, Area)
+    scene, plane, pieces, key_of, _, known = questions.numbered("resolve", tracks, areas, scene)
     scene = replace(scene, method=Method.EXACT, nearest_m=0.0)
     planned = {track.key: track for track in known}
     weights, levels = dict(weights or {}), dict(levels or {})
@@ -187,7 +187,7 @@ def resolve(
 
 def conflicts(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene) -> Pairs:
     """Return the keys of pairs that interfere or might."""
-    return frozenset((one.a_key, one.b_key) for one in in_memory.solve(tracks, areas, scene))
+    return frozenset((one.a_key, one.b_key) for one in questions.solve(tracks, areas, scene))
 
 
 def later(track: Track, delay_us: int) -> Track:
@@ -279,7 +279,7 @@ def _speeds(
         begins_us = int(now[key].times_us[0])
         if limits.now_us is not None and begins_us < limits.now_us:
             continue
-        [one] = in_memory.speeds(now.values(), areas, scene, key, limits.slowest, limits.fastest)
+        [one] = questions.speeds(now.values(), areas, scene, key, limits.slowest, limits.fastest)
         factors = [factor for factor in (one.slower, one.faster) if factor is not None]
         if factors:
             found[key] = min(factors, key=lambda factor: abs(np.log(factor)))

@@ -23,7 +23,7 @@ from conflictdb.cli.tables import show_table
 from conflictdb.errors import ConflictDBError, StoreError
 from conflictdb.formats.contents import without_objects
 from conflictdb.formats.reading import read
-from conflictdb.in_memory import solve
+from conflictdb.in_memory.questions import solve
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
 from conflictdb.model.settings import NUMBERS, given

@@ -10,7 +10,7 @@ from conflictdb.db import store
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
-from conflictdb.index import Member, Members, by_kind, conflicts_between
+from conflictdb.in_memory.index import Member, Members, by_kind, conflicts_between
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Admission, Conflict, Kind, Results, Verdict
 

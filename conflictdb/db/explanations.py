@@ -7,7 +7,7 @@ from typing import Any
 import psycopg
 
 from conflictdb.db import store
-from conflictdb.in_memory import counts, delays, solve
+from conflictdb.in_memory.questions import counts, delays, solve
 from conflictdb.model.departure_text import departure_text
 from conflictdb.model.methods import Method
 from conflictdb.model.results import Conflict, Explanation, Position, format_moment

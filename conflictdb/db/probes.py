@@ -25,8 +25,8 @@ from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
 from conflictdb.db.track_delays import delays
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput, LockTimeout
-from conflictdb.in_memory import solve
-from conflictdb.index import Members, by_kind, conflicts_between
+from conflictdb.in_memory.index import Members, by_kind, conflicts_between
+from conflictdb.in_memory.questions import solve
 from conflictdb.model.inputs import EPOCH, MICROSECOND, certain
 from conflictdb.model.plans import Area, Scene, Track, check_datums
 from conflictdb.model.results import Conflict, Kind, Listing

@@ -10,6 +10,7 @@ import logging
 import re
 import threading
 import time
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, LiteralString
 
@@ -226,6 +227,21 @@ def routines_sha256() -> str:
     return digest.hexdigest()
 
 
+def _triggers() -> int:
+    """Return the number of triggers that sql/ creates."""
+    code = "".join(file.read_text(encoding="utf-8") for file in routine_files())
+    return len(re.findall(r"^CREATE (?:OR REPLACE|CONSTRAINT) TRIGGER (\w+)", code, re.MULTILINE))
+
+
+@cache
+def _expected(_sql: Path) -> tuple[str, str, int]:
+    """Return what each connection compares: the newest revision, the hash of sql/, the number of triggers.
+
+    Read once: reading all files takes longer than to connect.
+    """
+    return head(), routines_sha256(), _triggers()
+
+
 def revisions() -> list[str]:
     """Return the revisions of this program, oldest first: the prefixes of the file names in migrations/versions."""
     return sorted(file.name.partition("_")[0] for file in (_folder("migrations") / "versions").glob("[0-9]*_*.py"))
@@ -287,17 +303,18 @@ def check(conn: psycopg.Connection[Any]) -> None:
     found = revision(conn)
     if found is None:
         raise SchemaMissing(f"database {conn.info.dbname!r} has no conflictdb schema: run `conflictdb admin init`")
-    _check_known(found, conn.info.dbname)
-    if found != head():
+    newest, routines, triggers = _expected(_folder("sql"))
+    if found != newest:
+        _check_known(found, conn.info.dbname)
         raise SchemaOutdated(
             f"the conflictdb schema of database {conn.info.dbname!r} is at revision {found}, this program needs "
-            f"{head()}: run `conflictdb admin upgrade`"
+            f"{newest}: run `conflictdb admin upgrade`"
         )
     # Between releases a routine may change before it has a revision.
     with store.translated(), conn.transaction():
         applied = _applied_sha256(conn)
-        armed = _triggers_armed(conn)
-    if applied != routines_sha256():
+        armed = _triggers_armed(conn, triggers)
+    if applied != routines:
         raise SchemaOutdated(
             f"the routines of schema conflictdb in database {conn.info.dbname!r} are not those of this program: run "
             "`conflictdb admin upgrade`"
@@ -324,7 +341,7 @@ def upgrade(dsn: str) -> str:
         if found is not None:
             _check_known(found, conn.info.dbname)
         _refuse_foreign_schema(conn)
-        if found == head() and _applied_sha256(conn) == routines_sha256() and _triggers_armed(conn):
+        if found == head() and _applied_sha256(conn) == routines_sha256() and _triggers_armed(conn, _triggers()):
             return found
         store.require_writable(conn)
         if found is not None:
@@ -349,7 +366,7 @@ def upgrade(dsn: str) -> str:
                 raise (error.orig or error) from error
         with store.translated(), store.connect(dsn) as conn:
             # The structure was already at head, but routines or triggers differed.
-            if _applied_sha256(conn) != routines_sha256() or not _triggers_armed(conn):
+            if _applied_sha256(conn) != routines_sha256() or not _triggers_armed(conn, _triggers()):
                 prepare(conn)
                 apply_routines(conn)
             return str(revision(conn))
@@ -507,13 +524,11 @@ def apply_routines(conn: psycopg.Connection[Any]) -> None:
     conn.execute(comment_sql().encode())
 
 
-def _triggers_armed(conn: psycopg.Connection[Any]) -> bool:
+def _triggers_armed(conn: psycopg.Connection[Any], triggers: int) -> bool:
     """Return whether all triggers exist and fire as their names say: always, for users only, or for replicas only.
 
     `ALTER TABLE … ENABLE TRIGGER ALL`, which restores use, resets them.
     """
-    code = "".join(file.read_text() for file in routine_files())
-    made = re.findall(r"^CREATE (?:OR REPLACE|CONSTRAINT) TRIGGER (\w+)", code, re.MULTILINE)
     armed = _one(
         conn,
         """SELECT count(*) FROM pg_trigger t JOIN pg_class c ON c.oid = t.tgrelid
@@ -523,7 +538,7 @@ def _triggers_armed(conn: psycopg.Connection[Any]) -> bool:
                                     WHEN t.tgname = 'scene_holds_objects'::name THEN 'O'::"char"
                                     ELSE 'A'::"char" END""",
     )
-    return armed == len(made)
+    return armed == triggers
 
 
 def _applied_sha256(conn: psycopg.Connection[Any]) -> str:

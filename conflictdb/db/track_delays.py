@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import psycopg
 
-from conflictdb import in_memory
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import level_m
 from conflictdb.db import store
 from conflictdb.earth.registry import plane_of
+from conflictdb.in_memory import questions
 from conflictdb.model import inputs
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Delays, Speeds
@@ -38,19 +38,19 @@ def delays(
     """
     with store.snapshot(conn):
         if waypoint is None and clear_within_m is None:
-            horizon_us, now_us = in_memory.horizon_and_now(within_s, now)
+            horizon_us, now_us = questions.horizon_and_now(within_s, now)
             known = store.stored_delays(conn, store.scene_or_branch_id(conn, scene), key, horizon_us, now_us)
             if known:
                 return known
         settings, areas, tracks = _read(conn, scene, key, lambda track: round(1e6 * within_s), clear_within_m or 0.0)
-    return in_memory.delays(tracks, areas, settings, key, within_s, now, clear_within_m, waypoint)
+    return questions.delays(tracks, areas, settings, key, within_s, now, clear_within_m, waypoint)
 
 
 def speeds(
     conn: psycopg.Connection[Any], scene: str, key: str | None, slowest: float, fastest: float, leg: int | None
 ) -> list[Speeds]:
     """Return the speeds of a track, or of each track, from one state of the objects; raises as `delays`."""
-    slowest, fastest = in_memory.limits(slowest, fastest)
+    slowest, fastest = questions.limits(slowest, fastest)
 
     def most_us(track: Track) -> int:
         """How much later or earlier a track may be anywhere."""
@@ -58,7 +58,7 @@ def speeds(
         return math.ceil(lasts_us * max(1.0 / slowest - 1.0, 1.0 - 1.0 / fastest)) + 1
 
     settings, areas, tracks = _read(conn, scene, key, most_us)
-    return in_memory.speeds(tracks, areas, settings, key, slowest, fastest, leg=leg)
+    return questions.speeds(tracks, areas, settings, key, slowest, fastest, leg=leg)
 
 
 def read_departing(

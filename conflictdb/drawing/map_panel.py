@@ -48,7 +48,7 @@ def show(panel: Any, plane: Plane, bounds: tuple[float, float, float, float]) ->
     # As much room for labels as they will take; then the panel keeps its place, and the map is as wide as that.
     panel.set_xticks([0.5], [_WIDEST_LABEL])
     panel.set_yticks([0.5], [_WIDEST_LABEL], rotation=90, va="center")
-    panel.figure.draw_without_rendering()
+    panel.figure.get_layout_engine().execute(panel.figure)
     panel.figure.set_layout_engine("none")
     box = panel.get_window_extent()
     across_m, up_m = east - west + 2.0 * room, north - south + 2.0 * room

@@ -13,7 +13,7 @@ from conflictdb.db.track_delays import read_around
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import feature_of
-from conflictdb.index import Members, conflicts_between
+from conflictdb.in_memory.index import Members, conflicts_between
 from conflictdb.map.content import to_json
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.recurring_plans import expanded, later

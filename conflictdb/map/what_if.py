@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from conflictdb.db.track_delays import read_departing
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import feature_of
-from conflictdb.in_memory import numbered
+from conflictdb.in_memory.questions import numbered
 from conflictdb.map.content import to_json
 from conflictdb.map.editing import digest
 from conflictdb.model.methods import METHODS, Solver

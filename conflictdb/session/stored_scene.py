@@ -830,8 +830,8 @@ class StoredScene:
         Raises InvalidInput for unknown objects, two areas and a scene without tracks, and ConflictDBError, naming the
         extra to install, without matplotlib.
         """
-        from conflictdb import in_memory
         from conflictdb.drawing import departures, figures
+        from conflictdb.in_memory import questions
 
         keys = _both("plot_delays", a_key, b_key)
         inputs.seconds("plot_delays", "within_s", within_s)
@@ -846,7 +846,7 @@ class StoredScene:
         every = {track.key for track in tracks}
         asked = [key for key in departures.tracks_in_conflict(found) if key in every]
         asked = list(dict.fromkeys([*asked, *sorted(every, key=str.encode)]))[: figures.MOST_ROWS]
-        of_key = {one.key: one for one in in_memory.delays(tracks, areas, settings, asked, within_s)}
+        of_key = {one.key: one for one in questions.delays(tracks, areas, settings, asked, within_s)}
         left_out = len(tracks) - len(asked)
         names = {track.key: track.name for track in tracks}
         return departures.plot_delays([of_key[key] for key in asked], remark=remark, left_out=left_out, names=names)
@@ -869,8 +869,8 @@ class StoredScene:
         Raises InvalidInput for an empty scene, and for other file names; ConflictDBError,
         naming the extra to install, if a package is missing.
         """
-        from conflictdb import in_memory
         from conflictdb.drawing import report
+        from conflictdb.in_memory import questions
 
         report.check_name(file)
         with store.transaction(self.connection):
@@ -883,7 +883,7 @@ class StoredScene:
         columns = {name: getattr(run, name) for name in run.__slots__} if run else {}
         known = {track.key for track in tracks}
         asked = [key for key in report.asked_about(found) if key in known]
-        later = in_memory.delays(tracks, areas, settings, asked) if asked else []
+        later = questions.delays(tracks, areas, settings, asked) if asked else []
         checked = report.Checked(settings, areas, tracks, found, near, found.state, server, columns, later)
         report.write(checked, file)
 

@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "bf1e0de39e141ec472b4a32b0d9c29f0cd42121955e7bac2bd84a015b34fec3f"
+routines_sha256 = "646ce9b770481268cd18b7579e9a974893ba69eaa067d1ddb0b902efa4684690"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -5,13 +5,16 @@ from contextlib import ExitStack
 from typing import Any
 
 import pytest
-from browsing import ARGUMENTS, Open, chromium
+from browsing import ARGUMENTS, Open, await_drawn, chromium, wait_until
+from databases import TestServer
 from map_page import Serve, served_page
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
 
 import conflictdb
+from conflictdb.map import html
 
 _READY_MS = 60_000
+NARROW = (390, 844)
 expect.set_options(timeout=20_000)  # a busy machine draws maps in software
 
 
@@ -40,6 +43,74 @@ def strait(dsn: str, serve: Serve) -> str:
     return serve(dsn, "strait")
 
 
+class OpenPages:
+    """Pages of the demo that stay open, one for each address and size, for tests that leave the scene as it is."""
+
+    def __init__(self, browser: Browser, addresses: dict[str, str], pages: ExitStack) -> None:
+        self._browser = browser
+        self._addresses = addresses
+        self._pages = pages
+        self._open: dict[tuple[str, tuple[int, int]], tuple[Page, list[Any]]] = {}
+        self.said: list[str] = []  # what they must not say
+
+    def get(self, size: tuple[int, int] = (900, 600), *, scheme: str = "light", of: str = "served") -> Page:
+        """Return a page as it was when it opened, but for its colours; `of`: "served" or "file"."""
+        if (of, size) not in self._open:
+            self._open[of, size] = self._opened(of, size)
+        page, first = self._open[of, size]
+        page.unroute_all()
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        page.emulate_media(media="null", color_scheme=scheme, reduced_motion="reduce")
+        page.mouse.move(0, 0)
+        page.evaluate(_AS_OPENED, first)
+        await_drawn(page)
+        return page
+
+    def _opened(self, of: str, size: tuple[int, int]) -> tuple[Page, list[Any]]:
+        options = {"permissions": ["clipboard-read", "clipboard-write"], "has_touch": size == NARROW}
+        page = _open(self._browser, self._addresses[of], self.said, self._pages, size, offline=of == "file", **options)
+        wait_until(page, "location.hash.length > 1")
+        return page, list(page.evaluate("[location.hash, conflictdbPage.t]"))
+
+
+# Goes back to the first address of the page, and undoes what addresses do not have.
+_AS_OPENED = """([address, t]) => {
+    if (document.querySelector('#changes:not([hidden])')) document.getElementById('dismiss-changes').click();
+    history.pushState(null, '', address);
+    dispatchEvent(new PopStateEvent('popstate'));
+    conflictdbPage.moveTo(t);
+    document.getElementById('whole').click();
+    for (const one of document.querySelectorAll('details')) one.open = one.id === 'legend' && innerWidth > 900;
+    for (const one of document.querySelectorAll('*')) one.scrollTop = 0;
+    document.activeElement.blur();
+}"""
+
+
+@pytest.fixture(scope="session")
+def _open_pages(
+    browser: Browser, _server: TestServer, template: str, tmp_path_factory: pytest.TempPathFactory, worker_id: str
+) -> Iterator[OpenPages]:
+    name, file = f"{_server.prefix}_{worker_id}_strait", tmp_path_factory.mktemp("page") / "strait.html"
+    with ExitStack() as stack:
+        stack.callback(_server.drop, name)
+        dsn = _server.clone(template, name)
+        with conflictdb.connect(dsn) as db:
+            db.load_demo()
+            db.scene("strait").detect()
+            text, _ = html.page(db.connection, "strait")
+            file.write_text(text, encoding="utf-8")
+        address = stack.enter_context(served_page(dsn, "strait"))
+        yield OpenPages(browser, {"served": address, "file": file.as_uri()}, stack)
+
+
+@pytest.fixture
+def open_strait(_open_pages: OpenPages) -> Iterator[Open]:
+    """Return a function that gives an open page of the demo, for tests that leave the scene as it is."""
+    _open_pages.said.clear()
+    yield _open_pages.get
+    assert _open_pages.said == []
+
+
 @pytest.fixture
 def open_page(browser: Browser, serve: Serve) -> Iterator[Open]:
     """Return a function that opens an address and waits until it is shown; no console error, no request to other sites.
@@ -50,19 +121,26 @@ def open_page(browser: Browser, serve: Serve) -> Iterator[Open]:
     with ExitStack() as contexts:
 
         def opened(address: str, *, size: tuple[int, int] = (900, 600), **options: Any) -> Page:
-            viewport = {"width": size[0], "height": size[1]}
-            context = contexts.enter_context(browser.new_context(viewport=viewport, reduced_motion="reduce", **options))
-            page = context.new_page()
-            page.on("console", lambda message: _is_of_the_page(message) and said.append(message.text))
-            page.on("pageerror", lambda error: said.append(str(error)))
-            site = address.split("/", 3)[2]
-            page.on("request", lambda request: _is_within(request.url, site) or said.append(f"asked {request.url}"))
-            page.goto(address)
-            page.wait_for_selector("html[data-ready=true]", state="attached", timeout=_READY_MS)
-            return page
+            return _open(browser, address, said, contexts, size, **options)
 
         yield opened
     assert said == []
+
+
+def _open(
+    browser: Browser, address: str, said: list[str], contexts: ExitStack, size: tuple[int, int], **options: Any
+) -> Page:
+    """Open a page that says what it must not."""
+    viewport = {"width": size[0], "height": size[1]}
+    context = contexts.enter_context(browser.new_context(viewport=viewport, reduced_motion="reduce", **options))
+    page = context.new_page()
+    page.on("console", lambda message: _is_of_the_page(message) and said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    site = address.split("/", 3)[2]
+    page.on("request", lambda request: _is_within(request.url, site) or said.append(f"asked {request.url}"))
+    page.goto(address)
+    page.wait_for_selector("html[data-ready=true]", state="attached", timeout=_READY_MS)
+    return page
 
 
 def _is_of_the_page(message: ConsoleMessage) -> bool:

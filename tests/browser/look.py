@@ -202,7 +202,7 @@ def _filters(page: Page, stop: Callable[[], None]) -> None:
 
 
 def _object(page: Page, stop: Callable[[], None]) -> None:
-    page.get_by_label("Object").fill("ferry")
+    page.get_by_role("combobox", name="Object").fill("ferry")
 
 
 def _gone(page: Page, stop: Callable[[], None]) -> None:

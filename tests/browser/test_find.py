@@ -30,10 +30,10 @@ def place(page: Page) -> list[float]:
     return list(page.evaluate("conflictdbPage.view.place()"))
 
 
-def test_objects_places_and_positions_are_found(strait: str, open_page: Open) -> None:
+def test_objects_places_and_positions_are_found(open_strait: Open) -> None:
     """By the keyboard alone; the card of an object without a conflict names its nearest approach."""
-    page = open_page(strait, size=(1280, 900))
-    words = page.get_by_label("Object")
+    page = open_strait((1280, 900))
+    words = page.get_by_role("combobox", name="Object")
     words.fill("convoy")
     expect(words).to_have_attribute("aria-expanded", "true")
     options = page.locator("#found").get_by_role("option")
@@ -115,18 +115,16 @@ def test_the_nearest_approach_is_that_of_the_polygons(conn: Conn, dsn: str, serv
     assert found[2][0] == "FAR"
     assert found[2][1] == pytest.approx(60_700 - 500, rel=0.01)
     assert found[3] is None
-    page.get_by_label("Object").fill("alone")
-    page.get_by_label("Object").press("Enter")
+    page.get_by_role("combobox", name="Object").fill("alone")
+    page.get_by_role("combobox", name="Object").press("Enter")
     expect(page.locator("#object .said")).to_have_text("No conflict. Nothing shares its time and heights.")
 
 
-def test_chips_take_one_limit_away_each(strait: str, open_page: Open) -> None:
-    page = open_page(strait, size=(390, 844))
+def test_chips_take_one_limit_away_each(open_strait: Open) -> None:
+    page = open_strait((390, 844))
     page.evaluate(
         "location.hash = '#object=ferry&verdicts=conflict&from=2026-06-01+08:00&floor=-5&layers=surface,air&now=1'"
     )
-    page.reload()
-    page.wait_for_selector("html[data-ready=true]", state="attached")
     chips = page.get_by_role("group", name="Active filters").get_by_role("button")
     texts = ["“ferry”", "conflict", "from 1 Jun 2026 08:00:00", "above -5 m", "surface, air", "at the time shown"]
     expect(chips).to_have_text([f"{text} ✕" for text in texts])
@@ -134,7 +132,7 @@ def test_chips_take_one_limit_away_each(strait: str, open_page: Open) -> None:
         chips.first.click()
         expect(chips).to_have_count(left)
     expect(page.locator("#count")).to_have_text("7 conflicts")
-    expect(page.get_by_label("Object")).to_be_focused()
+    expect(page.get_by_role("combobox", name="Object")).to_be_focused()
     page.go_back()
     expect(chips).to_have_text(["at the time shown ✕"])
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
@@ -190,12 +188,12 @@ def test_the_table_is_that_of_the_command_line(
     _, *sorted_ = csv.reader(io.StringIO(saved(), newline=""))
     firsts = [line[header.index("first_contact")] for line in sorted_]
     assert firsts == sorted(firsts, reverse=True)
-    page.get_by_label("Object").fill("quote")
+    page.get_by_role("combobox", name="Object").fill("quote")
     expect(table.locator("tbody tr")).to_have_count(1)
     assert len(list(csv.reader(io.StringIO(saved(), newline="")))) == 2
-    page.get_by_label("Object").fill("nobody")
+    page.get_by_role("combobox", name="Object").fill("nobody")
     expect(page.locator("#table")).to_contain_text("No conflict is left to show.")
-    page.get_by_label("Object").fill("")
+    page.get_by_role("combobox", name="Object").fill("")
     wait_until(page, "location.hash.includes('table=1')")
     table.get_by_role("button", name=re.compile("HYPERLINK")).click()
     expect(page.locator("#table")).to_be_hidden()

@@ -8,8 +8,6 @@ from playwright.sync_api import Locator, Page, expect
 
 import conflictdb
 
-COPIES = {"permissions": ["clipboard-read", "clipboard-write"]}
-
 
 class Hands:
     """Clicks and presses, and counts them."""
@@ -36,8 +34,8 @@ class Hands:
         choice.select_option(label=label)
 
 
-def test_what_does_my_ferry_meet_in_three(strait: str, open_page: Open) -> None:
-    hands = Hands(open_page(strait, size=(1440, 900)))
+def test_what_does_my_ferry_meet_in_three(open_strait: Open) -> None:
+    hands = Hands(open_strait((1280, 900)))
     hands.press("/")
     hands.type("ferry")
     hands.press("Enter")
@@ -60,13 +58,15 @@ def test_clear_it_in_four(strait: str, open_page: Open, dsn: str) -> None:
     assert hands.count <= 4
 
 
-def test_tell_a_colleague_in_two(strait: str, open_page: Open) -> None:
-    page = open_page(strait, size=(1440, 900), **COPIES)
+def test_tell_a_colleague_in_two(open_strait: Open) -> None:
+    page = open_strait((1280, 900))
     hands = Hands(page)
     hands.click(page.get_by_role("button", name="FERRY and TOW"))
     hands.click(page.get_by_role("button", name="Copy link"))
     expect(page.locator("#link")).to_have_text("Copied")
-    other = open_page(page.evaluate("navigator.clipboard.readText()"))
+    link = page.evaluate("navigator.clipboard.readText()")
+    other = open_strait()
+    other.goto(link)
     expect(other.locator("#detail").get_by_role("heading")).to_have_text("FERRY and TOW")
     assert hands.count <= 2
 
@@ -89,9 +89,9 @@ def test_what_changed_since_the_hour_in_two(
     assert hands.count <= 2
 
 
-def test_print_in_two(strait: str, open_page: Open) -> None:
+def test_print_in_two(open_strait: Open) -> None:
     """The browser prints by Ctrl+P: one page with the chosen conflict."""
-    page = open_page(strait, size=(1440, 900))
+    page = open_strait((1280, 900))
     hands = Hands(page)
     hands.click(page.get_by_role("button", name="FERRY and TOW"))
     expect(page.locator("svg.plan")).to_be_visible()

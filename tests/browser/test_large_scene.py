@@ -77,9 +77,9 @@ def test_a_large_scene_is_seen_from_afar_without_tiles(conn: Conn, dsn: str, ope
         assert max(alpha(page, 181.5, 2.0 + dy) for dy in (-0.02, 0.0, 0.02)) > 50  # a path across the date line
         show_time(page, 7.0)
         wait_until(page, lambda: alpha(page, 183.0, 3.0) > 20)
-        page.get_by_label("Object").fill("t1")
+        page.get_by_role("combobox", name="Object").fill("t1")
         wait_until(page, lambda: alpha(page, 183.0, 3.0) == 0)
-        page.get_by_label("Object").fill("")
+        page.get_by_role("combobox", name="Object").fill("")
         wait_until(page, lambda: alpha(page, 183.0, 3.0) > 20)
         tiles = page.evaluate("performance.getEntriesByType('resource').filter(({name}) => name.includes('/tiles/'))")
         assert tiles == []

@@ -53,16 +53,27 @@ def pixel(page: Page, lon: float, lat: float, of: str) -> list[int]:
     return list(page.evaluate(script, [lon, lat, of]))
 
 
-@pytest.mark.parametrize("size", [(1280, 800), (390, 844)], ids=["wide", "narrow"])
-def test_havens_are_printed_where_they_are(strait: str, open_page: Open, size: tuple[int, int]) -> None:
+@pytest.mark.parametrize("size", [(1280, 900), (390, 844)], ids=["wide", "narrow"])
+def test_havens_are_printed_where_they_are(open_strait: Open, size: tuple[int, int]) -> None:
     """The page has another width on paper and is not drawn again: all canvases of the map keep one shape."""
-    page = open_page(strait, size=size)
+    page = open_strait(size)
     # As while it is printed: no frame is drawn between the screen and the paper.
     page.evaluate("""(() => {
         const {view: {map}, havens} = conflictdbPage;
         map.resize = map.redraw = map.triggerRepaint = () => map;
         havens.draw = () => {};
     })()""")
+    try:
+        assert_printed_as_one(page)
+    finally:
+        page.evaluate("""(() => {
+            const {view: {map}, havens} = conflictdbPage;
+            for (const one of ['resize', 'redraw', 'triggerRepaint']) delete map[one];
+            delete havens.draw;
+        })()""")
+
+
+def assert_printed_as_one(page: Page) -> None:
     script = """['.maplibregl-canvas', '#graticule', '#overview', '#havens'].map((one) => {
         const canvas = document.querySelector(one), {x, y, width, height} = canvas.getBoundingClientRect();
         return [x, y, width, height];
@@ -81,9 +92,10 @@ def test_havens_are_printed_where_they_are(strait: str, open_page: Open, size: t
     assert printed / width == pytest.approx(scale / screen[0][2], rel=0.01)
 
 
-def test_printing_has_all_rows_and_marks_without_backgrounds(strait: str, open_page: Open) -> None:
+def test_printing_has_all_rows_and_marks_without_backgrounds(open_strait: Open) -> None:
     """A print without backgrounds distinguishes a conflict from grazing; the page is as before afterwards."""
-    page = open_page(strait, size=(1280, 400))
+    page = open_strait((1280, 900))
+    page.set_viewport_size({"width": 1280, "height": 400})
     page.evaluate("""window.addEventListener('beforeprint', () => {
         window.printed = {rows: document.querySelectorAll('.row').length, isStill: conflictdbPage.havens.isStill};
     })""")
@@ -101,9 +113,9 @@ def test_printing_has_all_rows_and_marks_without_backgrounds(strait: str, open_p
     assert borders[1] < 0.5
 
 
-def test_a_conflict_is_printed_on_one_page(strait: str, open_page: Open) -> None:
+def test_a_conflict_is_printed_on_one_page(open_strait: Open) -> None:
     """Headline, map, legend and card, on A4."""
-    page = open_page(strait, size=(1440, 900))
+    page = open_strait((1280, 900))
     page.get_by_role("button", name="FERRY and TOW").click()
     expect(page.locator("svg.plan")).to_be_visible()
     expect(page.locator("svg.chart")).to_be_visible()
@@ -137,9 +149,9 @@ def test_dots_of_a_large_scene_show_what_is_on(conn: Conn, dsn: str, serve: Serv
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_a_chosen_pair_stands_out(strait: str, open_page: Open, scheme: str) -> None:
+def test_a_chosen_pair_stands_out(open_strait: Open, scheme: str) -> None:
     """Its objects have two hues, all else is dimmed, and regions at heights where they are not are hidden."""
-    page = open_page(strait, color_scheme=scheme)
+    page = open_strait(scheme=scheme)
     page.get_by_role("button", name="FERRY and TOW").click()
     go_to(page, "{center: [9.0, 57.93], zoom: 8}")
     wait_until(page, "conflictdbPage.view.map.areTilesLoaded()")
@@ -187,9 +199,9 @@ WRITTEN = """() => {
 }"""
 
 
-def test_a_chosen_pair_is_named_and_its_overlap_filled(strait: str, open_page: Open) -> None:
+def test_a_chosen_pair_is_named_and_its_overlap_filled(open_strait: Open) -> None:
     """Now, not where they meet at another time; both names are in view wherever the map goes, and apart."""
-    page = open_page(strait)
+    page = open_strait()
     page.get_by_role("button", name="FIRING and FERRY").click()
     expect(page.locator("svg.plan")).to_be_visible()
     go_to(page, "{center: [9.2, 57.85], zoom: 9}")
@@ -215,9 +227,9 @@ def test_a_chosen_pair_is_named_and_its_overlap_filled(strait: str, open_page: O
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_map_is_saved_as_a_picture(strait: str, open_page: Open, tmp_path: Path, scheme: str) -> None:
+def test_the_map_is_saved_as_a_picture(open_strait: Open, tmp_path: Path, scheme: str) -> None:
     """With the map itself, and what is drawn above it."""
-    page = open_page(strait, color_scheme=scheme)
+    page = open_strait(scheme=scheme)
     page.get_by_role("button", name="FIRING and FERRY").click()
     expect(page.locator("svg.plan")).to_be_visible()
     page.get_by_role("slider", name="Time shown").press("ArrowRight")
@@ -271,15 +283,15 @@ def test_signs_that_turn_a_key_round_are_shown_as_numbers(
     ] == []
     page.keyboard.press("Escape")
     for text in (known, SPOOFED):
-        page.get_by_label("Object").fill(text)
+        page.get_by_role("combobox", name="Object").fill(text)
         expect(page.locator(".row")).to_have_count(1)
     table = runner(dsn, capsys)("conflicts", "--scene", "s")
     assert "\u202e" not in table.out
     assert known in table.out
 
 
-def test_the_page_shows_signs_as_tables_do(strait: str, open_page: Open) -> None:
-    page = open_page(strait)
+def test_the_page_shows_signs_as_tables_do(open_strait: Open) -> None:
+    page = open_strait()
     signs = [
         *map(chr, range(0x300)),
         "\u061c",
@@ -467,7 +479,7 @@ def test_what_is_chosen_near_a_pole_is_shown_about_it(about_the_pole: str, open_
     assert page.evaluate("conflictdbPage.polar.scale") == pytest.approx(2 * before)
 
 
-def test_scenes_far_from_the_poles_have_no_polar_view(strait: str, open_page: Open) -> None:
-    page = open_page(strait)
+def test_scenes_far_from_the_poles_have_no_polar_view(open_strait: Open) -> None:
+    page = open_strait()
     expect(page.locator("#pole")).to_be_hidden()
     expect(page.locator("#polar")).to_be_hidden()

@@ -115,7 +115,7 @@ def test_conflicts_of_seconds_in_days_are_seen_and_chosen(seconds_in_days: str, 
     assert time_of(page) == pytest.approx(T0_US / 1e6 + 10 * 86400)
     assert shown_s(page) == pytest.approx(whole / 2)
     # A filter, which redraws the bars, keeps the time range.
-    page.get_by_label("Object").fill("JET-07")
+    page.get_by_role("combobox", name="Object").fill("JET-07")
     assert shown_s(page) == pytest.approx(whole / 2)
 
 
@@ -218,5 +218,5 @@ def test_what_is_not_there_is_told(conn: Conn, dsn: str, serve: Serve, open_page
     conn.commit()
     expect(count).to_have_text("1 conflict")
     expect(nothing).to_be_hidden()
-    page.get_by_label("Object").fill("C")
+    page.get_by_role("combobox", name="Object").fill("C")
     expect(nothing).to_have_text("The filter leaves no conflict.")

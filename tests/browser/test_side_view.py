@@ -1,7 +1,6 @@
 """The side view of the page of `conflictdb map`: heights over time and along a track."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,6 @@ import psycopg
 import pytest
 import shapely
 from browsing import Open, rows, time_of, wait_until
-from commands import runner
 from map_page import Serve
 from piecework import load
 from playwright.sync_api import Page, expect
@@ -44,16 +42,10 @@ def said(page: Page) -> str:
     return page.locator("#heights .said").inner_text()
 
 
-@pytest.mark.parametrize("is_file", [False, True], ids=["served", "file"])
-def test_a_submarine_under_a_ferry_is_seen(
-    strait: str, dsn: str, open_page: Open, tmp_path: Path, capsys: pytest.CaptureFixture[str], is_file: bool
-) -> None:
+@pytest.mark.parametrize("of", ["served", "file"])
+def test_a_submarine_under_a_ferry_is_seen(open_strait: Open, of: str) -> None:
     """Within a second of the click, in words and as a band below that of the ferry, while it is below it."""
-    address = strait
-    if is_file:
-        assert runner(dsn, capsys)("map", "--html", tmp_path / "strait.html").code == 0
-        address = (tmp_path / "strait.html").as_uri()
-    page = open_page(address, size=(1280, 900))
+    page = open_strait((1280, 900), of=of)
     button = page.get_by_role("button", name="Side view")
     expect(button).to_have_attribute("aria-expanded", "false")
     page.keyboard.press("h")
@@ -93,8 +85,8 @@ def test_a_submarine_under_a_ferry_is_seen(
     assert "SUB-2 13 m below" in said(page)
 
 
-def test_chips_leave_what_is_below_at_the_surface_or_in_the_air(strait: str, open_page: Open) -> None:
-    page = open_page(strait, size=(390, 844))
+def test_chips_leave_what_is_below_at_the_surface_or_in_the_air(open_strait: Open) -> None:
+    page = open_strait((390, 844))
     page.get_by_role("button", name="Side view").click()
     chips = {name: page.get_by_role("button", name=name, exact=True) for name in ("below", "surface", "air")}
     chips["surface"].click()
@@ -143,9 +135,9 @@ def test_heights_change_along_legs(conn: Conn, dsn: str, serve: Serve, open_page
     expect(page.locator("#heights .said")).to_contain_text("STEPS")
 
 
-def test_passes_are_those_of_polygons(strait: str, open_page: Open) -> None:
+def test_passes_are_those_of_polygons(open_strait: Open) -> None:
     """Brute force in the plane: every ten seconds."""
-    page = open_page(strait)
+    page = open_strait()
     found = page.evaluate(
         """async () => {
             const {passes, presence} = await import('/page/passes.js'), {tracks} = conflictdbPage.model, found = [];

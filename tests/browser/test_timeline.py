@@ -11,7 +11,6 @@ from map_page import Serve
 from piecework import load
 from playwright.sync_api import Page, expect
 
-import conflictdb
 from conflictdb.db.detect import detect
 from conflictdb.model.plans import Area, Scene
 
@@ -41,12 +40,9 @@ def dragged(page: Page, from_s: float, to_s: float) -> None:
     page.mouse.up()
 
 
-def test_rows_have_names_and_the_calendar_filters(dsn: str, serve: Serve, open_page: Open) -> None:
+def test_rows_have_names_and_the_calendar_filters(open_strait: Open) -> None:
     """By conflict and by object; a hint on a bar; a drag over the calendar, which Back takes back; keys do the same."""
-    with conflictdb.connect(dsn) as db:
-        db.load_demo()
-        db.scene("strait").detect()
-    page = open_page(serve(dsn, "strait"), size=(1280, 800))
+    page = open_strait((1280, 900))
     written = page.evaluate(WRITTEN, "picture")
     assert written == [f"{a} · {b}" for a, b in page.evaluate("conflictdbPage.model.conflicts.map(({a, b}) => [a, b])")]
     assert len(written) == len(rows(page))
@@ -87,9 +83,9 @@ def test_rows_have_names_and_the_calendar_filters(dsn: str, serve: Serve, open_p
     expect(page.locator("#count")).to_have_text("0 of 7 conflicts")
 
 
-def test_fingers_and_keys_have_hints_too(strait: str, open_page: Open) -> None:
+def test_fingers_and_keys_have_hints_too(open_strait: Open) -> None:
     """A finger that stays reads, one that is lifted at once chooses; keys say what is on, also to screen readers."""
-    page = open_page(strait, has_touch=True, size=(390, 844))
+    page = open_strait((390, 844))
     tip = page.get_by_role("tooltip")
     box = page.locator("#bars").bounding_box()
     assert box is not None
@@ -166,7 +162,7 @@ def test_many_conflicts_are_counted_in_months(conn: Conn, dsn: str, serve: Serve
     assert bounds is not None
     page.mouse.move(bounds["x"] + page.evaluate("conflictdbPage.timeline.left") + 1, bounds["y"] + 60)
     expect(page.get_by_role("tooltip")).to_contain_text("at once1 Jun 2026 ")
-    page.get_by_label("Object").fill("A1")
+    page.get_by_role("combobox", name="Object").fill("A1")
     assert len(page.evaluate(WRITTEN, "picture")) == len(rows(page)) == 11
     assert page.evaluate(
         "(({scrollHeight, clientHeight}) => scrollHeight > clientHeight)(document.getElementById('rows'))"
@@ -177,10 +173,9 @@ def test_many_conflicts_are_counted_in_months(conn: Conn, dsn: str, serve: Serve
     assert page.evaluate(top) > 0
 
 
-def test_ticks_are_those_of_the_calendar(dsn: str, conn: Conn, serve: Serve, open_page: Open) -> None:
+def test_ticks_are_those_of_the_calendar(open_strait: Open) -> None:
     """A year shows months, a day hours; at every length they are in range, in order, and not too many."""
-    load(conn, Scene("s"), [], [])
-    page = open_page(serve(dsn, "s"))
+    page = open_strait()
     script = "async ([from, to, most]) => (await import('/page/calendar.js')).ticks([from, to], most)"
 
     def texts(length_s: float, most: float = 12, at_s: float = T0_S) -> list[str]:

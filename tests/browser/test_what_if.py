@@ -10,7 +10,6 @@ import numpy as np
 import psycopg
 import pytest
 from browsing import Open, rows
-from commands import runner
 from map_page import Serve
 from piecework import load
 from playwright.sync_api import Page, Route, expect
@@ -195,9 +194,9 @@ def test_a_waypoint_is_dragged_with_its_conflicts_at_once(strait: str, conn: Con
     expect(page.get_by_role("button", name="Waypoint")).to_have_count(0)
 
 
-def test_a_late_answer_leaves_the_copy_that_was_said(strait: str, open_page: Open) -> None:
+def test_a_late_answer_leaves_the_copy_that_was_said(open_strait: Open) -> None:
     """The server answers about a moved waypoint after the plan was copied."""
-    page = open_page(strait, size=(1440, 900), **COPIES)
+    page = open_strait((1280, 900))
     ask(page, "FERRY and TOW", "FERRY")
     said(page, "As planned: 3 conflicts.")
     asked: list[Route] = []
@@ -213,7 +212,7 @@ def test_a_late_answer_leaves_the_copy_that_was_said(strait: str, open_page: Ope
 def drag_second_waypoint(page: Page, key: str, conflict: str) -> None:
     """Drag it south by 120 pixels of the same map."""
     page.keyboard.press("Escape")
-    page.get_by_label("Object").fill("")
+    page.get_by_role("combobox", name="Object").fill("")
     ask(page, conflict, key)
     said(page, "As planned: 3 conflicts.")
     page.evaluate("void conflictdbPage.view.map.jumpTo({center: [9.2, 57.8], zoom: 8})")
@@ -266,14 +265,9 @@ def test_a_waypoint_is_dragged_in_a_branch(strait: str, dsn: str, open_page: Ope
     assert len(conflicts_of(dsn, "strait", "FERRY")) == 3
 
 
-def test_a_file_computes_it_without_a_server(
-    dsn: str, tmp_path: Path, strait: str, open_page: Open, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_computes_it_without_a_server(strait: str, dsn: str, open_strait: Open) -> None:
     """Also the keyboard closes it, and the scene is as it was."""
-    assert strait
-    file = tmp_path / "strait.html"
-    assert runner(dsn, capsys)("map", "--html", file).code == 0
-    page = open_page(file.as_uri(), offline=True)
+    page = open_strait(of="file")
     before = page.locator("#list").text_content()
     ask(page, "FERRY and TOW", "TOW")
     said(page, "As planned: 1 conflict.")
@@ -291,7 +285,7 @@ def test_a_file_computes_it_without_a_server(
     assert [one["id"] for one in violations if one["impact"] in ("serious", "critical")] == []
     page.keyboard.press("Escape")
     expect(page.locator("#what-if")).to_be_hidden()
-    page.get_by_label("Object").fill("")
+    page.get_by_role("combobox", name="Object").fill("")
     expect(page.locator("li.gone")).to_have_count(0)
     assert page.locator("#list").text_content() == before
 
@@ -316,7 +310,7 @@ def test_the_page_follows_the_pointer_among_300_objects(conn: Conn, dsn: str, se
     load(conn, scene, areas, tracks)
     detect(conn, scene.name, jobs=1)
     page = open_page(serve(dsn, scene.name), size=(1440, 900))
-    page.get_by_label("Object").fill("T5")
+    page.get_by_role("combobox", name="Object").fill("T5")
     page.locator(".row", has_text="T5").first.click()
     page.get_by_role("button", name="departs earlier or later").first.click()
     expect(page.locator(".what-if .said")).to_contain_text("As planned")

@@ -18,7 +18,7 @@ from conflictdb.db import store
 from conflictdb.db.sources import FewSource, SceneSource
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import centred, plane_of
-from conflictdb.in_memory import _InMemory
+from conflictdb.in_memory.questions import _InMemory
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.stages.memory import DEFAULT_MEMORY, Memory

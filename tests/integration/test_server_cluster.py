@@ -298,6 +298,7 @@ def test_crashed_server_is_replaced(home: Path, user: Callable[[], User]) -> Non
     old = user()
     pid = old.server_pid()
     os.kill(pid, signal.SIGKILL)
+    await_that(lambda: server.status(home).pid is None, "the server ends")
     with server.embedded(home) as embedded:
         assert embedded.status().pid != pid
         assert query(embedded.dsn, "SELECT 1") == 1
@@ -309,6 +310,7 @@ def test_server_without_supervisor_is_replaced(home: Path, user: Callable[[], Us
     pid = old.server_pid()
     supervisor = parent_of(parent_of(pid))
     os.kill(supervisor, signal.SIGKILL)
+    await_that(lambda: not has_reader(home / "alive"), "the supervisor ends")
     old.kill()
     with server.embedded(home) as embedded:
         assert embedded.status().pid != pid

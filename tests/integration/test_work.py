@@ -6,14 +6,15 @@ benchmarks/unit_costs.py measures the cost per unit.
 
 from collections.abc import Callable
 from dataclasses import asdict, astuple, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import psycopg
 import pytest
 from made_scenes import Kind, box, sea
 
-from conflictdb import Area, Scene, Track
-from conflictdb.db import store
+from conflictdb import Area, Scene, Track, connect
+from conflictdb.db import schema, store
 from conflictdb.db.detect import Run, detect
 from conflictdb.db.store.parameters import Array
 
@@ -172,6 +173,17 @@ MORE = 1.05
 def grown(counted: dict[str, int], limits: dict[str, int]) -> dict[str, tuple[int, int]]:
     """Return counts above their limits, each with its limit."""
     return {name: (counted[name], limit) for name, limit in limits.items() if counted[name] > limit * MORE}
+
+
+def test_a_later_connection_reads_no_files(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reading and hashing sql/ took longer than to connect."""
+    connect(dsn).close()
+
+    def refuse() -> list[Path]:
+        pytest.fail("sql/ is read again")
+
+    monkeypatch.setattr(schema, "routine_files", refuse)
+    connect(dsn).close()
 
 
 def test_a_detection_in_full_mends_pieces_and_leaves_the_others(conn: Conn, touched: Callable[[str], int]) -> None:

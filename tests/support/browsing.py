@@ -11,7 +11,15 @@ Open = Callable[..., Page]
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
 # As root there is no sandbox. Without a graphics card Chromium renders in software, and WebGL if that is allowed.
-ARGUMENTS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+# Each new window would render two pages of its address bar: a third of the work for a test. The last such list replaces
+# the one of Playwright, so its features follow too.
+_NEVER = (
+    "WebUIOmniboxPopup", "WebUIOmniboxAimPopup", "WebUIOmniboxFullPopup", "PaintHolding", "HttpsUpgrades",
+    "HttpsFirstBalancedModeAutoEnable", "AvoidUnnecessaryBeforeUnloadCheckSync", "DestroyProfileOnBrowserClose",
+    "AvoidCorsURLLoaderRestartOnRedirect", "ThirdPartyStoragePartitioning", "MediaRouter", "LensOverlay",
+    "OptimizationHints", "NetworkTimeServiceQuerying", "AimEnabled", "PreconnectToSearch",
+)  # fmt: skip
+ARGUMENTS = ["--no-sandbox", "--enable-unsafe-swiftshader", f"--disable-features={','.join(_NEVER)}"]
 _DRAWN_MS = 5_000  # a map that never rests is looked at all the same
 
 

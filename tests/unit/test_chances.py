@@ -14,7 +14,7 @@ from shifting import stretched
 from workloads import GROWING, GROWING_CIRCLES, LOW_LATITUDE, Workload, throw
 
 from conflictdb import Area, InvalidInput, Scene, Track, chances, delays, rectangle_outline_m, solve, speeds
-from conflictdb.in_memory import numbered
+from conflictdb.in_memory.questions import numbered
 from conflictdb.stages import chances as stage
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.contacts_at_speeds import Pace, meetings_of

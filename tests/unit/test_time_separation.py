@@ -29,7 +29,7 @@ from conflictdb import (
 from conflictdb.advice.advise import advise
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.registry import centred, plane_of
-from conflictdb.in_memory import _InMemory
+from conflictdb.in_memory.questions import _InMemory
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.cutting import track_pieces
 from conflictdb.stages.run import run_scene

@@ -1,5 +1,6 @@
 """The commands and their options, as help lists them."""
 
+from functools import cache
 from typing import Final
 
 import conflictdb
@@ -43,8 +44,13 @@ GROUPS: Final = (
 
 def build(prog: str | None = None) -> Parser:
     """Return the parser of the whole command line; `prog` replaces the program's name as it was called."""
+    return _built(prog or program())
+
+
+@cache
+def _built(prog: str) -> Parser:
     parser = Parser(
-        prog=prog or program(),
+        prog=prog,
         usage="%(prog)s [--dsn DATABASE] [--debug] [--version] COMMAND …",
         description="Find when and where plans interfere, inside PostGIS.",
         epilog="DATABASE: connection string or URI. COMMAND --help shows its options.",

@@ -56,7 +56,7 @@ def write_differences(conn: psycopg.Connection[Any], scene_id: int, found: PairD
 def stored_delays(
     conn: psycopg.Connection[Any], scene_id: int, key: str | None, horizon_us: int, now_us: int | None
 ) -> list[Delays] | None:
-    """Return the delays of a track, or of each track, as `in_memory.delays` does, from stored differences.
+    """Return the delays of a track, or of each track, as `questions.delays` does, from stored differences.
 
     None if they are not complete, or not within this horizon. Unknown tracks are left out.
     """

@@ -24,7 +24,7 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
 from conflictdb.earth.registry import centred, plane_of
 from conflictdb.errors import InvalidInput
-from conflictdb.in_memory import Objects
+from conflictdb.in_memory.questions import Objects
 from conflictdb.kernel.boxes import BoxTree, HeldBoxes, RowBoxes
 from conflictdb.kernel.bundles import boxes_of
 from conflictdb.model import inputs

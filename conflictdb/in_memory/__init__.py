@@ -1,0 +1,1 @@
+"""Questions about objects in memory, without a database: the same answers."""
