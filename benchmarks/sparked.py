@@ -78,7 +78,7 @@ class Watched(Sampler):
             with suppress(OSError):
                 command = Path(f"/proc/{pid}/cmdline").read_text()
                 held_mb = int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * page_mb
-                if "pyspark.daemon" in command:
+                if "-m\0conflictdb.spark.worker_daemon" in command:
                     self.worker_mb = max(self.worker_mb, held_mb)
                 elif "org.apache.spark" in command:
                     self.java_mb = max(self.java_mb, held_mb)

@@ -38,6 +38,8 @@ _JAVA: Final = 17
 _SETTINGS_OF_IVY: Final = """<ivysettings><settings defaultResolver="central"/>
 <resolvers><ibiblio name="central" m2compatible="true" usepoms="false"/></resolvers></ivysettings>"""
 _DRIVER_MEMORY: Final = "2g"
+# Forks the Python workers of this machine.
+_DAEMON: Final = "conflictdb.spark.worker_daemon"
 # Attempts per task on this machine, as on a cluster: a worker may be killed.
 _TRIES: Final = 4
 # Options that are lists of jars.
@@ -207,7 +209,7 @@ def _alone(master: str, said: Collection[str]) -> dict[str, Any]:
         master = f"local[{match[1] or 1},{_TRIES}]"
     if master.startswith("local"):  # no other machine connects to it
         options |= {"spark.driver.bindAddress": "127.0.0.1", "spark.driver.host": "127.0.0.1"}
-        options |= {"spark.driver.memory": _DRIVER_MEMORY}
+        options |= {"spark.driver.memory": _DRIVER_MEMORY, "spark.python.daemon.module": _DAEMON}
     return {name: value for name, value in options.items() if name not in said} | {"spark.master": master}
 
 

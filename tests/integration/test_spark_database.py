@@ -101,19 +101,14 @@ def test_a_scene_goes_through_spark_and_back(networked: Networked, run: Run, tmp
     pq.write_table(edited, tmp_path / "edited.parquet")
     ways.append(("strait", networked.owner, ["--input", str(tmp_path / "edited.parquet")]))
     outputs = [tmp_path / f"{number} {name}" for number, (name, _, _) in enumerate(ways)]
-    events = tmp_path / "events"
-    events.mkdir()
-    logged = ["--conf", "spark.eventLog.enabled=true", "--conf", f"spark.eventLog.dir=file:{events}"]
-    detect = [
-        ["--debug", "--dsn", dsn, "spark", "detect", *given, "--partitions", "2", *logged] for _, dsn, given in ways
-    ]
+    detect = [["--debug", "--dsn", dsn, "spark", "detect", *given, "--partitions", "2"] for _, dsn, given in ways]
     commands = [[*command, "--output", str(output)] for command, output in zip(detect, outputs, strict=True)]
     commands.append(["--dsn", networked.reader, "spark", "detect", "--scene", "no", "--output", str(tmp_path / "no")])
-    *done, refused = spark.run(commands, is_alone=True)
+    *done, refused = spark.run(commands)
     assert [code for code, _ in done] == [0] * len(done), done
     assert refused[0] == 4
     assert "is not in this database" in refused[1]
-    logs = [path.read_text() for path in events.iterdir()]
+    logs = spark.logs()
     # Workers read only the scenes `strait` and `circles`.
     relations = [line for text in logs for line in text.splitlines() if "JDBCRelation" in line]
     assert len({number for line in relations for number in re.findall(r"_read_tracks\((\d+), NULL\)", line)}) == 2

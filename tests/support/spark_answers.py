@@ -48,8 +48,12 @@ from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_scene
 
 _ROOT = Path(__file__).parents[2]
-# Java makes no best code of what runs for seconds, and nobody looks at pages of Spark.
-SHORT_LIVED = "-XX:TieredStopAtLevel=1 -XX:+UseSerialGC -Dspark.ui.enabled=false"
+# Java makes no best code of what runs for seconds, and verifies no classes of Spark; nobody looks at pages of Spark.
+SHORT_LIVED = (
+    "-XX:TieredStopAtLevel=1 -XX:+UseSerialGC -XX:+UnlockDiagnosticVMOptions -XX:-BytecodeVerificationRemote "
+    "-Dspark.ui.enabled=false"
+)
+_LOGGED = "-Dspark.eventLog.enabled=true"
 _MASTER = "local[2]"
 _EVERY_S = 0.05
 _LONGEST_S = 120.0
@@ -95,8 +99,8 @@ def in_order(found: pa.Table) -> pa.Table:
 class Spark:
     """The program, while it runs; the first request skips its test where Spark does not run."""
 
-    def __init__(self, process: "subprocess.Popen[str]", said: TextIO) -> None:
-        self._process, self._said = process, said
+    def __init__(self, process: "subprocess.Popen[str]", said: TextIO, events: Path) -> None:
+        self._process, self._said, self._events = process, said, events
 
     def found(self, jobs: Sequence[Job], directory: Path, master: str = _MASTER) -> dict[str, pa.Table]:
         """Return the conflicts of Spark, by the names of jobs."""
@@ -111,6 +115,10 @@ class Spark:
         """Return exit codes of commands of the command line, and their output."""
         answer = self._ask(commands=commands, is_alone=is_alone or kills_worker, kills_worker=kills_worker)
         return [(code, text) for code, text in answer["said"]]
+
+    def logs(self) -> list[str]:
+        """Return what Spark has logged of its jobs, for all tests."""
+        return [path.read_text() for path in self._events.iterdir()]
 
     def _ask(self, **request: object) -> Any:
         assert self._process.stdin is not None
@@ -131,19 +139,20 @@ class Spark:
 def running_spark() -> Iterator[Spark]:
     """Run the program until the end of the block."""
     _add_extra()
-    environ = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "JAVA_TOOL_OPTIONS": SHORT_LIVED}
+    environ = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     with (
+        tempfile.TemporaryDirectory() as events,
         tempfile.TemporaryFile("w+") as said,
         subprocess.Popen(
             [sys.executable, __file__],
-            env=environ,
+            env=environ | {"JAVA_TOOL_OPTIONS": f"{SHORT_LIVED} {_LOGGED} -Dspark.eventLog.dir=file:{events}"},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=said,
             text=True,
         ) as process,
     ):
-        yield Spark(process, said)
+        yield Spark(process, said, Path(events))
 
 
 def need_pyspark() -> None:
@@ -205,8 +214,6 @@ def _answer(
     if kills_worker:
         killer.join()
         assert killed, "there was no worker to kill"
-    if is_alone:
-        _stop()
     return {"said": said}
 
 
@@ -293,9 +300,9 @@ def _executors(pid: int) -> list[int]:
 
 
 def _python_workers(pid: int) -> list[int]:
-    """Return the processes of Python that Spark's daemon has forked."""
+    """Return the processes of Python that the daemon of workers has forked."""
     of = _descendants(pid)
-    daemons = {one for one, (_, command) in of.items() if "pyspark.daemon" in command}
+    daemons = {one for one, (_, command) in of.items() if "-m\0conflictdb.spark.worker_daemon" in command}
     return [one for one in daemons if of[one][0] in daemons]
 
 

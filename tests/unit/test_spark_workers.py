@@ -2,8 +2,10 @@
 
 import json
 import re
+import subprocess
 import sys
 import time
+import zipfile
 from collections import defaultdict
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -79,6 +81,9 @@ def test_options_of_the_user_go_before_ours(tmp_path: Path) -> None:
         ("local-cluster[2,1,1024]", "local-cluster[2,1,1024]"), ("spark://host:7077", "spark://host:7077"),
     ):  # fmt: skip
         assert engine._alone(master, ())["spark.master"] == tried
+    daemon = "spark.python.daemon.module"
+    assert engine._alone("local[2]", ())[daemon] == "conflictdb.spark.worker_daemon"
+    assert daemon not in engine._alone("spark://host:7077", ()), "machines may have another pyspark"
     merged = engine._with_jars({"spark.jars": "ours"}, {"spark.jars": "theirs", "spark.driver.memory": "8g"})
     assert merged == {"spark.jars": "ours,theirs", "spark.driver.memory": "8g"}
     with (
@@ -86,6 +91,33 @@ def test_options_of_the_user_go_before_ours(tmp_path: Path) -> None:
         engine.session(None, tmp_path, {}, is_quiet=True, options={"spark.sql.session.timeZone": "CET"}),
     ):
         pass
+
+
+@pytest.mark.parametrize("is_installed", [True, False])
+def test_workers_read_no_archive_of_spark_beside_installed_packages(tmp_path: Path, is_installed: bool) -> None:
+    """Archives of the user stay on the path; without installed packages those of Spark stay, too."""
+    need_pyspark()
+    import py4j
+    import pyspark
+
+    names = {"pyspark.zip": "pyspark", "py4j-0.10.9.7-src.zip": "py4j", "mine.zip": "mine"}
+    archives = [str(tmp_path / name) for name in names]
+    for archive, name in zip(archives, names.values(), strict=True):
+        with zipfile.ZipFile(archive, "w") as of:
+            of.writestr(f"{name}/__init__.py", "")
+    installed = [str(Path(one.__file__).parents[1]) for one in (pyspark, py4j)] if is_installed else []
+    script = """
+import sys
+sys.path[:0] = sys.argv[1:]
+from conflictdb.spark import worker_daemon
+worker_daemon._prefer_installed_packages()
+print(*(one for one in sys.path if one.endswith(".zip") and one in sys.argv), sep="\\n")
+print(*(one for one in sys.path_importer_cache if one.endswith(".zip") and one in sys.argv), sep="\\n")
+"""
+    # Without other packages: archives come first, as Spark has it.
+    command = [sys.executable, "-I", "-S", "-c", script, *archives, str(Path(kernel.__file__).parents[2]), *installed]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == (archives[2:] if is_installed else archives) * 2
 
 
 def test_what_spark_cannot_do_is_one_line() -> None:
