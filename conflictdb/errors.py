@@ -69,11 +69,15 @@ class InvalidInput(ConflictDBError, ValueError):
         self.rule = rule
         self.source = source
         self.also = tuple(also)
-        lines = [": ".join(_shown(part) for part in (source, key, field, rule) if part)]
+        super().__init__(key, field, rule, source)
+
+    def __str__(self) -> str:
+        """Return the message; made only when it is read, since a file may have 100,000 mistakes."""
+        lines = [": ".join(_shown(part) for part in (self.source, self.key, self.field, self.rule) if part)]
         lines += [str(other) for other in self.also[: MOST_TOLD - 1]]
         if len(self.also) >= MOST_TOLD:
             lines.append(f"and {len(self.also) - MOST_TOLD + 1:,} more")
-        super().__init__("\n".join(lines))
+        return "\n".join(lines)
 
     def __iter__(self) -> "Iterator[InvalidInput]":
         """Yield each mistake as an error of its own."""

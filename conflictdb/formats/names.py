@@ -96,11 +96,10 @@ def _look_alike(name: str, known: tuple[str, ...]) -> str | None:
         return None
     meant = SYNONYMS.get(stem)
     best, least = None, _TOO_MANY
-    for other in known:
-        other_stem = stem_of(other)
+    for other, other_squashed, other_stem in _forms(known):
         slips = 0
         if other_stem not in (stem, meant):
-            slips = min(_slips(squashed, _squash(other)), _slips(stem, other_stem))
+            slips = min(_slips(squashed, other_squashed), _slips(stem, other_stem))
         if slips < least:
             best, least = other, slips
     return best
@@ -142,6 +141,12 @@ def _squash(name: str) -> str:
     return "".join(_WORD.findall(name)).lower()
 
 
+@lru_cache(maxsize=256)
+def _forms(known: tuple[str, ...]) -> list[tuple[str, str, str]]:
+    """Return known names, each with its letters and its stem."""
+    return [(name, _squash(name), stem_of(name)) for name in known]
+
+
 @lru_cache(maxsize=4096)
 def _letters(name: str) -> frozenset[str]:
     return frozenset(name)
@@ -149,9 +154,12 @@ def _letters(name: str) -> frozenset[str]:
 
 def _slips(one: str, other: str) -> int:
     """Return the edit distance (optimal string alignment), _TOO_MANY above the limit for names of this length."""
-    most = 0 if len(other) < _ONE_SLIP else 1 if len(other) < _TWO_SLIPS else 2
     # An edit changes the length by at most one and the set of letters by at most two: most names differ by more.
-    if abs(len(one) - len(other)) > most or len(_letters(one) ^ _letters(other)) > 2 * most:
+    longer = len(one) - (length := len(other))
+    if longer > 2 or longer < -2:
+        return _TOO_MANY
+    most = 0 if length < _ONE_SLIP else 1 if length < _TWO_SLIPS else 2
+    if longer > most or -longer > most or len(_letters(one) ^ _letters(other)) > 2 * most:
         return _TOO_MANY
     before: list[int] = []
     row = list(range(len(other) + 1))

@@ -27,7 +27,7 @@ import numpy as np
 import oracle
 import shapely
 from mpmath import mp, mpf
-from oracle_precise import refine, separation
+from precise import refine, separation
 from scene_file import write_scene
 from verdicts import Comparison, Pair, Reported, care_of, compared, solved
 from wild import throw_wild

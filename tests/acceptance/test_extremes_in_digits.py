@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import shapely
 from mpmath import mp, mpf
-from oracle_precise import separation
+from precise import separation
 from scenes import HOUR_S, T0_US, area, meridian_m, parallel_m, track
 from verdicts import CERTIFIED, ROUNDING_S, Reported, solved
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from mpmath import mp, mpf
-from oracle_precise import separation
+from precise import separation
 from scenes import T0_US
 from verdicts import ROUNDING_S, TOUCH_M, Reported, solved
 

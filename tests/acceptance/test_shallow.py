@@ -9,7 +9,7 @@ import oracle
 import pytest
 import shapely
 from mpmath import mp, mpf
-from oracle_precise import separation
+from precise import separation
 from test_grazing import edge_of_contact, moved
 from verdicts import CERTIFIED, Reported, compare, solved
 from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, METRES_PER_DEGREE, Workload, throw

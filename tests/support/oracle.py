@@ -4,7 +4,7 @@ Obvious, slow and independent: shares nothing with the package but the classes o
 series in the third flattening, this uses the incomplete elliptic integral, Gauss-Legendre means and Newton's method;
 where the package reasons about convex parts, this samples densely with shapely on the whole polygons.
 `oracle_motion.py` is the motion, `oracle_distance.py` the distance on the earth, and
-`oracle_precise.py` the same motion in 50 digits; `oracle_circle.py` does all of it for great circles.
+`precise.py` the same motion in 50 digits; `oracle_circle.py` does all of it for great circles.
 
 Units: metres, radians inside, degrees and microseconds at the border; times in results are seconds after `epoch_us`.
 """

@@ -90,6 +90,8 @@ def main() -> int:
             "pytest",
             "-n",
             "2",
+            "-k",
+            "not recorded_answers_are_of_this_oracle",  # they are not, until this has ended
             *(str(HERE.parent / f"{name}.py") for name in ASKING),
         ]
         done = subprocess.run(command, env={**os.environ, FOLDER: folder}, check=False)

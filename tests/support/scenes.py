@@ -9,6 +9,7 @@ writer of scene files in `scene_file.py`.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -45,6 +46,7 @@ class Known:
     grazing: frozenset[Pair] = frozenset()
 
 
+@cache
 def meridian_m(earth: EarthModel, lat_deg: float) -> float:
     """Metres along the meridian from the equator, by quadrature in 30 digits."""
     with mp.workdps(30):

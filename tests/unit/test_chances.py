@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from draws import draws
 from scipy import integrate, stats
 from shifting import stretched
 from workloads import GROWING, GROWING_CIRCLES, LOW_LATITUDE, Workload, throw
@@ -127,10 +128,11 @@ def test_the_speed_of_a_track_is_uncertain(given: Any) -> None:
     assert found.expected == pytest.approx([sum(one[k] for one in found.pairs.values()) for k in (0, 1)], abs=1e-9)
 
 
-def test_an_uncertain_speed_is_as_often_in_conflict_as_computed() -> None:
+@draws("runs", 15, 50)
+def test_an_uncertain_speed_is_as_often_in_conflict_as_computed(runs: int) -> None:
     """Monte Carlo by `solve`, within four standard errors."""
     scene, areas, tracks = throw(LOW_LATITUDE, 4, 10, 40, tolerance_m=1.0)
-    rng, runs, given, count = np.random.default_rng(0), 50, stats.norm(1.0, 0.15), 0
+    rng, given, count = np.random.default_rng(0), stats.norm(1.0, 0.15), 0
     for one in (track for track in tracks if track.key in ("T5", "T9", "T13")):
         found = {
             key: bounds
@@ -166,12 +168,15 @@ def moved(plan: Track, factor: float, delay_s: float) -> Track:
         ({"north": [-300.0, 0.0, 900.0]}, {"east": stats.norm(1.0, 0.1), "north": stats.norm(1.0, 0.1)}),
     ],
 )
-def test_speeds_and_departures_are_uncertain_together(departures: dict[str, Any], fast: dict[str, Any]) -> None:
+@draws("runs", 20, 60)
+def test_speeds_and_departures_are_uncertain_together(
+    departures: dict[str, Any], fast: dict[str, Any], runs: int
+) -> None:
     """Monte Carlo by `solve`, within four standard errors."""
     plans = [EAST, NORTH]
     closed = Area("closed", shapely.box(0.9, -0.1, 1.1, 0.1), None, T0_US + 9_000_000_000, T0_US + 9_500_000_000)
     found = chances(plans, [closed], SCENE, departures, fast)
-    rng, runs = np.random.default_rng(0), 60
+    rng = np.random.default_rng(0)
     seen: Counter[frozenset[str]] = Counter()
     met: Counter[str] = Counter()
     for _ in range(runs):
@@ -318,10 +323,11 @@ def test_an_unknown_track_is_refused() -> None:
         chances([EAST], [], SCENE, {"south": NORMAL})
 
 
-def test_200_pairs_are_as_often_in_conflict_as_computed() -> None:
+@draws("runs", 40, 120)
+def test_200_pairs_are_as_often_in_conflict_as_computed(runs: int) -> None:
     """Monte Carlo by `solve`: each pair, each track, and the number of conflicts, within four standard errors."""
     scene, areas, tracks = throw(LOW_LATITUDE, 4, 10, 40, tolerance_m=1.0)
-    rng, runs = np.random.default_rng(0), 120
+    rng = np.random.default_rng(0)
     kinds: list[Any] = [stats.norm(0.0, 1800.0), stats.uniform(-3600.0, 7200.0), rng.normal(0.0, 3000.0, 50)]
     departures = {one.key: kinds[k % 3] for k, one in enumerate(tracks)}
     found = chances(tracks, areas, scene, departures)

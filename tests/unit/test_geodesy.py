@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpmath import mp, mpf
-from oracle_precise import PreciseGlobe
+from precise import PreciseGlobe
 from reference import data
 
 from conflictdb.earth.geodesy import (

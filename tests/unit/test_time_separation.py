@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from draws import draws
 from shifting import shifted, waiting, with_outlines
 from workloads import GROWING, HARBOUR, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 
@@ -209,7 +210,8 @@ def closest_shift_s(scene: Scene, a: Track, b: Track, within_s: float) -> tuple[
 
 @pytest.mark.parametrize("workload", [LOW_LATITUDE, HARBOUR, SEAM, OCEAN, GROWING], ids=lambda one: one.name)
 @pytest.mark.parametrize("separation_m", [0.0, 1000.0])
-def test_a_conflict_is_one_of_some_shift(workload: Workload, separation_m: float) -> None:
+@draws("shifts", 4, 20)
+def test_a_conflict_is_one_of_some_shift(workload: Workload, separation_m: float, shifts: int) -> None:
     """Pairs that shifts bring into conflict at one time; periods contain all contacts at such shifts."""
     rng = np.random.default_rng(1)
     seen = np.zeros(2, int)
@@ -227,7 +229,7 @@ def test_a_conflict_is_one_of_some_shift(workload: Workload, separation_m: float
             assert row.lacking_s == pytest.approx(time_s - least[0], abs=row.time_error_s + least[1] + 1e-5)
             assert row.verdict == "conflict"
             low, high = np.inf, -np.inf
-            shifts_s = np.append(rng.uniform(-time_s, time_s, 20), [-time_s, time_s, max(least[0], 1e-3)])
+            shifts_s = np.append(rng.uniform(-time_s, time_s, shifts), [-time_s, time_s, max(least[0], 1e-3)])
             for shift_us in np.rint(1e6 * shifts_s).astype(int).tolist():
                 for at_once in solve([a, shifted(b, -shift_us)], [], replace(scene, time_separation_s=0.0)):
                     for start, end in periods_s(at_once):
