@@ -1,7 +1,8 @@
 """A browser for the tests of the page: Chromium of this machine, else they say that they did not run."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, redirect_stdout
+from io import StringIO
 from typing import Any
 
 import pytest
@@ -11,7 +12,7 @@ from map_page import Serve, served_page
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
 
 import conflictdb
-from conflictdb.map import html
+from conflictdb.cli import main
 
 _READY_MS = 60_000
 NARROW = (390, 844)
@@ -67,7 +68,8 @@ class OpenPages:
         return page
 
     def _opened(self, of: str, size: tuple[int, int]) -> tuple[Page, list[Any]]:
-        options = {"permissions": ["clipboard-read", "clipboard-write"], "has_touch": size == NARROW}
+        options: dict[str, Any] = {"has_touch": size == NARROW, "locale": "en-US", "timezone_id": "America/New_York"}
+        options["permissions"] = ["clipboard-read", "clipboard-write"]
         page = _open(self._browser, self._addresses[of], self.said, self._pages, size, offline=of == "file", **options)
         wait_until(page, "location.hash.length > 1")
         return page, list(page.evaluate("[location.hash, conflictdbPage.t]"))
@@ -97,8 +99,9 @@ def _open_pages(
         with conflictdb.connect(dsn) as db:
             db.load_demo()
             db.scene("strait").detect()
-            text, _ = html.page(db.connection, "strait")
-            file.write_text(text, encoding="utf-8")
+        with redirect_stdout(StringIO()) as out:
+            code = main(["--dsn", dsn, "map", "--html", str(file)])
+        assert (code, out.getvalue()) == (0, "")
         address = stack.enter_context(served_page(dsn, "strait"))
         yield OpenPages(browser, {"served": address, "file": file.as_uri()}, stack)
 

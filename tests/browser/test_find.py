@@ -10,7 +10,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from browsing import Open, await_drawn, rows, time_of, wait_until
+from browsing import Open, rows, wait_until
 from commands import runner
 from map_page import Serve
 from piecework import load
@@ -198,16 +198,3 @@ def test_the_table_is_that_of_the_command_line(
     table.get_by_role("button", name=re.compile("HYPERLINK")).click()
     expect(page.locator("#table")).to_be_hidden()
     expect(page.locator("#detail").get_by_role("heading")).to_contain_text(FORMULA)
-
-
-def test_a_table_of_nothing_says_so(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
-    load(conn, Scene("s"), [], [])
-    page = open_page(serve(dsn, "s"), size=(390, 844))
-    page.get_by_role("button", name="Table", exact=True).click()
-    expect(page.locator("#table")).to_contain_text("No conflict is left to show.")
-    page.keyboard.press("Escape")
-    expect(page.get_by_role("button", name="Table", exact=True)).to_be_focused()
-    page.get_by_role("button", name="Side view").click()
-    expect(page.locator("#heights .said")).to_have_text("No object is left to show.")
-    await_drawn(page)
-    assert time_of(page) > 0

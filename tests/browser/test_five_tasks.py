@@ -86,7 +86,10 @@ def test_what_changed_since_the_hour_in_two(
     hands.choose(page.get_by_label("Changes since"), hour)
     expect(page.locator("#changed")).to_have_text(f"Since {hour}: 0 new, 1 gone")
     assert rows(page) == ["FERRY and TOW"]
+    expect(page.locator("li.gone .keys")).to_have_text("FERRY and TOW")
     assert hands.count <= 2
+    page.get_by_label("Changes since").select_option(label="a week ago")
+    expect(page.locator("#state")).to_contain_text("The instant is before the first detection of the scene")
 
 
 def test_print_in_two(open_strait: Open) -> None:

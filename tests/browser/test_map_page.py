@@ -120,10 +120,19 @@ def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
     expect(detail.get_by_role("heading")).to_have_text("FIRING and FERRY")
 
 
-def test_conflicts_without_known_depths_are_listed_by_how_long_they_last(strait: str, open_page: Open) -> None:
+def test_conflicts_without_known_depths_are_listed_by_how_long_they_last(open_strait: Open) -> None:
     """As in a scene of thousands, whose depths are not computed; the first one has the clock."""
-    page = open_page(strait)
+    page = open_strait()
+    depths = page.evaluate("[...conflictdbPage.model.depths].map(([id, known]) => [id, ...known])")
     page.evaluate("conflictdbPage.model.takeDepths([])")
+    try:
+        assert_by_length(page)
+    finally:
+        page.evaluate("(depths) => conflictdbPage.model.takeDepths(depths)", depths)
+    assert len(depths) == 7
+
+
+def assert_by_length(page: Page) -> None:
     page.get_by_role("combobox", name="Object").fill("e")
     page.get_by_role("combobox", name="Object").fill("")
     lasting = page.evaluate("""conflictdbPage.model.conflicts.map(
@@ -213,8 +222,15 @@ def test_changes_and_acknowledgements_show_without_reload(
     assert page.locator("img[src=x]").count() == 0
 
 
-def test_a_change_while_the_page_opens_is_seen(strait: str, browser: Browser, dsn: str) -> None:
-    """The scene changes after the page has read it and before it listens; the page makes each first request once."""
+def test_a_change_while_the_page_opens_is_seen_and_the_end_of_the_scene(
+    strait: str, browser: Browser, conn: Conn, dsn: str
+) -> None:
+    """The scene changes after the page has read it and before it listens; the page makes each first request once.
+
+    A scene that is deleted is one sentence, without the names of other scenes.
+    """
+    load(conn, Scene("confidential"), [], [])
+    conn.commit()
     asked: list[str] = []
 
     def changed(route: Route) -> None:
@@ -233,6 +249,14 @@ def test_a_change_while_the_page_opens_is_seen(strait: str, browser: Browser, ds
         for path in ("/api/scene", "/api/conflicts", "/api/areas", "/api/tracks"):
             assert first.count(path) == 1
         assert first.index("/api/tracks") < first.index("/api/depths")
+        conn.execute("DELETE FROM conflictdb.scene WHERE name = 'strait'")
+        conn.commit()
+        expect(page.locator("#list p")).to_have_text(
+            "The scene is no longer shown: it was deleted, renamed or unshared."
+        )
+        expect(page.locator("#state")).to_have_text("it was deleted, renamed or unshared")
+        page.evaluate("document.getElementById('scenes').remove()")  # where the reader's scenes are chosen
+        assert "confidential" not in page.content()
 
 
 def test_a_bar_says_what_changed(strait: str, open_page: Open, conn: Conn, dsn: str) -> None:
@@ -285,25 +309,6 @@ def test_a_bar_says_what_changed(strait: str, open_page: Open, conn: Conn, dsn: 
     expect(page.locator("#changed")).to_contain_text(re.compile(r"^FERRY moved: 0 new, \d gone, \d at another time$"))
 
 
-def test_a_deleted_scene_is_one_sentence(strait: str, browser: Browser, conn: Conn) -> None:
-    """Without the names of other scenes."""
-    load(conn, Scene("confidential"), [], [])
-    page = browser.new_page()  # its console reports refused requests
-    try:
-        page.goto(strait)
-        page.wait_for_selector("html[data-ready=true]", state="attached")
-        conn.execute("DELETE FROM conflictdb.scene WHERE name = 'strait'")
-        conn.commit()
-        expect(page.locator("#list p")).to_have_text(
-            "The scene is no longer shown: it was deleted, renamed or unshared."
-        )
-        expect(page.locator("#state")).to_have_text("it was deleted, renamed or unshared")
-        page.evaluate("document.getElementById('scenes').remove()")  # where the reader's scenes are chosen
-        assert "confidential" not in page.content()
-    finally:
-        page.close()
-
-
 def test_a_page_keeps_what_it_shows_where_nobody_refuses_the_scene(strait: str, browser: Browser, conn: Conn) -> None:
     """A server, or a proxy before it, that has had too much says so, and the scene is still there."""
     page = browser.new_page()
@@ -321,9 +326,10 @@ def test_a_page_keeps_what_it_shows_where_nobody_refuses_the_scene(strait: str, 
         page.close()
 
 
-def test_times_are_written_with_24_hours_wherever_one_is(strait: str, open_page: Open) -> None:
+def test_times_are_written_with_24_hours_wherever_one_is(open_strait: Open) -> None:
     """In UTC, as everything else that the page says: not with am and pm in the time of the browser's own country."""
-    page = open_page(strait, locale="en-US", timezone_id="America/New_York")
+    page = open_strait()
+    assert page.evaluate("[navigator.language, new Date(0).getHours()]") == ["en-US", 19]
     page.get_by_text("Filter", exact=True).click()
     since, until = page.get_by_label("From (UTC)"), page.get_by_label("To (UTC)")
     since.press_sequentially("2026-06-01 09:30")
@@ -581,13 +587,10 @@ def test_nothing_overlaps_and_nobody_is_left_out(strait: str, open_page: Open) -
             assert [(one["id"], [node["html"][:120] for node in one["nodes"]]) for one in serious] == []
 
 
-def test_file_needs_nothing_else(dsn: str, tmp_path: Path, open_page: Open, capsys: pytest.CaptureFixture[str]) -> None:
+def test_file_needs_nothing_else(open_strait: Open) -> None:
     """The page in one file, without a server and without the network."""
-    file = tmp_path / "strait.html"
-    done = runner(dsn, capsys)("map", "--html", file)
-    assert (done.code, done.out) == (0, "")
-    assert file.stat().st_size < 3e6
-    page = open_page(file.as_uri(), offline=True)
+    page = open_strait(of="file")
+    assert Path(urlsplit(page.url).path).stat().st_size < 3e6
     assert rows(page) == ORDER
     expect(page.locator("#state")).to_contain_text("changes since are not in this file")
     await_drawn(page)

@@ -399,7 +399,7 @@ def polar_cap(around: list[tuple[float, float]]) -> shapely.Polygon:
 
 
 def test_scenes_about_a_pole_are_shown_true(about_the_pole: str, conn: Conn, open_page: Open) -> None:
-    """Land, areas with the pole in them, paths, havens and regions, each where the sphere has it."""
+    """Land, areas with the pole in them, paths, havens and regions, each where the sphere has it; and a conflict."""
     page = open_page(about_the_pole)
     expect(page.locator("#polar")).to_be_visible()
     expect(page.locator("#beyond")).to_contain_text("the polar view shows what lies there")
@@ -448,11 +448,11 @@ def test_scenes_about_a_pole_are_shown_true(about_the_pole: str, conn: Conn, ope
     )
     x, y = page.evaluate("(place) => conflictdbPage.polar.project(place)", [middle.x, middle.y])
     assert seen["OVER"] == pytest.approx([x, y], abs=2)
+    assert_chosen_about_the_pole(page)
 
 
-def test_what_is_chosen_near_a_pole_is_shown_about_it(about_the_pole: str, open_page: Open) -> None:
-    """And clicked there; the button goes to the map without it, and back."""
-    page = open_page(about_the_pole)
+def assert_chosen_about_the_pole(page: Page) -> None:
+    """A conflict is chosen in the list, and clicked there; the button goes to the map without it, and back."""
     page.get_by_role("button", name="Polar view").click()
     expect(page.locator("#polar")).to_be_hidden()
     assert len(rows(page)) == 3

@@ -7,7 +7,7 @@ import numpy as np
 import psycopg
 import pytest
 import shapely
-from browsing import Open, time_of, wait_until
+from browsing import Open, await_drawn, time_of, wait_until
 from map_page import Serve
 from piecework import load
 from playwright.sync_api import Page, expect
@@ -200,11 +200,21 @@ def test_lines_of_the_map_are_where_they_say(conn: Conn, dsn: str, serve: Serve,
 
 
 def test_what_is_not_there_is_told(conn: Conn, dsn: str, serve: Serve, open_page: Open) -> None:
-    """A scene without objects, not detected, without conflicts, with none left by the filter."""
+    """A scene without objects, also in the table and from the side; not detected; without conflicts; with none left."""
     load(conn, Scene("s"), [], [])
     page = open_page(serve(dsn, "s"))
     nothing, count = page.locator("#list p"), page.locator("#count")
     expect(nothing).to_contain_text("has no objects yet")
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.get_by_role("button", name="Table", exact=True).click()
+    expect(page.locator("#table")).to_contain_text("No conflict is left to show.")
+    page.keyboard.press("Escape")
+    expect(page.get_by_role("button", name="Table", exact=True)).to_be_focused()
+    page.get_by_role("button", name="Side view").click()
+    expect(page.locator("#heights .said")).to_have_text("No object is left to show.")
+    await_drawn(page)
+    assert time_of(page) > 0
+    page.set_viewport_size({"width": 900, "height": 600})
     load(conn, Scene("s"), [Area("A", shapely.box(0, 0, 1, 1)), Area("B", shapely.box(2, 0, 3, 1))], [])
     conn.commit()
     expect(nothing).to_contain_text("No conflict is known yet (never detected: 2 objects wait for detection)")

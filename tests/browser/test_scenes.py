@@ -1,10 +1,8 @@
 """The scenes of a database in one page: which one is shown, and since when or from which other one changes count."""
 
 import gzip
-from datetime import UTC, datetime
 from pathlib import Path
 
-import psycopg
 import pytest
 from browsing import Open, rows
 from map_page import Client, Serve
@@ -90,24 +88,6 @@ def test_a_branch_is_compared_with_its_parent_and_hears_of_its_changes_alone(
         db.scene("no ferry").delete_objects("TOW")
     expect(page.locator("#state")).to_contain_text("5 tracks")
     expect(parent.locator("#state")).to_contain_text("7 tracks")
-
-
-def test_then_and_now_over_the_history(several: str, open_page: Open, conn: psycopg.Connection[None], dsn: str) -> None:
-    """Conflicts that were known at an instant, beside those of now; before the first detection it says so."""
-    conn.execute("UPDATE conflictdb.run SET finished_at = finished_at - interval '5 hours'")
-    conn.execute("UPDATE conflictdb.conflict_event SET at = at - interval '5 hours'")
-    conn.commit()
-    with conflictdb.connect(dsn) as db:
-        db.scene("strait").delete_objects("TOW")
-        db.scene("strait").detect()
-    page = open_page(several)
-    since = page.get_by_label("Changes since")
-    label = f"{datetime.now(UTC):%H}:00 UTC"
-    since.select_option(label=label)
-    expect(page.locator("#changed")).to_have_text(f"Since {label}: 0 new, 1 gone")
-    expect(page.locator("li.gone .keys")).to_have_text("FERRY and TOW")
-    since.select_option(label="a week ago")
-    expect(page.locator("#state")).to_contain_text("The instant is before the first detection of the scene")
 
 
 def test_scenes_of_others_are_not_named(several: str) -> None:

@@ -1,7 +1,7 @@
-"""Programs forked from one process that has imported the libraries of others, so that each starts in milliseconds.
+"""Programs forked from one process that has imported conflictdb and its libraries, so that each starts in milliseconds.
 
 They are processes of their own in all other respects: arguments, environment, directory, streams, exit code, signals.
-Each imports conflictdb by itself, so an import that is missing there fails as it does for users.
+`tests/unit/test_imports.py` shows that commands import what they need.
 
     python forked.py ADDRESS    forks programs until its standard input ends; run_forked.py runs one
 """
@@ -24,6 +24,8 @@ from pathlib import Path
 from select import select
 from typing import Final, NoReturn
 
+import conflictdb
+
 _LIBRARIES: Final = (
     "alembic.command", "fpdf", "geoalchemy2", "geopandas", "matplotlib.backends.backend_agg",
     "matplotlib.backends.backend_svg", "matplotlib.pyplot", "pandas", "psycopg", "pyarrow.parquet", "pyogrio",
@@ -42,7 +44,7 @@ def forking(address: Path) -> Iterator[str]:
 
 
 def _serve(address: str) -> None:
-    for library in _LIBRARIES:
+    for library in (*_LIBRARIES, *_modules()):
         importlib.import_module(library)
     gc.freeze()  # what all have in common is neither searched for garbage nor copied
     with socket.socket(socket.AF_UNIX) as listening:
@@ -57,6 +59,15 @@ def _serve(address: str) -> None:
                     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
                     listening.close()
                     _fork(connection)
+
+
+def _modules() -> Iterator[str]:
+    """Yield the names of conflictdb's modules, without those that need Spark or are programs."""
+    root = Path(conflictdb.__file__).parent
+    for path in root.rglob("*.py"):
+        parts = path.relative_to(root.parent).with_suffix("").parts
+        if parts[1] != "spark" and parts[-1] not in ("__init__", "__main__"):
+            yield ".".join(parts)
 
 
 def _reap(*_: object) -> None:
