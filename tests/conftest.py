@@ -1,5 +1,6 @@
 """Fixtures shared by all tests; where the test database comes from is in databases.py."""
 
+import gc
 import logging
 import os
 import shutil
@@ -75,6 +76,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if "server_dsn" in getattr(item, "fixturenames", ()):
             item.add_marker("db")
     items.sort(key=lambda item: not item.path.stem.startswith(tuple(f"test_{name}" for name in _LONG)))
+
+
+def pytest_collection_finish() -> None:
+    """Exempt modules and collected tests, which stay, from garbage collection: each full one would visit them."""
+    gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)

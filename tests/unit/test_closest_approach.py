@@ -13,6 +13,7 @@ import oracle_distance
 import pytest
 import scenes
 import shapely
+from draws import draws
 from kernel_internals import internals
 from oracle_motion import Globe
 from pyproj import Geod
@@ -111,11 +112,12 @@ def floors(given: Given, low_s: Floats, high_s: Floats) -> tuple[Floats, Floats,
 
 @pytest.mark.parametrize("earth", EarthModel)
 @pytest.mark.parametrize("workload", WORKLOADS, ids=lambda w: w.name)
-def test_nothing_is_nearer_than_the_bounds_of_its_time(workload: Workload, earth: EarthModel) -> None:
+@draws("pairs", 400, 1500)
+def test_nothing_is_nearer_than_the_bounds_of_its_time(workload: Workload, earth: EarthModel, pairs: int) -> None:
     """For long times and for short ones; and the bounds of short times are close."""
     if workload.motion is Motion.GREAT_CIRCLE and earth is EarthModel.WGS84:
         pytest.skip("great circles are on the sphere")
-    given = Given.of(workload, 3, 8, earth).some(1500)
+    given = Given.of(workload, 3, 8, earth).some(pairs)
     rng, n = np.random.default_rng(0), len(given.a)
     for parts in (1, 16, 256, 4096):
         low = given.span_s * rng.integers(parts, size=n) / parts

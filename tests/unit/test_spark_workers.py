@@ -19,6 +19,7 @@ import pytest
 import scenes
 import shapely
 import shapely.affinity
+from draws import draws
 from spark_answers import answer_of_one_machine, in_order, need_pyspark
 from workloads import GROWING, OCEAN, SEAM, Workload, throw
 
@@ -255,7 +256,8 @@ def small_cells(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("workload", [SEAM, GROWING, OCEAN], ids=lambda one: one.name)
-def test_each_pair_of_pieces_is_met_once(workload: Workload, monkeypatch: pytest.MonkeyPatch) -> None:
+@draws("cuts", 2, 4)
+def test_each_pair_of_pieces_is_met_once(workload: Workload, monkeypatch: pytest.MonkeyPatch, cuts: int) -> None:
     """The pairs whose boxes and hulls meet, each in one cell and in one unit; those of two objects in one group."""
     monkeypatch.setattr(solving, "_PAIRS_AT_ONCE", 3)
     scene, areas, tracks = throw(workload, 7, 8, 24)
@@ -271,7 +273,7 @@ def test_each_pair_of_pieces_is_met_once(workload: Workload, monkeypatch: pytest
     meet = ~kernel.apart(all_pieces.hull_xy, all_pieces.hull_offset, a, b)
     expected = sorted((names[i], names[j]) for i, j in zip(a[meet], b[meet], strict=True))
     assert len(expected) > 100
-    for seed in range(4):
+    for seed in range(cuts):
         met = met_in(rows, np.random.default_rng(seed))
         of_met = pieces_in(met["piece"].to_pylist())
         named = list(zip(met["key"].to_pylist(), of_met.part, of_met.turn, strict=True))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scenes
 import shapely
+from draws import draws
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_planes import distance_m
@@ -138,12 +139,13 @@ def least_on_sphere_m(a: np.ndarray, b: np.ndarray) -> float:
 
 @pytest.mark.parametrize("distance_m", [1e3, 2e4, 1e5])
 @pytest.mark.parametrize("lat", [0, 45, 60, 78, -80, 87])
-def test_distance_on_the_earth_is_never_overstated(lat: float, distance_m: float) -> None:
+@draws("polygons", 3, 8)
+def test_distance_on_the_earth_is_never_overstated(lat: float, distance_m: float, polygons: int) -> None:
     """At most the least great-circle distance, and less by micrometres only."""
     rng = np.random.default_rng(7)
     scale = 1 / np.cos(np.radians(lat))
     middle = np.array([0.0, MEAN_RADIUS_M * np.arcsinh(np.tan(np.radians(lat)))])
-    for _ in range(8):
+    for _ in range(polygons):
         size = distance_m * scale * rng.uniform(0.3, 2.0)
         a = polygon(rng, 5, size, middle)
         angle = rng.uniform(0, 2 * np.pi)
