@@ -42,9 +42,9 @@ class Land:
 def land(detail: str) -> Land:
     """Return all land in one of two details, COARSE or FINE."""
     text = (files("conflictdb") / "map" / "vendor" / f"land-{detail}.json.gz").read_bytes()
-    topology = json.loads(gzip.decompress(text))
+    topology, arcs = _topology(gzip.decompress(text).decode())
     scale, shift = np.array(topology["transform"]["scale"]), np.array(topology["transform"]["translate"])
-    arcs = [np.cumsum(np.array(arc), axis=0) * scale + shift for arc in topology["arcs"]]
+    arcs = [np.cumsum(arc, axis=0) * scale + shift for arc in arcs]
 
     def ring(numbers: list[int]) -> NDArray[np.float64]:
         # ~n is arc n backward. Each begins at the end of the one before. Longitudes continue beyond 180.
@@ -62,6 +62,16 @@ def land(detail: str) -> Land:
             coasts += [shell, *holes]
             polygons.append(shapely.Polygon(_closed(shell), [_beside(hole, shell) for hole in holes]))
     return Land(_cut(polygons), _cut([shapely.LineString(coast) for coast in coasts]))
+
+
+def _topology(text: str) -> tuple[Any, list[NDArray[Any]]]:
+    """Parse TopoJSON without its arcs, and these as arrays (n, 2): 400,000 points as lists take four times as long."""
+    first = text.rindex('"arcs":[[[') + len('"arcs":')
+    end = text.index("]]]", first) + len("]]]")
+    arcs = text[first:end]
+    counts = [arc.count("],[") + 1 for arc in arcs.split("]],[[")]
+    points = np.fromstring(arcs.replace("[", "").replace("]", ""), np.int64, sep=",").reshape(-1, 2)
+    return json.loads(f"{text[:first]}[]{text[end:]}"), np.split(points, np.cumsum(counts)[:-1])
 
 
 @cache

@@ -1,5 +1,7 @@
 """Figures are true: separations between their bounds, shapes in their places, names unchanged."""
 
+import gzip
+import json
 import logging
 import pickle
 import re
@@ -35,7 +37,7 @@ from conflictdb import (
 )
 from conflictdb.advice.advise import advise
 from conflictdb.db.detect import Run
-from conflictdb.drawing import figures, report
+from conflictdb.drawing import figures, land, report
 from conflictdb.drawing.separation import separation
 from conflictdb.drawing.sketch import Sketch
 from conflictdb.model.results import Approach, Explanation, Listing, Results, SceneState
@@ -717,3 +719,12 @@ def test_results_show_themselves_in_notebooks(strait: Any) -> None:
     assert advice.recommendation[:20] in advice._repr_html_()
     run = Run(**dict.fromkeys((field.name for field in fields(Run)), 3))
     assert "<th>conflicts</th><td>3</td>" in run._repr_html_()
+
+
+@pytest.mark.parametrize("detail", [land.COARSE, land.FINE])
+def test_coastlines_are_parsed_as_json(detail: str) -> None:
+    text = gzip.decompress((files("conflictdb") / "map" / "vendor" / f"land-{detail}.json.gz").read_bytes()).decode()
+    expected = json.loads(text)
+    topology, arcs = land._topology(text)
+    assert [arc.tolist() for arc in arcs] == expected["arcs"]
+    assert topology == expected | {"arcs": []}
