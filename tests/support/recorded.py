@@ -1,7 +1,7 @@
 """Recorded answers of the oracle: computing them again would take more time than all other tests.
 
 The key of an answer is a digest of all its inputs: the sources of the oracle, both objects, the settings it reads. The
-oracle computes missing answers, and one answer in `FRESH`, others every day.
+oracle computes missing answers, and one answer in `FRESH`, others every day, which takes seconds per run.
 
     ./run python tests/support/recorded.py     computes all answers of the suite and records them (ten minutes)
 """
@@ -26,7 +26,7 @@ import shapely
 HERE: Final = Path(__file__).resolve().parent
 RECORD: Final = HERE / "recorded.jsonl.gz"
 FOLDER: Final = "CONFLICTDB_RECORD_ORACLE"  # where everything that is computed is written
-FRESH: Final = 50
+FRESH: Final = 200
 ASKING: Final = (
     "unit/test_oracle", "unit/test_stage4_approach", "acceptance/test_adversary", "acceptance/test_command_line",
     "acceptance/test_extremes", "acceptance/test_grazing", "acceptance/test_never_misses", "acceptance/test_regions",

@@ -128,11 +128,10 @@ def test_the_speed_of_a_track_is_uncertain(given: Any) -> None:
     assert found.expected == pytest.approx([sum(one[k] for one in found.pairs.values()) for k in (0, 1)], abs=1e-9)
 
 
-@draws("runs", 15, 50)
-def test_an_uncertain_speed_is_as_often_in_conflict_as_computed(runs: int) -> None:
+def test_an_uncertain_speed_is_as_often_in_conflict_as_computed() -> None:
     """Monte Carlo by `solve`, within four standard errors."""
     scene, areas, tracks = throw(LOW_LATITUDE, 4, 10, 40, tolerance_m=1.0)
-    rng, given, count = np.random.default_rng(0), stats.norm(1.0, 0.15), 0
+    rng, runs, given, count = np.random.default_rng(0), 50, stats.norm(1.0, 0.15), 0
     for one in (track for track in tracks if track.key in ("T5", "T9", "T13")):
         found = {
             key: bounds
@@ -168,15 +167,12 @@ def moved(plan: Track, factor: float, delay_s: float) -> Track:
         ({"north": [-300.0, 0.0, 900.0]}, {"east": stats.norm(1.0, 0.1), "north": stats.norm(1.0, 0.1)}),
     ],
 )
-@draws("runs", 20, 60)
-def test_speeds_and_departures_are_uncertain_together(
-    departures: dict[str, Any], fast: dict[str, Any], runs: int
-) -> None:
+def test_speeds_and_departures_are_uncertain_together(departures: dict[str, Any], fast: dict[str, Any]) -> None:
     """Monte Carlo by `solve`, within four standard errors."""
     plans = [EAST, NORTH]
     closed = Area("closed", shapely.box(0.9, -0.1, 1.1, 0.1), None, T0_US + 9_000_000_000, T0_US + 9_500_000_000)
     found = chances(plans, [closed], SCENE, departures, fast)
-    rng = np.random.default_rng(0)
+    rng, runs = np.random.default_rng(0), 60
     seen: Counter[frozenset[str]] = Counter()
     met: Counter[str] = Counter()
     for _ in range(runs):
