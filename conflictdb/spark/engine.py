@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from threading import current_thread, main_thread
+from traceback import walk_tb
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
@@ -142,6 +143,9 @@ def session(
                 f"Spark did not start. If its jars cannot be fetched from Maven Central ({', '.join(packages)}), put "
                 f"them into {cache / 'jars'}. It said: {' / '.join(lines[-_TOLD_LINES:])}"
             ) from error
+        except BaseException as error:  # an interrupt, above all
+            _end_starting_java(error)
+            raise
         if current_thread() is main_thread():  # pyspark's own handler would call Java within a call of Java
             signal.signal(signal.SIGINT, heard)
         try:
@@ -152,6 +156,19 @@ def session(
                 yield with_sedona(spark)
         finally:
             spark.stop()
+
+
+def _end_starting_java(error: BaseException) -> None:
+    """End a Java that pyspark was waiting for.
+
+    pyspark removes the directory in which Java is about to write its address; Java then fails, and never ends.
+    """
+    for frame, _ in walk_tb(error.__traceback__):
+        if frame.f_globals.get("__name__") == "pyspark.java_gateway":
+            java = frame.f_locals.get("proc")
+            if isinstance(java, subprocess.Popen):
+                java.kill()
+                java.wait()
 
 
 @contextmanager

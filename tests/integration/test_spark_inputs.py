@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,16 @@ import pyarrow as pa
 import pytest
 import shapely
 from pyarrow import parquet
-from spark_answers import SHORT_LIVED, Spark, answer_of_one_machine, await_workers, in_order, need_pyspark
+from spark_answers import (
+    SHORT_LIVED,
+    Spark,
+    answer_of_one_machine,
+    await_end_of_group,
+    await_java,
+    await_workers,
+    in_order,
+    need_pyspark,
+)
 
 from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.formats.parquet_writing import write_objects
@@ -172,8 +182,9 @@ def test_a_worker_that_is_killed_is_replaced(tmp_path: Path, crowd: list[Track],
 
 
 @pytest.mark.usefixtures("crowd")
-def test_an_interrupt_is_one_line(tmp_path: Path) -> None:
-    """Ctrl-C ends all of it with 130, and leaves no traceback."""
+@pytest.mark.parametrize("awaited", [await_java, await_workers])
+def test_an_interrupt_is_one_line(tmp_path: Path, awaited: Callable[["subprocess.Popen[str]"], bool]) -> None:
+    """Ctrl-C ends all of it with 130, and leaves neither a traceback nor a Java."""
     need_pyspark()
     # Not ignored, as it is in the background of a shell.
     command = ["env", "--default-signal=INT", sys.executable, "-m", "conflictdb", "spark", "detect", "--input"]
@@ -185,10 +196,11 @@ def test_an_interrupt_is_one_line(tmp_path: Path) -> None:
         start_new_session=True,
     )
     try:
-        assert await_workers(running), running.stderr and running.stderr.read()
+        assert awaited(running), running.stderr and running.stderr.read()
         os.killpg(running.pid, signal.SIGINT)
         _, said = running.communicate(timeout=300)
     finally:
         if running.poll() is None:
             running.kill()
+    await_end_of_group(running.pid)
     assert (running.returncode, said) == (130, "conflictdb: interrupted\n")

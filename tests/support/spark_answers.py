@@ -20,7 +20,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, redirect_stderr
+from contextlib import contextmanager, nullcontext, redirect_stderr, suppress
 from dataclasses import dataclass
 from functools import cache
 from io import StringIO
@@ -57,6 +57,8 @@ _LOGGED = "-Dspark.eventLog.enabled=true"
 _MASTER = "local[2]"
 _EVERY_S = 0.05
 _LONGEST_S = 120.0
+# Java that is interrupted earlier ends by itself; Spark is ready after more than a second.
+_STARTED_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -311,6 +313,31 @@ def await_workers(process: "subprocess.Popen[str]") -> bool:
     while not (has_workers := bool(_python_workers(process.pid))) and process.poll() is None:
         time.sleep(_EVERY_S)
     return has_workers
+
+
+def await_java(process: "subprocess.Popen[str]") -> bool:
+    """Return whether a program comes to start the Java that runs Spark, which is not ready yet."""
+    while not (has_java := _has_java(process.pid)) and process.poll() is None:
+        time.sleep(_EVERY_S / 10)
+    time.sleep(_STARTED_S)
+    return has_java
+
+
+def _has_java(pid: int) -> bool:
+    commands = [command.split("\0") for _, command in _descendants(pid).values()]
+    # Another Java makes its command.
+    return any(Path(one[0]).name == "java" and "org.apache.spark.launcher.Main" not in one for one in commands)
+
+
+def await_end_of_group(group: int) -> None:
+    """Wait until no process of a group is left."""
+    end = time.monotonic() + _LONGEST_S
+    with suppress(ProcessLookupError):
+        while time.monotonic() < end:
+            os.killpg(group, 0)
+            time.sleep(_EVERY_S)
+        os.killpg(group, signal.SIGKILL)
+        raise AssertionError(f"processes of group {group} are left")
 
 
 def _descendants(pid: int) -> dict[int, tuple[int, str]]:
