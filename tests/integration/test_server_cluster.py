@@ -21,6 +21,7 @@ from typing import Any
 import psycopg
 import pytest
 from commands import STRAIT
+from databases import server_directory
 from patience import killed_after
 
 from conflictdb import connect, server
@@ -69,7 +70,7 @@ class User:
 def places() -> Iterator[Path]:
     """Return a directory for homes."""
     # Not tmp_path: that is closed to the account that runs the server of root.
-    root = Path(tempfile.mkdtemp(prefix="conflictdb-"))
+    root = Path(tempfile.mkdtemp(prefix="conflictdb-", dir=server_directory()))
     root.chmod(0o755)
     yield root
     shutil.rmtree(root)

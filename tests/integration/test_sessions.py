@@ -14,6 +14,7 @@ import psycopg
 import pytest
 import sqlalchemy
 from commands import STRAIT, runner
+from databases import server_directory
 from scenes import T0_US
 
 import conflictdb
@@ -175,7 +176,7 @@ def test_a_connection_whose_transactions_are_read_only(dsn: str, capsys: pytest.
 @pytest.fixture
 def standby() -> Iterator[tuple[str, str]]:
     """Return how to connect to two databases of a hot standby: with a scene in it, and empty."""
-    home = Path(tempfile.mkdtemp(prefix="conflictdb-"))
+    home = Path(tempfile.mkdtemp(prefix="conflictdb-", dir=server_directory()))
     home.chmod(0o755)
     try:
         # A server that ran with another wal_level before cannot become a standby.

@@ -13,6 +13,7 @@ from pathlib import Path
 import psycopg
 import pytest
 from commands import STRAIT, runner
+from databases import server_directory
 from installations import local_server
 
 from conflictdb.cli.codes import DONE, NO_SERVER
@@ -44,7 +45,7 @@ def make_certificates(directory: Path) -> None:
 @pytest.fixture(scope="module")
 def secured() -> Iterator[tuple[Path, int]]:
     """A server that refuses connections without TLS: the directory of certificates, and its port."""
-    home = Path(tempfile.mkdtemp(prefix="conflictdb-tls-"))
+    home = Path(tempfile.mkdtemp(prefix="conflictdb-tls-", dir=server_directory()))
     home.chmod(0o755)
     account, programs = account_for(home), local_server()
     make_certificates(home)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import psycopg
+from databases import server_directory
 
 from conflictdb import server
 from conflictdb.db import schema
@@ -85,7 +86,7 @@ class OwnServer:
 @contextmanager
 def own_server(place: Path | None = None, **settings: str) -> Iterator[OwnServer]:
     """Run a server of the test's own, in a place of its own or within a directory; it is removed afterwards."""
-    home = Path(tempfile.mkdtemp(prefix="conflictdb-own-", dir=place))
+    home = Path(tempfile.mkdtemp(prefix="conflictdb-own-", dir=place or server_directory()))
     home.chmod(0o755)
     try:
         own = OwnServer(home / "db", **settings)
