@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from databases import server_directory
 from forked import forking
 
 from conflictdb import connect, read
@@ -103,11 +104,26 @@ def forked_folder(forks: str) -> Iterator[Path]:
         yield folder
 
 
+@contextmanager
+def home_of_nothing() -> Iterator[Path]:
+    """Name a directory for an embedded database, which is not there yet."""
+    with tempfile.TemporaryDirectory(dir=server_directory()) as name:
+        Path(name).chmod(0o755)
+        yield Path(name) / "home"
+
+
+@pytest.fixture
+def new_home() -> Iterator[Path]:
+    """Return a directory for an embedded database, which is not there yet."""
+    with home_of_nothing() as home:
+        yield home
+
+
 # All in one test: each block builds on the state after the previous one, as for a reader.
 @pytest.mark.usefixtures("server_dsn")  # makes sure that the server's programs are installed
-def test_readme_runs_as_printed(folder: Path, forks: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_readme_runs_as_printed(folder: Path, forks: str, new_home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The README's commands, SQL and Python run one after the other on a fresh embedded database."""
-    monkeypatch.setenv("CONFLICTDB_HOME", str(folder / "home"))
+    monkeypatch.setenv("CONFLICTDB_HOME", str(new_home))
     mine, first, second, own = blocks("README.md", "sh")
     assert commands(mine) == ["./run detect my.geojson", "./run map"]
     assert commands(first) == ["./run demo", "./run test"]
@@ -212,13 +228,12 @@ def as_compared(text: str) -> str:
 @pytest.fixture(scope="module")
 def home(_server: object) -> Iterator[Path]:
     """Return the home of an embedded database that runs."""
-    with tempfile.TemporaryDirectory() as name:
-        Path(name).chmod(0o755)
-        home = Path(name) / "home"
+    with home_of_nothing() as home:
+        name = home.parent
         server = f"{sys.executable} -m conflictdb server"
-        shell(f"{server} start", Path(name), CONFLICTDB_HOME=str(home))
+        shell(f"{server} start", name, CONFLICTDB_HOME=str(home))
         yield home
-        shell(f"{server} stop", Path(name), CONFLICTDB_HOME=str(home))
+        shell(f"{server} stop", name, CONFLICTDB_HOME=str(home))
 
 
 @pytest.mark.parametrize("page", PAGES)
