@@ -34,7 +34,7 @@ from conflictdb.server.options import Settings
 DOCKER_TIMEOUT_S = 3
 DOCKER_IMAGE = "postgis/postgis:16-3.4"
 _IN_MEMORY = Path("/dev/shm")  # noqa: S108 (for names of a run)
-# Bytes that must be free there: the server of a whole run takes a third of them.
+# Bytes that must be free there. The server of a whole run takes 1.4 GB; Spark and the browser need memory, too.
 _LEAST_ROOM = 8 << 30
 
 
