@@ -71,6 +71,7 @@ def test_a_scene_that_is_not_there_stays_named_when_changes_are_heard_late(strai
         page.route("**/api/events*", lambda route: waiting.append(route))
         page.goto(f"{strait}#scene=another")
         expect(page.locator("#state")).to_contain_text("another")
+        wait_until(page, lambda: waiting)  # the page may show its state before it asks
         with page.expect_response("**/api/events*"):
             waiting[0].continue_()
         page.wait_for_timeout(500)

@@ -1,14 +1,13 @@
 """Scenes of thousands of objects on the page of `conflictdb map`: the overview, and its loading time."""
 
 import sys
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import psycopg
 import pytest
 import shapely
-from browsing import Open, go_to
+from browsing import Open, go_to, wait_until
 from large_scenes import HOUR_US, T0_US, drones, many
 from map_page import served_page
 from piecework import load
@@ -34,14 +33,6 @@ COLOUR = """([lon, lat, of]) => {
 def alpha(page: Page, lon: float, lat: float) -> int:
     """Opacity of the overview at a place, 0 to 255."""
     return int(page.evaluate(COLOUR, [lon, lat, "overview"])[3])
-
-
-def wait_until(page: Page, holds: Callable[[], bool]) -> None:
-    for _ in range(200):
-        if holds():
-            return
-        page.wait_for_timeout(50)
-    assert holds()
 
 
 def show_time(page: Page, hours: float) -> None:

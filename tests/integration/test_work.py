@@ -12,6 +12,7 @@ from typing import Any
 import psycopg
 import pytest
 from made_scenes import Kind, box, sea
+from psycopg.conninfo import conninfo_to_dict
 
 from conflictdb import Area, Scene, Track, connect
 from conflictdb.db import schema, store
@@ -40,16 +41,26 @@ class Traffic:
 
 
 @pytest.fixture
-def traffic(monkeypatch: pytest.MonkeyPatch) -> Traffic:
-    """Return counts that go on with everything psycopg does."""
+def traffic(dsn: str, monkeypatch: pytest.MonkeyPatch) -> Traffic:
+    """Return counts that go on with all that psycopg does with the test's database, whoever connects.
+
+    Servers of other tests work in this process, too, with databases of their own.
+    """
     counts = Traffic()
+    name = conninfo_to_dict(dsn)["dbname"]
+
+    def is_counted(conn: Conn) -> bool:
+        return not conn.closed and conn.info.dbname == name
+
     execute, copy, commit = psycopg.Cursor.execute, psycopg.Cursor.copy, psycopg.Connection.commit
     write, read = psycopg.Copy.write, psycopg.Copy.read
 
     def counted_execute(self: Any, *arguments: Any, **more: Any) -> Any:
+        execute(self, *arguments, **more)
+        if not is_counted(self.connection):
+            return self
         counts.statements += 1
         counts.sent += sum(len(one.sent) for some in arguments[1:] for one in some or () if isinstance(one, Array))
-        execute(self, *arguments, **more)
         answer = self.pgresult
         counts.received += sum(
             len(answer.get_value(row, column) or b"")
@@ -59,20 +70,20 @@ def traffic(monkeypatch: pytest.MonkeyPatch) -> Traffic:
         return self
 
     def counted_copy(self: Any, *arguments: Any, **more: Any) -> Any:
-        counts.statements += 1
+        counts.statements += is_counted(self.connection)
         return copy(self, *arguments, **more)
 
     def counted_commit(self: Any) -> None:
-        counts.commits += 1
+        counts.commits += is_counted(self)
         commit(self)
 
     def counted_write(self: Any, block: bytes) -> None:
-        counts.sent += len(block)
+        counts.sent += len(block) * is_counted(self.connection)
         write(self, block)
 
     def counted_read(self: Any) -> Any:
         block = read(self)
-        counts.received += len(block)
+        counts.received += len(block) * is_counted(self.connection)
         return block
 
     monkeypatch.setattr(psycopg.Cursor, "execute", counted_execute)
@@ -173,6 +184,21 @@ MORE = 1.05
 def grown(counted: dict[str, int], limits: dict[str, int]) -> dict[str, tuple[int, int]]:
     """Return counts above their limits, each with its limit."""
     return {name: (counted[name], limit) for name, limit in limits.items() if counted[name] > limit * MORE}
+
+
+def test_traffic_with_other_databases_is_not_counted(traffic: Traffic, conn: Conn, server_dsn: str) -> None:
+    """A page's server of another test was counted."""
+    with psycopg.connect(server_dsn) as other:
+        other.execute("SELECT 1")
+        with other.cursor() as cursor, cursor.copy("COPY (SELECT 1) TO STDOUT") as rows:
+            assert list(rows)
+        other.commit()
+    assert traffic == Traffic()
+    conn.execute("SELECT 'four'")
+    with conn.cursor() as cursor, cursor.copy("COPY (SELECT 1) TO STDOUT") as rows:
+        assert b"".join(rows) == b"1\n"
+    conn.commit()
+    assert traffic == Traffic(statements=2, commits=1, received=6)
 
 
 def test_a_later_connection_reads_no_files(dsn: str, monkeypatch: pytest.MonkeyPatch) -> None:

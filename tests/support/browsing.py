@@ -38,11 +38,14 @@ def time_of(page: Page) -> float:
     return float(page.evaluate("conflictdbPage.t"))
 
 
-def wait_until(page: Page, expression: str) -> None:
-    """Wait until an expression is true; Playwright's own way evaluates texts in the page, which its policy forbids."""
+def wait_until(page: Page, holds: str | Callable[[], object]) -> None:
+    """Wait until an expression of the page, or of the test, is true.
+
+    Playwright's own way evaluates texts in the page, which its policy forbids.
+    """
     until_s = time.monotonic() + 20
-    while not page.evaluate(expression):
-        assert time.monotonic() < until_s, expression
+    while not (page.evaluate(holds) if isinstance(holds, str) else holds()):
+        assert time.monotonic() < until_s, holds
         page.wait_for_timeout(50)
 
 
