@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from browsing import ARGUMENTS, Open, await_drawn, chromium, wait_until
 from databases import TestServer
-from map_page import Serve, served_page
+from map_page import Serve, page_program, served_page
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
 
 import conflictdb
@@ -102,7 +102,7 @@ def _open_pages(
         with redirect_stdout(StringIO()) as out:
             code = main(["--dsn", dsn, "map", "--html", str(file)])
         assert (code, out.getvalue()) == (0, "")
-        address = stack.enter_context(served_page(dsn, "strait"))
+        address = stack.enter_context(page_program(dsn, "strait"))
         yield OpenPages(browser, {"served": address, "file": file.as_uri()}, stack)
 
 

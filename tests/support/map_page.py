@@ -1,7 +1,9 @@
-"""The page of `conflictdb map` of a database, served in a thread."""
+"""The page of `conflictdb map` of a database: served in a thread, or by a program of its own."""
 
 import json
 import struct
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -9,6 +11,8 @@ from http.client import HTTPConnection, HTTPMessage
 from threading import Thread
 from typing import Any
 from urllib.parse import urlsplit
+
+from patience import killed_after
 
 from conflictdb.db import store
 from conflictdb.map.serve import PageServer
@@ -34,6 +38,20 @@ def served_page(dsn: str, scene: str, host: str = "127.0.0.1") -> Iterator[str]:
             server.end()
             thread.join(WAIT_S)
         assert not thread.is_alive()
+
+
+@contextmanager
+def page_program(dsn: str, scene: str) -> Iterator[str]:
+    """Serve the page of a scene by `conflictdb map`, which may run during other tests, and give its address."""
+    command = [sys.executable, "-m", "conflictdb", "--dsn", dsn, "map", "--scene", scene, "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            with killed_after(process, WAIT_S):
+                address = process.stdout.readline().strip()
+            yield address
+        finally:
+            process.kill()
 
 
 class Client:
