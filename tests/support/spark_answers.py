@@ -46,7 +46,7 @@ from conflictdb.in_memory.questions import _InMemory
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.server.options import Settings
-from conflictdb.spark import engine
+from conflictdb.spark import engine, work_units
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_scene
 
@@ -60,19 +60,22 @@ _LOGGED = "-Dspark.eventLog.enabled=true"
 _MASTER = "local[2]"
 _EVERY_S = 0.05
 _LONGEST_S = 120.0
+# Pairs for which a cell is divided, so that small scenes have crowds.
+_FEW_PAIRS = 100
 # Java that is interrupted earlier ends by itself; Spark is ready after more than a second.
 _STARTED_S = 0.5
 
 
 @dataclass(frozen=True)
 class Job:
-    """A scene, its number of partitions, and whether an executor is killed meanwhile."""
+    """A scene, its number of partitions, whether some cell is crowded, and whether an executor is killed meanwhile."""
 
     name: str
     scene: Scene
     areas: Sequence[Area]
     tracks: Sequence[Track]
     partitions: int
+    is_crowded: bool = False
     kills: bool = False
 
 
@@ -198,6 +201,7 @@ def _add_extra() -> None:
 def _main() -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # output of Java is no answer
+    patch.object(work_units, "_LEAST_PAIRS", _FEW_PAIRS).start()
     missing = _begin()
     for line in sys.stdin:
         try:
@@ -302,6 +306,7 @@ def _take(directory: Path, master: str) -> None:
         _stop()
     keeps = _kept() if master == _MASTER else nullcontext()
     with keeps, engine.session(master, _cache(), os.environ, is_quiet=False) as spark:
+        from conflictdb.spark import joining
         from conflictdb.spark.files import read_objects, write_conflicts
         from conflictdb.spark.on_cluster import detect_on_spark
 
@@ -309,7 +314,9 @@ def _take(directory: Path, master: str) -> None:
             job: Job = pickle.loads(path.read_bytes())  # noqa: S301 what the test wrote
             objects = str(path.with_suffix(".objects"))
             pq.write_table(pa.Table.from_batches([of_objects(job.areas, job.tracks)]), objects)
-            found = detect_on_spark(spark, read_objects(spark, [objects]), job.scene, partitions=job.partitions)
+            with _recorded(joining, "cells_of") as cells:
+                found = detect_on_spark(spark, read_objects(spark, [objects]), job.scene, partitions=job.partitions)
+            assert not job.is_crowded or cells[0].blocks.max() > 1, "no cell is dealt into blocks"
             killed: list[int] = []
             tracker = spark.sparkContext.statusTracker()
             killer = Thread(target=_kill_an_executor, args=(tracker, job.partitions, killed))
@@ -319,6 +326,19 @@ def _take(directory: Path, master: str) -> None:
             if job.kills:
                 killer.join()
                 assert killed, "there was no executor to kill"
+
+
+@contextmanager
+def _recorded(module: Any, name: str) -> Iterator[list[Any]]:
+    """Yield a list to which each call of a function adds its result."""
+    function, results = getattr(module, name), []
+
+    def called(*arguments: Any) -> Any:
+        results.append(function(*arguments))
+        return results[-1]
+
+    with patch.object(module, name, called):
+        yield results
 
 
 def _kill_an_executor(tracker: Any, partitions: int, killed: list[int]) -> None:
