@@ -49,7 +49,7 @@ def show(panel: Any, plane: Plane, bounds: tuple[float, float, float, float]) ->
     panel.set_xticks([0.5], [_WIDEST_LABEL])
     panel.set_yticks([0.5], [_WIDEST_LABEL], rotation=90, va="center")
     panel.figure.get_layout_engine().execute(panel.figure)
-    panel.figure.set_layout_engine("none")
+    panel.figure.set_layout_engine(None)
     box = panel.get_window_extent()
     across_m, up_m = east - west + 2.0 * room, north - south + 2.0 * room
     pixel_m = max(across_m / box.width, up_m / box.height)

@@ -32,6 +32,9 @@ _FURTHER_FONTS: Final = (
     *("Noto Emoji", "Symbola", "Segoe UI Symbol"),
 )
 _STYLE: Final[Any] = {
+    # A figure lays itself out by the engine that it names, or not at all.
+    "figure.autolayout": False,
+    "figure.constrained_layout.use": False,
     "font.size": 9.0,
     "text.color": INK,
     "axes.edgecolor": QUIET,

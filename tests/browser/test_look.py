@@ -74,3 +74,21 @@ def test_names_of_a_crowd_are_apart_and_lead_to_their_ships(
     x0, y0, x1, y1 = next(box for text, box, _ in shown if text == "Stockholm")
     pixels = page.evaluate(f"Array.from({drawn}.getImageData({x0}, {y0}, {x1 - x0}, {y1 - y0}).data)")
     assert any(pixels[3::4])
+    assert_land_comes_where_it_is_seen(page)
+
+
+def assert_land_comes_where_it_is_seen(page: Page) -> None:
+    """That of the world, which takes a second, when the map reaches there, and once."""
+    asked: list[str] = []
+    page.on("request", lambda request: "/land/" in request.url and asked.append(request.url))
+    seen = "(({{map}}) => map.queryRenderedFeatures(map.project({}), {{layers: ['{}']}}).length)(conflictdbPage.view)"
+    go_to(page, "{center: [10.7, 59.2], zoom: 8}")
+    go_to(page, "{center: [11, 60], zoom: 7}")
+    await_drawn(page)
+    assert [page.evaluate(seen.format("[11.2, 60]", layer)) for layer in ("land", "near-land")] == [0, 1]
+    assert asked == []
+    go_to(page, "{center: [-55, -10], zoom: 4}")
+    wait_until(page, seen.format("[-55, -10]", "land"))
+    go_to(page, "{center: [25, 0], zoom: 3}")
+    wait_until(page, seen.format("[25, 0]", "land"))
+    assert len(asked) == 1

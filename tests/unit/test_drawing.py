@@ -12,6 +12,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
+import matplotlib.figure
 import numpy as np
 import pytest
 import shapely
@@ -387,6 +389,19 @@ def test_the_same_figure_is_the_same_file(strait: Any, tmp_path: Path, form: str
     both = [figures.save(found[0].plot(), tmp_path / f"{n}.{form}").read_bytes() for n in range(2)]
     assert both[0] == both[1]
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"0.{form}", f"1.{form}"]
+
+
+def test_a_figure_is_drawn_once_whatever_layout_is_usual_here(
+    strait: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    *_, found = strait
+    drawn, draw = [], mpl.figure.Figure.draw
+    monkeypatch.setattr(mpl.figure.Figure, "draw", lambda *args: (drawn.append(args), draw(*args)))
+    usual = figures.save(found[0].plot(), tmp_path / "usual.svg").read_bytes()
+    assert len(drawn) == 1
+    with mpl.rc_context({"figure.constrained_layout.use": True}):
+        assert figures.save(found[0].plot(), tmp_path / "own.svg").read_bytes() == usual
+    assert len(drawn) == 2
 
 
 def test_other_files_are_refused_and_what_cannot_be_written_leaves_nothing(strait: Any, tmp_path: Path) -> None:

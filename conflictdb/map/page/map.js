@@ -3,6 +3,7 @@
 
 import * as maplibregl from "../vendor/maplibre-gl.mjs";
 import { Overview } from "./overview.js";
+import { seenAround } from "./source.js";
 import { colour, theme } from "./theme.js";
 import { mercatorX, mercatorY } from "./world.js";
 
@@ -109,7 +110,7 @@ export class MapView {
     const detailZoom = isLarge ? detailZoomOf(box, document.getElementById(container)) : 0;
     const near = nearOf(box);
     const view = new MapView(container, source, box, detailZoom, await source.sources(version, near, detailZoom));
-    if (near && source.allLand) view.loaded.then(() => view.take(source.allLand(near)));
+    if (near && source.landAround) view.loaded.then(() => view.takeLand(near));
     return view;
   }
 
@@ -165,6 +166,20 @@ export class MapView {
       : /conflicts|contacts/.test(id) && { filter: ["==", ["get", "is_current"], !id.startsWith("stale-")] });
     const { source = from, sourceLayer } = this.places[from] ?? {};
     return { id, type, source, paint: looks()[id.replace("near-", "")], ...kind(id), ...(sourceLayer && { "source-layer": sourceLayer }) };
+  }
+
+  // Shows the finer land around a scene, and the rest of the world once the map reaches beyond the land of the first view.
+  takeLand(near) {
+    const [west, south, east, north] = seenAround(near);
+    const reach = () => {
+      const shown = this.map.getBounds();
+      if (shown.getWest() >= west && shown.getSouth() >= south && shown.getEast() <= east && shown.getNorth() <= north) return;
+      this.map.off("move", reach);
+      this.take(this.source.landBeyond(near));
+    };
+    this.take(this.source.landAround(near));
+    this.map.on("move", reach);
+    reach();
   }
 
   // Shows further land, and other land instead of what was shown.

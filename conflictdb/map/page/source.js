@@ -35,7 +35,7 @@ const land = (detail, asked) => ({
 });
 
 // A box and as much of the world on each side of it.
-function seenAround([west, south, east, north]) {
+export function seenAround([west, south, east, north]) {
   const [width, height] = [east - west, north - south];
   return [Math.max(-180, west - width), Math.max(-90, south - height), Math.min(180, east + width), Math.min(90, north + height)];
 }
@@ -156,7 +156,7 @@ export class ServerSource {
   }
 
   // Shapes in one state of the scene as MapLibre takes them, from a zoom on, and which of these each layer shows; and
-  // the coarser land: of what is to be seen at first, if there is a finer one `near` the scene, which comes with all land.
+  // the coarser land: of what is to be seen at first, if there is a finer one `near` the scene, which comes later.
   async sources(version, near, minzoom) {
     return {
       sources: {
@@ -174,9 +174,14 @@ export class ServerSource {
     };
   }
 
-  // All land as sources: the finer one around `near`, and the coarser one elsewhere.
-  allLand(near) {
-    return { land: land("50m", { but: near.join() }), "near-land": land("10m", { box: near.join() }) };
+  // Land of a first view as sources: the finer one around `near`, and the coarser one elsewhere.
+  landAround(near) {
+    return { land: land("50m", { box: seenAround(near).join(), but: near.join() }), "near-land": land("10m", { box: near.join() }) };
+  }
+
+  // The coarser land of the world around `near`: parsing it takes the browser a second.
+  landBeyond(near) {
+    return { land: land("50m", { but: near.join() }) };
   }
 
   tilesAt(kind, version) {
