@@ -159,9 +159,9 @@ def dsn(_reused: ReusedDatabase) -> Iterator[str]:
 
 
 @pytest.fixture
-def conn(dsn: str) -> Iterator[psycopg.Connection[Any]]:
+def conn(dsn: str, _reused: ReusedDatabase) -> Iterator[psycopg.Connection[Any]]:
     """Return a connection to it, in time zone UTC."""
-    with psycopg.connect(dsn, options="-c timezone=UTC") as connection:
+    with _reused.session(dsn) as connection:
         yield connection
 
 

@@ -58,7 +58,7 @@ def detect(args: argparse.Namespace) -> int:
             begin("joining and solving")
             write_conflicts(found.conflicts, args.output, overwrite=args.overwrite)
             begin("counting")
-            pairs = spark.read.parquet(args.output).count()
+            pairs = spark.read.schema("a_key string").parquet(args.output).count()
             write_states(found.objects, scene, args.output, pairs)
         note(f"{scene.name}: {pairs:,} pairs in {args.output}")
     return DONE

@@ -20,6 +20,7 @@ from threading import current_thread, main_thread
 from traceback import walk_tb
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
+from weakref import WeakSet
 
 from conflictdb.errors import ConflictDBError, EngineMissing, InvalidInput
 from conflictdb.spark.interrupts import interrupts_between_calls
@@ -54,6 +55,10 @@ _OPTIONS: Final[dict[str, Any]] = {
 }
 # Lines of Java's output in an error.
 _TOLD_LINES: Final = 3
+# Sedona reports each start, with the versions of the system and of Java, to its makers, unless this property is true.
+_NO_REPORT: Final = "SCARF_NO_ANALYTICS"
+# Sessions that have Sedona's functions: to register them again takes 50 ms.
+_WITH_SEDONA: Final["WeakSet[SparkSession]"] = WeakSet()
 
 
 def coordinates(*, reads_database: bool = False) -> list[str]:
@@ -81,11 +86,21 @@ def _require_java(home: str | None) -> None:
     if java is None:
         where = f"JAVA_HOME is {home}, where there is none" if home else "there is none on PATH, and no JAVA_HOME"
         raise EngineMissing(f"Spark needs Java: {where}; {remedy}, or set JAVA_HOME")
-    version_run = subprocess.run([java, "-version"], capture_output=True, text=True, check=False)
-    major = next((word.strip('"').split(".")[0] for word in version_run.stderr.split() if word.startswith('"')), "")
-    if version_run.returncode or not major.isdigit() or int(major) != _JAVA:
+    major = _java_version(java).split(".")[0]
+    if not major.isdigit() or int(major) != _JAVA:
         found = f"{java} is {major or 'none'}"
         raise EngineMissing(f"Spark 3.5 with Sedona needs Java {_JAVA}; {found}: {remedy}, and set JAVA_HOME")
+
+
+def _java_version(java: str) -> str:
+    """Return the version of a Java: its distribution has it in a file, else the program says it; "" if it fails."""
+    with suppress(OSError):
+        released = (Path(java).resolve().parents[1] / "release").read_text(errors="replace")
+        if match := re.search(r'^JAVA_VERSION="(.+?)"', released, re.MULTILINE):
+            return match[1]
+    done = subprocess.run([java, "-version"], capture_output=True, text=True, check=False)
+    quoted = (word.strip('"') for word in done.stderr.split() if word.startswith('"'))
+    return "" if done.returncode else next(quoted, "")
 
 
 @contextmanager
@@ -195,13 +210,17 @@ def cause_of(error: Exception) -> str:
 
 def with_sedona(spark: "SparkSession") -> "SparkSession":
     """Return a session with Sedona's functions and formats; raises EngineMissing without its jars."""
+    if spark in _WITH_SEDONA:
+        return spark
     java: Any = spark.sparkContext._jvm
+    java.java.lang.System.setProperty(_NO_REPORT, "true")
     try:
         java.org.apache.sedona.spark.SedonaContext.create(spark._jsparkSession, "python")
     except TypeError:  # raised when a missing class is called
         raise EngineMissing(
             f"Spark runs without Sedona's jars: start it with --packages {','.join(coordinates())}"
         ) from None
+    _WITH_SEDONA.add(spark)
     return spark
 
 

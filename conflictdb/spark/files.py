@@ -154,7 +154,10 @@ def _read(
         alike[tuple(sorted((field.name, str(field.type)) for field in known))].append(file)
     reader = parquet_reader(spark)
     if len(alike) == 1:
-        ((columns, _),) = alike.items()
+        ((columns, (first, *_)),) = alike.items()
+        known = pa.schema([field for field in schemas[first] if field.name in dict(columns)])
+        if all(field.type == OBJECTS.schema.field(field.name).type for field in known):
+            reader = reader.schema(from_arrow_schema(known))  # else Spark runs a job to read a file's types
         objects = reader.parquet(*paths)
         return objects.select([*(name for name, _ in columns), *_said(of_directories, columns)])
     if any(name in OBJECTS.schema.names for name in of_directories):

@@ -30,9 +30,13 @@ def _prefer_installed_packages() -> None:
 def _main() -> None:
     _prefer_installed_packages()
     from pyspark import daemon
+    from pyspark.sql.pandas.utils import require_minimum_pandas_version, require_minimum_pyarrow_version
 
     import conflictdb.spark.on_cluster  # noqa: F401  # all that tasks need
 
+    # Each worker calls them before its first task; they import a hundred modules to compare versions.
+    require_minimum_pandas_version()
+    require_minimum_pyarrow_version()
     gc.freeze()  # shared by the workers: neither searched for garbage nor copied
     serve: Callable[[], None] = daemon.manager
     serve()

@@ -305,6 +305,9 @@ def test_the_page_shows_signs_as_tables_do(open_strait: Open) -> None:
     ]
     script = "async (signs) => { const m = await import('/page/format.js'); return signs.map(m.printable); }"
     assert page.evaluate(script, signs) == [printable(sign) for sign in signs]
+    counts = [0, 7, 999, 1000, 20_000, 999_999, 1_234_567]
+    script = "async (counts) => { const m = await import('/page/format.js'); return counts.map(m.grouped); }"
+    assert page.evaluate(script, counts) == [f"{count:,}" for count in counts]
 
 
 def test_regions_of_changed_objects_look_stale(

@@ -31,10 +31,10 @@ def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path, spark: Spa
     assert strait is not None
     near, closed, moving = throw(SEAM, 3, 12, 24)
     # A crowd, which is dealt into blocks.
-    objects = closed, [*moving, *(replace(moving[0], key=f"version {i}") for i in range(50))]
+    objects = closed, [*moving, *(replace(moving[0], key=f"version {i}") for i in range(20))]
     near = replace(near, nearest_m=20_000.0, separation_m=500.0, time_separation_s=600.0)
     of_strait = Job("strait", strait, areas, tracks, 3)
-    of_near = Job("near at the seam", near, *objects, 5, kills=True)
+    of_near = Job("near at the seam", near, *objects, 5, is_crowded=True, kills=True)
     names = ("exported.parquet", "output", "refused.parquet", "twins.parquet", "strange.parquet", "around.parquet")
     nothing, metres = (str(tmp_path / name) for name in ("nothing.parquet", "metres.parquet"))
     exported, output, refused, twins, strange, around = (str(tmp_path / name) for name in names)

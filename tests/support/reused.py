@@ -1,11 +1,14 @@
 """A database that tests use in turn: all that a test leaves is removed, or else the database is replaced."""
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from itertools import count
 from typing import Any
 
 import psycopg
 from databases import TestServer
+from psycopg.conninfo import conninfo_to_dict
 from psycopg.rows import tuple_row
 
 # Catalogs that say all that a test may add, change or remove in a database.
@@ -73,7 +76,7 @@ SELECT EXISTS (SELECT FROM pg_class c WHERE c.relnamespace = 'conflictdb'::regna
 """
 END_SESSIONS = """
 SELECT pg_terminate_backend(pid) FROM pg_stat_activity
-WHERE datname = current_database() AND pid <> pg_backend_pid() AND backend_type = 'client backend'
+WHERE datname = current_database() AND pid NOT IN (pg_backend_pid(), %(kept)s) AND backend_type = 'client backend'
 """
 # Owners, grants and settings, which the whole server keeps, and the version of the schema.
 SHARED = """
@@ -85,6 +88,11 @@ SELECT ROW((SELECT array_agg(ROW(d.classid, d.objid, d.refobjid, d.deptype)
            b.datdba, b.datconnlimit, b.datallowconn, b.datacl, shobj_description(b.oid, 'pg_database'),
            (SELECT array_agg(v.version_num) FROM conflictdb.alembic_version v))::text
 FROM pg_database b WHERE b.datname = current_database()
+"""
+# As DISCARD ALL, which forgets plans as well.
+FORGET_ALL = """
+SET SESSION AUTHORIZATION DEFAULT; RESET ALL; CLOSE ALL; UNLISTEN *; SELECT pg_advisory_unlock_all();
+DISCARD TEMP; DISCARD SEQUENCES
 """
 WAIT_S = 30.0
 
@@ -102,6 +110,7 @@ class ReusedDatabase:
         self._numbers = count(1)
         self._name = ""
         self._conn: psycopg.Connection[Any] | None = None
+        self._kept: psycopg.Connection[Any] | None = None
         self._tables: list[str] = []
         self._statistics: set[tuple[Any, ...]] = set()
         self._counts: list[int] = []
@@ -135,8 +144,35 @@ class ReusedDatabase:
         if not is_clean:
             self.drop()
 
+    @contextmanager
+    def session(self, dsn: str) -> Iterator[psycopg.Connection[Any]]:
+        """Give a connection in time zone UTC: the one of earlier tests, if they left it as it was.
+
+        New sessions read catalogs and compile routines first, which takes longer than most tests.
+        """
+        own = conninfo_to_dict(dsn)["dbname"] == self._name
+        conn = None
+        if own:
+            conn, self._kept = self._kept, None
+        if conn is None:
+            conn = psycopg.connect(dsn, options="-c timezone=UTC", prepare_threshold=None)
+        before = _state_of(conn)
+        yield conn
+        with suppress(psycopg.Error):  # the test ended the session
+            conn.rollback()
+            if own and _state_of(conn) == before:
+                conn.autocommit = True
+                conn.execute(FORGET_ALL)
+                conn.autocommit = False
+                self._kept = conn
+                return
+        conn.close()
+
     def drop(self) -> None:
         """Drop it; the next test gets another clone."""
+        if self._kept is not None:
+            self._kept.close()
+            self._kept = None
         if self._conn is not None:
             self._conn.close()
             self._conn = None
@@ -152,7 +188,8 @@ class ReusedDatabase:
 
     def _is_cleaned(self, conn: psycopg.Connection[Any]) -> bool:
         end = time.monotonic() + WAIT_S
-        while conn.execute(END_SESSIONS).rowcount > 0:
+        kept = 0 if self._kept is None else self._kept.info.backend_pid
+        while conn.execute(END_SESSIONS, {"kept": kept}).rowcount > 0:
             assert time.monotonic() < end, f"sessions of {self._name} do not end"
             time.sleep(0.002)
         if self._one(conn, HAS_LARGE_INDEXES):
@@ -215,3 +252,10 @@ class ReusedDatabase:
         row = conn.execute(query, values).fetchone()
         assert row is not None
         return row[0]
+
+
+def _state_of(conn: psycopg.Connection[Any]) -> list[object]:
+    """Return what tests change of a connection."""
+    handlers = [len(conn._notice_handlers), len(conn._notify_handlers)]
+    factories = [conn.row_factory, conn.cursor_factory, conn.server_cursor_factory, conn.prepare_threshold]
+    return [*handlers, *factories, conn.autocommit, conn.isolation_level, conn.read_only, conn.deferrable]

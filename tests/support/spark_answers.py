@@ -9,10 +9,12 @@ run, and the answer is their exit codes and output; they share one session, also
 meanwhile.
 """
 
+import hashlib
 import importlib
 import json
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -23,6 +25,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stderr, suppress
 from dataclasses import dataclass
 from functools import cache
+from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
 from threading import Thread
@@ -43,33 +46,36 @@ from conflictdb.in_memory.questions import _InMemory
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
 from conflictdb.server.options import Settings
-from conflictdb.spark import engine
+from conflictdb.spark import engine, work_units
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_scene
 
 _ROOT = Path(__file__).parents[2]
 # Java makes no best code of what runs for seconds, and verifies no classes of Spark; nobody looks at pages of Spark.
-SHORT_LIVED = (
+_SHORT_LIVED = (
     "-XX:TieredStopAtLevel=1 -XX:+UseSerialGC -XX:+UnlockDiagnosticVMOptions -XX:-BytecodeVerificationRemote "
-    "-Dspark.ui.enabled=false"
+    "-XX:ReservedCodeCacheSize=240m -Dspark.ui.enabled=false"
 )
 _LOGGED = "-Dspark.eventLog.enabled=true"
 _MASTER = "local[2]"
 _EVERY_S = 0.05
 _LONGEST_S = 120.0
+# Pairs for which a cell is divided, so that small scenes have crowds.
+_FEW_PAIRS = 100
 # Java that is interrupted earlier ends by itself; Spark is ready after more than a second.
 _STARTED_S = 0.5
 
 
 @dataclass(frozen=True)
 class Job:
-    """A scene, its number of partitions, and whether an executor is killed meanwhile."""
+    """A scene, its number of partitions, whether some cell is crowded, and whether an executor is killed meanwhile."""
 
     name: str
     scene: Scene
     areas: Sequence[Area]
     tracks: Sequence[Track]
     partitions: int
+    is_crowded: bool = False
     kills: bool = False
 
 
@@ -137,6 +143,26 @@ class Spark:
         return answer
 
 
+def java_options() -> str:
+    """Return options for a Java of a test, which takes Spark's classes from their archive, if there is one."""
+    archive = _archive()
+    # Java ignores an archive that does not fit, here without a word about it.
+    return f"{_SHORT_LIVED} -XX:SharedArchiveFile={archive} -Xlog:cds*=off" if archive.exists() else _SHORT_LIVED
+
+
+def _archive() -> Path:
+    """Return where the classes of Spark are as this Java has them in memory, which saves a third of a start.
+
+    The program that runs Spark writes them when it ends, once for each installation of both.
+    """
+    java = shutil.which("java", path=f"{os.environ['JAVA_HOME']}/bin" if "JAVA_HOME" in os.environ else None)
+    jars = find_spec("pyspark")
+    of = [Path(java).resolve()] if java else []
+    of += [Path(jars.origin).parent / "jars"] if jars and jars.origin else []
+    stamp = " ".join(f"{path} {path.stat().st_mtime_ns}" for path in of)
+    return Path(sys.prefix, f"spark-classes-{hashlib.sha256(stamp.encode()).hexdigest()[:16]}.jsa")
+
+
 @contextmanager
 def running_spark() -> Iterator[Spark]:
     """Run the program until the end of the block."""
@@ -147,7 +173,7 @@ def running_spark() -> Iterator[Spark]:
         tempfile.TemporaryFile("w+") as said,
         subprocess.Popen(
             [sys.executable, __file__],
-            env=environ | {"JAVA_TOOL_OPTIONS": f"{SHORT_LIVED} {_LOGGED} -Dspark.eventLog.dir=file:{events}"},
+            env=environ | {"JAVA_TOOL_OPTIONS": f"{java_options()} {_LOGGED} -Dspark.eventLog.dir=file:{events}"},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=said,
@@ -175,6 +201,7 @@ def _add_extra() -> None:
 def _main() -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # output of Java is no answer
+    patch.object(work_units, "_LEAST_PAIRS", _FEW_PAIRS).start()
     missing = _begin()
     for line in sys.stdin:
         try:
@@ -183,16 +210,41 @@ def _main() -> None:
             answer = {"failed": traceback.format_exc()}
         answers.write(json.dumps(answer) + "\n")
         answers.flush()
-    _stop()
+    if not missing:
+        _stop()
+        _end_java()
 
 
 def _begin() -> str | None:
     """Start Java with all jars, also the driver of databases; return missing ones."""
+    options = {}
+    if Path(sys.prefix, "made-from").exists() and not _archive().exists():
+        options["spark.driver.extraJavaOptions"] = f"-XX:ArchiveClassesAtExit={_unfinished()} -Xlog:cds*=off"
     try:
-        with _kept(), engine.session(_MASTER, _cache(), os.environ, is_quiet=False, reads_database=True):
+        with (
+            _kept(),
+            engine.session(_MASTER, _cache(), os.environ, is_quiet=False, reads_database=True, options=options),
+        ):
             return None
     except (EngineMissing, ImportError) as error:
         return str(error)
+
+
+def _end_java() -> None:
+    """End the Java of all sessions, and keep the archive that it has written, if there was none."""
+    from pyspark import SparkContext
+
+    java = SparkContext._gateway.proc
+    java.stdin.close()
+    java.wait()
+    if _unfinished().exists():
+        for earlier in Path(sys.prefix).glob("spark-classes-*.jsa"):
+            earlier.unlink()
+        _unfinished().rename(_archive())
+
+
+def _unfinished() -> Path:
+    return _archive().with_suffix(f".{os.getpid()}")
 
 
 def _answer(
@@ -254,6 +306,7 @@ def _take(directory: Path, master: str) -> None:
         _stop()
     keeps = _kept() if master == _MASTER else nullcontext()
     with keeps, engine.session(master, _cache(), os.environ, is_quiet=False) as spark:
+        from conflictdb.spark import joining
         from conflictdb.spark.files import read_objects, write_conflicts
         from conflictdb.spark.on_cluster import detect_on_spark
 
@@ -261,7 +314,9 @@ def _take(directory: Path, master: str) -> None:
             job: Job = pickle.loads(path.read_bytes())  # noqa: S301 what the test wrote
             objects = str(path.with_suffix(".objects"))
             pq.write_table(pa.Table.from_batches([of_objects(job.areas, job.tracks)]), objects)
-            found = detect_on_spark(spark, read_objects(spark, [objects]), job.scene, partitions=job.partitions)
+            with _recorded(joining, "cells_of") as cells:
+                found = detect_on_spark(spark, read_objects(spark, [objects]), job.scene, partitions=job.partitions)
+            assert not job.is_crowded or cells[0].blocks.max() > 1, "no cell is dealt into blocks"
             killed: list[int] = []
             tracker = spark.sparkContext.statusTracker()
             killer = Thread(target=_kill_an_executor, args=(tracker, job.partitions, killed))
@@ -271,6 +326,19 @@ def _take(directory: Path, master: str) -> None:
             if job.kills:
                 killer.join()
                 assert killed, "there was no executor to kill"
+
+
+@contextmanager
+def _recorded(module: Any, name: str) -> Iterator[list[Any]]:
+    """Yield a list to which each call of a function adds its result."""
+    function, results = getattr(module, name), []
+
+    def called(*arguments: Any) -> Any:
+        results.append(function(*arguments))
+        return results[-1]
+
+    with patch.object(module, name, called):
+        yield results
 
 
 def _kill_an_executor(tracker: Any, partitions: int, killed: list[int]) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock, call
 
 import numpy as np
 import pyarrow as pa
@@ -92,6 +93,34 @@ def test_options_of_the_user_go_before_ours(tmp_path: Path) -> None:
         engine.session(None, tmp_path, {}, is_quiet=True, options={"spark.sql.session.timeZone": "CET"}),
     ):
         pass
+
+
+def test_the_file_of_a_java_says_its_version(tmp_path: Path) -> None:
+    """No Java is started to ask; without the file it is."""
+    from conflictdb.spark import engine
+
+    java = tmp_path / "bin" / "java"
+    java.parent.mkdir()
+    java.write_text("#!/bin/sh\necho 'openjdk version \"11.0.2\" 2026' >&2\n")
+    java.chmod(0o755)
+    assert engine._java_version(str(java)) == "11.0.2"
+    (tmp_path / "release").write_text('IMPLEMENTOR="Debian"\nJAVA_VERSION="17.0.15"\nJAVA_VERSION_DATE="2025"\n')
+    link = tmp_path / "java"
+    link.symlink_to(java)
+    assert engine._java_version(str(link)) == "17.0.15"
+
+
+def test_sedona_is_added_once_and_reports_nothing() -> None:
+    """Its makers hear nothing of this machine: the property that says so is set first."""
+    from conflictdb.spark import engine
+
+    spark = Mock()
+    assert engine.with_sedona(engine.with_sedona(spark)) is spark
+    java = spark.sparkContext._jvm
+    assert java.mock_calls == [
+        call.java.lang.System.setProperty("SCARF_NO_ANALYTICS", "true"),
+        call.org.apache.sedona.spark.SedonaContext.create(spark._jsparkSession, "python"),
+    ]
 
 
 @pytest.mark.parametrize("is_installed", [True, False])

@@ -11,7 +11,7 @@ import { EmbeddedSource } from "./embedded.js";
 import { FilterChips } from "./filter_chips.js";
 import { Finder } from "./find.js";
 import { Focus } from "./focus.js";
-import { about, clock, counted, day, instantOf, printable } from "./format.js";
+import { about, clock, counted, day, grouped, instantOf, printable } from "./format.js";
 import { Graticule } from "./graticule.js";
 import { Havens } from "./havens.js";
 import { LAYERS } from "./heights.js";
@@ -364,7 +364,7 @@ class Page {
     this.table.take(left.filter(({ id }) => id > 0), state.version, model.scene.scene);
     const isKnown = model.conflicts.length > 0 || model.scene.is_current;
     byId("count").textContent = !isKnown ? "" : state.showsChanges ? counted(left.length, "change") : filter.isNothing() ? counted(left.length, "conflict")
-      : `${left.length.toLocaleString("en")} of ${counted(model.conflicts.length, "conflict")}`;
+      : `${grouped(left.length)} of ${counted(model.conflicts.length, "conflict")}`;
     this.havens.marks.hidden = state.hiddenObjects;
     clearTimeout(this.resting);
     if (isQuick) this.resting = setTimeout(() => this.marks.now(), REST_MS);
@@ -466,7 +466,7 @@ class Page {
   showAhead() {
     const { left } = this.state;
     const { now, next } = this.state.ahead();
-    const text = left.length === 0 ? "" : `, ${now.toLocaleString("en")} now, ${next === null ? "none later" : `next in ${about(next)}`}`;
+    const text = left.length === 0 ? "" : `, ${grouped(now)} now, ${next === null ? "none later" : `next in ${about(next)}`}`;
     if (byId("ahead").textContent !== text) byId("ahead").textContent = text;
   }
 

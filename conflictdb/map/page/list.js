@@ -1,7 +1,7 @@
 // The list of conflicts, the worst first. Only rows in view are elements: there may be tens of thousands.
 
 import { byId, element } from "./dom.js";
-import { bound, clock, depth, duration, moment, printable } from "./format.js";
+import { bound, clock, depth, duration, grouped, moment, printable } from "./format.js";
 
 const ROW = 60; // height of a row, pixels, as style.css has it
 const MORE = 6; // rows beyond the view, above and below
@@ -84,7 +84,7 @@ export class List {
     if (this.conflicts.length === 0) return;
     const left = this.conflicts.length - MOST_PRINTED;
     this.empty.hidden = !isPrinted || left <= 0;
-    this.empty.textContent = left > 0 ? `and ${left.toLocaleString("en")} more` : "";
+    this.empty.textContent = left > 0 ? `and ${grouped(left)} more` : "";
   }
 
   // The rows that are wanted, from the first to before the last.

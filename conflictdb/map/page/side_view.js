@@ -3,7 +3,7 @@
 
 import { element } from "./dom.js";
 import { apartDuring, bandAt, bandsOf, LAYERS } from "./heights.js";
-import { clock, labelOf, metres, printable } from "./format.js";
+import { clock, grouped, labelOf, metres, printable } from "./format.js";
 import { passes, presence, wayOf } from "./passes.js";
 import { colour, font, theme } from "./theme.js";
 
@@ -126,7 +126,7 @@ export class SideView {
     const { subject, objects } = this.scene;
     if (!subject) {
       const isHigh = objects.some(({ floor, ceiling }) => floor !== null || ceiling !== null);
-      const more = objects.length > MOST_BANDS ? ` ${MOST_BANDS} of ${objects.length.toLocaleString("en")} objects are shown.` : "";
+      const more = objects.length > MOST_BANDS ? ` ${MOST_BANDS} of ${grouped(objects.length)} objects are shown.` : "";
       this.said.textContent = objects.length === 0 ? "No object is left to show." : isHigh ? `Select an object to see what passes above and below it.${more}` : "No object has a limit of height.";
     } else {
       const all = this.found.flatMap(({ object, spans }) => spans.filter(({ apart }) => apart).map(({ span, apart }) => ({ object, span, apart })))

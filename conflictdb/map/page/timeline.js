@@ -2,7 +2,7 @@
 // the calendar and the slider: of all the time there is, or of a part of it.
 
 import { ticks } from "./calendar.js";
-import { duration, moment, period, printable } from "./format.js";
+import { duration, grouped, moment, period, printable } from "./format.js";
 import { lasting } from "./model.js";
 import { colour, font, theme } from "./theme.js";
 
@@ -142,8 +142,8 @@ export class Timeline {
   hintNow() {
     const on = (this.conflicts ?? []).filter((one) => this.isOn(one));
     const named = on.slice(0, MOST_NAMED).map(({ a, b }) => `${printable(a)} and ${printable(b)}`);
-    if (on.length > MOST_NAMED) named.push(`${(on.length - MOST_NAMED).toLocaleString("en")} more`);
-    const said = on.length === 0 ? null : on.length === 1 ? hintOf(on[0]) : [`${on.length.toLocaleString("en")} at once`, named.join("; ")];
+    if (on.length > MOST_NAMED) named.push(`${grouped(on.length - MOST_NAMED)} more`);
+    const said = on.length === 0 ? null : on.length === 1 ? hintOf(on[0]) : [`${grouped(on.length)} at once`, named.join("; ")];
     const { left, top } = this.view.getBoundingClientRect();
     this.say(said, left + this.x(this.t), top);
     this.slider.setAttribute("aria-valuetext", [`${moment(this.t)} UTC`, ...(said ?? ["nothing is on"])].join(", "));
@@ -165,7 +165,7 @@ export class Timeline {
   hintAt(event) {
     if (this.isDense) {
       const n = event.offsetX < this.left ? undefined : this.density[Math.floor(event.offsetX)];
-      return n === undefined ? null : [`${n.toLocaleString("en")} at once`, `${moment(this.timeAt(event.offsetX))} UTC`];
+      return n === undefined ? null : [`${grouped(n)} at once`, `${moment(this.timeAt(event.offsetX))} UTC`];
     }
     const conflict = this.barAt(event);
     return conflict && hintOf(conflict);
@@ -313,7 +313,7 @@ export class Timeline {
     this.size.height = Math.max(view.clientHeight, this.isDense ? 0 : 2 * TOP + this.rows.length * ROW);
     canvas.style.height = `${this.size.height}px`;
     if (this.isDense) this.count(seen.flatMap(({ periods }) => periods.filter(isSeen)));
-    const what = this.isDense ? `${seen.length.toLocaleString("en")} conflicts over time; at most ${this.most.toLocaleString("en")} at once`
+    const what = this.isDense ? `${grouped(seen.length)} conflicts over time; at most ${grouped(this.most)} at once`
       : isByObject ? `Conflicts over time, ${this.rows.length} rows of objects` : "Conflicts over time, as in the list";
     canvas.setAttribute("aria-label", what);
     this.draw();
@@ -475,7 +475,7 @@ export class Timeline {
       context.fillStyle = colour("line");
       context.fillRect(this.left, Math.round(y), this.width(), 1);
       context.fillStyle = colour("ink-soft");
-      context.fillText(n === this.most ? `${n.toLocaleString("en")} at once` : n.toLocaleString("en"), this.left - 6, Math.min(height - 8, Math.max(8, y)));
+      context.fillText(n === this.most ? `${grouped(n)} at once` : grouped(n), this.left - 6, Math.min(height - 8, Math.max(8, y)));
     }
   }
 
