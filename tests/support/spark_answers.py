@@ -25,7 +25,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stderr, suppress
 from dataclasses import dataclass
 from functools import cache
-from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
 from threading import Thread
@@ -151,16 +150,15 @@ def java_options() -> str:
 
 
 def _archive() -> Path:
-    """Return where the classes of Spark are as this Java has them in memory, which saves a third of a start.
+    """Return the archive of Spark's classes as this Java has them ready: it saves a third of a start.
 
-    The program that runs Spark writes them when it ends, once for each installation of both.
+    The program that runs Spark writes it when it ends, once for an environment.
     """
     java = shutil.which("java", path=f"{os.environ['JAVA_HOME']}/bin" if "JAVA_HOME" in os.environ else None)
-    jars = find_spec("pyspark")
-    of = [Path(java).resolve()] if java else []
-    of += [Path(jars.origin).parent / "jars"] if jars and jars.origin else []
-    stamp = " ".join(f"{path} {path.stat().st_mtime_ns}" for path in of)
-    return Path(sys.prefix, f"spark-classes-{hashlib.sha256(stamp.encode()).hexdigest()[:16]}.jsa")
+    made_from = [(_ROOT / "requirements-spark.txt").read_bytes()]
+    if java is not None:
+        made_from.append(f"{Path(java).resolve()} {Path(java).stat().st_mtime_ns}".encode())
+    return Path(sys.prefix, f"spark-classes-{hashlib.sha256(b' '.join(made_from)).hexdigest()[:16]}.jsa")
 
 
 @contextmanager
