@@ -14,13 +14,13 @@ import pytest
 import shapely
 from pyarrow import parquet
 from spark_answers import (
+    SHORT_LIVED,
     Spark,
     answer_of_one_machine,
     await_end_of_group,
     await_java,
     await_workers,
     in_order,
-    java_options,
     need_pyspark,
 )
 
@@ -190,7 +190,7 @@ def test_an_interrupt_is_one_line(tmp_path: Path, awaited: Callable[["subprocess
     command = ["env", "--default-signal=INT", sys.executable, "-m", "conflictdb", "spark", "detect", "--input"]
     running = subprocess.Popen(
         [*command, str(tmp_path / "crowd.parquet"), "--output", str(tmp_path / "out"), "--master", "local[2]"],
-        env={**os.environ, "JAVA_TOOL_OPTIONS": java_options()},
+        env={**os.environ, "JAVA_TOOL_OPTIONS": SHORT_LIVED},
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,

@@ -9,12 +9,10 @@ run, and the answer is their exit codes and output; they share one session, also
 meanwhile.
 """
 
-import hashlib
 import importlib
 import json
 import os
 import pickle
-import shutil
 import signal
 import subprocess
 import sys
@@ -51,7 +49,7 @@ from conflictdb.stages.run import run_scene
 
 _ROOT = Path(__file__).parents[2]
 # Java makes no best code of what runs for seconds, and verifies no classes of Spark; nobody looks at pages of Spark.
-_SHORT_LIVED = (
+SHORT_LIVED = (
     "-XX:TieredStopAtLevel=1 -XX:+UseSerialGC -XX:+UnlockDiagnosticVMOptions -XX:-BytecodeVerificationRemote "
     "-XX:ReservedCodeCacheSize=240m -Dspark.ui.enabled=false"
 )
@@ -142,25 +140,6 @@ class Spark:
         return answer
 
 
-def java_options() -> str:
-    """Return options for a Java of a test, which takes Spark's classes from their archive, if there is one."""
-    archive = _archive()
-    # Java ignores an archive that does not fit, here without a word about it.
-    return f"{_SHORT_LIVED} -XX:SharedArchiveFile={archive} -Xlog:cds*=off" if archive.exists() else _SHORT_LIVED
-
-
-def _archive() -> Path:
-    """Return the archive of Spark's classes as this Java has them ready: it saves a third of a start.
-
-    The program that runs Spark writes it when it ends, once for an environment.
-    """
-    java = shutil.which("java", path=f"{os.environ['JAVA_HOME']}/bin" if "JAVA_HOME" in os.environ else None)
-    made_from = [(_ROOT / "requirements-spark.txt").read_bytes()]
-    if java is not None:
-        made_from.append(f"{Path(java).resolve()} {Path(java).stat().st_mtime_ns}".encode())
-    return Path(sys.prefix, f"spark-classes-{hashlib.sha256(b' '.join(made_from)).hexdigest()[:16]}.jsa")
-
-
 @contextmanager
 def running_spark() -> Iterator[Spark]:
     """Run the program until the end of the block."""
@@ -171,7 +150,7 @@ def running_spark() -> Iterator[Spark]:
         tempfile.TemporaryFile("w+") as said,
         subprocess.Popen(
             [sys.executable, __file__],
-            env=environ | {"JAVA_TOOL_OPTIONS": f"{java_options()} {_LOGGED} -Dspark.eventLog.dir=file:{events}"},
+            env=environ | {"JAVA_TOOL_OPTIONS": f"{SHORT_LIVED} {_LOGGED} -Dspark.eventLog.dir=file:{events}"},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=said,
@@ -208,41 +187,16 @@ def _main() -> None:
             answer = {"failed": traceback.format_exc()}
         answers.write(json.dumps(answer) + "\n")
         answers.flush()
-    if not missing:
-        _stop()
-        _end_java()
+    _stop()
 
 
 def _begin() -> str | None:
     """Start Java with all jars, also the driver of databases; return missing ones."""
-    options = {}
-    if Path(sys.prefix, "made-from").exists() and not _archive().exists():
-        options["spark.driver.extraJavaOptions"] = f"-XX:ArchiveClassesAtExit={_unfinished()} -Xlog:cds*=off"
     try:
-        with (
-            _kept(),
-            engine.session(_MASTER, _cache(), os.environ, is_quiet=False, reads_database=True, options=options),
-        ):
+        with _kept(), engine.session(_MASTER, _cache(), os.environ, is_quiet=False, reads_database=True):
             return None
     except (EngineMissing, ImportError) as error:
         return str(error)
-
-
-def _end_java() -> None:
-    """End the Java of all sessions, and keep the archive that it has written, if there was none."""
-    from pyspark import SparkContext
-
-    java = SparkContext._gateway.proc
-    java.stdin.close()
-    java.wait()
-    if _unfinished().exists():
-        for earlier in Path(sys.prefix).glob("spark-classes-*.jsa"):
-            earlier.unlink()
-        _unfinished().rename(_archive())
-
-
-def _unfinished() -> Path:
-    return _archive().with_suffix(f".{os.getpid()}")
 
 
 def _answer(
