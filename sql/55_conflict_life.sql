@@ -7,13 +7,17 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._widened(
 ) RETURNS tstzmultirange
 LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
-    SELECT coalesce((SELECT range_agg(tstzrange(lower(r) - w.by, upper(r) + w.by, '[]')) FROM unnest(p_periods) r),
-                    '{}'::tstzmultirange)
-    -- A day at most, as instants near the end of time allow no more. The microsecond allows for rounding outward.
-    FROM (SELECT make_interval(secs => least(p_by_s + 1e-6, 86400)) AS by) w;
+    -- Any periods and any number: acknowledgements hold what their editors wrote, and an error here would be one of the
+    -- view conflicts. Near the ends of time there is no earlier or later instant.
+    SELECT coalesce((SELECT range_agg(tstzrange(
+                         CASE WHEN lower(r) < '4713-01-01 BC' THEN '-infinity' ELSE lower(r) - w.by END,
+                         CASE WHEN upper(r) > '294276-01-01' THEN 'infinity' ELSE upper(r) + w.by END, '[]'))
+                     FROM unnest(p_periods) r), '{}'::tstzmultirange)
+    -- The microsecond allows for rounding outward.
+    FROM (SELECT make_interval(secs => greatest(0, least(p_by_s + 1e-6, 86400))) AS by) w;
 END;
 COMMENT ON FUNCTION _widened(tstzmultirange, double precision) IS
-'Returns periods widened on both sides by p_by_s seconds (at most a day) plus a microsecond.';
+'Returns periods widened on both sides by p_by_s seconds (at least 0, at most a day) plus a microsecond.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._is_alike(
     p_some tstzmultirange, p_others tstzmultirange, p_within_s double precision
@@ -38,11 +42,14 @@ CREATE OR REPLACE FUNCTION conflictdb_internal._has_grown(
 LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
 DECLARE
     c_worse CONSTANT text[] := ARRAY['grazing', 'unresolved', 'conflict'];
+    c_far_m CONSTANT double precision := 1e9; -- beyond all distances on Earth
 BEGIN
     RETURN array_position(c_worse, p_verdict) > array_position(c_worse, p_known_verdict)
            OR NOT p_periods <@ _widened(p_known_periods, p_time_error_s + p_known_time_error_s)
-           OR coalesce(p_closest_m + p_closest_error_m + p_tolerance_m < p_known_closest_m - p_known_closest_error_m,
-                       false);
+           OR coalesce(p_closest_m + p_closest_error_m + p_tolerance_m
+                       -- A difference of any two numbers may be out of range.
+                       < CASE WHEN p_known_closest_m BETWEEN -c_far_m AND c_far_m AND p_known_closest_error_m >= 0
+                         THEN p_known_closest_m - p_known_closest_error_m END, false);
 END
 $$;
 COMMENT ON FUNCTION _has_grown(

@@ -356,3 +356,25 @@ def test_periods_that_are_rounded_to_the_next_microsecond_are_the_same(conn: Con
                             tstzmultirange(tstzrange('2026-01-01', '2026-01-02'::timestamptz + %s::interval)) AS b) p"""
     assert conn.execute(alike, ["1 microsecond"]).fetchone() == (True, False)
     assert conn.execute(alike, ["2 microseconds"]).fetchone() == (False, True)
+
+
+@pytest.mark.parametrize("periods", ["{}", "{(,)}", "{[infinity,)}", "{[4714-11-24 BC,294276-12-31]}", None])
+def test_no_acknowledgement_that_an_editor_writes_breaks_the_view(scene: Conn, periods: str | None) -> None:
+    """Editors may insert rows of their own; one with an error of -1e308 s was an error of the view for all readers."""
+    numbers = ["NaN", "Infinity", "-Infinity", "1.7e308", "-1.7e308", "0", None]
+    measures = [(time_error_s, None, None) for time_error_s in numbers[:-1]]
+    measures += [("0", closest_m, closest_error_m) for closest_m in numbers for closest_error_m in numbers]
+    for written in measures:
+        scene.execute("SET ROLE conflictdb_editor")
+        done = scene.execute(
+            """INSERT INTO conflictdb.acknowledgement (scene_id, conflict_id, reason, a_key, b_key, periods, verdict,
+                                                       time_error_s, closest_m, closest_error_m)
+               SELECT c.scene_id, c.conflict_id, 'known', c.a_key, c.b_key, coalesce(%s, c.periods), c.verdict,
+                      %s, %s, %s FROM conflictdb.conflict c""",
+            [periods, *written],
+        )
+        assert done.rowcount == 1
+        scene.execute("RESET ROLE")
+        for seen in ("conflicts", "acknowledgements"):
+            assert scene.execute(f"SELECT count(*) FROM conflictdb.{seen}".encode()).fetchone() == (1,)
+        scene.rollback()
