@@ -56,11 +56,11 @@ def traffic(dsn: str, monkeypatch: pytest.MonkeyPatch) -> Traffic:
     write, read = psycopg.Copy.write, psycopg.Copy.read
 
     def counted_execute(self: Any, *arguments: Any, **more: Any) -> Any:
-        execute(self, *arguments, **more)
         if not is_counted(self.connection):
-            return self
+            return execute(self, *arguments, **more)
         counts.statements += 1
         counts.sent += sum(len(one.sent) for some in arguments[1:] for one in some or () if isinstance(one, Array))
+        execute(self, *arguments, **more)
         answer = self.pgresult
         counts.received += sum(
             len(answer.get_value(row, column) or b"")

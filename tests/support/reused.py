@@ -8,7 +8,6 @@ from typing import Any
 
 import psycopg
 from databases import TestServer
-from psycopg.conninfo import conninfo_to_dict
 from psycopg.rows import tuple_row
 
 # Catalogs that say all that a test may add, change or remove in a database.
@@ -150,7 +149,7 @@ class ReusedDatabase:
 
         New sessions read catalogs and compile routines first, which takes longer than most tests.
         """
-        own = conninfo_to_dict(dsn)["dbname"] == self._name
+        own = dsn == self._server.database(self._name)
         conn = None
         if own:
             conn, self._kept = self._kept, None
