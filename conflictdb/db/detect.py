@@ -15,7 +15,6 @@ import logging
 import os
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -31,7 +30,7 @@ from conflictdb.db.difference_rows import refresh_differences
 from conflictdb.db.sources import FewSource, SceneSource
 from conflictdb.earth.registry import plane_of
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
-from conflictdb.kernel.waiting import cancel_thread, run_in_thread, wait_for
+from conflictdb.kernel.waiting import ThreadWork, cancel_thread, run_in_thread
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
@@ -365,7 +364,7 @@ class _Background:
 
     def __init__(self, conn: psycopg.Connection[Any], work: Callable[[], store.Staged]) -> None:
         self._conn, self._work = conn, work
-        self._begun: Future[store.Staged] | None = None
+        self._begun: ThreadWork[store.Staged] | None = None
 
     def start(self) -> None:
         """Start the work unless it was started."""
@@ -376,7 +375,7 @@ class _Background:
         """Return the work's result or raise its error; does the work now if it was not started."""
         if self._begun is None:
             return self._work()
-        return wait_for(self._begun)
+        return self._begun.result()
 
 
 def _refresh_conflicts(

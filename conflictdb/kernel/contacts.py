@@ -2,7 +2,6 @@
 
 import ctypes
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Event
 from typing import Any, Final
@@ -15,7 +14,7 @@ from conflictdb.arrays.answers import Contacts
 from conflictdb.kernel.header import record, structure
 from conflictdb.kernel.kernel_scene import HeldPairs, HeldWork, KernelScene, Work
 from conflictdb.kernel.library import address, check, library, shared
-from conflictdb.kernel.waiting import wait_for
+from conflictdb.kernel.waiting import ThreadWork
 
 # Returns where the last (or first) contact of a pair may be: (pair, low_s, high_s, is_last), seconds; NaN: unknown.
 Guess = Callable[[int, float, float, bool], float]
@@ -111,11 +110,12 @@ def contacts(
     else:
         # In another thread: Python handles signals in the main thread, before the first step of a callback from C. An
         # exception raised there would precede every `try`, and be lost.
-        with ThreadPoolExecutor(1) as pool:
-            try:
-                parts = wait_for(pool.submit(every, 1))
-            finally:
-                is_over.set()
+        searched = ThreadWork(lambda: every(1))
+        try:
+            parts = searched.result()
+        finally:
+            is_over.set()
+            searched.wait()
     for _, done in parts:
         for name in Work.__slots__:
             setattr(work, name, getattr(work, name) + getattr(done, name))

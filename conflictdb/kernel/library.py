@@ -2,7 +2,6 @@
 
 import ctypes
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any, ClassVar, Final, TypeVar
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from conflictdb.errors import KernelMissing
 from conflictdb.kernel import build
 from conflictdb.kernel.header import constant, functions
-from conflictdb.kernel.waiting import wait_for
+from conflictdb.kernel.waiting import ThreadWork
 
 _STATUS: Final = {
     1: "out of memory",
@@ -102,19 +101,29 @@ def shared(
     # `next` of this iterator is atomic under the GIL: each slice goes to one thread.
     left, done = iter(range(len(slices))), dict[int, _T]()
 
+    def skip() -> None:
+        for _ in left:
+            pass
+
     def work() -> None:
         try:
             while (number := next(left, None)) is not None:
                 done[number] = solve(slices[number])
         except BaseException:
-            for _ in left:
-                pass
+            skip()
             raise
 
     # The calling thread only waits: if it worked too, a busy machine might keep the others on its processor.
-    with ThreadPoolExecutor(threads) as pool:
-        for worker in [pool.submit(work) for _ in range(min(threads, len(slices)))]:
-            wait_for(worker)
+    workers: list[ThreadWork[None]] = []
+    try:
+        for _ in range(min(threads, len(slices))):
+            workers.append(ThreadWork(work))
+        for worker in workers:
+            worker.result()
+    finally:
+        skip()
+        for worker in workers:
+            worker.wait()
     return [done[number] for number in range(len(slices))]
 
 

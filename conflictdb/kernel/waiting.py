@@ -1,22 +1,61 @@
 """Run work in another thread, and wait for it so that an interrupt is reported as one."""
 
+from _thread import start_new_thread
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 from queue import SimpleQueue
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Generic, TypeVar
 from weakref import WeakKeyDictionary
 
 _T = TypeVar("_T")
+
+
+class ThreadWork(Generic[_T]):
+    """Work in a thread of its own, which starts at once. The program does not wait for it at its end.
+
+    Threads and futures of the standard library start and wait in several steps of Python: an error raised by a signal
+    handler in between becomes ``RuntimeError: release unlocked lock``, or a lock stays taken. Here each is one step.
+    """
+
+    def __init__(self, work: Callable[[], _T]) -> None:
+        self._work = work
+        self._is_done = SimpleQueue[bool]()
+        self._result: list[_T] = []
+        self._error: BaseException | None = None
+        start_new_thread(self._run, ())
+
+    def _run(self) -> None:
+        try:
+            self._result.append(self._work())
+        except BaseException as error:
+            self._error = error
+        finally:
+            del self._work
+            self._is_done.put(True)
+
+    def is_done(self) -> bool:
+        """Return whether the work has ended."""
+        return bool(self._result) or self._error is not None
+
+    def wait(self) -> None:
+        """Wait for the end of the work; discard its result or error."""
+        if not self.is_done():
+            self._is_done.get()
+
+    def result(self) -> _T:
+        """Wait for the work; return its result or raise its error."""
+        self.wait()
+        if self._error is not None:
+            raise self._error
+        return self._result[0]
+
+
 # The latest work of another thread on each connection.
-_THREADS: Final[WeakKeyDictionary[Any, Future[Any]]] = WeakKeyDictionary()
+_THREADS: Final[WeakKeyDictionary[Any, ThreadWork[Any]]] = WeakKeyDictionary()
 
 
-def run_in_thread(connection: object, work: Callable[[], _T]) -> Future[_T]:
-    """Run work with a connection in a thread of its own; the program waits for it before it exits."""
-    thread = ThreadPoolExecutor(1)
-    begun = _THREADS[connection] = thread.submit(work)
-    thread.shutdown(wait=False)
+def run_in_thread(connection: object, work: Callable[[], _T]) -> ThreadWork[_T]:
+    """Run work with a connection in a thread of its own."""
+    begun = _THREADS[connection] = ThreadWork(work)
     return begun
 
 
@@ -26,20 +65,8 @@ def cancel_thread(connection: object, cancel: Callable[[], object]) -> None:
     Result and errors of the work are discarded.
     """
     begun = _THREADS.pop(connection, None)
-    if begun is not None and not begun.done():
+    if begun is not None and not begun.is_done():
         try:
             cancel()
         finally:
-            with suppress(Exception):
-                wait_for(begun)
-
-
-def wait_for(future: Future[_T]) -> _T:
-    """Wait for a future; return its result or raise its error.
-
-    `Future.result` waits in several steps of Python: an error raised by a signal handler in between may become
-    ``RuntimeError: cannot release un-acquired lock``. A SimpleQueue waits in one step.
-    """
-    is_there = SimpleQueue[Future[_T]]()
-    future.add_done_callback(is_there.put)
-    return is_there.get().result()
+            begun.wait()

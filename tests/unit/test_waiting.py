@@ -2,21 +2,20 @@
 
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 
 import pytest
 
-from conflictdb.kernel.waiting import cancel_thread, run_in_thread, wait_for
+from conflictdb.kernel.waiting import ThreadWork, cancel_thread, run_in_thread
 
-# Thousands of interrupts, some microseconds after a wait began: none may become another exception. Of waits by
-# Future.result itself, five in a thousand do. The signal repeats, since a signal just before the thread sleeps does not
-# wake it; so this runs in a process of its own. Only the first signal of each round raises, so that no exception meets
-# the handler of another.
+# Thousands of interrupts, some microseconds after a thread was started: none may become another exception, and no wait
+# may last. Of threads and futures of the standard library, some in a thousand do. The signal repeats, since a signal
+# just before the thread sleeps does not wake it; so this runs in a process of its own. Only the first signal of each
+# round raises, so that no exception meets the handler of another.
 INTERRUPTED = """
 import signal
-from concurrent.futures import Future
-from conflictdb.kernel.waiting import wait_for
+from threading import Event
+from conflictdb.kernel.waiting import ThreadWork
 
 is_interrupted = False
 
@@ -27,30 +26,32 @@ def interrupt(*_):
         raise KeyboardInterrupt
 
 signal.signal(signal.SIGALRM, interrupt)
+is_over = Event()
 others = []
 for k in range(5_000):
     try:
         is_interrupted = False
         signal.setitimer(signal.ITIMER_REAL, 5e-6 + 2e-7 * (k % 200), 0.01)
-        while True:
-            future = Future()
-            future.set_result(1)
-            wait_for(future)
-            wait_for(Future())
+        for _ in range(20):
+            ThreadWork(int).result()
+        ThreadWork(is_over.wait).result()
     except KeyboardInterrupt:
         pass
     except BaseException as error:
         others.append(error)
     signal.setitimer(signal.ITIMER_REAL, 0)
+    is_over.set()
+    is_over = Event()
 print(others)
 """
 
 
-def test_what_another_thread_returns_or_raises_is_told() -> None:
-    with ThreadPoolExecutor(1) as pool:
-        assert wait_for(pool.submit(lambda: 3)) == 3
+def test_a_result_or_an_error_of_another_thread_is_passed_on() -> None:
+    three, failing = ThreadWork(lambda: 3), ThreadWork(lambda: 1 // 0)
+    assert [three.result(), three.result()] == [3, 3]
+    for _ in range(2):
         with pytest.raises(ZeroDivisionError):
-            wait_for(pool.submit(lambda: 1 // 0))
+            failing.result()
 
 
 def test_work_of_another_thread_is_cancelled_and_waited_for() -> None:

@@ -11,7 +11,6 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Final
@@ -29,7 +28,7 @@ from conflictdb.db.store.connection import call, transaction
 from conflictdb.db.store.known_pairs import DIGEST_KEY_BYTES, KnownPairs, digests
 from conflictdb.db.store.new_rows import NewRows, begin_new, copy_new, finish_new
 from conflictdb.db.store.parameters import Array
-from conflictdb.kernel.waiting import run_in_thread, wait_for
+from conflictdb.kernel.waiting import ThreadWork, run_in_thread
 from conflictdb.model.plans import Scene
 from conflictdb.model.record import MEASURED, STATES, ColumnType
 from conflictdb.model.results import Verdict
@@ -152,7 +151,7 @@ class Staged:
     held: list[Columns] = field(default_factory=list)
     expected: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
     new: NewRows | None = None
-    sending: Future[int] | None = None
+    sending: ThreadWork[int] | None = None
     run_id: int | None = None
     took_s: float = 0.0
 
@@ -255,7 +254,7 @@ def _await_sent(staged: Staged) -> None:
     """Wait for the other thread; re-raises its error."""
     if staged.sending is not None:
         sending, staged.sending = staged.sending, None
-        staged.run_id = wait_for(sending)
+        staged.run_id = sending.result()
 
 
 def _taken(held: list[Columns]) -> list[Array]:
