@@ -79,8 +79,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Exempt modules and collected tests, which stay, from garbage collection: each full one would visit them."""
+    """Collect garbage seldom, and exempt modules and collected tests, which stay: each full one would visit them."""
     gc.freeze()
+    gc.set_threshold(100_000, 20, 20)
 
 
 @pytest.hookimpl(optionalhook=True)

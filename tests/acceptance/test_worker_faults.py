@@ -259,7 +259,7 @@ def rounds(site: Site, fault: Callable[[Site], None], count: int) -> None:
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_scene_becomes_current_again(site: Site, fault: Callable[[Site], None]) -> None:
-    rounds(site, fault, 2)
+    rounds(site, fault, 1)
 
 
 @pytest.mark.slow

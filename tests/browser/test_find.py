@@ -178,11 +178,15 @@ def test_the_table_is_that_of_the_command_line(
     header, *lines = csv.reader(io.StringIO(expected, newline=""))
     assert f"'{FORMULA}" in [line[header.index("a_key")] for line in lines]
     assert page.locator("img[src=x]").count() == 0
-    for column in table.locator("thead th").evaluate_all("(all) => all.map((one) => one.dataset.column)"):
-        button = table.locator(f'th[data-column="{column}"] button')
-        for order in ("ascending", "descending", "none"):
-            button.click()
-            expect(table.locator(f'th[data-column="{column}"]')).to_have_attribute("aria-sort", order)
+    orders = table.locator("thead th").evaluate_all(
+        """(all) => all.map(({dataset: {column}}) => [1, 2, 3].map(() => {
+            const header = () => document.querySelector(`#table th[data-column="${column}"]`);
+            header().querySelector('button').click();
+            return header().ariaSort;
+        }))"""
+    )
+    assert len(orders) > 20
+    assert orders == [["ascending", "descending", "none"]] * len(orders)
     table.locator('th[data-column="first_contact"] button').click()
     table.locator('th[data-column="first_contact"] button').click()
     _, *sorted_ = csv.reader(io.StringIO(saved(), newline=""))

@@ -22,7 +22,8 @@ TABLES = [
     *("scene", "area", "change", "piece", "conflict", "run", "scene_lock", "attachment", "history", "conflict_event"),
 ]
 SHAPE = "SRID=4326;POLYGON((0 0,1 0,1 1,0 1,0 0))"
-# In good time: each statement that a command makes waits 0.3 s at most.
+LIMIT_S = 0.1
+# In good time: each statement that a command makes waits LIMIT_S at most.
 SOON_S = 6.0
 
 
@@ -59,7 +60,7 @@ def test_a_detection_waits_for_no_lock_longer_than_it_is_told(
 
     def detected() -> None:
         with pytest.raises(LockTimeout, match=f"locked by: process {other.info.backend_pid} .*'the other'"):
-            detect.detect(filled, "s", full=full, jobs=1, lock_timeout_s=0.3)
+            detect.detect(filled, "s", full=full, jobs=1, lock_timeout_s=LIMIT_S)
 
     assert took_s(detected) < SOON_S
     assert filled.info.transaction_status == psycopg.pq.TransactionStatus.IDLE
@@ -69,7 +70,7 @@ def test_a_detection_waits_for_no_lock_longer_than_it_is_told(
 
 def test_a_detection_without_a_limit_ends_as_well(filled: Conn, other: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
     """Except for another detection of the scene, whose end is in sight."""
-    monkeypatch.setattr(locking, "LOCK_WAIT_S", 0.3)
+    monkeypatch.setattr(locking, "LOCK_WAIT_S", LIMIT_S)
     other.execute("LOCK TABLE conflictdb.scene")
     with pytest.raises(LockTimeout, match="locked by: process"):
         detect.detect(filled, "s", jobs=1)
@@ -88,7 +89,7 @@ def test_a_command_with_a_limit_ends_in_time(
     run = runner(dsn, capsys)
     for arguments in (["--tolerance-m", "2"], []):
         start = time.monotonic()
-        done = run("detect", "--scene", "s", *arguments, "--jobs", "1", "--lock-timeout", "300ms")
+        done = run("detect", "--scene", "s", *arguments, "--jobs", "1", "--lock-timeout", f"{LIMIT_S}s")
         assert time.monotonic() - start < SOON_S
         assert done.code == FAILED
         assert f"locked by: process {other.info.backend_pid} " in done.err
@@ -97,7 +98,7 @@ def test_a_command_with_a_limit_ends_in_time(
 def test_what_a_program_opens_has_a_limit(dsn: str, filled: Conn, other: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also calls without an option for it, which use the default limit."""
     for module in (connection, locking):
-        monkeypatch.setattr(module, "LOCK_WAIT_S", 0.3)
+        monkeypatch.setattr(module, "LOCK_WAIT_S", LIMIT_S)
     other.execute("LOCK TABLE conflictdb.scene")
     with connect(dsn) as db:
         for work in (
