@@ -1,4 +1,4 @@
-"""Whatever readers and editors write into the tables that they may write, workers go on and miss nothing.
+"""Whatever readers and editors write into the tables that they may write, workers miss nothing, and views can be read.
 
 Random rows of hostile values, by column, into every table that a role may insert into, update or delete from, and
 transactions that are prepared first; a worker runs meanwhile, for `CONFLICTDB_HOSTILE_S` seconds
@@ -135,6 +135,17 @@ def writes(conn: psycopg.Connection[Any], chance: random.Random) -> Iterator[tup
             yield sql.SQL("DELETE FROM {} WHERE {}").format(table, where), []
 
 
+def read_all_views(conn: psycopg.Connection[Any]) -> None:
+    """Read all columns of all rows of all views."""
+    views = conn.execute(
+        "SELECT relname FROM pg_class WHERE relnamespace = 'conflictdb'::regnamespace AND relkind = 'v'"
+    ).fetchall()
+    assert ("conflicts",) in views
+    for (name,) in views:
+        conn.execute(sql.SQL("SELECT count(v::text) FROM {} v").format(sql.Identifier("conflictdb", name)))
+    conn.rollback()
+
+
 def conflicts(db: conflictdb.Database) -> set[tuple[Any, ...]]:
     rows = db.connection.execute(
         "SELECT scene, a_key, b_key, verdict, periods::text FROM conflictdb.conflicts"
@@ -180,6 +191,8 @@ def test_workers_go_on_and_miss_nothing(site: OwnServer, tmp_path: Any) -> None:
                         conn.tpc_rollback()
                     conn.rollback()
                 assert not conn.closed
+                if tried % 50 == 0:
+                    read_all_views(reader)
             await_answers(site, worker)
             assert worker.poll() is None, said.read_text()
         finally:
