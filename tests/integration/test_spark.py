@@ -22,7 +22,7 @@ from conflictdb.formats.reading import read
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Track, rectangle_outline_m
 
-pytestmark = pytest.mark.xdist_group("spark")
+pytestmark = [pytest.mark.spark, pytest.mark.xdist_group("spark")]
 
 
 def test_scenes_on_spark_have_the_rows_of_one_machine(tmp_path: Path, spark: Spark) -> None:

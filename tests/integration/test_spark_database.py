@@ -26,7 +26,7 @@ from conflictdb.errors import StoreError
 from conflictdb.formats.parquet_writing import write_objects
 from conflictdb.model.results import Kind
 
-pytestmark = pytest.mark.xdist_group("spark")
+pytestmark = [pytest.mark.spark, pytest.mark.xdist_group("spark")]
 
 PASSWORD = "never-to-be-seen"  # noqa: S105
 # Objects of scenes of great circles, without the processing by `put_area` and `put_track`.

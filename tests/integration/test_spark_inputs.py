@@ -28,7 +28,7 @@ from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.formats.parquet_writing import write_objects
 from conflictdb.model.plans import Area, Scene, Track, rectangle_outline_m
 
-pytestmark = pytest.mark.xdist_group("spark")
+pytestmark = [pytest.mark.spark, pytest.mark.xdist_group("spark")]
 
 T0_US = 1_780_000_000_000_000
 HOUR_US = 3_600_000_000

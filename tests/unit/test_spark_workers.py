@@ -46,6 +46,7 @@ THROWN = [throw(SEAM, 3, 8, 16), throw(GROWING, 5, 4, 10), throw(OCEAN, 6, 6, 8)
 OBJECTS = [*((one.scene, one.areas, one.tracks) for one in scenes.known_scenes()), *THROWN]
 
 
+@pytest.mark.spark
 def test_files_of_one_scene_say_the_same_settings() -> None:
     """Those of the first that says any; other settings are refused, whichever of the files says them."""
     need_pyspark()
@@ -123,6 +124,7 @@ def test_sedona_is_added_once_and_reports_nothing() -> None:
     ]
 
 
+@pytest.mark.spark
 @pytest.mark.parametrize("is_installed", [True, False])
 def test_workers_read_no_archive_of_spark_beside_installed_packages(tmp_path: Path, is_installed: bool) -> None:
     """Archives of the user stay on the path; without installed packages those of Spark stay, too."""
@@ -150,6 +152,7 @@ print(*(one for one in sys.path_importer_cache if one.endswith(".zip") and one i
     assert done.stdout.split() == (archives[2:] if is_installed else archives) * 2
 
 
+@pytest.mark.spark
 def test_what_spark_cannot_do_is_one_line() -> None:
     """Neither pages of Java nor an error of this program: a full disk, a worker that ended, Java that is gone."""
     need_pyspark()
