@@ -91,3 +91,15 @@ def test_sessions_that_are_left_end(reused: ReusedDatabase) -> None:
         reused.clean()
         with pytest.raises(psycopg.OperationalError):
             conn.execute("SELECT 1")
+
+
+def test_what_a_kept_session_left_is_counted(reused: ReusedDatabase) -> None:
+    """A session counts once a second, unless it ends: a change just after that was not seen."""
+    for _ in range(3):
+        dsn = reused.dsn()
+        for statement in ("CREATE TEMP TABLE first ()", "SELECT conflictdb.protect_scenes()"):
+            with reused.session(dsn) as conn:
+                conn.execute(statement.encode())
+                conn.commit()
+            reused.clean()
+        assert reused.dsn() != dsn

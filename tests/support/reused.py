@@ -30,7 +30,8 @@ SELECT count(*), array_agg(hashtextextended({content}, 0))
                      FILTER (WHERE age(r.xmin) < (SELECT age(%(since)s::text::xid)))
 FROM pg_catalog.pg_{catalog} r WHERE {condition}
 """
-# Whether a row of these was written by sessions that have ended, this one aside; older servers may count late.
+# Whether a row of these was written by sessions that have ended, or have counted, this one aside; older servers may
+# count late.
 IS_WRITTEN = """
 SELECT current_setting('server_version_num')::int < 150000 OR EXISTS (
     SELECT FROM pg_stat_sys_tables WHERE relname = ANY (%(names)s) AND n_tup_ins + n_tup_upd + n_tup_del > 0)
@@ -162,6 +163,8 @@ class ReusedDatabase:
             if own and _state_of(conn) == before:
                 conn.autocommit = True
                 conn.execute(FORGET_ALL)
+                if conn.info.server_version >= 150000:  # it has not ended, see IS_WRITTEN
+                    conn.execute("SELECT pg_stat_force_next_flush()")
                 conn.autocommit = False
                 self._kept = conn
                 return
