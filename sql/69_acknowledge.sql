@@ -24,6 +24,47 @@ $$;
 COMMENT ON FUNCTION _known_conflict(text, text, text) IS
 'Returns the conflict of two objects, in either order; raises ZC011 if there is none.';
 
+-- Editors may insert and end acknowledgements, but not write what was known, nor in another's name: these columns are
+-- not granted to them (90_grants.sql). Rows of a restored dump have all columns.
+CREATE OR REPLACE FUNCTION conflictdb_internal._before_acknowledgement() RETURNS trigger
+LANGUAGE plpgsql SET search_path FROM CURRENT AS $$
+DECLARE
+    v_who text := format('conflict of %L and %L', NEW.a_key, NEW.b_key);
+    v_conflict conflict;
+BEGIN
+    IF TG_OP = 'UPDATE' THEN
+        IF OLD.ended_at IS NOT NULL THEN
+            FOUND := _raise('ZC013', v_who, 'ended_at', format('is ended since %s', OLD.ended_at),
+                            'acknowledgement_ended_once');
+        END IF;
+        NEW.ended_at := now();
+        NEW.ended_by := current_user;
+    ELSIF NEW.periods IS NULL THEN
+        -- Of this scene: an acknowledgement of another scene's conflict would block that of its own editors.
+        SELECT c.* INTO v_conflict FROM conflict c
+            WHERE c.scene_id = NEW.scene_id AND c.a_key = NEW.a_key AND c.b_key = NEW.b_key
+                  AND c.conflict_id = NEW.conflict_id AND c.verdict <> 'near';
+        IF NOT FOUND THEN
+            FOUND := _raise('ZC011', v_who, 'conflict', 'is not known', 'conflict_known');
+        END IF;
+        NEW.periods := v_conflict.periods;
+        NEW.verdict := v_conflict.verdict;
+        NEW.time_error_s := v_conflict.time_error_s;
+        NEW.closest_m := v_conflict.closest_m;
+        NEW.closest_error_m := v_conflict.closest_error_m;
+    END IF;
+    RETURN NEW;
+END
+$$;
+COMMENT ON FUNCTION _before_acknowledgement() IS
+'Trigger: fills in the acknowledged conflict as it is known, and who ends an acknowledgement and when. Raises '
+'ZC011 if the scene has no such conflict, ZC013 if the acknowledgement has ended.';
+
+CREATE OR REPLACE TRIGGER acknowledgement_inserted BEFORE INSERT ON acknowledgement
+    FOR EACH ROW EXECUTE FUNCTION conflictdb_internal._before_acknowledgement();
+CREATE OR REPLACE TRIGGER acknowledgement_updated BEFORE UPDATE OF ended_at, ended_by ON acknowledgement
+    FOR EACH ROW EXECUTE FUNCTION conflictdb_internal._before_acknowledgement();
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._notify_acknowledgement(
     p_scene text, p_conflict_id bigint, p_holds boolean
 ) RETURNS void
@@ -41,8 +82,7 @@ COMMENT ON FUNCTION _notify_acknowledgement(text, bigint, boolean) IS
 CREATE OR REPLACE FUNCTION conflictdb_internal._end_acknowledgement(p_conflict_id bigint) RETURNS boolean
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 BEGIN
-    UPDATE acknowledgement k SET ended_at = now(), ended_by = current_user
-        WHERE k.conflict_id = p_conflict_id AND k.ended_at IS NULL;
+    UPDATE acknowledgement k SET ended_at = now() WHERE k.conflict_id = p_conflict_id AND k.ended_at IS NULL;
     RETURN FOUND;
 END
 $$;
@@ -73,11 +113,8 @@ BEGIN
     -- A unique index allows one open row per conflict, so concurrent calls end each other's rows in turn.
     LOOP
         PERFORM _end_acknowledgement(v_conflict.conflict_id);
-        INSERT INTO acknowledgement (scene_id, conflict_id, reason, until, a_key, b_key, periods, verdict,
-                                     time_error_s, closest_m, closest_error_m, given_name)
-            VALUES (v_scene_id, v_conflict.conflict_id, p_reason, p_until, v_conflict.a_key, v_conflict.b_key,
-                    v_conflict.periods, v_conflict.verdict, v_conflict.time_error_s, v_conflict.closest_m,
-                    v_conflict.closest_error_m, p_by)
+        INSERT INTO acknowledgement (scene_id, conflict_id, reason, until, a_key, b_key, given_name)
+            VALUES (v_scene_id, v_conflict.conflict_id, p_reason, p_until, v_conflict.a_key, v_conflict.b_key, p_by)
             ON CONFLICT (conflict_id) WHERE ended_at IS NULL DO NOTHING;
         EXIT WHEN FOUND;
     END LOOP;

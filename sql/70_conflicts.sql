@@ -39,7 +39,8 @@ JOIN conflict c ON c.scene_id = l.scene_id
                         OR NOT _is_edited(s.scene_id, c.a_key) AND NOT _is_edited(s.scene_id, c.b_key))
 -- Only acknowledgements that hold.
 LEFT JOIN acknowledgement k
-    ON k.conflict_id = c.conflict_id AND k.ended_at IS NULL AND coalesce(k.until > now(), true)
+    ON k.conflict_id = c.conflict_id AND k.scene_id = c.scene_id AND k.ended_at IS NULL
+       AND coalesce(k.until > now(), true)
        AND NOT _has_grown(c.periods, c.verdict, c.time_error_s, c.closest_m, c.closest_error_m, k.periods, k.verdict,
                           k.time_error_s, k.closest_m, k.closest_error_m, s.tolerance_m)
 WHERE c.verdict <> 'near';

@@ -150,6 +150,27 @@ $$;
 COMMENT ON FUNCTION _check_unchanged(bigint) IS
 'Raises ZC018, naming what changed, if a proposal is out of date.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._before_proposal_update() RETURNS trigger
+LANGUAGE plpgsql SET search_path FROM CURRENT AS $$
+BEGIN
+    IF NEW.applied_at IS DISTINCT FROM OLD.applied_at THEN
+        NEW.applied_at := now();
+        NEW.applied_by := current_user;
+    END IF;
+    IF NEW.undone_at IS DISTINCT FROM OLD.undone_at THEN
+        NEW.undone_at := now();
+        NEW.undone_by := current_user;
+    END IF;
+    RETURN NEW;
+END
+$$;
+COMMENT ON FUNCTION _before_proposal_update() IS
+'Trigger: fills in who applies or undoes a proposal and when.';
+
+-- Editors write in their own name only.
+CREATE OR REPLACE TRIGGER proposal_updated BEFORE UPDATE OF applied_at, undone_at ON proposal
+    FOR EACH ROW EXECUTE FUNCTION conflictdb_internal._before_proposal_update();
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._hold_proposal(p_proposal_id bigint) RETURNS proposal
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -342,7 +363,7 @@ BEGIN
         RAISE EXCEPTION 'proposal %: a track changed while it was applied', p_proposal_id
             USING ERRCODE = 'serialization_failure', HINT = 'Try again.';
     END IF;
-    UPDATE proposal p SET applied_at = now(), applied_by = current_user WHERE p.proposal_id = p_proposal_id;
+    UPDATE proposal p SET applied_at = now() WHERE p.proposal_id = p_proposal_id;
     RETURN v_moves;
 END
 $$;
@@ -386,7 +407,7 @@ BEGIN
     )
     UPDATE proposal_move m SET version_after = d.version
         FROM moved d WHERE m.proposal_id = p_proposal_id AND m.track_id = d.track_id;
-    UPDATE proposal p SET undone_at = now(), undone_by = current_user WHERE p.proposal_id = p_proposal_id;
+    UPDATE proposal p SET undone_at = now() WHERE p.proposal_id = p_proposal_id;
     RETURN v_moves;
 END
 $$;

@@ -118,16 +118,17 @@ GRANT EXECUTE ON FUNCTION attach, detach, preview_attachment, _register_attachme
     TO conflictdb_editor;
 GRANT SELECT ON SEQUENCE attachment_attachment_id_seq TO conflictdb_editor;
 
--- Editors acknowledge in their own name and at the current time.
-GRANT INSERT (scene_id, conflict_id, reason, until, a_key, b_key, periods, verdict, time_error_s, closest_m,
-              closest_error_m, given_name),
-      UPDATE (ended_by, ended_at) ON acknowledgement TO conflictdb_editor;
+-- Editors acknowledge in their own name, at the current time, and a conflict as it is known.
+REVOKE INSERT, UPDATE ON acknowledgement FROM conflictdb_editor;
+GRANT INSERT (scene_id, conflict_id, reason, until, a_key, b_key, given_name), UPDATE (ended_at)
+    ON acknowledgement TO conflictdb_editor;
 GRANT EXECUTE ON FUNCTION acknowledge, unacknowledge, _end_acknowledgement, _notify_acknowledgement
     TO conflictdb_editor;
 
 -- Proposals, in their own name.
+REVOKE UPDATE ON proposal FROM conflictdb_editor;
 GRANT INSERT (scene_id, goal, objective_s, bound_s, is_least, settings, last_version, objects_hash),
-      UPDATE (applied_at, applied_by, undone_at, undone_by) ON proposal TO conflictdb_editor;
+      UPDATE (applied_at, undone_at) ON proposal TO conflictdb_editor;
 GRANT INSERT, UPDATE (version_after) ON proposal_move TO conflictdb_editor;
 GRANT INSERT ON proposal_left TO conflictdb_editor;
 GRANT EXECUTE ON FUNCTION apply_proposal, undo_proposal, _put_proposal, _hold_proposal, _move_attached

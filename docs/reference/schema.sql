@@ -836,6 +836,8 @@ CREATE INDEX scene_parent_scene_id_btree ON conflictdb.scene USING btree (parent
 CREATE INDEX track_scene_id_owner_btree ON conflictdb.track USING btree (scene_id, owner) WHERE (owner IS NOT NULL);
 CREATE INDEX track_scene_id_scheduled_btree ON conflictdb.track USING btree (scene_id) WHERE (schedule IS NOT NULL);
 
+CREATE TRIGGER acknowledgement_inserted BEFORE INSERT ON conflictdb.acknowledgement FOR EACH ROW EXECUTE FUNCTION _before_acknowledgement();
+CREATE TRIGGER acknowledgement_updated BEFORE UPDATE OF ended_at, ended_by ON conflictdb.acknowledgement FOR EACH ROW EXECUTE FUNCTION _before_acknowledgement();
 CREATE TRIGGER area_before BEFORE INSERT OR UPDATE ON conflictdb.area FOR EACH ROW EXECUTE FUNCTION _area_before() -- always;
 CREATE TRIGGER area_deleted AFTER DELETE ON conflictdb.area REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
 CREATE TRIGGER area_inserted AFTER INSERT ON conflictdb.area REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_object_change('0', 'area_id');
@@ -848,6 +850,7 @@ CREATE TRIGGER branch_edit_before BEFORE INSERT ON conflictdb.branch_edit FOR EA
 CREATE TRIGGER branch_edit_inserted AFTER INSERT ON conflictdb.branch_edit REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_branch_edit();
 CREATE TRIGGER object_key_restored BEFORE INSERT ON conflictdb.object_key FOR EACH ROW WHEN ((pg_trigger_depth() = 0)) EXECUTE FUNCTION _keep_restored_key() -- always;
 CREATE TRIGGER probe_request_checked BEFORE INSERT ON conflictdb.probe_request FOR EACH ROW EXECUTE FUNCTION _before_probe_request() -- always;
+CREATE TRIGGER proposal_updated BEFORE UPDATE OF applied_at, undone_at ON conflictdb.proposal FOR EACH ROW EXECUTE FUNCTION _before_proposal_update();
 CREATE TRIGGER rule_before BEFORE INSERT OR UPDATE ON conflictdb.rule FOR EACH ROW EXECUTE FUNCTION _rule_before() -- always;
 CREATE TRIGGER rule_deleted AFTER DELETE ON conflictdb.rule REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
 CREATE TRIGGER rule_inserted AFTER INSERT ON conflictdb.rule REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
@@ -982,10 +985,16 @@ FUNCTION _attachments_to_follow(p_scene text, p_try_again boolean)
 FUNCTION _await_answer(p_probe_id bigint, p_timeout interval, p_is_delays boolean)
     RETURNS boolean LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _before_acknowledgement()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _before_attachment()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _before_probe_request()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _before_proposal_update()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _before_scene_removal()

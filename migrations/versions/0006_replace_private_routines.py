@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "2da6934099e8a3a304bc5ffd2792e0c8f768f4b4592e2354034f3df2e321c6e3"
+routines_sha256 = "63f97275cba15849624e00b211f702336b047765d71f645fc671fda64179156e"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

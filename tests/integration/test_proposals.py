@@ -282,7 +282,7 @@ def test_only_read_committed(db: Database, scene: StoredScene, dsn: str) -> None
 
 
 def test_rights(db: Database, scene: StoredScene, dsn: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Readers may not apply; other editors not in a protected scene; workers need not own it."""
+    """Readers may not apply; other editors not in a protected scene; who did is recorded, and cannot be forged."""
     number, paths = proposed(scene), ask(db, PATHS)
     suffix = conninfo.conninfo_to_dict(dsn)["dbname"]
     with psycopg.connect(dsn, autocommit=True) as conn:
@@ -307,6 +307,10 @@ def test_rights(db: Database, scene: StoredScene, dsn: str, capsys: pytest.Captu
             with connect(conninfo.make_conninfo(dsn, options=f"-c role=editor_of_{suffix}")) as other:
                 assert other.apply_proposal(number) > 0
                 assert other.undo_proposal(number) > 0
+                with pytest.raises(psycopg.errors.InsufficientPrivilege), other.connection.transaction():
+                    other.connection.execute("UPDATE conflictdb.proposal SET applied_by = 'another'")
+            names = "SELECT applied_by, undone_by FROM conflictdb.proposals WHERE proposal_id = %s"
+            assert ask(db, names, number) == [(f"editor_of_{suffix}",) * 2]
             assert ask(db, PATHS) == paths
             conn.execute("SELECT conflictdb.unshare_scene(%s, %s)", [scene.name, f"editor_of_{suffix}"])
             with (

@@ -359,13 +359,12 @@ def test_periods_that_are_rounded_to_the_next_microsecond_are_the_same(conn: Con
 
 
 @pytest.mark.parametrize("periods", ["{}", "{(,)}", "{[infinity,)}", "{[4714-11-24 BC,294276-12-31]}", None])
-def test_no_acknowledgement_that_an_editor_writes_breaks_the_view(scene: Conn, periods: str | None) -> None:
-    """Editors may insert rows of their own; one with an error of -1e308 s was an error of the view for all readers."""
+def test_no_acknowledgement_breaks_the_view(scene: Conn, periods: str | None) -> None:
+    """Editors once inserted all columns; an error of -1e308 s was an error of the view for all readers."""
     numbers = ["NaN", "Infinity", "-Infinity", "1.7e308", "-1.7e308", "0", None]
     measures = [(time_error_s, None, None) for time_error_s in numbers[:-1]]
     measures += [("0", closest_m, closest_error_m) for closest_m in numbers for closest_error_m in numbers]
     for written in measures:
-        scene.execute("SET ROLE conflictdb_editor")
         done = scene.execute(
             """INSERT INTO conflictdb.acknowledgement (scene_id, conflict_id, reason, a_key, b_key, periods, verdict,
                                                        time_error_s, closest_m, closest_error_m)
@@ -374,7 +373,59 @@ def test_no_acknowledgement_that_an_editor_writes_breaks_the_view(scene: Conn, p
             [periods, *written],
         )
         assert done.rowcount == 1
-        scene.execute("RESET ROLE")
         for seen in ("conflicts", "acknowledgements"):
             assert scene.execute(f"SELECT count(*) FROM conflictdb.{seen}".encode()).fetchone() == (1,)
         scene.rollback()
+
+
+INSERT = """INSERT INTO conflictdb.acknowledgement (scene_id, conflict_id, reason, a_key, b_key)
+            SELECT s.scene_id, c.conflict_id + %s, 'mine', c.a_key, c.b_key
+            FROM conflictdb.scene s, conflictdb.conflict c WHERE s.name = %s"""
+
+
+def test_what_editors_insert_acknowledges_what_is_known(scene: Conn) -> None:
+    """Not more: of wider periods no later growth would have been seen."""
+    for forged in ("periods = '{(,)}'", "verdict = 'conflict'", "closest_m = 0", "acknowledged_at = now()"):
+        column, value = forged.split(" = ")
+        statement = INSERT.replace("b_key)", f"b_key, {column})").replace("c.b_key\n", f"c.b_key, {value}\n")
+        scene.execute("SET ROLE conflictdb_editor")
+        with pytest.raises(psycopg.errors.InsufficientPrivilege):
+            scene.execute(statement.encode(), [0, "s"])
+        scene.rollback()
+    scene.execute("SET ROLE conflictdb_editor")
+    scene.execute(INSERT.encode(), [0, "s"])
+    scene.execute("RESET ROLE")
+    known = "periods, verdict, time_error_s, closest_m, closest_error_m"
+    kept = rows(scene, f"SELECT {known} FROM conflictdb.acknowledgement")
+    assert kept == rows(scene, f"SELECT {known} FROM conflictdb.conflict")
+    put(scene, "B", (4, 9), 0.5)
+    run(scene)
+    assert rows(scene, "SELECT state FROM conflictdb.acknowledgements") == [("outgrown",)]
+
+
+@pytest.mark.parametrize(("ahead", "name"), [(0, "t"), (1, "s")], ids=["of another scene", "that is not there yet"])
+def test_no_editor_acknowledges_a_conflict(scene: Conn, ahead: int, name: str) -> None:
+    """In another scene's place it kept that scene's own editors waiting for ever; a later one opened acknowledged."""
+    scene.execute("SELECT conflictdb.create_scene('t')")
+    scene.commit()
+    scene.execute("SET ROLE conflictdb_editor")
+    with pytest.raises(psycopg.Error, match="conflict of 'A' and 'B': conflict: is not known") as refused:
+        scene.execute(INSERT.encode(), [ahead, name])
+    assert refused.value.sqlstate == "ZC011"
+    scene.rollback()
+    scene.execute("SET LOCAL statement_timeout = '5s'")
+    scene.execute("SELECT conflictdb.acknowledge('s', 'A', 'B', 'seen')")
+
+
+def test_what_ended_stays_ended_by_who_ended_it(scene: Conn) -> None:
+    rows(scene, "SELECT conflictdb.acknowledge('s', 'A', 'B', 'seen')")
+    scene.execute("SET ROLE conflictdb_editor")
+    with pytest.raises(psycopg.errors.InsufficientPrivilege), scene.transaction():
+        scene.execute("UPDATE conflictdb.acknowledgement SET ended_by = 'another'")
+    rows(scene, "UPDATE conflictdb.acknowledgement SET ended_at = '2020-01-01' RETURNING true")
+    ((by, is_now),) = rows(scene, "SELECT ended_by, ended_at > now() - interval '1 h' FROM conflictdb.acknowledgement")
+    assert (by, is_now) == ("conflictdb_editor", True)
+    for at in ("NULL", "now()"):
+        with pytest.raises(psycopg.Error, match="ended_at: is ended since") as refused, scene.transaction():
+            scene.execute(f"UPDATE conflictdb.acknowledgement SET ended_at = {at}".encode())
+        assert refused.value.sqlstate == "ZC013"

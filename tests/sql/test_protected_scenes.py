@@ -107,7 +107,7 @@ STATEMENTS = [
     "DELETE FROM conflictdb.attachment",
     "DELETE FROM conflictdb.attached_object",
     "DELETE FROM conflictdb.attached_change",
-    "UPDATE conflictdb.acknowledgement SET ended_by = 'me', ended_at = now()",
+    "UPDATE conflictdb.acknowledgement SET ended_at = now()",
     "DELETE FROM conflictdb.scene_share",
 ]
 ADDITIONS = [
