@@ -84,7 +84,7 @@ def test_a_scene_that_is_edited_all_the_time_is_kept_current(server_dsn: str) ->
     with fresh_database(server_dsn) as dsn, conflictdb.connect(dsn) as db:
         load(db, Scene(soak.SCENE), sea(60, 1))
         found = db.scene(soak.SCENE).detect()
-        soaked = soak.soak(dsn, rate=20.0, editors=2, workers=2, seconds=3.0, warm_up_s=0.5)
+        soaked = soak.soak(dsn, rate=20.0, editors=2, workers=2, seconds=1.5, warm_up_s=0.5)
         assert soaked.errors == []
         assert len(soaked.waited_s) > 10
         assert soaked.runs > 0
