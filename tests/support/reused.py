@@ -1,7 +1,7 @@
 """A database that tests use in turn: all that a test leaves is removed, or else the database is replaced."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import count
 from typing import Any
@@ -26,15 +26,18 @@ PASSING = {
 }
 # The number of rows of a catalog, and hashes of those written after a transaction.
 ROWS = """
-SELECT count(*), array_agg(hashtextextended({content}, 0))
+SELECT '{catalog}', count(*), array_agg(hashtextextended({content}, 0))
                      FILTER (WHERE age(r.xmin) < (SELECT age(%(since)s::text::xid)))
 FROM pg_catalog.pg_{catalog} r WHERE {condition}
 """
-# Whether a row of these was written by sessions that have ended, or have counted, this one aside; older servers may
-# count late.
-IS_WRITTEN = """
-SELECT current_setting('server_version_num')::int < 150000 OR EXISTS (
-    SELECT FROM pg_stat_sys_tables WHERE relname = ANY (%(names)s) AND n_tup_ins + n_tup_upd + n_tup_del > 0)
+# Those of these catalogs that were written by sessions that have ended, or have counted, this one aside; older servers
+# may count late.
+WRITTEN = """
+SELECT ARRAY(SELECT n.name FROM unnest(%(names)s::text[]) n (name) LEFT JOIN pg_stat_sys_tables s
+                 ON s.schemaname = 'pg_catalog' AND s.relname = 'pg_' || n.name
+             WHERE current_setting('server_version_num')::int < 150000
+                   OR s.n_tup_ins + s.n_tup_upd + s.n_tup_del > 0
+             ORDER BY 1)
 """
 # Objects that are dropped if a test created them, in this order.
 DROPPED = {
@@ -113,7 +116,7 @@ class ReusedDatabase:
         self._kept: psycopg.Connection[Any] | None = None
         self._tables: list[str] = []
         self._statistics: set[tuple[Any, ...]] = set()
-        self._counts: list[int] = []
+        self._counts: dict[str, int] = {}
         self._rows: set[int] = set()
         self._newest = 0
         self._shared = self._since = ""
@@ -163,7 +166,7 @@ class ReusedDatabase:
             if own and _state_of(conn) == before:
                 conn.autocommit = True
                 conn.execute(FORGET_ALL)
-                if conn.info.server_version >= 150000:  # it has not ended, see IS_WRITTEN
+                if conn.info.server_version >= 150000:  # it has not ended, see WRITTEN
                     conn.execute("SELECT pg_stat_force_next_flush()")
                 conn.autocommit = False
                 self._kept = conn
@@ -184,9 +187,9 @@ class ReusedDatabase:
         self._tables = [table for (table,) in conn.execute(TABLES)]
         self._statistics = set(conn.execute(STATISTICS))
         self._newest = max(self._one(conn, f"SELECT max(oid::bigint) FROM pg_{catalog}") or 0 for catalog in DROPPED)
-        found = self._catalogs(conn, "3")  # the first transaction
-        self._counts = [rows for rows, _ in found]
-        self._rows = {row for _, written in found for row in written or ()}
+        found = self._catalogs(conn, CATALOGS, "3")  # the first transaction
+        self._counts = {catalog: rows for catalog, rows, _ in found}
+        self._rows = {row for _, _, written in found for row in written or ()}
 
     def _is_cleaned(self, conn: psycopg.Connection[Any]) -> bool:
         end = time.monotonic() + WAIT_S
@@ -198,10 +201,10 @@ class ReusedDatabase:
             return False
         self._drop_added(conn)
         self._empty(conn)
-        if self._one(conn, IS_WRITTEN, {"names": [f"pg_{catalog}" for catalog in CATALOGS]}):
-            found = self._catalogs(conn, self._since)
-            left = {row for _, written in found for row in written or ()} - self._rows
-            if left or [rows for rows, _ in found] != self._counts:
+        if names := self._one(conn, WRITTEN, {"names": list(CATALOGS)}):
+            found = self._catalogs(conn, names, self._since)
+            left = {row for _, _, written in found for row in written or ()} - self._rows
+            if left or any(rows != self._counts[catalog] for catalog, rows, _ in found):
                 return False
         if self._one(conn, SHARED) != self._shared:
             return False
@@ -238,14 +241,16 @@ class ReusedDatabase:
         return [table for (table,) in conn.execute(full)]
 
     @staticmethod
-    def _catalogs(conn: psycopg.Connection[Any], since: str) -> list[tuple[int, list[int] | None]]:
+    def _catalogs(
+        conn: psycopg.Connection[Any], names: Sequence[str], since: str
+    ) -> list[tuple[str, int, list[int] | None]]:
         query = " UNION ALL ".join(
             ROWS.format(
                 content=f"(to_jsonb(r) - '{PASSING[catalog]}'::text[])::text" if catalog in PASSING else "r::text",
                 catalog=catalog,
                 condition=PERMANENT.get(catalog, "true"),
             )
-            for catalog in CATALOGS
+            for catalog in names
         )
         return conn.execute(query, {"since": since}, prepare=True).fetchall()
 
