@@ -2,7 +2,7 @@
 
 Random rows of hostile values, by column, into every table that a role may insert into, update or delete from, and
 transactions that are prepared first; a worker runs meanwhile, for `CONFLICTDB_HOSTILE_S` seconds
-(6 by default; CONFLICTDB_HOSTILE_SEED: 1).
+(4 by default; CONFLICTDB_HOSTILE_SEED: 1).
 """
 
 import ast
@@ -23,7 +23,7 @@ from psycopg import sql
 import conflictdb
 from conflictdb.db import store
 
-SECONDS: Final = float(os.environ.get("CONFLICTDB_HOSTILE_S", "6"))
+SECONDS: Final = float(os.environ.get("CONFLICTDB_HOSTILE_S", "4"))
 WAIT_S: Final = 60.0
 
 BOXES: Final = [f"SRID=4326;MULTIPOLYGON((({x} 0, {x + 2} 0, {x + 2} 2, {x} 2, {x} 0)))" for x in range(-3, 4)]
