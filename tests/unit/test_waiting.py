@@ -1,11 +1,14 @@
 """A wait for another thread ends with the exception that interrupts it."""
 
+import signal
 import subprocess
 import sys
+import time
 from threading import Event
 
 import pytest
 
+from conflictdb.kernel.library import shared
 from conflictdb.kernel.waiting import ThreadWork, cancel_thread, run_in_thread
 
 # Thousands of interrupts, some microseconds after a thread was started: none may become another exception, and no wait
@@ -15,6 +18,7 @@ from conflictdb.kernel.waiting import ThreadWork, cancel_thread, run_in_thread
 INTERRUPTED = """
 import signal
 from threading import Event
+from conflictdb.kernel.library import shared
 from conflictdb.kernel.waiting import ThreadWork
 
 is_interrupted = False
@@ -78,3 +82,27 @@ def test_work_of_another_thread_is_cancelled_and_waited_for() -> None:
 def test_an_interrupt_while_it_waits_is_that_interrupt() -> None:
     done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout, done.stderr) == (0, "[]\n", "")
+
+
+def test_an_interrupt_of_several_threads_leaves_out_what_is_not_begun() -> None:
+    """And it waits for what is: afterwards nothing runs."""
+    solved: list[slice] = []
+
+    def solve(rows: slice) -> None:
+        time.sleep(0.01)
+        solved.append(rows)
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.1)
+        with pytest.raises(KeyboardInterrupt):
+            shared(solve, 2000, 2, share=1)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    count = len(solved)
+    assert count < 1000
+    time.sleep(0.05)
+    assert len(solved) == count
