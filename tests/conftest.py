@@ -18,12 +18,11 @@ from reused import ReusedDatabase
 
 from conflictdb.db import schema
 
-# Files that take ten seconds or more come first, so that no worker is left with one of them in the end.
+# The longest files come first, so that no worker is left with one of them in the end. Only these: other long files,
+# which wait for programs, run beside short ones, so that no processor is idle.
 _LONG = (
-    "address", "admission", "attached", "benchmarks", "branches", "chances", "cli_detection", "documents", "drawing",
-    "ends_cleanly", "extension", "find", "io_ogr", "load_by_parts", "locking", "map_", "memory", "planning",
-    "proposals", "scenes", "server_cluster", "side_view", "sources", "spark", "stored_delays", "upgrade", "ways_in",
-    "what_if", "worker", "write_back",
+    "spark", "documents", "map_pictures", "map_page", "server_cluster", "load_by_parts", "upgrade", "oracle",
+    "planning", "speeds", "shallow", "worker_faults", "attached_rights",
 )  # fmt: skip
 _RUN = pytest.StashKey[str]()
 _SERVERS = pytest.StashKey[set[str]]()

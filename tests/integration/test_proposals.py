@@ -127,7 +127,7 @@ def cleared(db: Database, seed: int) -> int:
 
 def test_cleared_scenes_equal_brute_force(db: Database) -> None:
     """Each proposal clears the conflicts that it names and makes none, by a full detection and by the oracle."""
-    assert sum(cleared(db, seed) for seed in range(3)) > 0
+    assert sum(cleared(db, seed) for seed in range(2)) > 0
 
 
 @pytest.mark.slow
