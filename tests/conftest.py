@@ -18,8 +18,8 @@ from reused import ReusedDatabase
 
 from conflictdb.db import schema
 
-# The longest files come first, so that no worker is left with one of them in the end. Only these: other long files,
-# which wait for programs, run beside short ones, so that no processor is idle.
+# The longest files come first, so that no worker is left with one of them in the end. Other long files wait for
+# programs: they run beside short ones, so that no processor is idle.
 _LONG = (
     "spark", "documents", "map_pictures", "map_page", "server_cluster", "load_by_parts", "upgrade", "oracle",
     "planning", "speeds", "shallow", "worker_faults", "attached_rights",

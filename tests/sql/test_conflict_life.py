@@ -383,8 +383,8 @@ INSERT = """INSERT INTO conflictdb.acknowledgement (scene_id, conflict_id, reaso
             FROM conflictdb.scene s, conflictdb.conflict c WHERE s.name = %s"""
 
 
-def test_what_editors_insert_acknowledges_what_is_known(scene: Conn) -> None:
-    """Not more: of wider periods no later growth would have been seen."""
+def test_an_editor_acknowledges_a_conflict_as_it_is_known(scene: Conn) -> None:
+    """Wider periods would hide later growth."""
     for forged in ("periods = '{(,)}'", "verdict = 'conflict'", "closest_m = 0", "acknowledged_at = now()"):
         column, value = forged.split(" = ")
         statement = INSERT.replace("b_key)", f"b_key, {column})").replace("c.b_key\n", f"c.b_key, {value}\n")
@@ -403,9 +403,9 @@ def test_what_editors_insert_acknowledges_what_is_known(scene: Conn) -> None:
     assert rows(scene, "SELECT state FROM conflictdb.acknowledgements") == [("outgrown",)]
 
 
-@pytest.mark.parametrize(("ahead", "name"), [(0, "t"), (1, "s")], ids=["of another scene", "that is not there yet"])
-def test_no_editor_acknowledges_a_conflict(scene: Conn, ahead: int, name: str) -> None:
-    """In another scene's place it kept that scene's own editors waiting for ever; a later one opened acknowledged."""
+@pytest.mark.parametrize(("ahead", "name"), [(0, "t"), (1, "s")], ids=["another scene", "a later conflict"])
+def test_no_editor_acknowledges_a_conflict_that_the_scene_does_not_have(scene: Conn, ahead: int, name: str) -> None:
+    """The first kept editors of that scene waiting for ever; the second opened its conflict acknowledged."""
     scene.execute("SELECT conflictdb.create_scene('t')")
     scene.commit()
     scene.execute("SET ROLE conflictdb_editor")
@@ -417,7 +417,7 @@ def test_no_editor_acknowledges_a_conflict(scene: Conn, ahead: int, name: str) -
     scene.execute("SELECT conflictdb.acknowledge('s', 'A', 'B', 'seen')")
 
 
-def test_what_ended_stays_ended_by_who_ended_it(scene: Conn) -> None:
+def test_an_ended_acknowledgement_stays_ended_by_its_user(scene: Conn) -> None:
     rows(scene, "SELECT conflictdb.acknowledge('s', 'A', 'B', 'seen')")
     scene.execute("SET ROLE conflictdb_editor")
     with pytest.raises(psycopg.errors.InsufficientPrivilege), scene.transaction():

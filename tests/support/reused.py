@@ -30,8 +30,8 @@ SELECT '{catalog}', count(*), array_agg(hashtextextended({content}, 0))
                      FILTER (WHERE age(r.xmin) < (SELECT age(%(since)s::text::xid)))
 FROM pg_catalog.pg_{catalog} r WHERE {condition}
 """
-# Those of these catalogs that were written by sessions that have ended, or have counted, this one aside; older servers
-# may count late.
+# The catalogs, of those named, that other sessions have written. A session counts its writes when it ends or flushes
+# its counts. Servers before 15 may count late: there the query returns all names.
 WRITTEN = """
 SELECT ARRAY(SELECT n.name FROM unnest(%(names)s::text[]) n (name) LEFT JOIN pg_stat_sys_tables s
                  ON s.schemaname = 'pg_catalog' AND s.relname = 'pg_' || n.name
