@@ -49,7 +49,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import EarthModel
 from conflictdb.stages.pieces.covers import pieces_of
@@ -144,7 +144,7 @@ class Scenes:
         scene = replace(self.scene, tolerance_m=tolerance_m)
         pieces, pairs, row, first = [], [], 0, 0
         for areas, tracks in self.thrown:
-            own = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
+            own = pieces_of(Setup.of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
             met = intersections(own, *candidates(own), regions=True)
             met = met.take(np.flatnonzero(own.kind[met.a] | own.kind[met.b]))
             pairs.append(replace(met, a=met.a + row, b=met.b + row))
@@ -242,7 +242,7 @@ def rows_of(
 def timed(scene: Scene, batch: tuple[Pieces, Pairs], scenes: Scenes) -> tuple[Conflicts, float]:
     """Return the answer of stages 3 and 4, and the seconds of processor time they took."""
     started = time.process_time()
-    found, _ = run_stages(scene, plane_of(scene), *batch, scenes.footprints)
+    found, _ = run_stages(Setup.of(scene), *batch, scenes.footprints)
     return found, time.process_time() - started
 
 

@@ -26,7 +26,7 @@ from conflictdb import Method
 from conflictdb.advice.estimates import Trial
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.stages.pieces.covers import pieces_of
 
 METHODS = (Method.SCREEN, Method.EXACT)
@@ -71,7 +71,7 @@ def compare(db, scene, areas, tracks, repeat) -> None:
         runs = []
         for _ in range(repeat):
             started = time.perf_counter()
-            pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
+            pieces = pieces_of(Setup.of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
             made_s.append((time.perf_counter() - started) / len(pieces))
             detect(db, scene.name, method=other, jobs=1)
             runs.append(detect(db, scene.name, method=method, jobs=1))

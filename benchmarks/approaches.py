@@ -29,7 +29,7 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.approach import Closest, closest
 from conflictdb.kernel.meeting import meetings
 from conflictdb.model.plans import EarthModel, Motion
@@ -64,8 +64,8 @@ class Load:
         for seed in range(scenes):
             scene, areas, tracks = throw(workload, seed, objects, objects, earth)
             scene = replace(scene, nearest_m=nearest_m)
-            plane = plane_of(scene)
-            pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+            setup = Setup.of(scene)
+            pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
             found = intersections(pieces, *candidates(pieces), regions=False)
             found = found.take(np.flatnonzero((pieces.kind[found.a] == 1) | (pieces.kind[found.b] == 1)))
             _, group = np.unique(object_keys(pieces, found.a, found.b), axis=1, return_inverse=True)
@@ -79,8 +79,8 @@ class Load:
         a, b = PieceRows(np.concatenate(firsts)), PieceRows(np.concatenate(seconds))
         start, end = pieces.shared_span(a, b)
         offset = np.searchsorted(np.concatenate(groups), np.arange(number + 1))
-        prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
-        return cls(prepared, plane, a, b, start, (end - start) / 1e6, offset)
+        prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces, a, b)
+        return cls(prepared, setup.plane, a, b, start, (end - start) / 1e6, offset)
 
     def closest(self, nearest_m: float, first: int, last: int, times: int = 1, threads: int = 1) -> Closest:
         """Return the closest approaches of candidates [first, last)."""

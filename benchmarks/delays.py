@@ -26,7 +26,7 @@ from workloads import GROWING, GROWING_CIRCLES, OCEAN, Workload, throw
 
 from conflictdb import Area, Scene, Track, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.kernel.differences import DifferenceState
 from conflictdb.model.results import Kind as ObjectKind
 from conflictdb.stages import delays
@@ -163,8 +163,8 @@ def _row(name: str, made: Made, within_s: float) -> str:
     solve(tracks, areas, scene)
     solve_s = time.process_time() - began
     scene = centred(scene, areas, tracks)
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+    setup = Setup.of(scene)
+    pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
     numbers = np.unique(object_numbers(pieces)[pieces.kind == ObjectKind.TRACK.code])
     kernel, horizon_us = Kernel(delays.differences), round(1e6 * within_s)
     keys = dict.fromkeys(np.unique(object_numbers(pieces)).tolist(), "")
@@ -172,7 +172,7 @@ def _row(name: str, made: Made, within_s: float) -> str:
     began = time.process_time()
     ends = Ends(delays.solved_shifts)
     with patch.object(delays, "differences", kernel), patch.object(delays, "solved_shifts", ends):
-        every = delays.differences_of(scene, plane, AnyTime.of(pieces), numbers, horizon_us)
+        every = delays.differences_of(setup, AnyTime.of(pieces), numbers, horizon_us)
     for _, own in every.of_each_track():
         delays.delays_of("", keys, own, horizon_us, leeway)
     all_s = time.process_time() - began

@@ -48,7 +48,7 @@ from conflictdb import Area, EarthModel, Scene, Track
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.results import Kind as ObjectKind
 from conflictdb.stages.pieces.covers import pieces_of
 
@@ -93,7 +93,7 @@ class Given:
         scene, areas, tracks = box(kind, objects, 1)
         scene = replace(scene, name=f"{kind} {objects}", earth=EarthModel.SPHERE, tolerance_m=0.0)
         with whole_legs():
-            pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
+            pieces = pieces_of(Setup.of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
         return cls(scene, areas, tracks, pieces)
 
     def key(self, row: int) -> str:
@@ -114,7 +114,7 @@ class Given:
 
     def save(self, path: Path) -> None:
         """Write the input of peers in other environments: hulls, spans, legs in the plane, circles around havens."""
-        plane, pieces = plane_of(self.scene), self.pieces
+        plane, pieces = Setup.of(self.scene).plane, self.pieces
         ends = [
             np.stack(plane.to_plane(*end.T), axis=1) + np.array([[plane.turn_m, 0.0]]) * pieces.turn[:, None]
             for end in (pieces.leg_start_deg, pieces.leg_end_deg)

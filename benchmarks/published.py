@@ -52,7 +52,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import Earth, earth_of, rhumb_direct
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import METRES_PER_NMI, EarthModel
 from conflictdb.model.results import Kind
@@ -216,15 +216,15 @@ def errors_of(case: Case, count: int, checked: int, seed: int = 1) -> Errors:
     areas, tracks = ([pair[k] for pair in thrown] for k in (0, 1))
     footprints = AreaBatch.of(areas).footprint
 
-    plane = plane_of(SCENE)
-    certified = run_stages(SCENE, plane, *one_pair_each(areas, tracks), lambda numbers: footprints[numbers])[0]
+    setup = Setup.of(SCENE)
+    certified = run_stages(setup, *one_pair_each(areas, tracks), lambda numbers: footprints[numbers])[0]
     truth = hulls_s(certified, len(thrown))
     with whole_legs():
         pieces, pairs = one_pair_each(areas, tracks)
-    prepared = kernel.KernelScene(plane.kernel_plane, pieces, pairs.a, pairs.b)
+    prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces, pairs.a, pairs.b)
     start_us, end_us = pieces.shared_span(pairs.a, pairs.b)
     shared_s = np.stack([start_us - T0_US, end_us - T0_US], axis=1) / 1e6
-    window = shared_s[:, :1] + np.stack(windows(SCENE, plane, prepared, pairs), axis=1)
+    window = shared_s[:, :1] + np.stack(windows(setup, prepared, pairs), axis=1)
     window = np.clip(window, shared_s[:, :1], shared_s[:, 1:])
     bound_s = dict(zip(certified.a_id.tolist(), certified.time_error_s.tolist(), strict=True))
     rows = np.flatnonzero(np.isfinite(truth[pairs.a, 0]))[:count]
@@ -252,7 +252,7 @@ def errors_of(case: Case, count: int, checked: int, seed: int = 1) -> Errors:
 def one_pair_each(areas: Sequence[Area], tracks: Sequence[Track]) -> tuple[Pieces, Pairs]:
     """Return the pieces, and the pairs of area i and a slice of track i whose hulls meet."""
     n = len(areas)
-    pieces = pieces_of(SCENE, plane_of(SCENE), AreaBatch.of(areas), TrackBatch.of(tracks))
+    pieces = pieces_of(Setup.of(SCENE), AreaBatch.of(areas), TrackBatch.of(tracks))
     if pieces.turn.any() or (pieces.kind[:n] != Kind.AREA.code).any() or (pieces.kind[n:] != Kind.TRACK.code).any():
         raise AssertionError("an area in parts, or a copy at the seam")
     owner = np.repeat(np.arange(len(pieces)), np.diff(pieces.hull_offset))

@@ -30,7 +30,7 @@ from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel import Questions, Work
 from conflictdb.model.plans import EarthModel, Scene, Track
 from conflictdb.stages.pieces.covers import pieces_of
@@ -57,7 +57,7 @@ class Load:
 
     def prepared(self) -> kernel.KernelScene:
         """Return the pieces as the kernel takes them."""
-        return kernel.KernelScene(plane_of(self.scene).kernel_plane, self.pieces, self.pairs.a, self.pairs.b)
+        return kernel.KernelScene(Setup.of(self.scene).plane.kernel_plane, self.pieces, self.pairs.a, self.pairs.b)
 
     def questions(self, times: int = 1) -> Questions:
         """Return the kernel's questions about all pairs, `times` times over."""
@@ -71,12 +71,12 @@ class Load:
 
     def contacts(self) -> None:
         """Find all contacts, from pieces on."""
-        plane, nought = plane_of(self.scene), np.zeros(len(self.pairs))
-        contacts(self.scene, plane, self.prepared(), self.pairs, nought, self.span_s)
+        nought = np.zeros(len(self.pairs))
+        contacts(Setup.of(self.scene), self.prepared(), self.pairs, nought, self.span_s)
 
     def ask_program(self, rows: NDArray[np.int64]) -> None:
         """Ask the published nonlinear program for both ends of some pairs."""
-        plane, prepared = plane_of(self.scene), self.prepared()
+        plane, prepared = Setup.of(self.scene).plane, self.prepared()
         for row in rows:
             some = np.array([row])
             pair = Encounters.of(plane, 0.0, prepared, self.pairs, some, self.start_us[some])
@@ -98,7 +98,7 @@ def load(workload: Workload, scenes: int, areas: int, tracks: int, *, equatorial
         _, standing, moving = throw(thrown_from, seed, areas, tracks, EarthModel.WGS84)
         if equatorial:
             moving = [along_the_equator(track) for track in moving]
-        pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(standing), TrackBatch.of(moving))
+        pieces = pieces_of(Setup.of(scene), AreaBatch.of(standing), TrackBatch.of(moving))
         found = intersections(pieces, *candidates(pieces), regions=False)
         found = found.take(np.flatnonzero((pieces.kind[found.a] == 1) | (pieces.kind[found.b] == 1)))
         parts.append(pieces)

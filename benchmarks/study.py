@@ -32,8 +32,7 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.plane import Plane
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.results import Kind as ObjectKind
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.published.stage3_projection import windows
@@ -67,42 +66,39 @@ def measure(
 
 def stage4(scene: Scene, areas: list[Area], tracks: list[Track]) -> Stage4:
     """Return the times of stage 4 for pairs that meet and for false alarms of the stages before."""
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+    setup = Setup.of(scene)
+    pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
     pairs = intersections(pieces, *candidates(pieces), regions=scene.method is Method.NLP)
     moves = (pieces.kind[pairs.a] == ObjectKind.TRACK.code) | (pieces.kind[pairs.b] == ObjectKind.TRACK.code)
     pairs = pairs.take(PairRows(np.flatnonzero(moves)))
-    prepared = kernel.KernelScene(plane.kernel_plane, pieces, pairs.a, pairs.b)
+    prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces, pairs.a, pairs.b)
     if scene.method is Method.NLP:
-        first, last = windows(scene, plane, prepared, pairs)
+        first, last = windows(setup, prepared, pairs)
     else:
         start, end = pieces.shared_span(pairs.a, pairs.b)
         first, last = np.zeros(len(pairs)), (end - start) / 1e6
     exact = replace(scene, method=Method.EXACT)
-    found, _ = contacts(exact, plane, prepared, pairs, first, last)
+    found, _ = contacts(setup.under(exact), prepared, pairs, first, last)
     meets = np.zeros(len(pairs), np.bool_)
     meets[found.pair] = True
     possible = first <= last
     return Stage4(
         *(
-            _pair_us(scene, plane, pieces, pairs, (first, last), PairRows(np.flatnonzero(of & possible)))
+            _pair_us(setup, pieces, pairs, (first, last), PairRows(np.flatnonzero(of & possible)))
             for of in (meets, ~meets)
         )
     )
 
 
-def _pair_us(
-    scene: Scene, plane: Plane, pieces: Pieces, pairs: Pairs, window: tuple[Floats, Floats], rows: PairRows
-) -> float | None:
-    rows = PairRows(np.random.default_rng(0).permutation(rows)[: ASKED[scene.method]])
+def _pair_us(setup: Setup, pieces: Pieces, pairs: Pairs, window: tuple[Floats, Floats], rows: PairRows) -> float | None:
+    rows = PairRows(np.random.default_rng(0).permutation(rows)[: ASKED[setup.scene.method]])
     if not len(rows):
         return None
     some = pairs.take(rows)
     began = time.process_time()
     contacts(
-        scene,
-        plane,
-        kernel.KernelScene(plane.kernel_plane, pieces, some.a, some.b),
+        setup,
+        kernel.KernelScene(setup.plane.kernel_plane, pieces, some.a, some.b),
         some,
         window[0][rows],
         window[1][rows],

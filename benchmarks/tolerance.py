@@ -20,7 +20,7 @@ from workloads import HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, Workload
 
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import EarthModel
 from conflictdb.stages.run import run_stages
 
@@ -46,7 +46,7 @@ def measured(workload: Workload, pairs: int) -> list[list[str]]:
         for tolerance_m in TOLERANCES_M if number % 2 else TOLERANCES_M[::-1]:
             scene = replace(scenes.scene, tolerance_m=tolerance_m)
             started = time.process_time()
-            found, _ = run_stages(scene, plane_of(scene), *batches[tolerance_m], scenes.footprints)
+            found, _ = run_stages(Setup.of(scene), *batches[tolerance_m], scenes.footprints)
             least_s[tolerance_m] = min(least_s[tolerance_m], time.process_time() - started)
             close[tolerance_m] = int((found.closest_m > 0.0).sum())
     counts = {tolerance_m: len(batch[1]) for tolerance_m, batch in batches.items()}

@@ -38,7 +38,7 @@ import conflictdb
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows
 from conflictdb.db import store
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.stage1_broad_phase import candidates, hulls_of
@@ -116,8 +116,8 @@ def least(turns: int, conn: psycopg.Connection[Any], work: Callable[[], object])
 def in_memory(db: conflictdb.Database, name: str, turns: int) -> dict[str, float]:
     """Return the seconds of the arithmetic alone: pieces, hulls of candidates, the kernel on pairs that move."""
     scene, areas, tracks = store.read_scene(db.connection, name)
-    plane, batches = plane_of(scene), (AreaBatch.of(areas), TrackBatch.of(tracks))
-    pieces = pieces_of(scene, plane, *batches)
+    setup, batches = Setup.of(scene), (AreaBatch.of(areas), TrackBatch.of(tracks))
+    pieces = pieces_of(setup, *batches)
     a, b = candidates(pieces)
     hulls = hulls_of(pieces)
     pairs = intersections(pieces, a, b, regions=False)
@@ -126,7 +126,7 @@ def in_memory(db: conflictdb.Database, name: str, turns: int) -> dict[str, float
     start, end = pieces.shared_span(pairs.a, pairs.b)
     asked = Load(replace(scene, tolerance_m=0.0), pieces, pairs, start, (end - start) / 1e6)
     return {
-        "pieces": least(turns, db.connection, lambda: pieces_of(scene, plane, *batches)),
+        "pieces": least(turns, db.connection, lambda: pieces_of(setup, *batches)),
         "hulls": least(turns, db.connection, lambda: shapely.intersects(hulls[a], hulls[b])),
         "kernel": least(turns, db.connection, lambda: asked.solved(asked.prepared())),
     }

@@ -23,7 +23,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows
 from conflictdb.arrays.pieces import Bundles, PieceRows, Pieces
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import InvalidInput
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
 from conflictdb.kernel.bundles import boxes_of, bundled_pairs
@@ -122,8 +122,9 @@ def advise(
         return Advice(scene, seed, 0, 0, 0, 0, (), "the scene holds no objects: there is nothing to detect.")
     if scene.rules:
         raise InvalidInput("advise", "rules", "costs are not estimated with separation rules: remove them from a copy")
-    scene = centred(scene, areas, tracks)
-    drawn = _Sample(scene, areas, tracks, sample, np.random.default_rng(seed))
+    setup = Setup.of(centred(scene, areas, tracks))
+    scene = setup.scene
+    drawn = _Sample(setup, areas, tracks, sample, np.random.default_rng(seed))
     if not drawn.pairs:
         why = (
             f"no two of the {count} objects come near each other in space, time and height: every setting gives the "
@@ -159,21 +160,22 @@ class _Sample:
     """
 
     def __init__(
-        self, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], most: int, rng: np.random.Generator
+        self, setup: Setup, areas: Sequence[Area], tracks: Sequence[Track], most: int, rng: np.random.Generator
     ) -> None:
         """Draw `most` near pairs, or all, or fewer to keep pairs of pieces at PIECE_PAIRS on average."""
         # Numbered by key, areas first: the order of the objects does not matter.
         self._areas = AreaBatch.of(sorted(areas, key=lambda area: area.key.encode()))
         batch = TrackBatch.of(sorted(tracks, key=lambda track: track.key.encode()))
         self._tracks = replace(batch, track_id=batch.track_id + len(areas))
-        self._scene, self._objects = scene, len(areas) + len(tracks)
+        self._setup, self._objects = setup, len(areas) + len(tracks)
         self._near: dict[float, tuple[Pieces, PieceRows, PieceRows]] = {}
         # Method exact has the largest reach of all, if the scene asks for closest approaches.
-        widest = replace(scene, method=Method.EXACT, tolerance_m=max(scene.tolerance_m, *TOLERANCES_M))
+        tolerance_m = max(setup.scene.tolerance_m, *TOLERANCES_M)
+        widest = setup.under(replace(setup.scene, method=Method.EXACT, tolerance_m=tolerance_m))
         spent_s: list[float] = []
         while len(spent_s) < TRIES and sum(spent_s) < TRIES_S:
             started = time.process_time()
-            pieces = pieces_of(widest, plane_of(widest), self._areas, self._tracks)
+            pieces = pieces_of(widest, self._areas, self._tracks)
             spent_s.append(time.process_time() - started)
         self._pieces, self._piece_s = len(pieces), min(spent_s) / len(pieces)
         self.keys, lots, self.pairs, piece_pairs = np.empty(0, np.int64), np.empty(0), 0, 0
@@ -221,7 +223,7 @@ class _Sample:
 
     def solved(self, setting: Trial) -> _Solved:
         """Solve the drawn pairs with a setting, as a detection does."""
-        scene = replace(self._scene, method=setting.method, tolerance_m=setting.tolerance_m)
+        scene = replace(self._setup.scene, method=setting.method, tolerance_m=setting.tolerance_m)
         pieces, a, b = self._drawn(scene)
         pairs = intersections(pieces, a, b, regions=METHODS[scene.method].needs_regions)
         wanted = min(BATCH, len(pairs) * self.pairs // len(self.keys))
@@ -234,7 +236,7 @@ class _Sample:
         again = replace(again, a=PieceRows(again.a + away), b=PieceRows(again.b + away))
         started = time.process_time()
         conflicts, _ = run_stages(
-            scene, plane_of(scene), every, again, lambda ids: self._areas.footprint[ids % self._objects]
+            self._setup.under(scene), every, again, lambda ids: self._areas.footprint[ids % self._objects]
         )
         region = conflicts.where(np.arange(len(conflicts)))
         seconds = (time.process_time() - started) / copies
@@ -249,7 +251,7 @@ class _Sample:
             first_track = np.searchsorted(members, len(self._areas))
             areas = self._areas.take(members[:first_track])
             tracks = self._tracks.take(members[first_track:] - len(self._areas))
-            pieces = pieces_of(scene, plane_of(scene), areas, tracks)
+            pieces = pieces_of(self._setup.under(scene), areas, tracks)
             rows = np.empty((2, 0), np.int64)
             for keys, a, b in self._candidates(pieces):
                 rows = np.append(rows, np.stack([a, b])[:, np.isin(keys, self.keys)], axis=1)
@@ -258,7 +260,7 @@ class _Sample:
 
     def _candidates(self, pieces: Pieces) -> Iterator[tuple[NDArray[np.int64], PieceRows, PieceRows]]:
         """Yield the pairs of pieces (a, b) that stage 1 leaves, with keys; all of the same two objects at once."""
-        pieces = pieces.meeting_within(self._scene.time_separation_us)
+        pieces = pieces.meeting_within(self._setup.scene.time_separation_us)
         spans = pieces.floor_m, pieces.ceiling_m, pieces.start_us, pieces.end_us
         rows = RowBoxes(boxes_of(pieces), *spans, pieces.object_id, pieces.turn != 0)
         order = near_order(rows)

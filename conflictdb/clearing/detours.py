@@ -53,8 +53,8 @@ def detours(
     most_m = inputs.reach_m("detours", "most_m", most_m)
     later_s = inputs.seconds("detours", "later_s", later_s)
     areas = questions.each("detours", "areas", areas, Area)
-    scene, _, _, _, _, known = questions.numbered("detours", tracks, areas, scene)
-    scene = replace(scene, method=Method.EXACT, nearest_m=0.0)
+    setup, _, _, _, known = questions.numbered("detours", tracks, areas, scene)
+    scene = replace(setup.scene, method=Method.EXACT, nearest_m=0.0)
     planned = {track.key: track for track in known}
     if key not in planned:
         problem = "is an area" if key in {area.key for area in areas} else "is not known"

@@ -137,8 +137,8 @@ def resolve(
     """
     limits = ProposalLimits.of(within_s, now, slowest, fastest, aside_m, goal, limit_s)
     areas = questions.each("resolve", "areas", areas, Area)
-    scene, plane, pieces, key_of, _, known = questions.numbered("resolve", tracks, areas, scene)
-    scene = replace(scene, method=Method.EXACT, nearest_m=0.0)
+    setup, pieces, key_of, _, known = questions.numbered("resolve", tracks, areas, scene)
+    scene = replace(setup.scene, method=Method.EXACT, nearest_m=0.0)
     planned = {track.key: track for track in known}
     weights, levels = dict(weights or {}), dict(levels or {})
     _check(scene, planned, areas, keys, keep, weights, levels)
@@ -149,7 +149,7 @@ def resolve(
     numbers = np.array([number_of[key] for key in movable], np.int64)
     low, high = np.array([limits.of_delays(planned[key]) for key in movable], np.int64).reshape(-1, 2).T
     most_us = int(high.max(initial=0) - low.min(initial=0)) + 1
-    found = differences_of(scene, plane, AnyTime.of(pieces), numbers, most_us, waits=False)
+    found = differences_of(setup.under(scene), AnyTime.of(pieces), numbers, most_us, waits=False)
     weight = np.array([weights.get(key, 1.0) for key in movable])
     program = Program.of(found, numbers, low, high, weight)
     classes = [planned[key].object_class for key in movable]

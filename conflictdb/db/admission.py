@@ -7,11 +7,10 @@ from typing import Any, Final
 import psycopg
 
 from conflictdb.db import store
-from conflictdb.earth.plane import Plane
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import InvalidInput
 from conflictdb.in_memory.index import Member, Members, by_kind, conflicts_between
-from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.plans import Area, Track
 from conflictdb.model.results import Admission, Conflict, Kind, Results, Verdict
 
 # From the mildest verdict to the worst.
@@ -32,17 +31,16 @@ def admit(
     store.require_writable(conn)
     with store.admission(conn, scene, lock_timeout_s) as (number, stored, limits):
         limits.check(given)
-        settings = centred(stored, *by_kind(given))
-        plane = plane_of(settings)
-        mine = Members.of_plans(settings, plane, given)
+        setup = Setup.of(centred(stored, *by_kind(given)))
+        mine = Members.of_plans(setup, given)
         replaced = store.replaced_objects(conn, number, [one.key for one in given], owner)
         _check_owners(given, replaced)
-        others = members_near(conn, number, settings, mine, given, replaced)
-        found = _conflicts(settings, plane, mine, others, among=owner is None)
+        others = members_near(conn, number, setup, mine, given, replaced)
+        found = _conflicts(setup, mine, others, among=owner is None)
         known: list[Conflict] = []
         if found and replaced:
-            former = _members(conn, number, settings, replaced)
-            known = _conflicts(settings, plane, former, others, among=owner is None)
+            former = _members(conn, number, setup, replaced)
+            known = _conflicts(setup, former, others, among=owner is None)
         new = [one for one in found if not _was_there(one, known)]
         is_admitted = not (new if allow_known else found)
         if is_admitted:
@@ -69,30 +67,30 @@ def _unlimited(plan: Area | Track) -> dict[str, Any]:
 def members_near(
     conn: psycopg.Connection[Any],
     number: int,
-    scene: Scene,
+    setup: Setup,
     mine: Members,
     plans: Sequence[Area | Track],
     replaced: Sequence[store.StoredObject],
 ) -> Members:
     """Return the objects that plans might meet, as they are stored, detected or not, but for those they replace.
 
-    scene : with a centre, if it needs one
+    setup : with a centre, if it needs one
     mine : the plans, cut
     """
-    within_us = scene.longest_time_us
-    near = store.objects_near(conn, number, scene, mine.pieces.longer(within_us, within_us), plans)
-    return _members(conn, number, scene, sorted(set(near) - set(replaced)))
+    within_us = setup.scene.longest_time_us
+    near = store.objects_near(conn, number, setup.scene, mine.pieces.longer(within_us, within_us), plans)
+    return _members(conn, number, setup, sorted(set(near) - set(replaced)))
 
 
 def _members(
-    conn: psycopg.Connection[Any], number: int, scene: Scene, objects: Sequence[store.StoredObject]
+    conn: psycopg.Connection[Any], number: int, setup: Setup, objects: Sequence[store.StoredObject]
 ) -> Members:
     known = {(one.kind, one.id): Member(Kind.of_code(one.kind), one.key, one.name, None, one.owner) for one in objects}
-    return Members.of_batches(scene, plane_of(scene), *store.read_objects(conn, number, objects), known)
+    return Members.of_batches(setup, *store.read_objects(conn, number, objects), known)
 
 
-def _conflicts(scene: Scene, plane: Plane, mine: Members, others: Members, *, among: bool) -> list[Conflict]:
-    found = conflicts_between(scene, plane, mine, others, among=among)
+def _conflicts(setup: Setup, mine: Members, others: Members, *, among: bool) -> list[Conflict]:
+    found = conflicts_between(setup, mine, others, among=among)
     return [one for one in found if one.verdict is not Verdict.NEAR]
 
 

@@ -28,7 +28,7 @@ from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import expansion, follow_attached, store
 from conflictdb.db.difference_rows import refresh_differences
 from conflictdb.db.sources import FewSource, SceneSource
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import ConflictDBError, LockTimeout, StoreError
 from conflictdb.kernel.waiting import ThreadWork, cancel_thread, run_in_thread
 from conflictdb.model.methods import Method
@@ -209,22 +209,22 @@ def _run(conn: psycopg.Connection[Any], scene: str, full: bool, options: _Option
             store.cover_all(conn, scene_id)
         pending = _pending(conn, scene_id, options)
         is_first = pending.objects > options.few_objects
-        settings, record = refresh_pieces(
+        setup, record = refresh_pieces(
             conn, scene_id, pending, record, options.memory, is_first=is_first, is_full=full, phase=options.phase
         )
         if is_first:
             with store.translated():
                 conn.commit()
             followed = store.begin_locked(conn, scene_id, scene, options.lock_timeout_s, options.say)
-            if followed != begun.taken + 1 or store.read_settings(conn, scene_id) != settings:
+            if followed != begun.taken + 1 or store.read_settings(conn, scene_id) != setup.scene:
                 # Another detection ran in between, or settings changed: process all remaining marks.
                 pending = _pending(conn, scene_id, options)
-                settings, record = refresh_pieces(conn, scene_id, pending, record, options.memory, is_first=False)
+                setup, record = refresh_pieces(conn, scene_id, pending, record, options.memory, is_first=False)
         writing = _Background(conn, partial(store.begin_write, conn, scene_id, record))
-        separations = Separations.of(settings)
-        within_us = settings.longest_time_us
+        separations = Separations.of(setup.scene)
+        within_us = setup.scene.longest_time_us
         source = SceneSource(conn, scene_id, options.memory, writing.start, within_us, separations)
-        return _refresh_conflicts(conn, writing.result, source, settings, record, options, started)
+        return _refresh_conflicts(conn, writing.result, source, setup, record, options, started)
     except BaseException as error:
         # The lock ends with the transaction. A lost connection cannot record a failure; the marks remain.
         is_removed = False
@@ -278,16 +278,17 @@ def _detect_few(
         raise _NothingPending
     clock = time.perf_counter()
     settings, scene_id = begun.settings, begun.scene_id
+    setup = Setup.of(settings)
     areas = store.some_areas(conn, scene_id, few.area_ids) if few.area_ids else AreaBatch.of([])
     tracks = store.some_tracks(conn, scene_id, few.track_ids) if few.track_ids else TrackBatch.of([])
-    pieces = pieces_of(settings, plane_of(settings), areas, tracks)
+    pieces = pieces_of(setup, areas, tracks)
     record = replace(record, method=settings.method, settings=_recorded(settings))
     if few.known_objects is not None:
         record = replace(record, more_objects=len(areas) + len(tracks) - few.known_objects)
     record = replace(record, counted={"pieces_s": time.perf_counter() - clock})
     source = FewSource(conn, scene_id, options.memory, few.srid, pieces, within_us=settings.longest_time_us)
     staged = store.begin_write(conn, scene_id, record, few.numbers)
-    return _refresh_conflicts(conn, lambda: staged, source, settings, record, options, started, few.numbers)
+    return _refresh_conflicts(conn, lambda: staged, source, setup, record, options, started, few.numbers)
 
 
 def _recorded(settings: Scene) -> dict[str, Any]:
@@ -314,28 +315,27 @@ def refresh_pieces(
     is_first: bool,
     is_full: bool = False,
     phase: Phase = _silent,
-) -> tuple[Scene, store.RunRecord]:
-    """Rebuild the pieces of the changed objects; return the scene's settings and the updated record."""
+) -> tuple[Setup, store.RunRecord]:
+    """Rebuild the pieces of the changed objects; return the setup of the scene and the updated record."""
     clock = time.perf_counter()
-    settings = store.read_settings(conn, scene_id)
-    pieces = _changed_pieces(conn, scene_id, pending, settings, memory, phase)
+    setup = Setup.of(settings := store.read_settings(conn, scene_id))
+    pieces = _changed_pieces(conn, scene_id, pending, setup, memory, phase)
     store.replace_pieces(conn, scene_id, pieces, is_first=is_first, is_full=is_full)
     took_s = record.counted.get("pieces_s", 0.0) + time.perf_counter() - clock
-    return settings, replace(record, method=settings.method, settings=_recorded(settings), counted={"pieces_s": took_s})
+    return setup, replace(record, method=settings.method, settings=_recorded(settings), counted={"pieces_s": took_s})
 
 
 def _changed_pieces(
     conn: psycopg.Connection[Any],
     scene_id: int,
     pending: store.Pending,
-    scene: Scene,
+    setup: Setup,
     memory: Memory,
     phase: Phase,
 ) -> Iterator[Pieces]:
     """Yield the pieces of the changed objects of a scene, in batches."""
     done = 0
     phase("preparing objects", done, 0)
-    plane = plane_of(scene)
     no_areas, no_tracks = AreaBatch.of([]), TrackBatch.of([])
     for kind in (kind for kind, count in ((Kind.AREA, pending.areas), (Kind.TRACK, pending.tracks)) if count):
         most, last = _FIRST_OBJECTS, -(2**63)
@@ -347,7 +347,7 @@ def _changed_pieces(
                 tracks = store.changed_tracks(conn, scene_id, last, most)
                 numbers, objects = tracks.track_id, (no_areas, tracks)
             if len(numbers):
-                pieces = pieces_of(scene, plane, *objects)
+                pieces = pieces_of(setup, *objects)
                 yield pieces
                 done += len(numbers)
                 phase("preparing objects", done, 0)
@@ -382,7 +382,7 @@ def _refresh_conflicts(
     conn: psycopg.Connection[Any],
     begun: Callable[[], store.Staged],
     source: SceneSource,
-    settings: Scene,
+    setup: Setup,
     record: store.RunRecord,
     options: _Options,
     started: float,
@@ -406,7 +406,7 @@ def _refresh_conflicts(
     is_watched = options.progress is not None or options.phase is not _silent
     options.phase("comparing objects", 0, 0)
     progress = solving if is_watched else None
-    chunks = run_scene(settings, plane_of(settings), source, jobs=options.jobs, progress=progress)
+    chunks = run_scene(setup, source, jobs=options.jobs, progress=progress)
     for found, of_chunk in chunks:
         # Between chunks the phase of solving goes on, with an estimate for the whole scene.
         writing = options.phase if is_last else _silent
@@ -421,7 +421,7 @@ def _refresh_conflicts(
     refresh_differences(
         conn,
         source.scene_id,
-        settings,
+        setup,
         changed,
         options.memory,
         jobs=options.jobs,
@@ -433,4 +433,4 @@ def _refresh_conflicts(
     outcome = store.end_write(conn, begun(), replace(record, settings=kept, counted=counted))
     with store.translated():
         conn.commit()
-    return Run(**counted, **asdict(outcome), method=settings.method, total_s=time.perf_counter() - started)
+    return Run(**counted, **asdict(outcome), method=setup.scene.method, total_s=time.perf_counter() - started)

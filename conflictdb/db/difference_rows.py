@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
-from conflictdb.earth.registry import plane_of
-from conflictdb.model.plans import Scene
+from conflictdb.earth.registry import Setup
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import differences_with
 from conflictdb.stages.memory import Memory
@@ -35,7 +34,7 @@ _ROWS_AT_ONCE: Final = 5_000
 def refresh_differences(
     conn: psycopg.Connection[Any],
     scene_id: int,
-    settings: Scene,
+    setup: Setup,
     changed: list[int] | None,
     memory: Memory,
     *,
@@ -47,15 +46,15 @@ def refresh_differences(
     changed : numbers of the changed objects, if these are few; None: all objects whose marks are covered
     progress : called with the numbers of objects done and to do
     """
-    if not settings.delays_within_s:
+    if not setup.scene.delays_within_s:
         return
-    plane, horizon_us = plane_of(settings), round(1e6 * settings.delays_within_s)
+    horizon_us = round(1e6 * setup.scene.delays_within_s)
     objects = store.forget_differences(conn, scene_id, changed)
     most, done = _FIRST_OBJECTS, 0
     while done < len(objects):
         progress(done, len(objects))
         some = objects[done : done + most]
-        ids, pieces, compared = store.pieces_near(conn, scene_id, some, horizon_us + settings.longest_time_us)
+        ids, pieces, compared = store.pieces_near(conn, scene_id, some, horizon_us + setup.scene.longest_time_us)
         load = max(_SHARE * pieces / memory.pieces, compared / (_LOOKED_AT * memory.pairs))
         if load > 1.0 and len(some) > 1:
             most = max(1, int(len(some) / (2.0 * load)))
@@ -65,8 +64,7 @@ def refresh_differences(
         del bundles
         of_key = object_numbers(pieces_by_key)
         found = differences_with(
-            settings,
-            plane,
+            setup,
             AnyTime.of(pieces_by_key),
             np.unique(of_key[np.isin(numbers, some)]),
             horizon_us,

@@ -89,14 +89,14 @@ def write_back(
         current = store.object_states(conn, scene_id)
         same = _same(scene, current, computed)
         pending = store.pending(conn, scene_id)
-        known, record = refresh_pieces(conn, scene_id, pending, record, Memory.of(memory_mb), is_first=False)
+        setup, record = refresh_pieces(conn, scene_id, pending, record, Memory.of(memory_mb), is_first=False)
         store.cover(conn, scene_id, same)
         staged = store.begin_write(conn, scene_id, record)
         staged.known.leave(same)
         for found, region in _each(conflicts, computed, same):
             for part in store.differing(staged, found):
                 store.stage(conn, staged, part, region.take(part.rows))
-        refresh_differences(conn, scene_id, known, None, Memory.of(memory_mb))
+        refresh_differences(conn, scene_id, setup, None, Memory.of(memory_mb))
         kept = {**record.settings, "is_written_back": True}
         outcome = store.end_write(conn, staged, replace(record, settings=kept))
         with store.translated():

@@ -23,7 +23,7 @@ from conflictdb.db import store
 from conflictdb.db.admission import admit, members_near
 from conflictdb.db.sources import MOST_COMPARED, pairs_of_parts, pairs_of_rows
 from conflictdb.db.track_delays import delays
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import InvalidInput, LockTimeout
 from conflictdb.in_memory.index import Members, by_kind, conflicts_between
 from conflictdb.in_memory.questions import solve
@@ -281,12 +281,11 @@ def _probed_together(
 
     Objects are compared as they are stored, detected or not, but for those with one of `replaced_keys`.
     """
-    scene = centred(settings, *by_kind(plans))
-    plane = plane_of(scene)
-    mine = Members.of_plans(scene, plane, plans)
+    setup = Setup.of(centred(settings, *by_kind(plans)))
+    mine = Members.of_plans(setup, plans)
     replaced = store.replaced_objects(conn, scene_id, replaced_keys, None)
-    others = members_near(conn, scene_id, scene, mine, plans, replaced)
-    return conflicts_between(scene, plane, mine, others, among=True)
+    others = members_near(conn, scene_id, setup, mine, plans, replaced)
+    return conflicts_between(setup, mine, others, among=True)
 
 
 def _probed(
@@ -298,12 +297,12 @@ def _probed(
     """
     areas, tracks = ([plan], []) if isinstance(plan, Area) else ([], [plan])
     scene: Scene = centred(store.read_settings(conn, scene_id), areas, tracks)
-    plane = plane_of(scene)
+    setup = Setup.of(scene)
     check_datums(scene, [plan])
-    check_plane(plane, areas, tracks)
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+    check_plane(setup.plane, areas, tracks)
+    pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
     source = _PlanSource(conn, scene_id, plan, replaced, pieces, memory, within_us=scene.longest_time_us)
-    parts = [part for part, _ in run_scene(scene, plane, source, jobs=jobs)]
+    parts = [part for part, _ in run_scene(setup, source, jobs=jobs)]
     if not parts:
         return []
     found = Conflicts.concatenate(parts)

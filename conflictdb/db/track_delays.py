@@ -14,7 +14,7 @@ import psycopg
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import level_m
 from conflictdb.db import store
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.in_memory import questions
 from conflictdb.model import inputs
 from conflictdb.model.plans import Area, Scene, Track
@@ -120,7 +120,7 @@ def _around(
         return []
     settings = store.read_settings(conn, store.scene_or_branch_id(conn, scene))
     wide = widened(settings, settings.separation_m + near_m) if near_m else settings
-    pieces = pieces_of(wide, plane_of(settings), AreaBatch.of([]), TrackBatch.of(tracks))
+    pieces = pieces_of(Setup.of(wide), AreaBatch.of([]), TrackBatch.of(tracks))
     horizon_us = max(map(most_us, tracks)) + settings.longest_time_us
     at_any_time = replace(pieces.longer(horizon_us, horizon_us), end_inclusive=np.ones(len(pieces), np.bool_))
     if at_any_height:

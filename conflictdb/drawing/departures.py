@@ -109,9 +109,8 @@ def plot_coordination(
         sketch = Sketch(scene, areas, tracks)
         number = int(numbers_of(np.array([Kind.TRACK.code]), np.array([0]))[0])
         origin_us = int(a.times_us[0])
-        of_a = sketch.scene, sketch.plane, sketch.pieces
-        outer, inner = contact_set(*of_a, number, horizon_us, origin_us, _SLICES)
-        every = differences_of(sketch.scene, sketch.plane, AnyTime.of(sketch.pieces), np.array([number]), horizon_us)
+        outer, inner = contact_set(sketch.setup, sketch.pieces, number, horizon_us, origin_us, _SLICES)
+        every = differences_of(sketch.setup, AnyTime.of(sketch.pieces), np.array([number]), horizon_us)
         others = dict.fromkeys(np.unique(every.other).tolist(), b.key)
         found = delays_of(a.key, others, every, horizon_us, Leeway.of(a, horizon_us))
         figure = mpl.figure.Figure(figsize=(7.0, 6.4), layout="constrained")

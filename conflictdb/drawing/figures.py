@@ -259,7 +259,7 @@ def _draw_scene(panel: Any, sketch: Sketch, conflicts: Sequence[Conflict]) -> No
         _draw_place(panel, sketch, conflict)
     if not shapes:
         return
-    map_panel.show(panel, sketch.plane, tuple(shapely.total_bounds(shapes)))
+    map_panel.show(panel, sketch.setup.plane, tuple(shapely.total_bounds(shapes)))
     if len(sketch.keys) <= _MOST_NAMES:
         places = {number: tuple(way[0]) for number, way in ways.items()}
         places |= {number: area.representative_point().coords[0] for number, area in areas.items()}
@@ -339,7 +339,7 @@ def _draw_pair(panel: Any, sketch: Sketch, conflict: Conflict | None, columns: i
     # Near the contacts, where there are some: whole ways may be an ocean long.
     focus = next((shapes for shapes in (closeup, list(regions), seen) if _extent_m(shapes) > _LEAST_FOCUS_M), seen)
     if focus:
-        map_panel.show(panel, sketch.plane, _room(tuple(shapely.total_bounds(focus))))
+        map_panel.show(panel, sketch.setup.plane, _room(tuple(shapely.total_bounds(focus))))
 
 
 def _extent_m(shapes: Sequence[shapely.Geometry]) -> float:
@@ -436,7 +436,7 @@ def _draw_separation(
     overlap : (n,) whether their heights overlap at the instants of the separation; dashed where they do not
     """
     times = [instant(int(us)) for us in found.at_us]
-    wanted_m = sketch.scene.separation_m
+    wanted_m = sketch.setup.scene.separation_m
     middle = 0.5 * (found.low_m + found.high_m)
     panel.fill_between(times, found.low_m, found.high_m, color=FIRST, alpha=0.25, linewidth=0)
     if not overlap.all():

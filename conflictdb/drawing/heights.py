@@ -43,7 +43,7 @@ def line(a: Area | Track, b: Area | Track, start: str) -> str:
 
 def draw(panel: Any, sketch: Sketch, at_us: NDArray[np.int64], times: list[Any], names: list[str]) -> None:
     """Draw the height bands of the first two objects over time; unbounded ones reach the edge of the panel."""
-    half_m = 0.5 * sketch.scene.vertical_separation_m  # of their pieces
+    half_m = 0.5 * sketch.setup.scene.vertical_separation_m  # of their pieces
     bands = [
         (floor + half_m, ceiling - half_m) for floor, ceiling in (sketch.heights_m(number, at_us) for number in (0, 1))
     ]

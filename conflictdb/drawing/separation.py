@@ -52,7 +52,7 @@ def separation(sketch: Sketch, a: int, b: int, at_us: NDArray[np.int64]) -> Sepa
         return Separation(at_us, low, high)
     n = len(group)
     near = _near(sketch, PieceRows(at_a), PieceRows(at_b))
-    prepared = kernel.KernelScene(sketch.plane.kernel_plane, near)
+    prepared = kernel.KernelScene(sketch.setup.plane.kernel_plane, near)
     first, second = PieceRows(np.arange(n)), PieceRows(np.arange(n, 2 * n))
     start_us, _ = near.shared_span(first, second)
     still = (near.kind[first] == Kind.AREA.code) & (near.kind[second] == Kind.AREA.code)
@@ -77,7 +77,7 @@ def separation(sketch: Sketch, a: int, b: int, at_us: NDArray[np.int64]) -> Sepa
 def _near(sketch: Sketch, a: PieceRows, b: PieceRows) -> Pieces:
     """Return pieces a and after them b, each as often as it is named, b turned to where it is nearest to a."""
     found = sketch.pieces.take(np.concatenate([a, b]))
-    turn_m = sketch.plane.turn_m
+    turn_m = sketch.setup.plane.turn_m
     if turn_m == 0.0:
         return found
     middle = np.array(
@@ -116,4 +116,4 @@ def _depth(
     slots = max(one.shape[1] for one in both)
     padded = [np.pad(one, ((0, 0), (0, slots - one.shape[1]), (0, 0)), mode="edge") for one in both]
     smaller = np.where(extent[0] < extent[1], padded[0], padded[1])
-    return depth / sketch.plane.largest_scale(smaller), depth / sketch.plane.smallest_scale(smaller)
+    return depth / sketch.setup.plane.largest_scale(smaller), depth / sketch.setup.plane.smallest_scale(smaller)

@@ -12,7 +12,7 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import PairRows
 from conflictdb.arrays.pieces import PieceRows
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind, distinct_labels
@@ -34,16 +34,15 @@ class Sketch:
     """
 
     def __init__(self, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> None:
-        self.scene = centred(scene, areas, tracks)
-        self.plane = plane_of(self.scene)
+        self.setup = Setup.of(centred(scene, areas, tracks))
         self.keys = [*(area.key for area in areas), *(track.key for track in tracks)]
         objects: list[Area | Track] = [*areas, *tracks]
         labels = distinct_labels({one.key: one.name for one in objects})
         self.labels = [labels[key] for key in self.keys]
         self._areas, self._tracks = areas, tracks
-        self.pieces = pieces_of(self.scene, self.plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+        self.pieces = pieces_of(self.setup, AreaBatch.of(areas), TrackBatch.of(tracks))
         self._owner = self.pieces.object_id + np.where(self.pieces.kind == Kind.TRACK.code, len(areas), 0)
-        self._prepared = kernel.KernelScene(self.plane.kernel_plane, self.pieces)
+        self._prepared = kernel.KernelScene(self.setup.plane.kernel_plane, self.pieces)
         self._middle_m = self._middles()
 
     def is_track(self, number: int) -> bool:
@@ -129,7 +128,7 @@ class Sketch:
         pairs = intersections(self.pieces, PieceRows(rows[wanted]), PieceRows(others[wanted]), regions=True)
         pairs = pairs.take(PairRows(np.flatnonzero(self._is_whole(pairs.a) & self._is_whole(pairs.b))))
         rings = np.split(pairs.region_xy, pairs.region_offset[1:-1]) if len(pairs) else []
-        first_s, last_s = windows(self.scene, self.plane, self._prepared, pairs)
+        first_s, last_s = windows(self.setup, self._prepared, pairs)
         regions, lines = [], []
         for k, ring in enumerate(rings):
             if len(ring) < 3 or not first_s[k] <= last_s[k]:
@@ -160,7 +159,7 @@ class Sketch:
         return found
 
     def _in_plane(self, deg: Floats) -> Floats:
-        return np.stack(self.plane.to_plane(deg[:, 0], deg[:, 1]), axis=1)
+        return np.stack(self.setup.plane.to_plane(deg[:, 0], deg[:, 1]), axis=1)
 
     def _waypoints_deg(self, number: int) -> Floats:
         """Return the waypoints (n, 2) of a track, longitudes running on across the date line."""
@@ -176,11 +175,11 @@ class Sketch:
 
     def _moved(self, xy: Floats, number: int) -> Floats:
         """Return places (n, 2) of an object moved by whole turns of longitude, to where the object is on the page."""
-        if self.plane.turn_m == 0.0:
+        if self.setup.plane.turn_m == 0.0:
             return xy
         middle = 0.5 * (xy[:, 0].min() + xy[:, 0].max())
-        turns = np.round((self._middle_m[number] - middle) / self.plane.turn_m)
-        return xy + np.array([turns * self.plane.turn_m, 0.0])
+        turns = np.round((self._middle_m[number] - middle) / self.setup.plane.turn_m)
+        return xy + np.array([turns * self.setup.plane.turn_m, 0.0])
 
     def _beside(self, shape: shapely.Geometry, number: int) -> shapely.Geometry:
         return shapely.transform(shape, lambda xy: self._moved(xy, number))
@@ -202,7 +201,7 @@ class Sketch:
     def _middles(self) -> Floats:
         """Return (n,) where the middle of each object is on the page: east of the widest gap in longitude."""
         west, east = np.array([self._span_deg(number) for number in range(len(self.keys))]).reshape(-1, 2).T
-        if self.plane.turn_m == 0.0 or np.isnan(west).all():
+        if self.setup.plane.turn_m == 0.0 or np.isnan(west).all():
             return np.zeros(len(west))
         around = np.sort(np.remainder(west[~np.isnan(west)], _TURN_DEG))
         gaps = np.diff(around, append=around[0] + _TURN_DEG)
@@ -211,4 +210,4 @@ class Sketch:
         # As near to the usual longitudes as may be.
         turns += np.round(np.nanmean(west - turns * _TURN_DEG) / _TURN_DEG)
         middle = 0.5 * (west + east) / _TURN_DEG - turns
-        return np.where(np.isnan(west), 0.0, middle * self.plane.turn_m)
+        return np.where(np.isnan(west), 0.0, middle * self.setup.plane.turn_m)

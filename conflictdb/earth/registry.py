@@ -2,9 +2,9 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 import shapely
@@ -25,9 +25,21 @@ PLANES: Final[Mapping[Motion, Callable[[Scene], Plane]]] = MappingProxyType(
 )
 
 
-def plane_of(scene: Scene) -> Plane:
-    """Return the plane in which the tracks and edges of a scene are straight."""
-    return PLANES[scene.motion](scene)
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """The settings of a scene, and the plane in which its tracks and edges are straight."""
+
+    scene: Scene
+    plane: Plane
+
+    @classmethod
+    def of(cls, scene: Scene) -> Self:
+        """Return the setup of a scene; one of great circles has a centre, or no objects."""
+        return cls(scene, PLANES[scene.motion](scene))
+
+    def under(self, scene: Scene) -> Self:
+        """Return the same plane with other settings; their motion, earth and centre are the same."""
+        return replace(self, scene=scene)
 
 
 def centred(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Scene:

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.earth.geodesy import WGS84_RADIUS_M, earth_of, rhumb_distance, shorter_way_deg
-from conflictdb.earth.plane import Plane
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.file_heights import refuse_flight_levels
 from conflictdb.formats.instants import format_instant
@@ -46,39 +45,36 @@ _LEVEL: Final = 1e-9  # change of the isometric latitude of a parallel
 
 def f3548_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Iterator[str]:
     """Yield the lines of a list of operational intents; raises InvalidInput for an area without a start or an end."""
-    scene = centred(scene, areas, tracks)
-    plane = plane_of(scene)
+    setup = Setup.of(centred(scene, areas, tracks))
     yield "["
     separator = "\n"
-    for key, volumes in [*((one.key, _of_area(scene, plane, one)) for one in areas), *_of_tracks(scene, plane, tracks)]:
+    for key, volumes in [*((one.key, _of_area(setup, one)) for one in areas), *_of_tracks(setup, tracks)]:
         details = {"volumes": list(volumes), "off_nominal_volumes": [], "priority": 0}
         yield f"{separator}{dumped({'reference': {'id': key}, 'details': details})}"
         separator = ",\n"
     yield " ]\n"
 
 
-def _of_area(scene: Scene, plane: Plane, area: Area) -> Iterator[Mapping[str, Any]]:
+def _of_area(setup: Setup, area: Area) -> Iterator[Mapping[str, Any]]:
     who = f"area {area.key!r}"
     spans = [(start, end) for start, end in spans_of(area) if start is not None and end is not None]
     if len(spans) < len(spans_of(area)):
         raise InvalidInput(who, "start", "and end must be given: an operational intent has both")
-    flat = planar(plane, np.array([area.footprint], dtype=object))[0]
+    flat = planar(setup.plane, np.array([area.footprint], dtype=object))[0]
     for part in shapely.get_parts(flat):
         ring = shapely.Polygon(part.exterior)  # a volume has no holes
         for span in spans:
-            yield _volume(who, scene, plane, ring, span, (area.floor_m, area.ceiling_m))
+            yield _volume(who, setup, ring, span, (area.floor_m, area.ceiling_m))
 
 
-def _of_tracks(
-    scene: Scene, plane: Plane, tracks: Sequence[Track]
-) -> Iterator[tuple[str, Iterator[Mapping[str, Any]]]]:
+def _of_tracks(setup: Setup, tracks: Sequence[Track]) -> Iterator[tuple[str, Iterator[Mapping[str, Any]]]]:
     for track in tracks:
-        yield track.key, chain.from_iterable(_of_track(scene, plane, one) for one in voyages_of(track))
+        yield track.key, chain.from_iterable(_of_track(setup, one) for one in voyages_of(track))
 
 
-def _of_track(scene: Scene, plane: Plane, track: Track) -> Iterator[Mapping[str, Any]]:
+def _of_track(setup: Setup, track: Track) -> Iterator[Mapping[str, Any]]:
     who = f"track {track.key!r}"
-    pieces = track_pieces(scene, plane, TrackBatch.of([_in_steps(scene, track)]))
+    pieces = track_pieces(setup, TrackBatch.of([_in_steps(setup.scene, track)]))
     for i in np.flatnonzero(pieces.turn == 0).tolist():
         hull = pieces.hull_xy[pieces.hull_offset[i] : pieces.hull_offset[i + 1]]
         if not len(hull) or not np.isfinite(hull).all():
@@ -86,9 +82,7 @@ def _of_track(scene: Scene, plane: Plane, track: Track) -> Iterator[Mapping[str,
         heights = (float(pieces.floor_m[i]), float(pieces.ceiling_m[i]))
         bounded = tuple(one if np.isfinite(one) else None for one in heights)
         shape = shapely.MultiPoint(hull).convex_hull
-        yield _volume(
-            who, scene, plane, shape, (int(pieces.start_us[i]), int(pieces.end_us[i])), (bounded[0], bounded[1])
-        )
+        yield _volume(who, setup, shape, (int(pieces.start_us[i]), int(pieces.end_us[i])), (bounded[0], bounded[1]))
 
 
 def _in_steps(scene: Scene, track: Track) -> Track:
@@ -127,26 +121,25 @@ def _in_steps(scene: Scene, track: Track) -> Track:
 
 def _volume(
     who: str,
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     flat: shapely.Geometry,
     span_us: tuple[int, int],
     heights_m: tuple[float | None, float | None],
 ) -> Mapping[str, Any]:
     """Return a volume that contains a shape of the plane."""
-    lat = np.abs(plane.from_plane(*shapely.get_coordinates(flat).T)[1]).max()
+    lat = np.abs(setup.plane.from_plane(*shapely.get_coordinates(flat).T)[1]).max()
     if lat > _HIGHEST_DEG:
         raise InvalidInput(who, "geometry", f"reaches beyond {_HIGHEST_DEG:g} degrees of latitude")
     # A plane of rhumb lines stretches by the secant of the latitude; one of great circles by at most 4.
     stretch = max(4.0, 1.1 / float(np.cos(np.radians(lat))))
     most_m = np.sqrt(8.0 * _DEVIATION_M * 0.99 * WGS84_RADIUS_M / np.tan(np.radians(max(lat + 0.5, 1.0))))
     wide = flat.buffer(_WIDER_M * stretch, quad_segs=2).segmentize(float(most_m))
-    lon, lat_deg = plane.from_plane(*shapely.get_coordinates(wide.exterior)[:-1].T)
+    lon, lat_deg = setup.plane.from_plane(*shapely.get_coordinates(wide.exterior)[:-1].T)
     lon = np.remainder(lon + 180.0, 360.0) - 180.0
     floor_m, ceiling_m = heights_m
     if floor_m is not None or ceiling_m is not None:
-        refuse_flight_levels(scene, "ASTM F3548")
-    is_above_sea = scene.vertical_datum is VerticalDatum.MSL
+        refuse_flight_levels(setup.scene, "ASTM F3548")
+    is_above_sea = setup.scene.vertical_datum is VerticalDatum.MSL
     below_m, above_m = (_GEOID_BELOW_M, _GEOID_ABOVE_M) if is_above_sea else (0.0, 0.0)
     lower = _LEAST_M if floor_m is None else max(_LEAST_M, floor_m - below_m)
     upper = _MOST_M if ceiling_m is None else min(_MOST_M, ceiling_m + above_m)

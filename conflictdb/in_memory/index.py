@@ -21,8 +21,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.distinct import distinct
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.plane import Plane
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import InvalidInput
 from conflictdb.in_memory.questions import Objects
 from conflictdb.kernel.boxes import BoxTree, HeldBoxes, RowBoxes
@@ -103,7 +102,7 @@ class Index:
         self._limits.check(given)
         with self._lock:
             self._scene = centred(self._scene, *by_kind(given))
-        mine = self._cut.members(self._scene, plane_of(self._scene), given)
+        mine = self._cut.members(Setup.of(self._scene), given)
         names = [one.key if owner is None else owner for one in given]
         owners = {name: _Owner(name) for name in names}
         objects = [_Object(one, owners[name]) for one, name in zip(given, names, strict=True)]
@@ -150,8 +149,8 @@ class Index:
         check_keys(one.key for one in given)
         self._limits.check(given)
         scene, state = centred(self._scene, *by_kind(given)), self._state
-        plane = plane_of(scene)
-        mine = self._cut.members(scene, plane, given)
+        setup = Setup.of(scene)
+        mine = self._cut.members(setup, given)
         keys = {one.key for one in given}
         boxes, met = _boxes(scene, mine.pieces), _Met(mine)
         if owner is None:
@@ -170,7 +169,7 @@ class Index:
             plans_of |= {one.plan.key: one.plan for one in seen.values()}
             rows = np.array([i for i, k in enumerate(of) if k in seen], np.int64)
             met.add(put.pieces, put.object_of, put.member, first[rows], second[rows])
-        conflicts = met.conflicts(scene, plane)
+        conflicts = met.conflicts(setup)
         if conflicts:
             origin = Objects(scene, plans_of)
             conflicts = [conflict.found_by(origin) for conflict in conflicts]
@@ -340,27 +339,25 @@ class Members(NamedTuple):
     each: list[Member]
 
     @classmethod
-    def of_plans(cls, scene: Scene, plane: Plane, plans: Sequence[Plan]) -> Self:
+    def of_plans(cls, setup: Setup, plans: Sequence[Plan]) -> Self:
         """Return plans; raises InvalidInput for those that do not fit the scene's plane."""
         areas, tracks = by_kind(plans)
-        check_datums(scene, plans)
-        flat, once = check_plane(plane, areas, tracks)
+        check_datums(setup.scene, plans)
+        flat, once = check_plane(setup.plane, areas, tracks)
         places = [np.array([k for k, one in enumerate(plans) if isinstance(one, kind)]) for kind in (Area, Track)]
-        pieces = pieces_of(
-            scene, plane, AreaBatch.of(areas, flat), _NO_TRACKS if once is None else once.departing(tracks)
-        )
+        pieces = pieces_of(setup, AreaBatch.of(areas, flat), _NO_TRACKS if once is None else once.departing(tracks))
         row = pieces.object_id + np.where(pieces.kind == Kind.AREA.code, 0, len(areas))
         return cls(pieces, np.concatenate(places).astype(np.int64)[row], [Member.of(one) for one in plans])
 
     @classmethod
     def of_batches(
-        cls, scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch, known: Mapping[tuple[int, int], Member]
+        cls, setup: Setup, areas: AreaBatch, tracks: TrackBatch, known: Mapping[tuple[int, int], Member]
     ) -> Self:
         """Return stored objects; those that cannot be cut are covered.
 
         known : without footprints and plans, by kind and id
         """
-        pieces = pieces_of(scene, plane, areas, tracks)
+        pieces = pieces_of(setup, areas, tracks)
         each: list[Member] = []
         place: dict[tuple[int, int], int] = {}
         for k, number in enumerate(areas.area_id.tolist()):
@@ -380,12 +377,12 @@ class _LastCut(threading.local):
         self._asked: tuple[Scene, list[tuple[Any, ...]]] | None = None
         self._members: Members | None = None
 
-    def members(self, scene: Scene, plane: Plane, plans: Sequence[Plan]) -> Members:
+    def members(self, setup: Setup, plans: Sequence[Plan]) -> Members:
         """Return plans cut into pieces, as `Members.of_plans` does."""
-        asked = scene, [_content(one) for one in plans]
+        asked = setup.scene, [_content(one) for one in plans]
         if self._members is not None and asked == self._asked:
             return self._members._replace(each=[Member.of(one) for one in plans])
-        self._members, self._asked = Members.of_plans(scene, plane, plans), asked
+        self._members, self._asked = Members.of_plans(setup, plans), asked
         return self._members
 
 
@@ -405,18 +402,18 @@ def _value(given: Any) -> Any:
     return deepcopy(dict(given)) if isinstance(given, Mapping) else given
 
 
-def conflicts_between(
-    scene: Scene, plane: Plane, mine: Members, others: Members, *, among: bool = False
-) -> list[Conflict]:
+def conflicts_between(setup: Setup, mine: Members, others: Members, *, among: bool = False) -> list[Conflict]:
     """Return the conflicts of some objects with others of other owners, as `solve` finds them.
 
     among : also those with each other
     """
-    boxes, met = _boxes(scene, mine.pieces), _Met(mine)
+    boxes, met = _boxes(setup.scene, mine.pieces), _Met(mine)
     if among:
         met.add_among(boxes)
-    met.add(others.pieces, others.of, others.each.__getitem__, *BoxTree(_boxes(scene, others.pieces)).pairs(boxes))
-    return met.conflicts(scene, plane)
+    met.add(
+        others.pieces, others.of, others.each.__getitem__, *BoxTree(_boxes(setup.scene, others.pieces)).pairs(boxes)
+    )
+    return met.conflicts(setup)
 
 
 class _Met:
@@ -457,7 +454,7 @@ class _Met:
         self._members += [describe(k) for k in numbers.tolist()]
         self._count += len(rows)
 
-    def conflicts(self, scene: Scene, plane: Plane) -> list[Conflict]:
+    def conflicts(self, setup: Setup) -> list[Conflict]:
         """Return the conflicts, by the stages and in the order of `solve`."""
         if not self._a:
             return []
@@ -484,11 +481,11 @@ class _Met:
         place[order] = np.arange(len(order))
         is_first = numbers[a] < numbers[b]
         pieces, a, b = pieces.take(order), place[np.where(is_first, a, b)], place[np.where(is_first, b, a)]
-        a, b = pairs_together(pieces.meeting_within(scene.longest_time_us), PieceRows(a), PieceRows(b))
+        a, b = pairs_together(pieces.meeting_within(setup.scene.longest_time_us), PieceRows(a), PieceRows(b))
         order = np.lexsort((b, a))
         source = _Given(pieces, PieceRows(a[order]), PieceRows(b[order]), members)
-        parts = [part for part, _ in run_scene(scene, plane, source)]
-        return to_results(scene, named, Conflicts.concatenate(parts)) if parts else []
+        parts = [part for part, _ in run_scene(setup, source)]
+        return to_results(setup.scene, named, Conflicts.concatenate(parts)) if parts else []
 
 
 def _boxes(scene: Scene, pieces: Pieces) -> RowBoxes:

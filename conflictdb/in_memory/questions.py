@@ -12,8 +12,7 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.plane import Plane
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import from_frames
 from conflictdb.model import inputs
@@ -77,12 +76,13 @@ def solve(
         raise InvalidInput("solve", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
     scene = scene or Scene("in memory")
     tracks, areas = _objects(tracks, areas, scene, haven, time_zone)
-    scene, _, tracks, areas = _prepared(scene, tracks, areas)
+    setup, tracks, areas = _prepared(scene, tracks, areas)
     named = {(Kind.AREA.code, n): (area.key, area.name) for n, area in enumerate(areas)}
     named |= {(Kind.TRACK.code, n): (track.key, track.name) for n, track in enumerate(tracks)}
     objects: list[Area | Track] = [*areas, *tracks]
-    origin = Objects(scene, {one.key: one for one in objects})
-    rows = to_results(scene, named, Conflicts.concatenate([conflicts for conflicts, _ in _run(scene, areas, tracks)]))
+    origin = Objects(setup.scene, {one.key: one for one in objects})
+    found = Conflicts.concatenate([conflicts for conflicts, _ in _run(setup, areas, tracks)])
+    rows = to_results(setup.scene, named, found)
     return Results((conflict.found_by(origin) for conflict in rows), Conflict)
 
 
@@ -123,12 +123,13 @@ def delays(
     if clear_within_m is not None:
         clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
         check_one_separation("delays", "clear_within_m", scene)
-    scene, plane, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene)
+    setup, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene)
+    scene = setup.scene
     if waypoint is not None:
         number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
         require_one_voyage("delays", "waypoint", [track for track in tracks if track.key == keys[number]])
         waits_us = int(times_us[_place("delays", "waypoint", waypoint, len(times_us) - 1) - 1])
-        waits = waits_of(scene, plane, AnyTime.of(pieces), number, waits_us, horizon_us)
+        waits = waits_of(setup, AnyTime.of(pieces), number, waits_us, horizon_us)
         asked = np.array([number], np.int64)
         answers = [delays_of(keys[number], keys, waits, horizon_us, Leeway.at(waits_us, horizon_us, now_us))]
     else:
@@ -136,7 +137,7 @@ def delays(
         asked = numbers if key is None else _known(scene, keys, numbers, _several(key))
         # The answer is the one that a detection stores.
         solved_us = max(horizon_us, round(1e6 * scene.delays_within_s))
-        every = differences_of(scene, plane, AnyTime.of(pieces), asked, solved_us)
+        every = differences_of(setup, AnyTime.of(pieces), asked, solved_us)
         found = dict(every.of_each_track())
         nothing = every.take(np.empty(0, np.int64))
         answers = [
@@ -146,7 +147,7 @@ def delays(
     if clear_within_m is None:
         return answers
     batch = TrackBatch.of(tracks).take(kinds_and_ids(asked)[1])
-    return _with_margins(answers, scene, plane, pieces, batch, clear_within_m)
+    return _with_margins(answers, setup, pieces, batch, clear_within_m)
 
 
 def check_one_separation(who: str, what: str, scene: Scene | None) -> None:
@@ -162,17 +163,17 @@ def horizon_and_now(within_s: float, now: inputs.Instant | None) -> tuple[int, i
 
 
 def _with_margins(
-    answers: list[Delays], scene: Scene, plane: Plane, pieces: Pieces, tracks: TrackBatch, within_m: float
+    answers: list[Delays], setup: Setup, pieces: Pieces, tracks: TrackBatch, within_m: float
 ) -> list[Delays]:
     """Return the delays of tracks (n,) with the least distances by which they clear all other objects."""
     free = np.array([row for row, one in enumerate(answers) if one.clear_by_s != 0.0], np.int64)
-    limit_m = scene.separation_m + within_m
-    distances_m = least_distances(scene, plane, pieces, tracks.take(free), limit_m)
+    limit_m = setup.scene.separation_m + within_m
+    distances_m = least_distances(setup, pieces, tracks.take(free), limit_m)
     margins = dict(zip(free.tolist(), np.column_stack(distances_m).tolist(), strict=True))
     rows = []
     for row, one in enumerate(answers):
         distance_m, error_m = margins.get(row, (0.0, 0.0))
-        by_m = None if distance_m > limit_m else max(distance_m - scene.separation_m, 0.0)
+        by_m = None if distance_m > limit_m else max(distance_m - setup.scene.separation_m, 0.0)
         error = None if by_m is None or error_m == np.inf else error_m
         rows.append(replace(one, clear_within_m=within_m, clear_by_m=by_m, clear_error_m=error))
     return rows
@@ -208,7 +209,8 @@ def speeds(
         planned, and earlier or later.
     """
     slowest, fastest = limits(slowest, fastest)
-    scene, plane, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene)
+    setup, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene)
+    scene = setup.scene
     _require_one_time("speeds", scene)
     require_one_voyage("speeds", "key", tracks if key is None else [track for track in tracks if track.key == key])
     if leg is not None:
@@ -222,7 +224,7 @@ def speeds(
             _require_exact("speeds", track)
         ends_us = np.array([track.times_us[[0, -1]] for track in known], np.int64).reshape(-1, 2)
     every = stage_of_speeds.speeds_of_tracks(
-        scene, plane, AnyTime.of(pieces), asked, ends_us[:, 0], ends_us[:, 1], slowest, fastest
+        setup, AnyTime.of(pieces), asked, ends_us[:, 0], ends_us[:, 1], slowest, fastest
     )
     found = dict(every.of_each_track())
     nothing = every.take(np.empty(0, np.int64))
@@ -312,7 +314,8 @@ def chances(
     from conflictdb.stages import chances as stage  # not above: it brings scipy
     from conflictdb.stages.chances_at_speeds import UncertainPlan, chances_at_speeds
 
-    scene, plane, pieces, keys, numbers, plans = numbered("chances", tracks, areas, scene)
+    setup, pieces, keys, numbers, plans = numbered("chances", tracks, areas, scene)
+    scene = setup.scene
     known: dict[str, dict[int, stage.Uncertain]] = {"departures": {}, "speeds": {}}
     for name, each_of, unit, least, most in (
         ("departures", departures, "delays in seconds", -_LATEST_S, _LATEST_S),
@@ -341,9 +344,9 @@ def chances(
             for number in numbers.tolist()
         }
         of_number = dict(zip(numbers.tolist(), plans, strict=True))
-        pairs, any_of = chances_at_speeds(scene, plane, placed, of_number, made, tail)
+        pairs, any_of = chances_at_speeds(setup, placed, of_number, made, tail)
     else:
-        pairs, any_of = stage.chances_of_departures(scene, plane, placed, numbers, known["departures"], tail)
+        pairs, any_of = stage.chances_of_departures(setup, placed, numbers, known["departures"], tail)
     least, most = (float(sum(bound[k] for bound in pairs.values())) for k in (0, 1))
     return Chances(
         {(keys[a], keys[b]): bounds for (a, b), bounds in pairs.items()},
@@ -362,19 +365,19 @@ def _by_key(name: str, given: Any) -> Mapping[str, Any]:
 
 def numbered(
     what: str, tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None
-) -> tuple[Scene, Plane, Pieces, dict[int, str], NDArray[np.int64], list[Track]]:
-    """Return the scene, its plane and pieces, the keys of all objects by number, the numbers of tracks, and these."""
+) -> tuple[Setup, Pieces, dict[int, str], NDArray[np.int64], list[Track]]:
+    """Return the setup and the pieces, the keys of all objects by number, the numbers of tracks, and these."""
     if not isinstance(scene, Scene | None):
         raise InvalidInput(what, "scene", f"must be a Scene, or absent; got {scene!r:.60}")
-    scene, plane, known, areas = _prepared(
+    setup, known, areas = _prepared(
         scene or Scene("in memory"), each(what, "tracks", tracks, Track), each(what, "areas", areas, Area)
     )
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(known))
+    pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(known))
     numbers = numbers_of(np.full(len(known), Kind.TRACK.code), np.arange(len(known)))
     keys = dict(enumerate(area.key for area in areas)) | dict(
         zip(numbers.tolist(), (track.key for track in known), strict=True)
     )
-    return scene, plane, pieces, keys, numbers, known
+    return setup, pieces, keys, numbers, known
 
 
 def _known(
@@ -398,31 +401,30 @@ def _several(key: Any) -> Collection[str]:
     return key
 
 
-def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Scene, Plane, list[Track], list[Area]]:
-    """Return the scene with a centre, its plane, and its objects in the order of their keys; raises InvalidInput."""
+def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Setup, list[Track], list[Area]]:
+    """Return the setup of a scene with a centre, and its objects in the order of their keys; raises InvalidInput."""
     check_keys([area.key for area in areas] + [track.key for track in tracks])
     check_datums(scene, [*areas, *tracks])
     areas, tracks = expanded(areas, tracks, scene.horizon_days)
-    scene = centred(scene, areas, tracks)
-    plane = plane_of(scene)
-    check_plane(plane, areas, tracks)
+    setup = Setup.of(centred(scene, areas, tracks))
+    check_plane(setup.plane, areas, tracks)
     # Numbered by key, as in the database: the answer does not depend on the order of the objects.
     areas = sorted(areas, key=lambda area: area.key.encode())
     tracks = sorted(tracks, key=lambda track: track.key.encode())
-    return scene, plane, tracks, areas
+    return setup, tracks, areas
 
 
 def counts(scene: Scene, areas: list[Area], tracks: list[Track]) -> Funnel:
     """Return what the stages count on the objects of a stored scene."""
     total = Funnel()
-    for _, funnel in _run(scene, areas, tracks):
+    for _, funnel in _run(Setup.of(scene), areas, tracks):
         total.add(funnel)
     return total
 
 
-def _run(scene: Scene, areas: list[Area], tracks: list[Track]) -> Iterator[tuple[Conflicts, Funnel]]:
-    batches, plane = (AreaBatch.of(areas), TrackBatch.of(tracks)), plane_of(scene)
-    return run_scene(scene, plane, _InMemory(pieces_of(scene, plane, *batches), *batches, scene.longest_time_us))
+def _run(setup: Setup, areas: list[Area], tracks: list[Track]) -> Iterator[tuple[Conflicts, Funnel]]:
+    batches = AreaBatch.of(areas), TrackBatch.of(tracks)
+    return run_scene(setup, _InMemory(pieces_of(setup, *batches), *batches, setup.scene.longest_time_us))
 
 
 class Objects:

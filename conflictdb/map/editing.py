@@ -10,7 +10,7 @@ import psycopg
 from conflictdb.db import probes, store
 from conflictdb.db.detect import detect
 from conflictdb.db.track_delays import read_around
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import feature_of
 from conflictdb.in_memory.index import Members, conflicts_between
@@ -87,12 +87,11 @@ def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> list[tu
 
 def _met(settings: Scene, areas: list[Area], tracks: list[Track], track: Track) -> list[Conflict]:
     """Return the conflicts of a track with objects, of which one may have its key."""
-    scene = centred(settings, [], [track])
-    plane = plane_of(scene)
+    setup = Setup.of(centred(settings, [], [track]))
     others = [one for kind in expanded(areas, tracks, settings.horizon_days) for one in kind if one.key != track.key]
     if not others:
         return []
-    return conflicts_between(scene, plane, *(Members.of_plans(scene, plane, some) for some in ([track], others)))
+    return conflicts_between(setup, *(Members.of_plans(setup, some) for some in ([track], others)))
 
 
 def _seen(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> Track:

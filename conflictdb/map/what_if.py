@@ -56,14 +56,14 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
     refusal = _refusal(scene)
     if refusal is not None:
         return _with_head({"refusal": refusal}, {})
-    scene, plane, pieces, keys, _, _ = numbered("what if", tracks, areas, scene)
+    setup, pieces, keys, _, _ = numbered("what if", tracks, areas, scene)
     number = object_numbers(pieces)
     pieces = pieces.take(np.lexsort((-pieces.turn, pieces.part, number)))
     _, owner = np.unique(pieces.owner_number, return_inverse=True)
     objects, which = np.unique(object_numbers(pieces), return_inverse=True)
     base_us = min((int(track.times_us[0]) for track in tracks), default=0)
     arrays: dict[str, NDArray[Any]] = {
-        "plane": np.frombuffer(bytes(plane.kernel_plane), np.uint8),
+        "plane": np.frombuffer(bytes(setup.plane.kernel_plane), np.uint8),
         "object": which.astype("<i4"),
         "owner": np.where(pieces.owner_number == 0, 0, owner + 1).astype("<i4"),  # 0: none
         "is_cover": (pieces.part == COVER).astype(np.uint8),
@@ -86,12 +86,12 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
     head = {
         "refusal": None,
         "base_us": str(base_us),
-        "separation_m": scene.separation_m,
-        "vertical_separation_m": scene.vertical_separation_m,
-        "intervals": str(scene.intervals),
-        "tolerance_m": scene.tolerance_m,
-        "reach_m": scene.reach_m,
-        "turn_m": plane.turn_m,
+        "separation_m": setup.scene.separation_m,
+        "vertical_separation_m": setup.scene.vertical_separation_m,
+        "intervals": str(setup.scene.intervals),
+        "tolerance_m": setup.scene.tolerance_m,
+        "reach_m": setup.scene.reach_m,
+        "turn_m": setup.plane.turn_m,
         "objects": [keys[one] for one in objects.tolist()],
         "plans": {
             track.key: None if track.departures_us or track.schedule else feature_of(track)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Unpack
 import numpy as np
 
 from conflictdb.db import store
-from conflictdb.earth.registry import centred, middle_deg, places_of, plane_of, summed_directions
+from conflictdb.earth.registry import Setup, centred, middle_deg, places_of, summed_directions
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import Remark, Skipped
 from conflictdb.formats.contents import Parts, Phase, without_objects
@@ -90,7 +90,7 @@ def put(
         settings = dataclasses.replace(settings, name=name)
     settings = centred(_own_settings(connection, name, settings), areas, tracks)
     check_datums(settings, plans)
-    check_plane(plane_of(settings), areas, tracks)
+    check_plane(Setup.of(settings).plane, areas, tracks)
     return store.replace_scene(connection, settings, areas, tracks, merge=True)
 
 
@@ -212,7 +212,7 @@ def _fitting(settings: Scene, parts: Parts) -> Iterator[tuple[list[Area], list[T
 
     Objects that do not fit the scene's plane are reported only if there is no other error.
     """
-    plane = plane_of(settings)
+    plane = Setup.of(settings).plane
     misfit: InvalidInput | None = None
     for areas, tracks in parts.each:
         if misfit is not None or parts.refusals.found:
@@ -257,7 +257,7 @@ def _refused(settings: Scene, plan: Plan, source: str, checked: Callable[[int], 
     """
     areas = [area for area in plan.areas if plan.source_of[area.key] == source]
     tracks = [track for track in plan.tracks if plan.source_of[track.key] == source]
-    plane = plane_of(settings)
+    plane = Setup.of(settings).plane
     try:
         for first in range(0, len(areas), _CHECKED_AT_ONCE):
             check_plane(plane, areas[first : first + _CHECKED_AT_ONCE], [])

@@ -18,7 +18,7 @@ from conflictdb.arrays.arrow.object_rows import OBJECTS, of_objects, to_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.packed import WORD, packed
 from conflictdb.arrays.pieces import Bundles
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats.track_times import within_speed
 from conflictdb.kernel.bundles import boxes_of
@@ -105,8 +105,8 @@ def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterato
     refusals = Refusals()
     within_speed(tracks, scene.motion, max_speed_kn, refusals)
     refusals.raise_found()
-    plane = plane_of(scene)
-    check_plane(plane, areas, tracks)
+    setup = Setup.of(scene)
+    check_plane(setup.plane, areas, tracks)
     keys = {Kind.AREA: [area.key for area in areas], Kind.TRACK: [track.key for track in tracks]}
     of_kind = {kind: np.flatnonzero(_column(batch, "kind", "").to_numpy(False) == kind.value) for kind in Kind}
     versions, numbers = (
@@ -115,7 +115,7 @@ def _pieces(batch: pa.RecordBatch, scene: Scene, max_speed_kn: float) -> Iterato
     )
     of_areas = replace(AreaBatch.of(areas), version=versions[Kind.AREA])
     of_tracks = replace(TrackBatch.of(tracks), version=versions[Kind.TRACK])
-    pieces = pieces_of(scene, plane, of_areas, of_tracks)
+    pieces = pieces_of(setup, of_areas, of_tracks)
     is_slice = pieces.kind == Kind.TRACK.code
     parts, slices = (pieces.take(np.flatnonzero(one)) for one in (~is_slice, is_slice))
     bundles = Bundles.concatenate([bundles_of(parts), Bundles.of_each(slices)])

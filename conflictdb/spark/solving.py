@@ -26,7 +26,7 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.packed import PART, TURN, WORD, begins_in, unpacked
 from conflictdb.arrays.pieces import Bundles, PieceRows
 from conflictdb.arrays.ragged import ragged_rows
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.boxes import RowBoxes, box_pairs, near_order
 from conflictdb.kernel.bundles import bundled_pairs
 from conflictdb.model.plans import Scene
@@ -175,7 +175,7 @@ def solved(
     """
     for table in _runs(batches, "group"):
         source = _Group(table, outlines, pairs_at_once)
-        for found, _ in run_scene(scene, plane_of(scene), source):
+        for found, _ in run_scene(Setup.of(scene), source):
             keys = [source.keys.take(pa.array(ids)) for ids in (found.a_id, found.b_id)]
             region = found.where(np.arange(len(found)))
             numbered = replace(found, a_id=source.numbers[found.a_id], b_id=source.numbers[found.b_id])

@@ -30,8 +30,8 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import OF_TOLERANCES, PieceRows, Pieces, level_m
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.movement import Movement
-from conflictdb.model.plans import Scene
 from conflictdb.model.results import Certainty, Kind, Verdict
 from conflictdb.stages.object_pairs import object_numbers
 from conflictdb.stages.pieces.covers import COVER
@@ -57,7 +57,7 @@ _ROUNDING_HEIGHT_M: Final = 1e-6
 _GNOMONIC_BEND: Final = 8.0
 
 
-def with_certainty(scene: Scene, plane: Plane, pieces: Pieces, conflicts: Conflicts, plans: Plans) -> Conflicts:
+def with_certainty(setup: Setup, pieces: Pieces, conflicts: Conflicts, plans: Plans) -> Conflicts:
     """Return conflicts that say whether all voyages of plans with tolerances conflict.
 
     pieces : all pieces of the conflicts' objects that meet others
@@ -76,7 +76,7 @@ def with_certainty(scene: Scene, plane: Plane, pieces: Pieces, conflicts: Confli
     ).astype(np.int8)
     rows = np.flatnonzero((certainty == Certainty.MAY.code) & (conflicts.verdict == Verdict.CONFLICT.code))
     if len(rows):
-        proofs = _Proofs(scene, plane, pieces, plans, conflicts.take(rows))
+        proofs = _Proofs(setup, pieces, plans, conflicts.take(rows))
         for some, is_proven in isolated(
             np.arange(len(rows)),
             lambda some: np.array([proofs.must(i) for i in some.tolist()], np.bool_),
@@ -345,8 +345,8 @@ class _Area:
 class _Proofs:
     """Tests of conflicts (n,) of a scene."""
 
-    def __init__(self, scene: Scene, plane: Plane, pieces: Pieces, plans: Plans, conflicts: Conflicts) -> None:
-        self._scene, self._plane, self._pieces, self._conflicts = scene, plane, pieces, conflicts
+    def __init__(self, setup: Setup, pieces: Pieces, plans: Plans, conflicts: Conflicts) -> None:
+        self._scene, self._plane, self._pieces, self._conflicts = setup.scene, setup.plane, pieces, conflicts
         numbers = object_numbers(pieces)
         self._order = np.argsort(numbers, kind="stable")
         self._numbers = numbers[self._order]

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from conflictdb.arrays import Floats
-from conflictdb.earth.plane import Plane
-from conflictdb.model.plans import Scene
+from conflictdb.earth.registry import Setup
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import Differences, Spans, differences_of
 
@@ -304,8 +303,7 @@ def _seconds(spans: Spans) -> tuple[Floats, Floats]:
 
 
 def chances_of_departures(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     placed: AnyTime,
     numbers: NDArray[np.int64],
     known: Mapping[int, Uncertain],
@@ -315,7 +313,7 @@ def chances_of_departures(
     most_s = max([0.0, *(one.high for one in known.values())]) - min([0.0, *(one.low for one in known.values())])
     horizon_us = int(np.ceil(1e6 * most_s)) + 1
     movable = set(numbers.tolist())
-    every = differences_of(scene, plane, placed, numbers, horizon_us, waits=False)
+    every = differences_of(setup, placed, numbers, horizon_us, waits=False)
     met = {
         number: rivals_of(own, horizon_us, lambda other: known.get(other, PLANNED))
         for number, own in every.of_each_track()

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conflictdb.arrays import Floats
-from conflictdb.earth.plane import Plane
-from conflictdb.model.plans import Scene, Track
+from conflictdb.earth.registry import Setup
+from conflictdb.model.plans import Track
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.chances import (
     AS_FAST,
@@ -313,8 +313,7 @@ def _kept(
 
 
 def chances_at_speeds(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     placed: AnyTime,
     tracks: Mapping[int, Track],
     plans: Mapping[int, UncertainPlan],
@@ -333,7 +332,7 @@ def chances_at_speeds(
     still = UncertainPlan(PLANNED, AS_FAST)
     pairs: dict[tuple[int, int], Bounds] = {}
     rivals: dict[int, list[tuple[RivalAtSpeed, Bounds]]] = {}
-    meetings = meetings_of(scene, plane, placed, paces)
+    meetings = meetings_of(setup, placed, paces)
     budget = Budget(len(meetings))
     for (a, b), meeting in meetings.items():
         other = plans.get(b, still)

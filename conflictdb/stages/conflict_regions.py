@@ -15,9 +15,9 @@ from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.polygons import SRID, Polygons
 from conflictdb.arrays.ragged import offsets, ragged_rows, ragged_take
 from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.regions import RegionKind, joined, regions
 from conflictdb.kernel.rows import interleaved
-from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
 from conflictdb.stages.covering import covering, placed
 from conflictdb.stages.pieces.covers import COVER
@@ -64,8 +64,7 @@ class Meetings:
     threads : of the kernel; the answer does not depend on it
     """
 
-    scene: Scene
-    plane: Plane
+    setup: Setup
     prepared: kernel.KernelScene
     a: PieceRows
     b: PieceRows
@@ -88,15 +87,14 @@ class Meetings:
         count[in_contact] = np.diff(offset)
         times = self.start_s[contacts], self.end_s[contacts]
         a, b = PieceRows(self.a[contacts]), PieceRows(self.b[contacts])
-        found = regions_of(self.scene, self.plane, self.prepared, a, b, times, offsets(count), threads=self.threads)
+        found = regions_of(self.setup, self.prepared, a, b, times, offsets(count), threads=self.threads)
         place = np.full((len(rows), 2), np.nan)
         place[in_contact] = self.first_deg[rows[in_contact]]
         return covering(found, place)
 
 
 def regions_of(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     prepared: kernel.KernelScene,
     a: PieceRows,
     b: PieceRows,
@@ -125,7 +123,7 @@ def regions_of(
     asked = np.flatnonzero(~has_cover)
     zero_us, _ = pieces.shared_span(a, b)
     low_s, high_s = (np.where(np.isfinite(one), one, 0.0)[asked] for one in seconds)
-    reach_m, agree_m = scene.tolerance_m + scene.separation_m, max(scene.tolerance_m, AGREE_M)
+    reach_m, agree_m = setup.scene.tolerance_m + setup.scene.separation_m, max(setup.scene.tolerance_m, AGREE_M)
     ring, ring_offset, kind = regions(prepared, a[asked], b[asked], zero_us[asked], low_s, high_s, reach_m, threads)
     is_known[group[has_cover]] = False
     is_known[group[asked[kind == RegionKind.UNKNOWN]]] = False
@@ -147,20 +145,20 @@ def regions_of(
         for k, pair in enumerate(wanted.tolist()):
             mine = slice(offset[crowded[pair]], offset[crowded[pair] + 1])
             parts = ragged_take(near_offset, near, np.arange(*near_end[:, pair]))
-            found[k] = _of_areas(scene, plane, pieces, PieceRows(a[mine]), PieceRows(b[mine]), *parts)
-        return _to_degrees(plane, found, agree_m)
+            found[k] = _of_areas(setup, pieces, PieceRows(a[mine]), PieceRows(b[mine]), *parts)
+        return _to_degrees(setup.plane, found, agree_m)
 
     areas = _each_alone(len(crowded), of_areas)
     rest = np.flatnonzero(~is_crowded[owner])
     ring, ring_offset, owner = _put_together(*ragged_take(ring_offset, ring, rest), owner[rest], moves)
 
     # Nearly all are one ring that is also convex in degrees, and so valid; great circles bend in degrees.
-    is_alone = (np.bincount(owner, minlength=len(count))[owner] == 1) & (plane.turn_m > 0.0)
+    is_alone = (np.bincount(owner, minlength=len(count))[owner] == 1) & (setup.plane.turn_m > 0.0)
     alone = np.flatnonzero(is_alone)
     xy, at = ragged_take(ring_offset, ring, alone)
-    convex = np.flatnonzero(_are_convex(_degrees(plane, xy), at))
-    xy, at, is_cut = _with_corners(plane, *ragged_take(at, xy, convex), agree_m)
-    plain = _of_rings(_degrees(plane, xy), at)
+    convex = np.flatnonzero(_are_convex(_degrees(setup.plane, xy), at))
+    xy, at, is_cut = _with_corners(setup.plane, *ragged_take(at, xy, convex), agree_m)
+    plain = _of_rings(_degrees(setup.plane, xy), at)
     # Sides of thin parts may cross where they bend.
     is_valid = np.ones(len(convex), np.bool_)
     is_valid[is_cut] = shapely.is_valid(plain.take(np.flatnonzero(is_cut)).geometries())
@@ -175,7 +173,7 @@ def regions_of(
     def of_pairs(wanted: NDArray[np.int64]) -> NDArray[np.object_]:
         first, last = np.searchsorted(owner, (wanted[0], wanted[-1] + 1))
         parts = _polygons(xy[at[first] : at[last]], np.diff(at[first : last + 1]))
-        return _to_degrees(plane, _unions(parts, owner[first:last] - wanted[0], ~moves[others[wanted]]), agree_m)
+        return _to_degrees(setup.plane, _unions(parts, owner[first:last] - wanted[0], ~moves[others[wanted]]), agree_m)
 
     made = _each_alone(len(others), of_pairs)
     parts = (np.flatnonzero(is_plain), plain), (others, Polygons.of(made)), (crowded, Polygons.of(areas))
@@ -183,7 +181,7 @@ def regions_of(
 
 
 def _of_areas(
-    scene: Scene, plane: Plane, pieces: Pieces, a: PieceRows, b: PieceRows, ring: Floats, offset: NDArray[np.int64]
+    setup: Setup, pieces: Pieces, a: PieceRows, b: PieceRows, ring: Floats, offset: NDArray[np.int64]
 ) -> shapely.Geometry:
     """Return the region of two areas of many parts: their intersection, and where else they come near.
 
@@ -192,8 +190,8 @@ def _of_areas(
     """
     turned = pieces.object_id[a] != pieces.object_id[a[0]]
     a, b = PieceRows(np.where(turned, b, a)), PieceRows(np.where(turned, a, b))
-    common = common_area(plane, pieces, a, b)
-    near = beyond(plane, common, _polygons(ring, np.diff(offset)), scene.tolerance_m)
+    common = common_area(setup.plane, pieces, a, b)
+    near = beyond(setup.plane, common, _polygons(ring, np.diff(offset)), setup.scene.tolerance_m)
     if not len(near):
         return common
     xy, at = ragged_take(offset, ring, near)

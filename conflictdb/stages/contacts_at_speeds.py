@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
-from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.differences import DifferenceState, Shifts, differences
-from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
 from conflictdb.stages.at_any_time import FOREVER_US, AnyTime
 from conflictdb.stages.climbs import with_heights
@@ -123,16 +122,16 @@ class Meeting:
 
 
 def meetings_of(
-    scene: Scene, plane: Plane, placed: AnyTime, paces: Mapping[int, Pace], threads: int = 1
+    setup: Setup, placed: AnyTime, paces: Mapping[int, Pace], threads: int = 1
 ) -> dict[tuple[int, int], Meeting]:
     """Return what tracks may meet, by the numbers of a track and of an area or a track of a larger number.
 
-    plane : of the scene, which the pieces were made in
+    setup : which the pieces were made with
     paces : of all tracks, by number
     """
     found: dict[tuple[int, int], list[ContactSetPart]] = {}
-    for own, part in placed.parts(scene):
-        for pair, contacts in _contacts(own, plane, part, paces, threads):
+    for own, part in placed.parts(setup.scene):
+        for pair, contacts in _contacts(setup.under(own), part, paces, threads):
             found.setdefault(pair, []).append(contacts)
     meetings = {}
     for (a, b), parts in found.items():
@@ -142,7 +141,7 @@ def meetings_of(
 
 
 def _contacts(
-    scene: Scene, plane: Plane, placed: AnyTime, paces: Mapping[int, Pace], threads: int
+    setup: Setup, placed: AnyTime, paces: Mapping[int, Pace], threads: int
 ) -> list[tuple[tuple[int, int], ContactSetPart]]:
     pieces, number = placed.pieces, placed.number
     tracks = np.flatnonzero(pieces.kind == Kind.TRACK.code)
@@ -169,8 +168,8 @@ def _contacts(
     every = np.full(len(a), np.inf)
     b_times_s = [np.where(still, 0.0, end_s) for end_s in times_s[2:]]
     shifts = Shifts(a, b, *zero_us, times_s[0], times_s[1], b_times_s[0], b_times_s[1], -every, every)
-    prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
-    reach_m = scene.separation_m + scene.tolerance_m
+    prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces, a, b)
+    reach_m = setup.scene.separation_m + setup.scene.tolerance_m
     made: list[tuple[tuple[int, int], ContactSetPart]] = []
 
     def pair_of(row: int) -> tuple[int, int]:

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.differences import DifferenceState, differences
-from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.climbs import with_heights
@@ -23,14 +22,14 @@ _MOST_HALVINGS: Final = 12
 
 
 def contact_set(
-    scene: Scene, plane: Plane, pieces: Pieces, track: int, horizon_us: int, origin_us: int, slices: int
+    setup: Setup, pieces: Pieces, track: int, horizon_us: int, origin_us: int, slices: int
 ) -> tuple[shapely.Geometry, shapely.Geometry]:
     """Return where a track at time u and another object at time v are in contact, as polygons of points (u, v).
 
     The first geometry contains every point of contact with v - u within the horizon. Each diagonal through the second
     contains one. Times are seconds after the origin.
 
-    plane : of the scene, which the pieces were made in
+    setup : which the pieces were made with
     pieces : of both objects alone
     track : the number of the track (`object_numbers`)
     slices : the least number of parts of the time in contact; in each the contact set is bounded by its differences
@@ -43,12 +42,12 @@ def contact_set(
     if not len(a):
         return shapely.MultiPolygon(), shapely.MultiPolygon()
     cut, first_us, last_us = shifts_of(pieces, a, b, horizon_us)
-    prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
+    prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces, a, b)
     rows, cut, doubt_s = with_heights(pieces, cut)
     is_certain = np.zeros(len(a), np.bool_)
     is_certain[rows] = np.isfinite(doubt_s)
     for halvings in range(_MOST_HALVINGS + 1):
-        found = differences(prepared, cut, scene.separation_m + scene.tolerance_m, kernel.Work())
+        found = differences(prepared, cut, setup.scene.separation_m + setup.scene.tolerance_m, kernel.Work())
         met = np.flatnonzero(found["state"] != DifferenceState.NONE)
         found, cut, rows = found[met], cut.take(met), rows[met]
         if not 0 < len(met) < slices or halvings == _MOST_HALVINGS:

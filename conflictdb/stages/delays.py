@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays.object_numbers import kinds_and_ids
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.differences import DifferenceState, Shifts, differences
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene, Track
 from conflictdb.model.results import Delays, Forbidden, Kind
@@ -175,8 +175,7 @@ class Leeway:
 
 
 def differences_of(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     placed: AnyTime,
     tracks: _Ints,
     horizon_us: int,
@@ -186,18 +185,17 @@ def differences_of(
 ) -> Differences:
     """Return the delays within the horizon that bring some tracks into contact with other objects.
 
-    plane : of the scene, which the pieces were made in
+    setup : which the pieces were made with
     tracks : (m,) numbers of tracks (`object_numbers`)
     threads : of the kernel; the answer does not depend on it
     waits : whether a track whose first leg stands still waits there before it departs
     """
-    every = differences_with(scene, plane, placed, tracks, horizon_us, threads, waits=waits)
+    every = differences_with(setup, placed, tracks, horizon_us, threads, waits=waits)
     return every.take(np.flatnonzero(np.isin(every.track, tracks)))
 
 
 def differences_with(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     placed: AnyTime,
     objects: _Ints,
     horizon_us: int,
@@ -214,14 +212,14 @@ def differences_with(
     objects : (m,) numbers of tracks and areas
     but : (k,) numbers of objects that are left out
     """
-    parts = placed.parts(scene)
+    parts = placed.parts(setup.scene)
     if parts[0][1] is not placed:
         given = objects, horizon_us, threads
         return Differences.concatenate(
-            [differences_with(own, plane, part, *given, waits=waits, but=but) for own, part in parts]
+            [differences_with(setup.under(own), part, *given, waits=waits, but=but) for own, part in parts]
         )
     pieces, number = placed.pieces, placed.number
-    reach_us = horizon_us + scene.time_separation_us
+    reach_us = horizon_us + setup.scene.time_separation_us
     a, b = placed.pairs_within(np.flatnonzero(np.isin(number, objects)), reach_us, is_once=True)
     is_track = pieces.kind == Kind.TRACK.code
     kept = is_track[a] | is_track[b]
@@ -235,15 +233,15 @@ def differences_with(
     waits_a, waits_b = stands[a], stands[b]
     still = PieceRows(np.concatenate([a[waits_a], b[waits_b]]))
     passing = PieceRows(np.concatenate([b[waits_a], a[waits_b]]))
-    prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
-    every = delays_of_pairs(scene, prepared, number, a, b, horizon_us, threads=threads)
+    prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces, a, b)
+    every = delays_of_pairs(setup.scene, prepared, number, a, b, horizon_us, threads=threads)
     of_tracks = every.take(np.flatnonzero(kinds_and_ids(every.other)[0] == Kind.TRACK.code))
     every = Differences.concatenate(
         [
             every,
             of_tracks.mirrored(),
             _while_waiting(
-                delays_of_pairs(scene, prepared, number, still, passing, horizon_us, lasts=False, threads=threads)
+                delays_of_pairs(setup.scene, prepared, number, still, passing, horizon_us, lasts=False, threads=threads)
             ),
         ]
     )
@@ -255,33 +253,33 @@ def differences_with(
 
 
 def waits_of(
-    scene: Scene, plane: Plane, placed: AnyTime, track: int, waypoint_us: int, horizon_us: int, threads: int = 1
+    setup: Setup, placed: AnyTime, track: int, waypoint_us: int, horizon_us: int, threads: int = 1
 ) -> Differences:
     """Return the waits at a waypoint, up to the horizon, that bring a track into contact with other objects.
 
     track : its number
     waypoint_us : when it reaches it
     """
-    parts = placed.parts(scene)
+    parts = placed.parts(setup.scene)
     if parts[0][1] is not placed:
         given = track, waypoint_us, horizon_us, threads
-        return Differences.concatenate([waits_of(own, plane, part, *given) for own, part in parts])
+        return Differences.concatenate([waits_of(setup.under(own), part, *given) for own, part in parts])
     pieces, number = placed.pieces, placed.number
     mine = np.flatnonzero((number == track) & (pieces.part != COVER))
     before, after = mine[pieces.end_us[mine] <= waypoint_us], mine[pieces.start_us[mine] >= waypoint_us]
     first = after[pieces.start_us[after] == waypoint_us]
-    within_us = scene.time_separation_us
+    within_us = setup.scene.time_separation_us
     planned = placed.pairs_within(before, within_us)
     moving, waiting = (placed.pairs_within(rows, horizon_us + within_us) for rows in (after, first))
     a, b = (np.concatenate(both) for both in zip(planned, moving, waiting, strict=True))
-    prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
+    prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces, a, b)
     every = Differences.concatenate(
         [
             of_covers(placed, np.array([track]), np.array([horizon_us + within_us])),
-            as_planned(delays_of_pairs(scene, prepared, number, *planned, 0, threads=threads)),
-            delays_of_pairs(scene, prepared, number, *moving, horizon_us, threads=threads),
+            as_planned(delays_of_pairs(setup.scene, prepared, number, *planned, 0, threads=threads)),
+            delays_of_pairs(setup.scene, prepared, number, *moving, horizon_us, threads=threads),
             _while_waiting(
-                delays_of_pairs(scene, prepared, number, *waiting, horizon_us, lasts=False, threads=threads)
+                delays_of_pairs(setup.scene, prepared, number, *waiting, horizon_us, lasts=False, threads=threads)
             ),
         ]
     )

@@ -16,7 +16,7 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.kernel.meeting import distances
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
 from conflictdb.model.recurring_plans import expanded
@@ -52,19 +52,18 @@ def depths(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict
     Pairs without a known distance are left out, and all pairs with a separation in time.
     """
     areas, tracks = expanded(list(areas), list(tracks), scene.horizon_days)
-    scene = centred(scene, areas, tracks)
-    plane = plane_of(scene)
+    setup = Setup.of(centred(scene, areas, tracks))
     areas = sorted(areas, key=lambda area: area.key.encode())
     tracks = sorted(tracks, key=lambda track: track.key.encode())
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+    pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
     keys = {Kind.AREA.code: [one.key for one in areas], Kind.TRACK.code: [one.key for one in tracks]}
     found: dict[tuple[str, str], DeepestContact] = {}
-    for settings, own, *pair in Separations.of(scene).split(pieces, *candidates(pieces)):
+    for settings, own, *pair in Separations.of(setup.scene).split(pieces, *candidates(pieces)):
         if settings.time_separation_us:
             continue
         pairs = intersections(own, *pair, regions=False)
         a, b, _ = ordered_members(own, pairs.a, pairs.b)
-        depth_m, at_us = _of_pieces(plane, own, a, b)
+        depth_m, at_us = _of_pieces(setup.plane, own, a, b)
         depth_m += settings.separation_m
         for k in np.argsort(-depth_m, kind="stable").tolist():
             if not depth_m[k] >= 0.0:

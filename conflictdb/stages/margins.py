@@ -12,6 +12,7 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import Setup
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import MAX_DISTANCE_M, Scene
 from conflictdb.stages.climbs import overlap_at_one_time
@@ -33,23 +34,21 @@ def widened(scene: Scene, within_m: float) -> Scene:
     return replace(scene, method=Method.EXACT, nearest_m=min(reach_m, MAX_DISTANCE_M))
 
 
-def least_distances(
-    scene: Scene, plane: Plane, pieces: Pieces, tracks: TrackBatch, within_m: float
-) -> tuple[Floats, Floats]:
+def least_distances(setup: Setup, pieces: Pieces, tracks: TrackBatch, within_m: float) -> tuple[Floats, Floats]:
     """Return how close tracks (n,) come to any other object that shares their time and heights, and the errors, metres.
 
     The true distance is within the error. Beyond `within_m` it is infinite; where it could not be computed it is 0, and
     the error infinite.
 
-    plane : of the scene, which the pieces were made in
+    setup : which the pieces were made with
     pieces : of all objects
     """
     tree, number = shapely.STRtree(hulls_of(pieces)), object_numbers(pieces)
-    mine = pieces_of(widened(scene, within_m), plane, AreaBatch.of([]), tracks)
+    mine = pieces_of(setup.under(widened(setup.scene, within_m)), AreaBatch.of([]), tracks)
     order = np.argsort(tracks.track_id)
     owner = order[np.searchsorted(tracks.track_id, mine.object_id, sorter=order)]
     parts = [
-        _of_some(plane, tree, number, pieces, mine.take(rows), owner[rows] - first, within_m)
+        _of_some(setup.plane, tree, number, pieces, mine.take(rows), owner[rows] - first, within_m)
         for first in range(0, max(len(tracks), 1), _AT_ONCE)
         for rows in [np.flatnonzero((first <= owner) & (owner < first + _AT_ONCE))]
     ]

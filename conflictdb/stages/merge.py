@@ -15,7 +15,7 @@ from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.ragged import ragged_rows
-from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.meeting import meetings
 from conflictdb.kernel.whole import Depth
 from conflictdb.model.methods import METHODS
@@ -28,8 +28,7 @@ from conflictdb.stages.whole_areas import Footprints, deep_in_whole_areas
 
 
 def merged_by_object(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     prepared: kernel.KernelScene,
     pairs: Pairs,
     contacts: Contacts,
@@ -73,7 +72,7 @@ def merged_by_object(
     owner, rows = owner[contacts.touches[rows]], rows[contacts.touches[rows]]
     for mine, depth in isolated(
         np.arange(len(rows)),
-        lambda mine: deep_in_whole_areas(scene, plane, prepared, pairs, contacts.take(rows[mine]), footprints),
+        lambda mine: deep_in_whole_areas(setup, prepared, pairs, contacts.take(rows[mine]), footprints),
         lambda mine: np.full(len(mine), Depth.UNKNOWN, np.int8),
         "contact",
     ):
@@ -84,15 +83,19 @@ def merged_by_object(
     verdict[has_open] = Verdict.UNRESOLVED.code
     verdict[has_conflict] = Verdict.CONFLICT.code
     if first_deg is None:
-        first_contact_deg = _first_contacts(scene, prepared, pairs, contacts, earliest, threads)
+        first_contact_deg = _first_contacts(setup.scene, prepared, pairs, contacts, earliest, threads)
     else:
         first_contact_deg = first_deg[earliest]
     # Objects that certainly meet are closest at their first contact.
     doubtful = contacts.touches & ~(contacts.error_s < contacts.end_s - contacts.start_s)
     is_certain = meet & ~has_open
     is_certain[group_of[doubtful]] = False
-    is_known = (has_conflict | is_certain) & (scene.separation_m == 0.0) & (METHODS[scene.method].solver is not None)
-    is_known &= scene.time_separation_s == 0.0  # else they may meet at different times only
+    is_known = (
+        (has_conflict | is_certain)
+        & (setup.scene.separation_m == 0.0)
+        & (METHODS[setup.scene.method].solver is not None)
+    )
+    is_known &= setup.scene.time_separation_s == 0.0  # else they may meet at different times only
     nothing = np.where(is_known, 0.0, np.nan)
     place = np.where(is_known[:, None], first_contact_deg, np.nan)
     conflicts = Conflicts.of_members(
@@ -111,7 +114,7 @@ def merged_by_object(
     # In the order of the pair, which is that of keys, not of numbers.
     one, other = (PieceRows(member[contacts.pair[order]]) for member in (pairs.a, pairs.b))
     times = contacts.start_s[order], contacts.end_s[order]
-    return conflicts, Meetings(scene, plane, prepared, one, other, *times, bounds, meet, first_contact_deg, threads)
+    return conflicts, Meetings(setup, prepared, one, other, *times, bounds, meet, first_contact_deg, threads)
 
 
 def _has_parts(pieces: Pieces, a: PieceRows, b: PieceRows, group: NDArray[np.int64], n: int) -> NDArray[np.bool_]:

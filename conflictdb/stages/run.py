@@ -17,8 +17,9 @@ from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.arrays.polygons import Polygons
 from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import Setup
 from conflictdb.model.methods import METHODS
-from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
+from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
 from conflictdb.model.results import Kind, Verdict
 from conflictdb.stages.certainty import with_certainty
 from conflictdb.stages.climbs import overlap_at_one_time, sharing_heights
@@ -44,8 +45,7 @@ _SHORTEST_S: Final = 1e-9  # divisor if the clock shows no time
 
 
 def run_scene(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     source: PairSource,
     *,
     jobs: int = 1,
@@ -53,11 +53,11 @@ def run_scene(
 ) -> Iterator[tuple[Conflicts, Funnel]]:
     """Yield the conflicts among the pieces of a source and the counts, for each chunk of its pairs.
 
-    plane : of the scene and of its pieces
+    setup : of the scene and of its pieces
     jobs, progress : see `run_stages`
     """
     decided = 0
-    separations = Separations.of(scene)
+    separations = Separations.of(setup.scene)
     chunks = source.candidates()
     while True:
         clock = time.perf_counter()
@@ -74,11 +74,11 @@ def run_scene(
             if part is None:
                 break
             settings, own, one, other = part
-            pairs = intersections(own, one, other, regions=METHODS[scene.method].needs_regions)
+            own_setup = setup.under(settings)
+            pairs = intersections(own, one, other, regions=METHODS[setup.scene.method].needs_regions)
             counted.stage2_s += time.perf_counter() - clock
             found, funnel = run_stages(
-                settings,
-                plane,
+                own_setup,
                 own,
                 pairs,
                 source.footprints,
@@ -86,7 +86,7 @@ def run_scene(
                 progress=_after(decided, share, progress),
             )
             clock = time.perf_counter()
-            found = with_certainty(settings, plane, own, found, source.plans)
+            found = with_certainty(own_setup, own, found, source.plans)
             funnel.stage4_s += time.perf_counter() - clock
             funnel.intersecting_pairs, funnel.settings = len(pairs), settings
             funnel.add(counted)
@@ -108,8 +108,7 @@ def _after(decided: int, share: float | None, progress: Progress | None) -> Prog
 
 
 def run_stages(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     pieces: Pieces,
     pairs: Pairs,
     footprints: Footprints,
@@ -119,15 +118,15 @@ def run_stages(
 ) -> tuple[Conflicts, Funnel]:
     """Return the conflicts of pairs of pieces that passed stage 2, by stages 3 and 4 of the scene's method.
 
-    plane : of the scene and of its pieces
+    setup : of the scene and of its pieces
     footprints : called for whole areas if contacts are shallow in all parts of one
     jobs : threads of the kernel; the answer does not depend on it
     progress : called with the number of decided pairs, and of all pairs
     """
     funnel = Funnel()
     started = time.perf_counter()
-    method = METHODS[scene.method]
-    within_us = scene.time_separation_us
+    method = METHODS[setup.scene.method]
+    within_us = setup.scene.time_separation_us
     lasting = with_wide_areas(pieces, within_us) if within_us else pieces
     heights = overlap_at_one_time(lasting, pairs.a, pairs.b)
     if not within_us:
@@ -142,11 +141,11 @@ def run_stages(
     # With a separation in time pairs of tracks have a solver of their own, and areas are there for longer.
     of_tracks = ~static & ~covered & (pieces.kind[pairs.a] == pieces.kind[pairs.b]) & (within_us > 0)
     # Once, for all queries about the pairs.
-    prepared = kernel.KernelScene(plane.kernel_plane, lasting, pairs.a, pairs.b)
+    prepared = kernel.KernelScene(setup.plane.kernel_plane, lasting, pairs.a, pairs.b)
     parts = []
     for rows, decide in (
         (PairRows(np.flatnonzero(covered)), partial(_unresolved, pieces, heights)),
-        (PairRows(np.flatnonzero(static & ~covered)), partial(_static_contacts, scene, plane, prepared, heights)),
+        (PairRows(np.flatnonzero(static & ~covered)), partial(_static_contacts, setup, prepared, heights)),
     ):
         parts.append(decide(pairs, rows) if rows.size else Contacts.none())
     funnel.window_pairs = sum(map(len, parts))
@@ -157,7 +156,7 @@ def run_stages(
         parts.append(_unresolved(pieces, heights, pairs, moving))
     elif moving.size:
         clock = time.perf_counter()
-        first, last = _windows(scene, plane, prepared, pairs.take(moving), funnel)
+        first, last = _windows(setup, prepared, pairs.take(moving), funnel)
         if method.needs_regions:
             funnel.stage3_s = time.perf_counter() - clock
         low, high, doubt_s = _some(heights, moving)
@@ -166,7 +165,7 @@ def run_stages(
         moving, first, last = PairRows(moving[possible]), first[possible], last[possible]
         tell = _counting(len(moving), progress)
         clock = time.perf_counter()
-        solved, funnel.effort = contacts(scene, plane, prepared, pairs.take(moving), first, last, tell, threads=jobs)
+        solved, funnel.effort = contacts(setup, prepared, pairs.take(moving), first, last, tell, threads=jobs)
         exact = funnel.effort.exact
         # The kernel adds up seconds over threads; their ratio is that of the elapsed times.
         funnel.stage3_s += (time.perf_counter() - clock) * exact.closed_form_s / max(exact.contacts_s, _SHORTEST_S)
@@ -178,19 +177,19 @@ def run_stages(
     if within_us:
         found = Contacts.concatenate(parts), solved
         tracks = PairRows(np.flatnonzero(of_tracks))
-        conflicts, meetings = _merged_uses(
-            scene, plane, prepared, pieces, pairs, found, tracks, footprints, funnel, jobs
-        )
-        prepared, pairs = _at_one_time(plane, pieces, pairs)
+        conflicts, meetings = _merged_uses(setup, prepared, pieces, pairs, found, tracks, footprints, funnel, jobs)
+        prepared, pairs = _at_one_time(setup.plane, pieces, pairs)
     else:
         every = Contacts.concatenate([*parts, solved])
-        if not len(every) and not scene.nearest_m:
+        if not len(every) and not setup.scene.nearest_m:
             funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s
             return Conflicts.none(), funnel
         funnel.met_pairs = int(np.count_nonzero(np.diff(every.pair, prepend=-1)))
-        conflicts, meetings = merged_by_object(scene, plane, prepared, pairs, every, footprints, jobs)
+        conflicts, meetings = merged_by_object(setup, prepared, pairs, every, footprints, jobs)
     if method.solver is not None:
-        conflicts = with_closest_approaches(scene, prepared, pairs, meetings, conflicts, funnel.effort.exact, jobs)
+        conflicts = with_closest_approaches(
+            setup.scene, prepared, pairs, meetings, conflicts, funnel.effort.exact, jobs
+        )
     funnel.stage4_s = time.perf_counter() - started - funnel.stage3_s
 
     def where(rows: NDArray[np.int64]) -> Polygons:
@@ -203,8 +202,7 @@ def run_stages(
 
 
 def _merged_uses(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     prepared: kernel.KernelScene,
     pieces: Pieces,
     pairs: Pairs,
@@ -221,11 +219,11 @@ def _merged_uses(
     tracks : the pairs of tracks to decide
     """
     parts = [
-        make(scene, pieces, prepared, pairs, some, jobs)
+        make(setup.scene, pieces, prepared, pairs, some, jobs)
         for make, some in zip((uses_by_spans, uses_of_areas), contacts, strict=True)
     ]
     work = kernel.Work()
-    parts.append(uses_of_tracks(scene, plane, prepared, pairs, tracks, work, jobs))
+    parts.append(uses_of_tracks(setup, prepared, pairs, tracks, work, jobs))
     # Not its closed forms, several of which serve one pair.
     funnel.effort.exact.windows += work.windows
     funnel.effort.exact.evaluations += work.evaluations
@@ -233,8 +231,8 @@ def _merged_uses(
     funnel.window_pairs += len(tracks)
     uses = Uses.concatenate(parts)
     funnel.met_pairs = len(np.unique(uses.pair))
-    prepared, pairs, found = as_contacts(plane, pieces, pairs, uses)
-    conflicts, meetings = merged_by_object(scene, plane, prepared, pairs, found, footprints, jobs, uses.first_deg)
+    prepared, pairs, found = as_contacts(setup.plane, pieces, pairs, uses)
+    conflicts, meetings = merged_by_object(setup, prepared, pairs, found, footprints, jobs, uses.first_deg)
     return with_lacking(conflicts, prepared, pairs, uses), meetings
 
 
@@ -260,20 +258,18 @@ def _counting(of: int, progress: Progress | None) -> Callable[[int], None] | Non
     return advance
 
 
-def _windows(
-    scene: Scene, plane: Plane, prepared: kernel.KernelScene, pairs: Pairs, funnel: Funnel
-) -> tuple[Floats, Floats]:
+def _windows(setup: Setup, prepared: kernel.KernelScene, pairs: Pairs, funnel: Funnel) -> tuple[Floats, Floats]:
     """Return the windows of the search for contacts, seconds: whole shared spans unless stage 3 projects regions.
 
     Without regions stage 3 is the kernel's closed form, which finds the times of the pairs that it decides.
     """
-    if not METHODS[scene.method].needs_regions:
+    if not METHODS[setup.scene.method].needs_regions:
         return _spans_s(prepared.pieces, pairs)
     funnel.projected_pairs = len(pairs)
     first, last = np.zeros(len(pairs)), np.zeros(len(pairs))
     for rows, (low, high) in isolated(
         np.arange(len(pairs)),
-        lambda rows: windows(scene, plane, prepared, pairs.take(PairRows(rows))),
+        lambda rows: windows(setup, prepared, pairs.take(PairRows(rows))),
         lambda rows: _spans_s(prepared.pieces, pairs.take(PairRows(rows))),
         "pair of pieces",
     ):
@@ -287,11 +283,11 @@ def _spans_s(pieces: Pieces, pairs: Pairs) -> tuple[Floats, Floats]:
 
 
 def _static_contacts(
-    scene: Scene, plane: Plane, prepared: kernel.KernelScene, heights: _Heights, pairs: Pairs, rows: PairRows
+    setup: Setup, prepared: kernel.KernelScene, heights: _Heights, pairs: Pairs, rows: PairRows
 ) -> Contacts:
     """Return the contacts of pairs of areas, for the time that both exist."""
     asked = pairs if rows.size == len(pairs) else pairs.take(rows)
-    verdict, touches = static_verdicts(scene, plane, prepared, asked)
+    verdict, touches = static_verdicts(setup, prepared, asked)
     meets = np.flatnonzero(verdict >= 0)
     return _whole_spans(prepared.pieces, heights, pairs, PairRows(rows[meets]), verdict[meets], touches[meets])
 

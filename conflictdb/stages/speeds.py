@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import PieceRows
-from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.differences import Shifts
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Scene
 from conflictdb.model.results import ForbiddenSpeeds, Kind, Speeds
@@ -35,8 +35,7 @@ _ROUNDED_US: Final = 1.0
 
 
 def speeds_of_tracks(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     placed: AnyTime,
     tracks: _Ints,
     begin_us: _Ints,
@@ -49,14 +48,14 @@ def speeds_of_tracks(
 
     Each track alone has another speed; the rows of one do not depend on the others asked about.
 
-    plane : of the scene, which the pieces were made in
+    setup : which the pieces were made with
     tracks : (m,) their numbers, ascending
     begin_us, end_us : (m,) when each track departs and arrives, or the leg of a single track begins and ends
     """
-    parts = placed.parts(scene)
+    parts = placed.parts(setup.scene)
     if parts[0][1] is not placed:
         given = tracks, begin_us, end_us, slowest, fastest, threads
-        return Differences.concatenate([speeds_of_tracks(own, plane, part, *given) for own, part in parts])
+        return Differences.concatenate([speeds_of_tracks(setup.under(own), part, *given) for own, part in parts])
     pieces, number = placed.pieces, placed.number
     least, most = 1.0 / fastest, 1.0 / slowest
     lasts_us = end_us - begin_us
@@ -74,9 +73,11 @@ def speeds_of_tracks(
         placed.pairs_within(mine[is_after], horizon_us[of[is_after]]),
     ]
     a, b = (np.concatenate(both) for both in zip(*pairs, strict=True))
-    prepared = kernel.KernelScene(plane.kernel_plane, pieces, a, b)
-    planned = delays.delays_of_pairs(scene, prepared, number, *pairs[0], 0, threads=threads)
-    later = delays.delays_of_pairs(scene, prepared, number, *pairs[2], int(horizon_us.max(initial=0)), threads=threads)
+    prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces, a, b)
+    planned = delays.delays_of_pairs(setup.scene, prepared, number, *pairs[0], 0, threads=threads)
+    later = delays.delays_of_pairs(
+        setup.scene, prepared, number, *pairs[2], int(horizon_us.max(initial=0)), threads=threads
+    )
     zero_us = begin_us[np.searchsorted(tracks, number[pairs[1][0]])]
     return Differences.concatenate(
         [
@@ -84,7 +85,7 @@ def speeds_of_tracks(
             delays.as_planned(planned),
             *(
                 _of_stretched(
-                    scene,
+                    setup.scene,
                     prepared,
                     number,
                     PieceRows(pairs[1][0][some]),

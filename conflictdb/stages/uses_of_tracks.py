@@ -17,9 +17,9 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.differences import DifferenceState, Shifts, differences
 from conflictdb.kernel.meeting import meetings
-from conflictdb.model.plans import Scene
 from conflictdb.model.results import Verdict
 from conflictdb.stages.climbs import surely_overlap, with_heights
 from conflictdb.stages.delays import solved_shifts
@@ -36,8 +36,7 @@ _AT_ONCE: Final = 20_000
 
 
 def uses_of_tracks(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     prepared: kernel.KernelScene,
     pairs: Pairs,
     rows: PairRows,
@@ -50,14 +49,11 @@ def uses_of_tracks(
     work : counts the work
     """
     some = (PairRows(rows[first : first + _AT_ONCE]) for first in range(0, max(len(rows), 1), _AT_ONCE))
-    return Uses.concatenate(
-        [one for few in some for one in _of_some(scene, plane, prepared, pairs, few, work, threads)]
-    )
+    return Uses.concatenate([one for few in some for one in _of_some(setup, prepared, pairs, few, work, threads)])
 
 
 def _of_some(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     prepared: kernel.KernelScene,
     pairs: Pairs,
     rows: PairRows,
@@ -65,22 +61,21 @@ def _of_some(
     threads: int,
 ) -> Iterator[Uses]:
     """Yield the uses of pairs that come within the separation, then of the others that come within the tolerance."""
-    within_us = scene.time_separation_us
+    within_us = setup.scene.time_separation_us
     shifts = _shifts(prepared.pieces, PieceRows(pairs.a[rows]), PieceRows(pairs.b[rows]), within_us)
     left, shifts, _ = with_heights(prepared.pieces, shifts)
     rows = PairRows(rows[left])
-    met = _of_reach(scene, plane, prepared, shifts, scene.separation_m, touches=True, work=work, threads=threads)
+    met = _of_reach(setup, prepared, shifts, setup.scene.separation_m, touches=True, work=work, threads=threads)
     yield replace(met, pair=rows[met.pair])
     rest = np.setdiff1d(np.arange(len(rows)), met.pair)
-    if len(rest) and scene.tolerance_m > 0.0:
-        reach_m = scene.separation_m + scene.tolerance_m
-        met = _of_reach(scene, plane, prepared, shifts.take(rest), reach_m, touches=False, work=work, threads=threads)
+    if len(rest) and setup.scene.tolerance_m > 0.0:
+        reach_m = setup.scene.separation_m + setup.scene.tolerance_m
+        met = _of_reach(setup, prepared, shifts.take(rest), reach_m, touches=False, work=work, threads=threads)
         yield replace(met, pair=rows[rest[met.pair]])
 
 
 def _of_reach(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     prepared: kernel.KernelScene,
     shifts: Shifts,
     reach_m: float,
@@ -90,7 +85,7 @@ def _of_reach(
     threads: int,
 ) -> Uses:
     """Return uses of pairs of tracks (n,) that come within a reach of each other's places; `pair` counts from 0."""
-    within_us = scene.time_separation_us
+    within_us = setup.scene.time_separation_us
     between_us = shifts.b_zero_us - shifts.a_zero_us
     row, _, found = solved_shifts(prepared, shifts, reach_m, threads, work)
     outer = [
@@ -112,13 +107,13 @@ def _of_reach(
     order = np.lexsort((outer[1] - outer[0], row))
     widest = order[np.append(np.flatnonzero(np.diff(row[order])), len(order) - 1)] if n else order
     asked = shifts.take(pair)
-    verdict = _verdicts(scene, plane, prepared.pieces, asked, outer[0][widest], outer[1][widest], work, threads)
+    verdict = _verdicts(setup, prepared.pieces, asked, outer[0][widest], outer[1][widest], work, threads)
     is_sure_pair = np.isfinite(sure_gap)
     # Heights at two times: the tests know those of whole slices.
     is_level = surely_overlap(prepared.pieces, PieceRows(asked.a), PieceRows(asked.b))
     verdict[(verdict != Verdict.CONFLICT.code) & is_sure_pair] = Verdict.GRAZING.code
     verdict[~is_level] = Verdict.UNRESOLVED.code
-    guesses_s = guessed_ends(plane, prepared, asked, reach_m, within_us, work, threads)
+    guesses_s = guessed_ends(setup.plane, prepared, asked, reach_m, within_us, work, threads)
     ends_s, error_s = ends_of(prepared, asked, guesses_s, reach_m, within_us, work, threads)
     first_us = [
         zero + np.floor(1e6 * ends_s[k]).astype(np.int64) for zero, k in ((asked.a_zero_us, 0), (asked.b_zero_us, 2))
@@ -139,7 +134,7 @@ def _of_reach(
         np.full(n, touches),
         np.where(is_open, np.nan, lacking_s),
         np.where(is_open, np.nan, np.minimum((sure_gap - gap + 1.0) / 1e6, lacking_s)),
-        _first_contacts(plane, prepared, asked, ends_s, error_s, reach_m, within_us, work, threads),
+        _first_contacts(setup.plane, prepared, asked, ends_s, error_s, reach_m, within_us, work, threads),
     )
 
 
@@ -153,8 +148,7 @@ def _shifts(pieces: Pieces, a: PieceRows, b: PieceRows, within_us: int) -> Shift
 
 
 def _verdicts(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     pieces: Pieces,
     shifts: Shifts,
     low_us: Floats,
@@ -172,14 +166,14 @@ def _verdicts(
         left = np.flatnonzero(verdict != Verdict.CONFLICT.code)
         rows = np.repeat(left, len(share))
         tested = np.rint(low_us[rows] + np.tile(share, len(left)) * (high_us - low_us)[rows]).astype(np.int64)
-        moved, a, b = shifted(plane, pieces, shifts.take(rows), tested)
+        moved, a, b = shifted(setup.plane, pieces, shifts.take(rows), tested)
         start, end = moved.pieces.shared_span(a, b)
         there = np.flatnonzero(start <= end)
         span_s = np.where(start <= end, end - start, 0) / 1e6
         asked = kernel.Questions(a, b, start, np.zeros(len(a)), span_s, np.full(len(a), np.inf)).take(there)
         if not len(asked):
             continue
-        found = kernel.contacts(moved, asked, scene.separation_m, scene.tolerance_m, work, threads)
+        found = kernel.contacts(moved, asked, setup.scene.separation_m, setup.scene.tolerance_m, work, threads)
         for code in (Verdict.GRAZING.code, Verdict.CONFLICT.code):
             verdict[rows[there[found.pair[found.verdict == code]]]] = code
     return verdict

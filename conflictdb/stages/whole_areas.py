@@ -14,9 +14,8 @@ from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows
 from conflictdb.arrays.ragged import offsets
-from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.whole import Areas, Depth, whole_depths
-from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.cutting import planar
 from conflictdb.stages.stage4.constants import TOUCH_M
@@ -26,8 +25,7 @@ Footprints = Callable[[NDArray[np.int64]], NDArray[np.object_]]
 
 
 def deep_in_whole_areas(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     prepared: kernel.KernelScene,
     pairs: Pairs,
     contacts: Contacts,
@@ -50,26 +48,26 @@ def deep_in_whole_areas(
     start_us, _ = pieces.shared_span(a, b)
     moves = np.isfinite(contacts.end_s)
     low_s, high_s = (np.where(moves, ends, 0.0)[row] for ends in (contacts.start_s, contacts.end_s))
-    wholes = planar(plane, footprints(numbers))
-    areas, east_m = _areas(scene, plane, wholes), np.zeros(len(part))
-    if plane.turn_m:
+    wholes = planar(setup.plane, footprints(numbers))
+    areas, east_m = _areas(setup, wholes), np.zeros(len(part))
+    if setup.plane.turn_m:
         # Parts may be copies, a turn away.
         corner = pieces.shape_offset[part][:, None] + np.arange(3)
-        x = pieces.shape_xy[corner, 0].mean(axis=1) + plane.turn_m * pieces.turn[part]
+        x = pieces.shape_xy[corner, 0].mean(axis=1) + setup.plane.turn_m * pieces.turn[part]
         west, _, east, _ = shapely.bounds(wholes[area]).T
-        east_m = plane.turn_m * np.round((x - 0.5 * (west + east)) / plane.turn_m)
+        east_m = setup.plane.turn_m * np.round((x - 0.5 * (west + east)) / setup.plane.turn_m)
     found = whole_depths(prepared, a[row], b[row], start_us[row], low_s, high_s, areas, area, is_b == 1, east_m)
     for known in (Depth.UNKNOWN, Depth.DEEP):
         depth[row[found == known]] = known
     return depth
 
 
-def _areas(scene: Scene, plane: Plane, wholes: NDArray[np.object_]) -> Areas:
+def _areas(setup: Setup, wholes: NDArray[np.object_]) -> Areas:
     """Return areas of the plane, with a margin that exceeds the tolerance also at the largest scale."""
     parts, of_area = shapely.get_parts(wholes, return_index=True)
     rings, of_part = shapely.get_rings(parts, return_index=True)
     xy, of_ring = shapely.get_coordinates(rings, return_index=True)
     corners = np.nan_to_num(shapely.bounds(wholes)).reshape(-1, 2, 2).transpose(2, 1, 0)
-    margin = max(scene.tolerance_m, TOUCH_M) * plane.largest_scale(corners)
+    margin = max(setup.scene.tolerance_m, TOUCH_M) * setup.plane.largest_scale(corners)
     ring_offset = offsets(np.bincount(of_ring, minlength=len(rings)))
     return Areas(xy, ring_offset, offsets(np.bincount(of_area[of_part], minlength=len(wholes))), margin)

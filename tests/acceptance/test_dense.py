@@ -10,7 +10,7 @@ from workloads import GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LONG_LEGS, LOW_LA
 
 from conflictdb import kernel
 from conflictdb.arrays.answers import Contacts
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.results import Kind, Verdict
 
@@ -71,7 +71,7 @@ def _shifted(found: Contacts, name: str, row: int, by_s: float) -> Contacts:
 def test_samples_are_taken_where_pieces_are(workload: Workload, seed: int) -> None:
     """Independent formulas agree to a tenth of the distance at which samples contradict answers."""
     scene, pieces, _, _ = dense.solved(workload, seed, 20)
-    plane, tracks = plane_of(scene), np.flatnonzero(pieces.kind == Kind.TRACK.code)[::5]
+    plane, tracks = Setup.of(scene).plane, np.flatnonzero(pieces.kind == Kind.TRACK.code)[::5]
     zero, slots = pieces.leg_start_us[tracks], int(np.diff(pieces.shape_offset).max())
     t = (0.5 * (pieces.start_us + pieces.end_us)[tracks] - zero) / 1e6
     movement = Movement(kernel.KernelScene(plane.kernel_plane, pieces), tracks, zero, np.zeros((2, len(tracks))), slots)

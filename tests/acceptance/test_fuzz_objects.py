@@ -9,6 +9,7 @@ from fuzz_objects import Tally, examine, fuzz
 from hostile_objects import Hostile
 
 import conflictdb.db.detect
+from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import Motion, Scene
 
 NOTHING = np.empty(0, np.int64)
@@ -78,8 +79,8 @@ def test_the_fuzzing_finds_a_planted_bug(dsn: str, tmp_path: Path, monkeypatch: 
     """A detection that loses the tracks of a scene, and a detection that fails."""
     pieces_of = conflictdb.db.detect.pieces_of
 
-    def without_tracks(scene: Scene, plane: Any, areas: Any, tracks: Any) -> Any:
-        return pieces_of(scene, plane, areas, tracks.take(NOTHING))
+    def without_tracks(setup: Setup, areas: Any, tracks: Any) -> Any:
+        return pieces_of(setup, areas, tracks.take(NOTHING))
 
     monkeypatch.setattr(conflictdb.db.detect, "pieces_of", without_tracks)
     assert any("no row with the witness" in one or "known conflict" in one for one in fuzz(dsn, 3, 24, tmp_path).wrong)

@@ -95,7 +95,7 @@ def projected(scene: Scene, areas: list[Area], tracks: list[Track]) -> dict[Pair
     """Return the windows of stage 3, by pair of objects; those that follow each other are one."""
     staged = Staged.of(scene, areas, tracks, regions=True)
     pieces, pairs = staged.pieces, staged.pairs
-    first_s, last_s = windows(scene, staged.plane, staged.prepared, pairs)
+    first_s, last_s = windows(staged.setup, staged.prepared, pairs)
     start_us, end_us = pieces.shared_span(pairs.a, pairs.b)
     spans: dict[Pair, list[tuple[float, float]]] = {}
     for k in np.flatnonzero(first_s <= last_s).tolist():

@@ -14,7 +14,7 @@ from workloads import ARCTIC, GROWING, GROWING_CIRCLES, HIGH_LATITUDE, LOW_LATIT
 
 from conflictdb import Method
 from conflictdb.arrays.answers import Conflicts
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.regions import joined
 from conflictdb.model.plans import MINUS_INFINITY_US, Area, EarthModel, Motion, Scene, Track
 from conflictdb.model.results import Kind
@@ -36,7 +36,7 @@ def regions_of(answer: Conflicts) -> NDArray[np.object_]:
 
 def region_in_plane(scene: Scene, region: shapely.Geometry, turns: int, near_lon: float) -> shapely.Geometry:
     """Return a region in plane metres east of a longitude, moved by some whole turns."""
-    plane = plane_of(scene)
+    plane = Setup.of(scene).plane
 
     def project(lonlat: np.ndarray) -> np.ndarray:
         return np.stack(plane.to_plane(lonlat[:, 0] - near_lon + 360.0 * turns, lonlat[:, 1]), axis=1)
@@ -225,7 +225,7 @@ def test_region_of_a_haven_that_passes_a_corner_is_about_that_corner() -> None:
 def test_thin_and_long_regions_lose_nothing_where_sides_bend_in_degrees(lat: float) -> None:
     """Two areas overlap by a metre along 140 km: in degrees their sides, one with a corner, would cross."""
     scene = Scene("s", tolerance_m=0.0)
-    plane = plane_of(scene)
+    plane = Setup.of(scene).plane
     start, end = np.stack(plane.to_plane(np.array([0.0, 1.0]), np.array([lat, lat + 1.0])), axis=1)
     across = np.array([start[1] - end[1], end[0] - start[0]]) / np.hypot(*(end - start))
     middle = 0.5 * (start + end)
@@ -246,7 +246,7 @@ def test_a_region_around_the_earth_has_a_bounded_number_of_corners() -> None:
     """A metre wide, and crossed in degrees: with a corner every 100 m, some of them are too much to be printed."""
     corners = [(0.0, 0.0), (1.5e7, 5e6), (3e7, 1e7), (3e7, 1e7 + 1.0), (0.0, 1.0), (0.0, 0.0)]
     ring = np.array(corners) - (1.5e7, 0.0)
-    (region,) = conflict_regions._to_degrees(plane_of(Scene("s")), np.array([shapely.Polygon(ring)]), agree_m=1.0)
+    (region,) = conflict_regions._to_degrees(Setup.of(Scene("s")).plane, np.array([shapely.Polygon(ring)]), agree_m=1.0)
     assert shapely.is_valid(region)
     assert 1_000 < shapely.get_num_coordinates(region) < 30_000
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from shapely.affinity import translate
 from staged import Staged
 
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import Area, Motion, Scene
 from conflictdb.stages import conflict_regions, shared_areas
 from conflictdb.stages.pieces.cutting import planar
@@ -61,7 +61,7 @@ def region_of(scene: Scene, one: shapely.Geometry, other: shapely.Geometry) -> s
 
 
 def in_plane(scene: Scene, region: shapely.Geometry) -> shapely.Geometry:
-    return planar(plane_of(scene), np.array([region], dtype=object))[0]
+    return planar(Setup.of(scene).plane, np.array([region], dtype=object))[0]
 
 
 CASES = {
@@ -207,5 +207,5 @@ def test_areas_that_could_not_be_cut_are_united_as_what_they_are_taken_for() -> 
     parts = shapely.box(np.array([0.0, 5.0, 1.0]), 0.0, np.array([10.0, 15.0, 2.0]), np.array([10.0, 10.0, 2.0]))
     areas = [Area(str(i), shapely.MultiPolygon([part])) for i, part in enumerate(parts)]
     scene = Scene("s")
-    whole = shared_areas._whole(plane_of(scene), Staged.of(scene, areas, []).pieces, np.arange(3))
-    assert whole.symmetric_difference(shapely.union_all(planar(plane_of(scene), parts))).area < 1.0
+    whole = shared_areas._whole(Setup.of(scene).plane, Staged.of(scene, areas, []).pieces, np.arange(3))
+    assert whole.symmetric_difference(shapely.union_all(planar(Setup.of(scene).plane, parts))).area < 1.0

@@ -23,7 +23,7 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.plane import Plane
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.kernel.kernel_scene import PieceState
 from conflictdb.kernel.movement import Bounds, Movement
@@ -161,7 +161,7 @@ class MotionRow:
 
     @property
     def plane(self) -> Plane:
-        return plane_of(self.scene)
+        return Setup.of(self.scene).plane
 
     def xy(self, *places: Place) -> Floats:
         """Plane metres (2, v) of places, by the plane itself."""
@@ -487,7 +487,7 @@ class Moving:
 def moving(draw: st.DrawFn, row: MotionRow) -> Moving:
     """A haven on any part of a slice, or of a whole leg."""
     track = draw(tracks(row))
-    pieces = track_pieces(row.scene, row.plane, TrackBatch.of([track]))
+    pieces = track_pieces(Setup(row.scene, row.plane), TrackBatch.of([track]))
     if draw(st.booleans()):
         # Shapes exist for the time of their slices: here those are the whole legs.
         pieces = replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
@@ -504,7 +504,7 @@ def moving(draw: st.DrawFn, row: MotionRow) -> Moving:
 
 def whole_leg(row: MotionRow, track: Track) -> Moving:
     """The haven of a track during its whole leg."""
-    pieces = track_pieces(row.scene, row.plane, TrackBatch.of([track]))
+    pieces = track_pieces(Setup(row.scene, row.plane), TrackBatch.of([track]))
     pieces = replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
     return Moving(row, track, pieces, 0, 0.0, (track.times_us[1] - track.times_us[0]) / 1e6)
 

@@ -17,7 +17,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
 from conflictdb.db.sources import FewSource, SceneSource
 from conflictdb.earth.plane import Plane
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.in_memory.questions import _InMemory
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Kind
@@ -34,9 +34,9 @@ class InMemory(_InMemory):
     @classmethod
     def of(cls, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> Self:
         scene = centred(scene, areas, tracks)
-        batches, plane = (AreaBatch.of(areas), TrackBatch.of(tracks)), plane_of(scene)
-        source = cls(pieces_of(scene, plane, *batches), *batches, scene.time_separation_us)
-        source.plane = plane
+        batches, setup = (AreaBatch.of(areas), TrackBatch.of(tracks)), Setup.of(scene)
+        source = cls(pieces_of(setup, *batches), *batches, scene.time_separation_us)
+        source.plane = setup.plane
         return source
 
 
@@ -101,7 +101,7 @@ def few_changes(conn: psycopg.Connection[Any], scene: str, most_compared: int) -
     assert few is not None
     areas = store.some_areas(conn, begun.scene_id, few.area_ids)
     tracks = store.some_tracks(conn, begun.scene_id, few.track_ids)
-    pieces = pieces_of(settings, plane_of(settings), areas, tracks)
+    pieces = pieces_of(Setup.of(settings), areas, tracks)
     key = {(0, number): name for number, name in conn.execute("SELECT area_id, key FROM conflictdb.area")}
     key |= {(1, number): name for number, name in conn.execute("SELECT track_id, key FROM conflictdb.track")}
     within_us = settings.time_separation_us

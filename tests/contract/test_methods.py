@@ -13,6 +13,7 @@ from verdicts import periods_us
 from conflictdb import solve
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.cli import main
+from conflictdb.earth.registry import Setup
 from conflictdb.model.methods import METHODS, Method
 from conflictdb.model.plans import EarthModel
 from conflictdb.model.results import Kind, Verdict
@@ -102,7 +103,7 @@ def test_it_stops_where_its_row_says(method: Method, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(run, "intersections", watched)
     source = InMemory.of(known.scene, known.areas, known.tracks)
-    ((_, funnel),) = run.run_scene(known.scene, source.plane, source)
+    ((_, funnel),) = run.run_scene(Setup(known.scene, source.plane), source)
     assert asked_for == [spec.needs_regions]
     projected = funnel.window_pairs if spec.needs_regions else funnel.effort.exact.closed_forms
     assert funnel.projected_pairs >= projected

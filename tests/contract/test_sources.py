@@ -14,7 +14,7 @@ from workloads import LOW_LATITUDE, throw
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Scene, Track
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.run import run_scene
@@ -69,7 +69,7 @@ def brute_force(objects: Objects) -> tuple[Pieces, list[str], np.ndarray, np.nda
     """Pieces, the key of each, and which pairs of pieces (2, n) stage 1 must and may find."""
     scene, areas, tracks = objects
     scene = centred(scene, areas, tracks)
-    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
+    pieces = pieces_of(Setup.of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
     keys = [(areas, tracks)[kind][number].key for kind, number in zip(pieces.kind, pieces.object_id, strict=True)]
     a, b = np.triu_indices(len(pieces), 1)
     differ = (pieces.kind[a] != pieces.kind[b]) | (pieces.object_id[a] != pieces.object_id[b])
@@ -138,7 +138,7 @@ def test_stages_1_and_2_find_what_brute_force_finds(dsn: str, open_source: Open,
 def rows(opened: Opened) -> dict[tuple[str, str], tuple[object, ...]]:
     """The rows of all pairs of a source, by the keys of the two objects."""
     answer: dict[tuple[str, str], tuple[object, ...]] = {}
-    for found, _ in run_scene(opened.scene, plane_of(opened.scene), opened.source):
+    for found, _ in run_scene(Setup.of(opened.scene), opened.source):
         answer |= rows_of_chunk(opened, found)
     return answer
 

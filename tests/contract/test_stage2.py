@@ -20,7 +20,7 @@ from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.db.probes import _PlanSource
 from conflictdb.db.sources import MOST_COMPARED
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.formats.scene_file import read_scene
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.stages.memory import DEFAULT_MEMORY
@@ -116,7 +116,7 @@ def test_a_plan_that_is_not_stored_meets_the_same_pairs_both_ways(conn: Conn) ->
         for plan in [*areas, *tracks]:
             is_area = isinstance(plan, Area)
             given = AreaBatch.of([plan] if is_area else []), TrackBatch.of([] if is_area else [plan])
-            pieces = pieces_of(settings, plane_of(settings), *given)
+            pieces = pieces_of(Setup.of(settings), *given)
             pair_of = (
                 list(_PlanSource(conn, scene_id, plan, plan.key, pieces, DEFAULT_MEMORY, most, within_us).candidates())
                 for most in (ALWAYS, NEVER)

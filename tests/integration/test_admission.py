@@ -31,6 +31,7 @@ from conflictdb import (
     solve,
 )
 from conflictdb.db import probes, store
+from conflictdb.earth.registry import Setup
 
 
 def test_what_meets_nobody_is_put(city: StoredScene) -> None:
@@ -185,10 +186,10 @@ def test_an_object_that_cannot_be_cut_stops_nobody_else(city: StoredScene, monke
     city.put(square("bad", 0.0))
     cut = covers.area_pieces
 
-    def fails(scene: object, plane: object, some: object) -> object:
+    def fails(setup: Setup, some: object) -> object:
         if any(start == T0_US for start in some.active.at_us[:, 0]):  # type: ignore[attr-defined]
             raise ValueError("cannot be cut")
-        return cut(scene, plane, some)  # type: ignore[arg-type]
+        return cut(setup, some)  # type: ignore[arg-type]
 
     monkeypatch.setattr(covers, "area_pieces", fails)
     [conflict] = city.admit(square("x", 0.005, (0.5, 2.0))).conflicts

@@ -29,7 +29,7 @@ from conflictdb.advice.advise import (
 from conflictdb.advice.estimates import Trial
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.db import store
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.stages.pieces.covers import pieces_of
 
 TABLES = ("scene", "area", "track", "change", "piece", "conflict", "run")
@@ -136,7 +136,7 @@ def test_cost_counts_the_regions_that_a_detection_leaves_to_the_database(
         store.replace_scene(db.connection, Scene("sea"), areas, tracks, merge=False)
         advice = db.scene("sea").advise(sample=10_000)
         widest = Scene("sea", tolerance_m=max(TOLERANCES_M))
-        pieces = len(pieces_of(widest, plane_of(widest), AreaBatch.of(areas), TrackBatch.of(tracks)))
+        pieces = len(pieces_of(Setup.of(widest), AreaBatch.of(areas), TrackBatch.of(tracks)))
         assert advice.sampled_pairs == advice.pairs
         for method in (Method.SCREEN, Method.EXACT):
             without.clear()

@@ -11,7 +11,7 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
 from conflictdb.db.detect import detect
-from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import Setup
 from conflictdb.stages.pieces import covers
 from conflictdb.stages.pieces.cutting import track_pieces
 
@@ -71,10 +71,10 @@ def test_an_object_that_could_not_be_cut_is_mended_by_its_change(
     )
     scene = Scene("covered")
 
-    def fails(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
+    def fails(setup: Setup, tracks: TrackBatch) -> Pieces:
         if len(tracks):
             raise FloatingPointError("planted")
-        return track_pieces(scene, plane, tracks)
+        return track_pieces(setup, tracks)
 
     with monkeypatch.context() as planted:
         planted.setattr(covers, "track_pieces", fails)

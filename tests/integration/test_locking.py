@@ -17,7 +17,7 @@ from verdicts import Pair, Reported, by_pair, solved
 from conflictdb.cli.codes import FAILED
 from conflictdb.db import detect, store
 from conflictdb.db.store import connection, few, locking
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import LockTimeout, StoreError
 from conflictdb.model.plans import Area, Method, Scene, Track, rectangle_outline_m
 from conflictdb.stages.pieces.cutting import area_pieces
@@ -331,7 +331,7 @@ def test_detection_needs_a_connection_without_an_open_transaction(conn: Conn, sc
 def test_a_scene_waits_for_its_pieces_and_takes_them_along(conn: Conn, other: Conn, scene_id: int) -> None:
     """No foreign key checks every piece: the scene itself is kept while they are written, once."""
     begin(conn, scene_id)
-    pieces = area_pieces(SCENE, plane_of(SCENE), store.changed_areas(conn, scene_id))
+    pieces = area_pieces(Setup.of(SCENE), store.changed_areas(conn, scene_id))
     store.replace_pieces(conn, scene_id, [pieces])
     removal = "DELETE FROM conflictdb.scene WHERE scene_id = %s"
     other.execute("SET LOCAL lock_timeout = '200ms'")
@@ -350,7 +350,7 @@ def test_pieces_of_a_scene_that_was_removed_are_refused(conn: Conn, other: Conn,
     begin(conn, scene_id)
     other.execute("DELETE FROM conflictdb.scene WHERE scene_id = %s", [scene_id])
     other.commit()
-    pieces = area_pieces(SCENE, plane_of(SCENE), store.changed_areas(conn, scene_id))
+    pieces = area_pieces(Setup.of(SCENE), store.changed_areas(conn, scene_id))
     with pytest.raises(StoreError, match="SQLSTATE 40001"):
         store.replace_pieces(conn, scene_id, [pieces])
 

@@ -17,6 +17,7 @@ import conflictdb
 from conflictdb import InvalidInput, connect
 from conflictdb.db import difference_rows, import_computed, probes, schema, store
 from conflictdb.db.detect import detect
+from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.session.stored_scene import StoredScene
 from conflictdb.stages import pair_differences
@@ -405,7 +406,7 @@ def test_memory_bounds_the_batches(dsn: str, monkeypatch: pytest.MonkeyPatch) ->
                 db.connection.execute("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ")
                 number = store.scene_id(db.connection, scene.name)
                 store.cover_all(db.connection, number)
-                difference_rows.refresh_differences(db.connection, number, known.settings(), None, memory)
+                difference_rows.refresh_differences(db.connection, number, Setup.of(known.settings()), None, memory)
             assert rows(db.connection, scene.name) == expected
             assert max(count for count, _ in read) > 1
             assert len(read) > 10

@@ -21,7 +21,7 @@ from conflictdb.arrays.arrow.object_rows import to_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.db import store
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.formats import read
 from conflictdb.formats.computed import STATES, read_computed, settings_text
 from conflictdb.model.plans import Scene
@@ -60,14 +60,14 @@ def computed(objects: Path, directory: Path, scene: Scene) -> Path:
     (area_ids, track_ids), versions = (np.split(table[of].to_numpy(), [len(areas)]) for of in ("object_id", "version"))
     told = table.select(["kind", "object_id", "id"]).to_pylist()
     keys = {(row["kind"] == "track", row["object_id"]): row["id"] for row in told}
-    plane = plane_of(scene)
+    setup = Setup.of(scene)
     of_areas = replace(AreaBatch.of(areas), area_id=area_ids, version=versions[0])
     of_tracks = replace(TrackBatch.of(tracks), track_id=track_ids, version=versions[1])
     footprints = dict(zip(area_ids.tolist(), of_areas.footprint, strict=True))
-    source = Elsewhere(pieces_of(scene, plane, of_areas, of_tracks), footprints)
+    source = Elsewhere(pieces_of(setup, of_areas, of_tracks), footprints)
     directory.mkdir()
     pairs = 0
-    for k, (found, _) in enumerate(run_scene(scene, plane, source)):
+    for k, (found, _) in enumerate(run_scene(setup, source)):
         pairs += len(found)
         a, b = (
             [keys[bool(kind), number] for kind, number in zip(kinds.tolist(), ids.tolist(), strict=True)]

@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from conflictdb import InvalidInput, Scene, circle, connect
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.formats.discs import places_at
 from conflictdb.model.settings import EarthModel
 
@@ -17,7 +17,7 @@ Conn = psycopg.Connection[Any]
 
 
 def to_plane(scene: Scene) -> Callable[[Any], Any]:
-    plane = plane_of(scene)
+    plane = Setup.of(scene).plane
     return lambda xy: np.stack(plane.to_plane(*xy.T), axis=1)
 
 

@@ -15,7 +15,7 @@ from workloads import ARCTIC, GROWING_CIRCLES, OCEAN, throw
 from conflictdb.db import store
 from conflictdb.db.detect import detect
 from conflictdb.earth.gnomonic import Gnomonic
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Area, Motion, Scene, Track, rectangle_outline_m
 from conflictdb.stages.pieces.cutting import check_plane
@@ -160,7 +160,7 @@ def test_growing_havens_are_refused_where_python_refuses_them(conn: Conn) -> Non
         grown = ring * rng.uniform(0.5, 4.0)
         track = Track(f"T{k}", places, times, ring, outlines_m=np.array([ring, grown]))
         try:
-            check_plane(plane_of(scene), [], [track])
+            check_plane(Setup.of(scene).plane, [], [track])
         except InvalidInput:
             held.append(False)
         else:

@@ -18,7 +18,7 @@ from conflictdb.arrays.polygons import Polygons
 from conflictdb.db import store
 from conflictdb.db.detect import detect as detect_scene
 from conflictdb.db.store import write_rows
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.methods import REMOVED, Method
 from conflictdb.model.plans import INFINITY_US, Area, Scene, Track, rectangle_outline_m
 from conflictdb.stages.conflict_regions import Meetings
@@ -298,7 +298,7 @@ def refresh_rest(conn: Conn, scene_id: int) -> None:
     settings = store.read_settings(conn, scene_id)
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
     assert areas.floor_m.tolist() == [-np.inf, -np.inf]  # still the snapshot's
-    pieces = pieces_of(settings, plane_of(settings), areas, tracks)
+    pieces = pieces_of(Setup.of(settings), areas, tracks)
     store.replace_pieces(conn, scene_id, [pieces])
     conn.commit()
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Scene, Track
 from conflictdb.stages.pieces.cutting import track_pieces
@@ -12,9 +12,9 @@ from conflictdb.stages.pieces.cutting import track_pieces
 
 def haven_deg(scene: Scene, track: Track, us: int) -> np.ndarray:
     """Return the vertices (n, 2) at an instant within a leg: longitude (not wrapped) and latitude."""
-    plane = plane_of(scene)
-    pieces = track_pieces(scene, plane, TrackBatch.of([track]))
+    setup = Setup.of(scene)
+    pieces = track_pieces(setup, TrackBatch.of([track]))
     row = np.flatnonzero((pieces.start_us <= us) & (us < pieces.end_us) & (pieces.turn == 0))[:1]
-    haven = Movement.of(kernel.KernelScene(plane.kernel_plane, pieces), row, np.array([us]))
+    haven = Movement.of(kernel.KernelScene(setup.plane.kernel_plane, pieces), row, np.array([us]))
     x, y = haven.positions(np.zeros(1))[:, : haven.slots, 0]
-    return np.stack(plane.from_plane(x, y), axis=1)
+    return np.stack(setup.plane.from_plane(x, y), axis=1)

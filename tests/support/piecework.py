@@ -10,7 +10,7 @@ import shapely
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.db import store
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.stages.pieces.covers import pieces_of
 
@@ -51,7 +51,7 @@ def refresh(conn: Conn, scene_id: int) -> Pieces:
     store.begin_snapshot(conn)
     settings = store.read_settings(conn, scene_id)
     areas, tracks = store.changed_areas(conn, scene_id), store.changed_tracks(conn, scene_id)
-    pieces = pieces_of(settings, plane_of(settings), areas, tracks)
+    pieces = pieces_of(Setup.of(settings), areas, tracks)
     store.replace_pieces(conn, scene_id, [pieces])
     conn.commit()
     return pieces

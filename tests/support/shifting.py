@@ -10,7 +10,7 @@ import shapely
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.results import Delays
 from conflictdb.stages import run
@@ -92,13 +92,13 @@ def meets_when_changed(
 ) -> list[set[str]]:
     """For each changed copy of a track the keys of all that it is in conflict with, also grazing or unresolved."""
     scene = centred(scene, areas, tracks)
-    plane = plane_of(scene)
+    setup = Setup.of(scene)
     rest = [track for track in tracks if track.key != key]
     copies = [
         one if one.key == _copy(n) else replace(one, key=_copy(n), max_speed_kn=np.inf) for n, one in enumerate(changed)
     ]
     batch = AreaBatch.of(areas)
-    pieces = pieces_of(scene, plane, batch, TrackBatch.of(rest + copies))
+    pieces = pieces_of(setup, batch, TrackBatch.of(rest + copies))
     is_copy = (pieces.kind == 1) & (pieces.object_id >= len(rest))
     hulls = hulls_of(pieces)
     mine, others = np.flatnonzero(is_copy), np.flatnonzero(~is_copy)
@@ -115,7 +115,7 @@ def meets_when_changed(
     order = np.lexsort((b[keep], a[keep]))
     pairs = intersections(pieces, PieceRows(a[keep][order]), PieceRows(b[keep][order]), regions=False)
     with patch.object(run, "with_closest_approaches", lambda *given: given[4]):  # they decide nothing
-        conflicts, _ = run.run_stages(scene, plane, pieces, pairs, lambda ids: batch.footprint[ids])
+        conflicts, _ = run.run_stages(setup, pieces, pairs, lambda ids: batch.footprint[ids])
     found: list[set[str]] = [set() for _ in copies]
     for row in np.flatnonzero(conflicts.verdict < 3).tolist():
         of = areas if conflicts.a_kind[row] == 0 else rest

@@ -37,7 +37,7 @@ import pytest
 from conflictdb.arrays.arrow.found import of_found
 from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import EngineMissing
 from conflictdb.in_memory.questions import _InMemory
 from conflictdb.model.plans import Area, Scene, Track
@@ -81,10 +81,10 @@ def answer_of_one_machine(scene: Scene, areas: Sequence[Area], tracks: Sequence[
     scene = centred(scene, areas, tracks)
     areas, tracks = (sorted(some, key=lambda one: one.key.encode()) for some in (areas, tracks))
     batches = AreaBatch.of(areas), TrackBatch.of(tracks)
-    source = _InMemory(pieces_of(scene, plane_of(scene), *batches), *batches, scene.time_separation_us)
+    source = _InMemory(pieces_of(Setup.of(scene), *batches), *batches, scene.time_separation_us)
     keys = {Kind.AREA.code: [one.key for one in areas], Kind.TRACK.code: [one.key for one in tracks]}
     parts = []
-    for found, _ in run_scene(scene, plane_of(scene), source):
+    for found, _ in run_scene(Setup.of(scene), source):
         pairs = ((found.a_kind, found.a_id), (found.b_kind, found.b_id))
         named = [[keys[kind][i] for kind, i in zip(*pair, strict=True)] for pair in pairs]
         parts.append(of_found(scene, found, found.where(np.arange(len(found))), *named))

@@ -13,8 +13,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.arrays.ragged import offsets
-from conflictdb.earth.plane import Plane
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel import KernelScene
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.stages.funnel import Funnel
@@ -42,8 +41,7 @@ class Staged:
     footprint : (n,) of the areas
     """
 
-    scene: Scene
-    plane: Plane
+    setup: Setup
     pieces: Pieces
     pairs: Pairs
     prepared: KernelScene
@@ -51,10 +49,10 @@ class Staged:
 
     @classmethod
     def of(cls, scene: Scene, areas: Sequence[Area], tracks: Sequence[Track], *, regions: bool = False) -> "Staged":
-        plane, batch = plane_of(scene), AreaBatch.of(areas)
-        pieces = pieces_of(scene, plane, batch, TrackBatch.of(tracks))
+        setup, batch = Setup.of(scene), AreaBatch.of(areas)
+        pieces = pieces_of(setup, batch, TrackBatch.of(tracks))
         pairs = intersections(pieces, *candidates(pieces), regions=regions)
-        return cls(scene, plane, pieces, pairs, KernelScene(plane.kernel_plane, pieces), batch.footprint)
+        return cls(setup, pieces, pairs, KernelScene(setup.plane.kernel_plane, pieces), batch.footprint)
 
     def spans(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return when the shared span of each pair begins, microseconds, and its length, seconds."""
@@ -64,8 +62,8 @@ class Staged:
     def contacts(self) -> tuple[Contacts, Effort]:
         """Return the contacts of all pairs during their shared spans."""
         whole = np.zeros(len(self.pairs)), self.spans()[1]
-        return contacts(self.scene, self.plane, self.prepared, self.pairs, *whole)
+        return contacts(self.setup, self.prepared, self.pairs, *whole)
 
     def run(self, **how: Any) -> tuple[Conflicts, Funnel]:
         """Return the conflicts, by stages 3 and 4."""
-        return run_stages(self.scene, self.plane, self.pieces, self.pairs, lambda ids: self.footprint[ids], **how)
+        return run_stages(self.setup, self.pieces, self.pairs, lambda ids: self.footprint[ids], **how)

@@ -5,7 +5,7 @@ import shapely
 from scenes import T0_US
 from workloads import changing
 
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import Area, EarthModel, Scene, Track, rectangle_outline_m
 from conflictdb.stages.pieces.cutting import check_plane
@@ -50,7 +50,7 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 def _is_held(scene: Scene, areas: list[Area], tracks: list[Track]) -> bool:
     try:
-        check_plane(plane_of(scene), areas, tracks)
+        check_plane(Setup.of(scene).plane, areas, tracks)
     except InvalidInput:
         return False
     return True

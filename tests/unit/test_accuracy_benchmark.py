@@ -10,7 +10,7 @@ from verdicts import Reported, periods_us
 from workloads import LOW_LATITUDE
 
 from conflictdb import Scene, Verdict, solve
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import EarthModel, Method
 from conflictdb.model.results import Kind
 from conflictdb.stages.run import run_stages
@@ -68,7 +68,7 @@ def test_batch_of_scenes_gives_the_answers_of_each(earth: EarthModel) -> None:
     """The answers of scenes timed in one batch are those of `solve` on each scene."""
     scenes = Scenes.of(LOW_LATITUDE, earth, scenes=3, objects=5)
     batch = replace(scenes.scene, method=Method.SCREEN, tolerance_m=10.0)
-    answer = by_name(run_stages(batch, plane_of(batch), *scenes.batch(10.0), scenes.footprints)[0])
+    answer = by_name(run_stages(Setup.of(batch), *scenes.batch(10.0), scenes.footprints)[0])
     expected = {}
     for k, (areas, tracks) in enumerate(scenes.thrown):
         for one in solve(tracks, areas, batch):

@@ -10,7 +10,7 @@ from workloads import ARCTIC, GROWING_CIRCLES, OCEAN, Workload, throw
 
 from conflictdb import solve
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import Area, Motion, Scene, Track
 from conflictdb.model.results import Verdict
 
@@ -48,7 +48,7 @@ def test_a_point_is_closest_to_the_foot_of_its_perpendicular_on_the_earth(half_d
     assert apart_m(found.closest_a_deg, found.closest_b_deg) == pytest.approx(distance, rel=1e-6, abs=5e-8)
     assert np.linalg.norm(oracle_circle.space(np.array(found.closest_a_deg)) - foot) * RADIUS_M < 1e-3 * distance + 1e-7
     # The nearest place in the plane is another one.
-    plane = plane_of(FAR)
+    plane = Setup.of(FAR).plane
     flat = np.stack(plane.to_plane(*np.array([(55.0 + half_deg, 0.0), (55.0, half_deg), point]).T), axis=1)
     line, at = shapely.LineString(flat[:2]), shapely.Point(flat[2])
     beside = line.interpolate(line.project(at))

@@ -13,7 +13,7 @@ from workloads import GROWING, HARBOUR, HIGH_LATITUDE, LONG_LEGS, LOW_LATITUDE, 
 
 from conflictdb import Area, Scene, Track, Verdict, rectangle_outline_m, solve
 from conflictdb.arrays.objects import TrackBatch
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import EarthModel
 from conflictdb.stages import whole_areas
 from conflictdb.stages.object_pairs import company_of
@@ -53,12 +53,12 @@ def test_a_wide_haven_that_bends_near_the_poles_makes_a_bounded_number_of_pieces
     """Every leg of it comes near a pole: without a bound for all of them together there were tens of thousands."""
     there = [(lon, 88.4 if k % 2 else -88.4) for k, lon in enumerate(np.mod(np.arange(30) * 170.0, 360.0) - 180.0)]
     wide = track("wide", there, 40_000.0)
-    pieces = track_pieces(Scene("s"), plane_of(Scene("s")), TrackBatch.of([wide]))
+    pieces = track_pieces(Setup.of(Scene("s")), TrackBatch.of([wide]))
     assert len(pieces) > MAX_SLICES  # it bends
     own = np.count_nonzero(pieces.turn == 0)
     assert own <= 29 * MAX_SLICES + MAX_SLICES_FOR_DEVIATION
     # In a batch it is cut as it is alone.
-    both = track_pieces(Scene("s"), plane_of(Scene("s")), TrackBatch.of([wide, track("other", there[:3], 40_000.0)]))
+    both = track_pieces(Setup.of(Scene("s")), TrackBatch.of([wide, track("other", there[:3], 40_000.0)]))
     assert np.count_nonzero(both.object_id == both.object_id[0]) == len(pieces)
 
 

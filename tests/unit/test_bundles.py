@@ -10,7 +10,7 @@ from workloads import HARBOUR, LONG_LEGS, LOW_LATITUDE, SEAM, Workload, throw
 from conflictdb import Area, Scene, Track, rectangle_outline_m
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Bundles, Pieces
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.bundles import boxes_of, bundled_pairs
 from conflictdb.stages.object_pairs import object_numbers
 from conflictdb.stages.pieces.bundling import bundles_of
@@ -22,7 +22,7 @@ MINUTE_US = 60_000_000
 
 
 def made(scene: Scene, areas: list[Area], tracks: list[Track]) -> Pieces:
-    return pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
+    return pieces_of(Setup.of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
 
 
 def names(pieces: Pieces) -> list[tuple[int, ...]]:

@@ -214,14 +214,14 @@ def test_an_uncertain_speed_and_departure_equal_a_quadrature() -> None:
 def test_differences_at_any_speeds_are_those_of_plans_at_these(workload: Workload) -> None:
     """What is proven in contact at some speeds is forbidden by a computation with these, and the other way round."""
     scene, _, tracks = throw(workload, 3, 0, 8, tolerance_m=1.0, separation_m=200.0)
-    scene, plane, pieces, keys, numbers, tracks = numbered("chances", tracks, [], scene)
+    setup, pieces, keys, numbers, tracks = numbered("chances", tracks, [], scene)
     limits = (0.5, 2.0)
     paces = {
         number: Pace(int(one.times_us[0]), float(np.ptp(one.times_us)) / 1e6, (-1e6, 1e6), limits)
         for number, one in zip(numbers.tolist(), tracks, strict=True)
     }
     of_number, rng, compared = dict(zip(numbers.tolist(), tracks, strict=True)), np.random.default_rng(0), 0
-    for (a, b), meeting in meetings_of(scene, plane, AnyTime.of(pieces), paces).items():
+    for (a, b), meeting in meetings_of(setup, AnyTime.of(pieces), paces).items():
         factors = rng.uniform(*limits, (2, 1, 1))
         low, high = (
             np.concatenate(some) for some in zip(meeting.inner(*factors), meeting.outer(*factors), strict=True)

@@ -16,7 +16,7 @@ from conflictdb import InvalidInput, kernel, solve
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.kernel_scene import PieceState
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Motion, Scene
@@ -28,7 +28,7 @@ SCENE = Scene("s", Motion.GREAT_CIRCLE, centre=(20.0, 40.0))
 
 
 def shapes_at(pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray, scene: Scene = SCENE) -> Movement:
-    return Movement.of(kernel.KernelScene(plane_of(scene).kernel_plane, pieces), rows, zero_us)
+    return Movement.of(kernel.KernelScene(Setup.of(scene).plane.kernel_plane, pieces), rows, zero_us)
 
 
 def test_vertices_agree_with_the_oracle() -> None:
@@ -36,7 +36,7 @@ def test_vertices_agree_with_the_oracle() -> None:
     for seed in (21, 22):
         scene, _, tracks = throw(GROWING_CIRCLES, seed, 0, 8)
         for track in tracks:
-            pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
+            pieces = track_pieces(Setup.of(scene), TrackBatch.of([track]))
             for phase in oracle_circle.phases(oracle_circle.Chart.at(*scene.centre), track):
                 row = np.flatnonzero(pieces.leg_start_us == phase.start_us)[:1]
                 seconds = np.linspace(0.0, (phase.end_us - phase.start_us) / 1e6, 7)
@@ -79,7 +79,7 @@ def test_bounds_are_near_what_they_bound(
     """
     end = (start[0] + way[0], start[1] + way[1])
     track = replace(scenes.track("T", [start, end], [0, LASTS_S], *sizes), grow_mps=mps)
-    pieces = track_pieces(SCENE, plane_of(SCENE), TrackBatch.of([track]))
+    pieces = track_pieces(Setup.of(SCENE), TrackBatch.of([track]))
     one = shapes_at(pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
     ratios, at, bounds = tightness(one)
     for ratio, limit in zip(ratios, limits, strict=True):
@@ -93,14 +93,12 @@ def test_corners_may_dent_alike_whether_they_grow_or_shrink_and_however_they_are
     rng = np.random.default_rng(1)
     corners = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     start, end = (np.concatenate(corners * rng.uniform(0.02, 0.25, (200, 1, 2))) for _ in range(2))
-    leg = track_pieces(
-        SCENE, plane_of(SCENE), TrackBatch.of([scenes.track("T", [(20, 40), (21, 40)], [0, LASTS_S], *SMALL)])
-    )
+    leg = track_pieces(Setup.of(SCENE), TrackBatch.of([scenes.track("T", [(20, 40), (21, 40)], [0, LASTS_S], *SMALL)]))
     legs = leg.take(np.zeros(200, np.int64))
 
     def may_dent(first: np.ndarray, last: np.ndarray) -> np.ndarray:
         pieces = replace(legs, shape_xy=first * RADIUS_M, shape_to_xy=last * RADIUS_M)
-        states = kernel.KernelScene(plane_of(SCENE).kernel_plane, pieces).states()
+        states = kernel.KernelScene(Setup.of(SCENE).plane.kernel_plane, pieces).states()
         assert (states != PieceState.INVALID).all()
         return states == PieceState.NONCONVEX
 
@@ -126,10 +124,10 @@ def test_a_point_that_grows_reaches_a_wall_when_it_says() -> None:
 def test_a_haven_that_outgrows_the_plane_is_refused() -> None:
     """And the message names the field that causes it."""
     track = scenes.track("T", [(20, -18), (20, -18)], [0, 10 * HOUR_S], 1000.0, 1000.0, 1000.0, 1000.0)
-    check_plane(plane_of(SCENE), [], [track])
+    check_plane(Setup.of(SCENE).plane, [], [track])
     for other, field in (
         (replace(track, grow_mps=10.0), "grow_mps"),
         (replace(track, outlines_m=np.array([track.outline_m, 300.0 * track.outline_m])), "outlines_m"),
     ):
         with pytest.raises(InvalidInput, match=f"'T': {field}: the haven reaches beyond 60 degrees"):
-            check_plane(plane_of(SCENE), [], [other])
+            check_plane(Setup.of(SCENE).plane, [], [other])

@@ -16,7 +16,7 @@ from workloads import HARBOUR, LOW_LATITUDE, OCEAN, SEAM, Workload, throw
 from conflictdb import delays, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.packed import packed, unpacked
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import read_scene, scene_text
 from conflictdb.model.plans import Area, Intervals, Method, Scene, Track, rectangle_outline_m
@@ -224,7 +224,7 @@ def test_near_pairs_are_near_while_their_heights_overlap() -> None:
 
 def test_packed_pieces_keep_their_climb() -> None:
     scene = Scene("s")
-    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of([]), TrackBatch.of([climbing()]))
+    pieces = pieces_of(Setup.of(scene), AreaBatch.of([]), TrackBatch.of([climbing()]))
     words, offset = packed(pieces)
     assert np.array_equal(unpacked(words, offset[:-1]).climb_m, pieces.climb_m)
     assert pieces.climbs().all()

@@ -53,7 +53,7 @@ class Given:
 
     def __init__(self, scene: Scene, areas: list[Any], tracks: list[Any], near: bool = False) -> None:
         staged = Staged.of(scene, areas, tracks)
-        self.scene, self.plane, self.pieces, self.held = scene, staged.plane, staged.pieces, staged.prepared
+        self.scene, self.plane, self.pieces, self.held = scene, staged.setup.plane, staged.pieces, staged.prepared
         if near:
             a, b = staged.pairs.a, staged.pairs.b
         else:

@@ -8,7 +8,7 @@ from workloads import GROWING_CIRCLES, LOW_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import Area, Scene, Track
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.stages.coordination import contact_set
 from conflictdb.stages.object_pairs import object_numbers
 from conflictdb.stages.pieces.covers import pieces_of
@@ -21,9 +21,9 @@ def sets_of(
 ) -> tuple[shapely.Geometry, shapely.Geometry]:
     areas, tracks = ([other], [track]) if isinstance(other, Area) else ([], [track, other])
     scene = centred(scene, areas, tracks)
-    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
+    pieces = pieces_of(Setup.of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
     number = int(object_numbers(pieces)[np.flatnonzero((pieces.kind == 1) & (pieces.object_id == 0))[0]])
-    return contact_set(scene, plane_of(scene), pieces, number, HORIZON_US, int(track.times_us[0]), slices)
+    return contact_set(Setup.of(scene), pieces, number, HORIZON_US, int(track.times_us[0]), slices)
 
 
 def diagonal(track: Track, delay_s: float) -> shapely.LineString:

@@ -8,7 +8,7 @@ from workloads import GROWING, GROWING_CIRCLES, HARBOUR, HIGH_LATITUDE, LOW_LATI
 
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel import KernelPlane, KernelScene, Work
 from conflictdb.kernel.differences import DifferenceState, Shifts, differences
 from conflictdb.stages.pieces.covers import pieces_of
@@ -20,11 +20,11 @@ WORKLOADS = [HIGH_LATITUDE, GROWING, OCEAN, GROWING_CIRCLES, HARBOUR]
 def batch(workload: Workload) -> tuple[KernelPlane, Pieces, tuple[np.ndarray, np.ndarray]]:
     """A plane, pieces, and pairs of them that might meet."""
     scene, areas, tracks = throw(workload, 1, 10, 10)
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+    setup = Setup.of(scene)
+    pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
     a, b = candidates(pieces)
     moving = (pieces.kind[a] == 1) | (pieces.kind[b] == 1)
-    return plane.kernel_plane, pieces, (a[moving], b[moving])
+    return setup.plane.kernel_plane, pieces, (a[moving], b[moving])
 
 
 def shifts_of(pieces: Pieces, a: np.ndarray, b: np.ndarray) -> Shifts:
@@ -171,13 +171,13 @@ def test_ends_are_sharp_where_a_corner_passes_a_long_side_or_a_corner(reach_m: f
     """The half of a distance is smaller within a long side than at its ends; and contact sets are round at corners."""
     workload = LOW_LATITUDE if projection == "mercator" else replace(OCEAN, around_haven=(20.0, 40.0))
     scene, areas, tracks = throw(workload, 0, 20, 30)
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+    setup = Setup.of(scene)
+    pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
     a, b = candidates(pieces)
     moving = (pieces.kind[a] == 1) | (pieces.kind[b] == 1)
     a, b = a[moving], b[moving]
     work = Work()
-    found = differences(KernelScene(plane.kernel_plane, pieces), shifts_of(pieces, a, b), reach_m, work)
+    found = differences(KernelScene(setup.plane.kernel_plane, pieces), shifts_of(pieces, a, b), reach_m, work)
     inside = found[found["state"] == DifferenceState.INNER]
     errors_s = np.concatenate([inside["inner_low"] - inside["outer_low"], inside["outer_high"] - inside["inner_high"]])
     assert len(inside) > 50

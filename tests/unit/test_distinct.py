@@ -9,7 +9,7 @@ from workloads import ARCTIC, HARBOUR, LOW_LATITUDE, OCEAN, SEAM, Workload, thro
 from conflictdb.arrays.distinct import distinct, is_in
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.kernel.library import address
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.cutting import check_plane
@@ -40,12 +40,12 @@ def test_pieces_of_checked_plans_are_those_of_plans(workload: Workload) -> None:
     for seed in range(4):
         scene, areas, tracks = throw(workload, seed, 6, 8)
         scene = centred(scene, areas, tracks)
-        plane = plane_of(scene)
-        flat, once = check_plane(plane, areas, tracks)
+        setup = Setup.of(scene)
+        flat, once = check_plane(setup.plane, areas, tracks)
         assert once is not None
         assert once.legs is not None
-        known = pieces_of(scene, plane, AreaBatch.of(areas, flat), once.departing(tracks))
-        plain = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
+        known = pieces_of(setup, AreaBatch.of(areas, flat), once.departing(tracks))
+        plain = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
         for column in fields(Pieces):
             one, other = (getattr(pieces, column.name) for pieces in (known, plain))
             assert one.dtype == other.dtype, column.name

@@ -157,7 +157,7 @@ def test_a_scene_at_the_date_line_is_one_piece(sign: float) -> None:
     scene, areas, tracks = Scene("s"), [Area("SEAM", cut)], [east, west]
     found = solve(tracks, areas, scene)
     sketch = Sketch(scene, areas, tracks)
-    turn_m = sketch.plane.turn_m
+    turn_m = sketch.setup.plane.turn_m
     box = shapely.total_bounds([sketch.outline(0), *(shapely.LineString(sketch.way(n)) for n in (1, 2))])
     assert (box[2] - box[0]) / turn_m * 360.0 == pytest.approx(7.0)
     for number in (1, 2):

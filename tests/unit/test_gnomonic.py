@@ -13,6 +13,7 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import TrackBatch
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.earth.gnomonic import Gnomonic
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Motion, Scene
 from conflictdb.stages.pieces.cutting import track_pieces
@@ -26,7 +27,7 @@ Place = tuple[float, float]
 
 def haven(plane: Gnomonic, start: Place, end: Place, outline_m: np.ndarray, origin: np.ndarray) -> Movement:
     """A haven on a leg of `LEG_S`; it heads north where it does not move."""
-    leg = track_pieces(Scene("s", Motion.GREAT_CIRCLE), Gnomonic(0.0, 0.0), TrackBatch.of([LEG]))
+    leg = track_pieces(Setup.of(Scene("s", Motion.GREAT_CIRCLE)), TrackBatch.of([LEG]))
     there = {"leg_start_deg": np.array([start]), "leg_end_deg": np.array([end]), "bearing_deg": np.zeros(1)}
     pieces = replace(
         leg, **there, shape_xy=outline_m, shape_to_xy=outline_m, shape_offset=np.array([0, len(outline_m)])

@@ -16,7 +16,7 @@ from conflictdb.advice.advise import advise
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.geodesy import MEAN_RADIUS_M as RADIUS_M
 from conflictdb.earth.geodesy import great_circle_distance
-from conflictdb.earth.registry import centred, middle_deg, plane_of, summed_directions
+from conflictdb.earth.registry import Setup, centred, middle_deg, summed_directions
 from conflictdb.formats.scene_file import read_scene, scene_text
 from conflictdb.kernel.movement import Movement
 from conflictdb.stages.pieces.cutting import area_pieces, check_plane, planar, track_pieces
@@ -150,13 +150,13 @@ CENTRED = Scene("s", Motion.GREAT_CIRCLE, centre=(0.0, 0.0))
 def test_what_the_plane_cannot_hold_is_named(areas: list[Area], tracks: list[Track], match: str) -> None:
     """With the limit, the centre and a remedy."""
     with pytest.raises(InvalidInput, match=match) as refused:
-        check_plane(plane_of(CENTRED), areas, tracks)
+        check_plane(Setup.of(CENTRED).plane, areas, tracks)
     assert "(0, 0)" in str(refused.value)
     assert "give the scene a 'centre'" in str(refused.value)
 
 
 def test_exactly_at_the_limit_is_held() -> None:
-    check_plane(plane_of(CENTRED), [box("A", -59.99, 0, -59, 0.5)], [sail("T", (0, 0), (60, 0), size_m=0.0)])
+    check_plane(Setup.of(CENTRED).plane, [box("A", -59.99, 0, -59, 0.5)], [sail("T", (0, 0), (60, 0), size_m=0.0)])
 
 
 def test_edges_that_cross_on_the_earth_are_refused() -> None:
@@ -164,7 +164,7 @@ def test_edges_that_cross_on_the_earth_are_refused() -> None:
     footprint = shapely.MultiPolygon([shapely.Polygon([(-50, 50), (50, 50), (50, 60), (0, 55), (-50, 60)])])
     scene = Scene("s", Motion.GREAT_CIRCLE, centre=(0.0, 50.0))
     with pytest.raises(InvalidInput, match="crosses itself when its edges are great circles"):
-        check_plane(plane_of(scene), [Area("A", footprint)], [])
+        check_plane(Setup.of(scene).plane, [Area("A", footprint)], [])
 
 
 def test_what_is_cut_at_the_seam_or_runs_along_a_pole_is_whole() -> None:
@@ -174,14 +174,14 @@ def test_what_is_cut_at_the_seam_or_runs_along_a_pole_is_whole() -> None:
     scene = Scene("s", Motion.GREAT_CIRCLE, centre=(150.0, 80.0))
     given = [shapely.MultiPolygon([pole]), seam, shapely.MultiPolygon([whole])]
     areas = [Area(f"A{i}", footprint) for i, footprint in enumerate(given)]
-    check_plane(plane_of(scene), areas, [])
-    flat = planar(plane_of(scene), np.array(given, dtype=object))
+    check_plane(Setup.of(scene).plane, areas, [])
+    flat = planar(Setup.of(scene).plane, np.array(given, dtype=object))
     assert shapely.is_valid(flat).all()
     assert [len(shapely.get_parts(one)) for one in flat] == [1, 1, 1]
-    x, y = plane_of(scene).to_plane(np.array([-90, 0, 90, 180]), np.array([75, 80, 75, 80]))
+    x, y = Setup.of(scene).plane.to_plane(np.array([-90, 0, 90, 180]), np.array([75, 80, 75, 80]))
     for one, other in ((flat[0], shapely.Polygon(np.stack([x, y], axis=1))), (flat[1], flat[2])):
         assert shapely.symmetric_difference(one, other).area < 1e-9 * one.area
-    pieces = area_pieces(scene, plane_of(scene), AreaBatch.of(areas))
+    pieces = area_pieces(Setup.of(scene), AreaBatch.of(areas))
     assert np.bincount(pieces.object_id).tolist() == [1, 2, 2]  # the northern side of a box runs south of its ends
     assert (pieces.turn == 0).all()
 
@@ -211,8 +211,8 @@ def test_area_without_an_end_around_the_pole_meets_what_passes_over_it() -> None
 def test_loiters_at_a_pole_keep_their_heading_on_whatever_meridian_they_are_written() -> None:
     scene = Scene("s", Motion.GREAT_CIRCLE, centre=(0.0, 90.0))
     track = sail("T", (20, 80), (20, 90), (75, 90), (-100, 90), (-100, 85))
-    legs = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
-    prepared = kernel.KernelScene(plane_of(scene).kernel_plane, legs)
+    legs = track_pieces(Setup.of(scene), TrackBatch.of([track]))
+    prepared = kernel.KernelScene(Setup.of(scene).plane.kernel_plane, legs)
     tips = []
     for instant_us in (T0_US + HOUR_US - 1, T0_US + HOUR_US, T0_US + 2 * HOUR_US, T0_US + 3 * HOUR_US - 1):
         row = np.flatnonzero((legs.start_us <= instant_us) & (instant_us < legs.end_us))[:1]

@@ -16,7 +16,7 @@ from conflictdb import InvalidInput, kernel, solve
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import EarthModel, Scene, Track
 from conflictdb.stages.pieces.cutting import area_pieces, check_plane, track_pieces
@@ -25,7 +25,7 @@ ROUNDING_M = 2e-8  # plane coordinates reach 4e7 m
 
 
 def shapes_at(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray) -> Movement:
-    return Movement.of(kernel.KernelScene(plane_of(scene).kernel_plane, pieces), rows, zero_us)
+    return Movement.of(kernel.KernelScene(Setup.of(scene).plane.kernel_plane, pieces), rows, zero_us)
 
 
 def whole_legs(pieces: Pieces) -> Pieces:
@@ -35,7 +35,7 @@ def whole_legs(pieces: Pieces) -> Pieces:
 
 def leg_shapes(scene: Scene, track: Track) -> tuple[Pieces, Movement]:
     """The one leg of a track, time counted from its start."""
-    pieces = whole_legs(track_pieces(scene, plane_of(scene), TrackBatch.of([track])))
+    pieces = whole_legs(track_pieces(Setup.of(scene), TrackBatch.of([track])))
     return pieces, shapes_at(scene, pieces, np.zeros(1, np.int64), pieces.leg_start_us[:1])
 
 
@@ -46,7 +46,7 @@ def test_vertices_agree_with_the_oracle(earth: EarthModel) -> None:
     globe, figure = oracle.Globe.of(earth), earth_of(earth)
     turn_m = 2 * np.pi * figure.radius_m
     for track in tracks:
-        pieces = whole_legs(track_pieces(scene, plane_of(scene), TrackBatch.of([track])))
+        pieces = whole_legs(track_pieces(Setup.of(scene), TrackBatch.of([track])))
         for phase in oracle.phases(globe, track, 0.0):
             row = np.flatnonzero(pieces.leg_start_us == phase.start_us)[:1]
             seconds = np.linspace(0.0, (phase.end_us - phase.start_us) / 1e6, 7)
@@ -115,8 +115,8 @@ def test_no_growth_is_no_change_in_any_company() -> None:
     scene = Scene("s")
     rigid = scenes.track("R", [(0, 50), (3, 60)], [0, LASTS_S], 9000.0, 3000.0, 500.0, 4000.0)
     grows = replace(rigid, key="G", grow_mps=1.0)
-    alone = track_pieces(scene, plane_of(scene), TrackBatch.of([rigid]))
-    both = track_pieces(scene, plane_of(scene), TrackBatch.of([rigid, grows]))
+    alone = track_pieces(Setup.of(scene), TrackBatch.of([rigid]))
+    both = track_pieces(Setup.of(scene), TrackBatch.of([rigid, grows]))
     mine = both.take(np.flatnonzero(both.object_id == 0))
     assert both.changes
     for name in ("hull_xy", "shape_xy", "shape_to_xy", "start_us", "end_us"):
@@ -134,7 +134,7 @@ def test_no_growth_is_no_change_in_any_company() -> None:
 def test_growth_needs_no_more_slices(mps: float, sizes: tuple[float, ...]) -> None:
     """However small the haven begins, and however slowly it grows."""
     steady = scenes.track("T", [(0, 60), (4, 63)], [0, LASTS_S], *sizes)
-    pieces = track_pieces(Scene("s"), plane_of(Scene("s")), TrackBatch.of([replace(steady, grow_mps=mps)]))
+    pieces = track_pieces(Setup.of(Scene("s")), TrackBatch.of([replace(steady, grow_mps=mps)]))
     assert len(pieces) <= 32
 
 
@@ -147,9 +147,9 @@ def test_growth_beyond_the_plane_is_refused() -> None:
         (replace(still, outlines_m=late), "outlines_m"),
     ):
         with pytest.raises(InvalidInput, match=r"track 'far'.*89\.5 degrees of latitude") as refused:
-            check_plane(plane_of(Scene("s")), [], [track])
+            check_plane(Setup.of(Scene("s")).plane, [], [track])
         assert refused.value.field == field
-    check_plane(plane_of(Scene("s")), [], [replace(still, grow_mps=40.0)])
+    check_plane(Setup.of(Scene("s")).plane, [], [replace(still, grow_mps=40.0)])
 
 
 @pytest.mark.parametrize("earth", EarthModel)
@@ -240,9 +240,9 @@ def test_polygons_without_any_edge_have_no_depth() -> None:
     """Four vertices in one place, as a haven has before it grows, do not overlap."""
     scene = Scene("s", earth=EarthModel.SPHERE)
     boxes = AreaBatch.of([scenes.area(key, shapely.box(0, 0, 1, 1)) for key in ("A", "B")])
-    pieces = area_pieces(scene, plane_of(scene), boxes)
+    pieces = area_pieces(Setup.of(scene), boxes)
     pieces = replace(pieces, shape_xy=np.repeat([[0.0, 0.0], [10.0, 0.0]], 4, axis=0))
     zero = np.zeros(1)
     pair = kernel.Questions(np.array([0]), np.array([1]), zero.astype(np.int64), zero, zero + 100.0, zero + np.inf)
-    prepared = kernel.KernelScene(plane_of(scene).kernel_plane, pieces)
+    prepared = kernel.KernelScene(Setup.of(scene).plane.kernel_plane, pieces)
     assert len(kernel.contacts(prepared, pair, 0.0, 1.0, kernel.Work())) == 0

@@ -16,7 +16,7 @@ import conflictdb
 from conflictdb import kernel
 from conflictdb.arrays.isolation import isolated
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import KernelMissing
 from conflictdb.model.plans import Area, Method, Motion, Scene, Track, rectangle_outline_m
 from conflictdb.model.results import Verdict
@@ -90,7 +90,7 @@ def test_an_object_that_cannot_be_cut_is_unresolved_with_all_it_could_meet(
     """With every object that shares its time; every other pair stays the same."""
     expected = answer(scene)
     ids = "area_id" if which == "area_pieces" else "track_id"
-    planted = failing_for(getattr(covers, which), lambda scene, plane, batch: number in getattr(batch, ids))
+    planted = failing_for(getattr(covers, which), lambda setup, batch: number in getattr(batch, ids))
     monkeypatch.setattr(covers, which, planted)
     found = answer(scene)
     with_it = {pair for pair in found if key in pair}
@@ -108,8 +108,8 @@ def test_an_object_whose_pieces_are_no_numbers_is_unresolved(bad: float, monkeyp
     """NaN would meet nothing, silently."""
     cut = covers.track_pieces
 
-    def spoilt(scene: Scene, plane: Any, batch: Any) -> Any:
-        pieces = cut(scene, plane, batch)
+    def spoilt(setup: Setup, batch: Any) -> Any:
+        pieces = cut(setup, batch)
         pieces.hull_xy[np.repeat(pieces.object_id, np.diff(pieces.hull_offset)) == 1, 0] = bad
         return pieces
 
@@ -128,7 +128,7 @@ def test_a_stored_corner_without_a_place_is_no_smaller_area(motion: Motion, corn
     areas = AreaBatch.of([Area("a", ring), Area("b", ring)])
     with np.errstate(invalid="ignore"):
         areas.footprint[1] = shapely.MultiPolygon([shapely.Polygon([*ring, corner])])
-    pieces = covers.pieces_of(scene, plane_of(scene), areas, TrackBatch.of([]))
+    pieces = covers.pieces_of(Setup.of(scene), areas, TrackBatch.of([]))
     has_place = motion is Motion.RHUMB and np.isfinite(corner).all()
     assert pieces.part[pieces.object_id == 0].tolist() == [0]
     assert (covers.COVER in pieces.part[pieces.object_id == 1]) != has_place
@@ -167,7 +167,7 @@ def test_an_approach_that_cannot_be_found_is_told(monkeypatch: pytest.MonkeyPatc
 
     def lost(prepared: kernel.KernelScene, *given: Any) -> Any:
         none = replace(prepared.pieces, shape_xy=np.nan * prepared.pieces.shape_xy)
-        return approaches(kernel.KernelScene(plane_of(scene).kernel_plane, none), *given)
+        return approaches(kernel.KernelScene(Setup.of(scene).plane.kernel_plane, none), *given)
 
     monkeypatch.setattr(closest_approaches, "approaches", lost)
     found = answer(scene)

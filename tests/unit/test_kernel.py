@@ -21,7 +21,7 @@ from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput, KernelMissing
 from conflictdb.kernel import KernelPlane, KernelScene, Questions, Work, build, contacts
 from conflictdb.kernel.approach import closest
@@ -46,7 +46,7 @@ def batch(workload: Workload, seeds: int = 1, count: int = 10) -> tuple[KernelPl
     start, span_s = staged.spans()
     moving = np.flatnonzero((pieces.kind[pairs.a] == 1) | (pieces.kind[pairs.b] == 1))
     columns = pairs.a, pairs.b, start, np.zeros(len(pairs)), span_s
-    return staged.plane.kernel_plane, pieces, tuple(column[moving] for column in columns)
+    return staged.setup.plane.kernel_plane, pieces, tuple(column[moving] for column in columns)
 
 
 def found_of(
@@ -418,15 +418,15 @@ def test_distances_of_a_pair_take_a_bounded_share_of_work() -> None:
     square = rectangle_outline_m(1.0, 1.0, 1.0, 1.0)
     way = Track("T", np.array([(10.0, 60.0), (12.0, 60.0)]), np.array([0, 3_600_000_000]), square)
     areas = AreaBatch.of([Area("A", shapely.MultiPolygon([shapely.box(0.0, 0.0, 90.0, 5.0)]))])
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, areas, TrackBatch.of([way]))
+    setup = Setup.of(scene)
+    pieces = pieces_of(setup, areas, TrackBatch.of([way]))
     north = (pieces.kind == Kind.TRACK.code)[:, None] * [0.0, 30.0 - np.degrees(10.0 / MEAN_RADIUS_M)]
     near_pole = replace(pieces, leg_start_deg=pieces.leg_start_deg + north, leg_end_deg=pieces.leg_end_deg + north)
     wanted_m = MEAN_RADIUS_M * np.radians(85.0) - 10.0
     a, b = np.array([0]), np.array([1])
     start, end = pieces.shared_span(a, b)
     times = (start, np.zeros(1), (end - start) / 1e6)
-    prepared, work = KernelScene(plane.kernel_plane, near_pole), Work()
+    prepared, work = KernelScene(setup.plane.kernel_plane, near_pole), Work()
     questions = Questions(a, b, *times, np.array([np.inf]), np.array([1000]))
     found = contacts(prepared, questions, wanted_m, 1e-3, work)
     assert found.verdict.tolist() == [UNRESOLVED]

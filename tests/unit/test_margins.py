@@ -7,6 +7,7 @@ import pytest
 from workloads import GROWING_CIRCLES, HARBOUR, LOW_LATITUDE, SEAM, Workload, throw
 
 from conflictdb import Area, InvalidInput, Scene, Track, Verdict, delays, solve
+from conflictdb.earth.registry import Setup
 from conflictdb.stages import margins
 from conflictdb.stages.pieces import covers
 
@@ -72,10 +73,10 @@ def test_a_distance_that_is_unknown_is_no_margin(monkeypatch: pytest.MonkeyPatch
     """If a wide hull cannot be made, its track is covered: the margin is 0, without an error bound."""
     made = covers.track_pieces
 
-    def fail(scene: Scene, *rest: object) -> object:
-        if scene.nearest_m > 0.0:
+    def fail(setup: Setup, *rest: object) -> object:
+        if setup.scene.nearest_m > 0.0:
             raise ValueError("cannot be cut")
-        return made(scene, *rest)  # type: ignore[arg-type]
+        return made(setup, *rest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(covers, "track_pieces", fail)
     [found, _] = delays([track("a", 0.0), track("b", 1.0)], [], Scene("s"), clear_within_m=1000.0)

@@ -12,13 +12,13 @@ from conflictdb import kernel
 from conflictdb.arrays import Floats
 from conflictdb.arrays.pieces import PieceRows
 from conflictdb.earth.plane import Plane
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.meeting import distances, meetings
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import EarthModel, Motion, Scene
 
 ALPS = Scene("s", Motion.GREAT_CIRCLE, centre=(10.0, 46.0))
-PLANES = [plane_of(Scene("s")), plane_of(Scene("s", earth=EarthModel.SPHERE)), plane_of(ALPS)]
+PLANES = [Setup.of(Scene("s")).plane, Setup.of(Scene("s", earth=EarthModel.SPHERE)).plane, Setup.of(ALPS).plane]
 planes = pytest.mark.parametrize("plane", PLANES, ids=["wgs84", "sphere", "great circles"])
 # Away from the origin of the planes, where coordinates have digits to lose; the seam's neighbourhood is tested below.
 MIDDLE = np.array([9.0e5, 4.0e5])
@@ -104,7 +104,7 @@ def test_what_meets_in_motion_meets_in_both(workload: Workload) -> None:
     """Pairs at instants at which they touch: the place is in both of the polygons, for any number of pairs."""
     scene, areas, tracks = throw(workload, 3, 24, 24)
     staged = Staged.of(scene, areas, tracks)
-    plane, pieces, held = staged.plane, staged.pieces, staged.prepared
+    plane, pieces, held = staged.setup.plane, staged.pieces, staged.prepared
     every = np.arange(len(pieces))
     a, b = (one.ravel() for one in np.meshgrid(every, every))
     start, end = pieces.shared_span(PieceRows(a), PieceRows(b))

@@ -13,7 +13,7 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.model.methods import METHODS, Method, MethodSpec, Solver
 from conflictdb.model.plans import EarthModel, Scene
@@ -58,15 +58,15 @@ def test_an_unknown_method_is_refused(method: object) -> None:
 
 def test_a_method_that_stops_before_stage_4_is_not_solved_by_another() -> None:
     scene = Scene("s", earth=EarthModel.SPHERE, method=Method.SCREEN)
-    still = area_pieces(scene, plane_of(scene), AreaBatch.of([scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))]))
-    moving = track_pieces(scene, plane_of(scene), TrackBatch.of([scenes.track("T", [(0, 0), (1, 0)], [0, 3600])]))
+    still = area_pieces(Setup.of(scene), AreaBatch.of([scenes.area("A", shapely.box(0.5, -0.1, 0.6, 0.1))]))
+    moving = track_pieces(Setup.of(scene), TrackBatch.of([scenes.track("T", [(0, 0), (1, 0)], [0, 3600])]))
     pieces = Pieces.concatenate([still, moving])
     first, second = np.zeros(1, np.int64), np.full(1, len(still))
     pair = Pairs(first, second, np.empty((0, 2)), np.zeros(2, np.int64))
-    prepared = kernel.KernelScene(plane_of(scene).kernel_plane, pieces)
+    prepared = kernel.KernelScene(Setup.of(scene).plane.kernel_plane, pieces)
     with pytest.raises(ValueError, match="method screen stops before stage 4"):
-        contacts(scene, plane_of(scene), prepared, pair, np.zeros(1), np.full(1, 3600.0))
-    contacts(replace(scene, method=Method.EXACT), plane_of(scene), prepared, pair, np.zeros(1), np.full(1, 3600.0))
+        contacts(Setup.of(scene), prepared, pair, np.zeros(1), np.full(1, 3600.0))
+    contacts(Setup.of(replace(scene, method=Method.EXACT)), prepared, pair, np.zeros(1), np.full(1, 3600.0))
 
 
 def test_a_solver_is_not_guessed() -> None:

@@ -14,7 +14,7 @@ from conflictdb.arrays.objects import TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.earth.mercator import Mercator
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import EarthModel, Scene, Track
 from conflictdb.stages.pieces.cutting import track_pieces
@@ -24,12 +24,12 @@ SAMPLES = 65
 
 
 def havens(scene: Scene, pieces: Pieces, rows: np.ndarray, zero_us: np.ndarray) -> Movement:
-    return Movement.of(kernel.KernelScene(plane_of(scene).kernel_plane, pieces), rows, zero_us)
+    return Movement.of(kernel.KernelScene(Setup.of(scene).plane.kernel_plane, pieces), rows, zero_us)
 
 
 def legs_as_shapes(scene: Scene, track: Track) -> tuple[Pieces, Movement]:
     """One row per leg of a track, time counted from the leg's start."""
-    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
+    pieces = track_pieces(Setup.of(scene), TrackBatch.of([track]))
     # Shapes exist for the time of their slices: here those are the whole legs.
     pieces = replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
     _, first = np.unique(pieces.leg_start_us, return_index=True)
@@ -73,7 +73,7 @@ def test_vertices_of_slices_agree_with_the_oracle(earth: EarthModel, end: float,
     """All the way from the equator towards a pole: the nearer it is, the more terms their power series need."""
     scene = Scene("s", earth=earth)
     track = scenes.track("T", [(0.0, 0.0), (20.0, end)], [0, 36000], size_m, size_m, size_m, size_m)
-    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
+    pieces = track_pieces(Setup.of(scene), TrackBatch.of([track]))
     for row in range(0, len(pieces), 5):
         shapes = havens(scene, pieces, np.full(3, row), np.full(3, pieces.start_us[row]))
         seconds = np.linspace(0.0, float(pieces.end_us[row] - pieces.start_us[row]) / 1e6, 3)
@@ -110,7 +110,7 @@ def test_legs_from_near_one_pole_to_near_the_other_lose_no_digits(earth: EarthMo
     for lat in np.linspace(88.0, 89.0, 21):
         track = scenes.track("T", [(-179.0, -lat), (0.9, lat)], [0, 36000], 0.5, 0.5, 0.5, 0.5)
         track = replace(track, outline_m=np.zeros((1, 2)))
-        pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track])).take(np.array([0]))
+        pieces = track_pieces(Setup.of(scene), TrackBatch.of([track])).take(np.array([0]))
         pieces = replace(pieces, start_us=pieces.leg_start_us, end_us=pieces.leg_end_us)
         x, y = havens(scene, pieces, np.zeros(1, np.int64), pieces.leg_start_us).positions(np.array([18000.0]))[:, 0, 0]
         off.append(np.hypot(x - figure.radius_m * np.radians(-89.05), y))

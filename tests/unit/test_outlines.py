@@ -12,7 +12,7 @@ from oracle_motion import grown, outlines
 from workloads import GROWING, throw
 
 from conflictdb.arrays.objects import TrackBatch
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.model.outlines import mitred, stays_convex
 from conflictdb.model.plans import Scene, Track, rectangle_outline_m
@@ -72,7 +72,7 @@ def test_outlines_of_a_batch_are_those_of_each_track() -> None:
     scene, _, tracks = throw(GROWING, 5, 0, 40)
     assert sum(t.grow_mps > 0 for t in tracks) > 5
     assert sum(t.outlines_m is not None for t in tracks) > 5
-    legs = _legs(plane_of(scene), TrackBatch.of(tracks))
+    legs = _legs(Setup.of(scene).plane, TrackBatch.of(tracks))
     leg = 0
     for track in tracks:
         wanted = outlines(track)
@@ -91,7 +91,7 @@ def test_nothing_that_changes_shares_its_memory() -> None:
     _, _, tracks = throw(GROWING, 5, 0, 40)
     steady = [replace(t, grow_mps=0.0, outlines_m=None) for t in tracks]
     steady[3] = replace(steady[3], outlines_m=np.array([steady[3].outline_m] * len(steady[3].times_us)))
-    legs = _legs(plane_of(Scene("s")), TrackBatch.of(steady))
+    legs = _legs(Setup.of(Scene("s")).plane, TrackBatch.of(steady))
     assert legs.outline_to_m is legs.outline_m
 
 
@@ -207,6 +207,6 @@ def test_steady_scenes_know_nothing_of_growth() -> None:
 
 
 def scenes_of(scene: Scene, track: Track) -> list[np.ndarray]:
-    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
+    pieces = track_pieces(Setup.of(scene), TrackBatch.of([track]))
     assert not pieces.changes
     return [pieces.hull_xy, pieces.shape_xy, pieces.start_us]

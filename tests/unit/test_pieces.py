@@ -15,7 +15,7 @@ from workloads import WORKLOADS, Workload, throw
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import earth_of
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, EarthModel, Motion, Scene, Track
 from conflictdb.stages.pieces.cutting import MAX_SLICES, area_pieces, check_plane, track_pieces
@@ -39,7 +39,7 @@ def true_phases(scene: Scene, thing: Area | Track) -> list[Any]:
 
 def assert_holds_the_motion(scene: Scene, track: Track, samples: int = 33) -> Pieces:
     """Every vertex of the true motion, sampled, lies in the hull of the slice, with half the tolerance to spare."""
-    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
+    pieces = track_pieces(Setup.of(scene), TrackBatch.of([track]))
     turn_m = 2 * np.pi * earth_of(scene.earth).radius_m
     phases = {phase.start_us: phase for phase in true_phases(scene, track)}
     for k in range(len(pieces)):
@@ -93,7 +93,7 @@ def test_hulls_hold_any_leg(
     scene = Scene("s", earth=earth, tolerance_m=0.0)
     track = scenes.track("T", [(lon1, lat1), (lon2, lat2)], [0, 1e6], *sizes)
     try:
-        check_plane(plane_of(scene), [], [track])
+        check_plane(Setup.of(scene).plane, [], [track])
     except InvalidInput:
         return  # reaches over the pole
     assert_holds_the_motion(scene, track)
@@ -105,14 +105,14 @@ def test_hulls_hold_any_leg(
 def test_a_leg_has_as_many_slices_as_the_root_of_its_length(havens: float, slices: int) -> None:
     """Thirty-two havens long are one slice; the haven here is 200 m across, with the tolerance of a metre."""
     track = scenes.track("T", [(0.0, 0.0), (havens * 201.0 / 111_319.49, 0.0)], [0, 1e5], 100.0, 100.0, 0.0, 0.0)
-    assert len(track_pieces(Scene("s"), plane_of(Scene("s")), TrackBatch.of([track]))) == slices
+    assert len(track_pieces(Setup.of(Scene("s")), TrackBatch.of([track]))) == slices
     wide = Scene("s", separation_m=2e6)
-    assert len(track_pieces(wide, plane_of(wide), TrackBatch.of([track]))) == 1
+    assert len(track_pieces(Setup.of(wide), TrackBatch.of([track]))) == 1
 
 
 def test_slices_follow_each_other_without_a_gap() -> None:
     scene, _, tracks = throw(WORKLOADS[0], 32, 0, 10)
-    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of(tracks))
+    pieces = track_pieces(Setup.of(scene), TrackBatch.of(tracks))
     for number, track in enumerate(tracks):
         own = np.flatnonzero((pieces.turn == 0) & (pieces.object_id == number))
         order = own[np.argsort(pieces.start_us[own], kind="stable")]
@@ -128,7 +128,7 @@ def test_a_loiter_before_the_last_leg_has_its_heading() -> None:
     """Also in a batch of its own; a track that never moves heads north."""
     waits = scenes.track("T", [(0, 0), (0, 0), (1, 0)], [0, 100, 200], 4e4, 0.0, 0.0, 0.0)
     stays = scenes.track("U", [(0, 0), (0, 0)], [0, 100], 4e4, 0.0, 0.0, 0.0)
-    east, north = (track_pieces(Scene("s"), plane_of(Scene("s")), TrackBatch.of([track])) for track in (waits, stays))
+    east, north = (track_pieces(Setup.of(Scene("s")), TrackBatch.of([track])) for track in (waits, stays))
     for pieces, (width, height) in ((east, (4e4, 0.0)), (north, (0.0, 4e4))):
         west, south, right, top = hull(pieces, 0).bounds
         assert (right - west, top - south) == pytest.approx((width, height), rel=0.01, abs=10.0)
@@ -136,7 +136,7 @@ def test_a_loiter_before_the_last_leg_has_its_heading() -> None:
 
 def test_a_leg_of_three_microseconds_has_no_empty_slices() -> None:
     track = scenes.track("T", [(0, 0), (9, 9)], [0, 3e-6], 1.0, 1.0, 1.0, 1.0)
-    pieces = track_pieces(Scene("s"), plane_of(Scene("s")), TrackBatch.of([track]))
+    pieces = track_pieces(Setup.of(Scene("s")), TrackBatch.of([track]))
     assert (pieces.end_us > pieces.start_us).all()
 
 
@@ -153,7 +153,7 @@ def ring_is_convex_and_left_handed(ring: np.ndarray) -> bool:
 def test_parts_make_up_the_area(workload: Workload, earth: EarthModel) -> None:
     """Convex, counter-clockwise, not overlapping, and together the area: no more, no less."""
     scene, areas, _ = throw(workload, 33, 12, 0, earth)
-    pieces = area_pieces(scene, plane_of(scene), AreaBatch.of(areas))
+    pieces = area_pieces(Setup.of(scene), AreaBatch.of(areas))
     for i, area in enumerate(areas):
         own = np.flatnonzero((pieces.object_id == i) & (pieces.turn == 0))
         rings = [shape(pieces, k) for k in own]
@@ -184,7 +184,7 @@ def test_convex_areas_are_one_piece_and_others_few() -> None:
         scenes.area("L", shapely.Polygon([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)])),
         scenes.area("star", shapely.Polygon(star)),
     ]
-    pieces = area_pieces(Scene("s"), plane_of(Scene("s")), AreaBatch.of(areas))
+    pieces = area_pieces(Setup.of(Scene("s")), AreaBatch.of(areas))
     counts = np.bincount(pieces.object_id)
     # A circle in degrees is convex in the Mercator plane too; an L is two pieces, three at most.
     assert counts[:3].tolist() == [1, 1, 1]
@@ -204,7 +204,7 @@ def test_copies_across_the_seam() -> None:
         scenes.area("at", shapely.box(170, 0, 180, 1)),
         scenes.area("world", shapely.box(-180, 0, 180, 1)),
     ]
-    pieces = area_pieces(scene, plane_of(scene), AreaBatch.of(areas))
+    pieces = area_pieces(Setup.of(scene), AreaBatch.of(areas))
     turns = {area.key: sorted(pieces.turn[pieces.object_id == i].tolist()) for i, area in enumerate(areas)}
     assert turns["inside"] == [0]
     assert turns["across"] == [-1, 0]
@@ -216,7 +216,7 @@ def test_copies_across_the_seam() -> None:
         west, _, _, _ = hull(pieces, k).bounds
         assert -half <= west + 2 * half * -int(pieces.turn[k]) < half
     tracks = [scenes.track("E", [(179, 0), (-179, 0)], [0, 100]), scenes.track("on", [(180, 0), (180, 5)], [0, 100])]
-    moving = track_pieces(scene, plane_of(scene), TrackBatch.of(tracks))
+    moving = track_pieces(Setup.of(scene), TrackBatch.of(tracks))
     for i in range(2):
         assert {0, -1} == set(moving.turn[moving.object_id == i].tolist())
 
@@ -228,7 +228,7 @@ def test_copies_across_the_seam() -> None:
 def test_what_the_plane_cannot_hold_is_refused(lat: float, sizes: tuple[float, ...], field: str) -> None:
     track = scenes.track("far north", [(0, 80 * np.sign(lat)), (0, lat)], [0, 100], *sizes)
     with pytest.raises(InvalidInput, match="89") as refusal:
-        check_plane(plane_of(Scene("s")), [], [track])
+        check_plane(Setup.of(Scene("s")).plane, [], [track])
     assert "far north" in refusal.value.key
     assert refusal.value.field == field
 
@@ -236,7 +236,7 @@ def test_what_the_plane_cannot_hold_is_refused(lat: float, sizes: tuple[float, .
 def test_areas_over_a_pole_are_refused_by_name() -> None:
     cap = scenes.area("cap", shapely.box(-180, 85, 180, 90))
     with pytest.raises(InvalidInput, match=r"89 degrees.*great_circle") as refusal:
-        check_plane(plane_of(Scene("s")), [cap], [])
+        check_plane(Setup.of(Scene("s")).plane, [cap], [])
     assert refusal.value.key == "area 'cap'"
 
 
@@ -252,12 +252,12 @@ def test_a_leg_that_is_too_short_to_be_cut_is_padded_by_no_more_than_its_haven_n
     track = Track(
         "T", np.array([(-34.0, -89.0), (0.0, 89.0)]), times_us, outline_m, grow_mps=grow_mps, max_speed_kn=np.inf
     )
-    check_plane(plane_of(scene), [], [track])
-    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
+    check_plane(Setup.of(scene).plane, [], [track])
+    pieces = track_pieces(Setup.of(scene), TrackBatch.of([track]))
     assert len(pieces) <= 20  # that of the leg, and copies for the turns that a haven of 1,000 km makes near a pole
 
 
 def test_nothing_makes_no_pieces() -> None:
     scene = Scene("s")
-    assert len(area_pieces(scene, plane_of(scene), AreaBatch.of([]))) == 0
-    assert len(track_pieces(scene, plane_of(scene), TrackBatch.of([]))) == 0
+    assert len(area_pieces(Setup.of(scene), AreaBatch.of([]))) == 0
+    assert len(track_pieces(Setup.of(scene), TrackBatch.of([]))) == 0

@@ -14,7 +14,7 @@ from workloads import LOW_LATITUDE, throw
 from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.library import SHARE
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import EarthModel, Scene
@@ -52,7 +52,7 @@ class Chunked:
 
 def source(chunks: int) -> PairSource:
     batch = AreaBatch.of(AREAS)
-    return Chunked(pieces_of(SCENE, plane_of(SCENE), batch, TrackBatch.of(TRACKS)), batch.footprint, chunks)
+    return Chunked(pieces_of(Setup.of(SCENE), batch, TrackBatch.of(TRACKS)), batch.footprint, chunks)
 
 
 def rows(conflicts: Conflicts) -> set[str]:
@@ -70,7 +70,7 @@ def rows(conflicts: Conflicts) -> set[str]:
 def run(scene: Scene, source: PairSource, **how: Any) -> tuple[Conflicts, Funnel]:
     """The conflicts of all chunks."""
     parts, summed = [], Funnel()
-    for found, funnel in run_scene(scene, plane_of(scene), source, **how):
+    for found, funnel in run_scene(Setup.of(scene), source, **how):
         parts.append(found)
         summed.add(funnel)
     return Conflicts.concatenate(parts), summed
@@ -127,7 +127,7 @@ def test_stage_3_is_reported_for_the_pairs_that_it_decides(method: Method, separ
     # Ahead of T all the time, where T comes later.
     tracks.append(scenes.track("V", [(0.1, 0), (1.1, 0)], [0, 3600]))
     batch = AreaBatch.of(areas)
-    pieces = Chunked(pieces_of(scene, plane_of(scene), batch, TrackBatch.of(tracks)), batch.footprint, 1)
+    pieces = Chunked(pieces_of(Setup.of(scene), batch, TrackBatch.of(tracks)), batch.footprint, 1)
     _, funnel = run(scene, pieces)
     exact, moving = funnel.effort.exact, funnel.intersecting_pairs
     if method is Method.EXACT and separation_m == 0.0:
@@ -146,7 +146,7 @@ def test_who_solves_the_pairs_does_not_matter() -> None:
     """One thread, or three that share them."""
     scene, areas, tracks = throw(LOW_LATITUDE, 3, 140, 140)
     batch = AreaBatch.of(areas)
-    pieces = Chunked(pieces_of(scene, plane_of(scene), batch, TrackBatch.of(tracks)), batch.footprint, 1)
+    pieces = Chunked(pieces_of(Setup.of(scene), batch, TrackBatch.of(tracks)), batch.footprint, 1)
     alone, funnel = run(scene, pieces)
     assert funnel.solved_pairs > 2 * SHARE
     shared, effort = run(scene, pieces, jobs=3)

@@ -14,7 +14,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.gnomonic import Gnomonic
 from conflictdb.earth.plane import Plane, padding_m
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import EarthModel, Scene
 from conflictdb.model.results import Kind
@@ -31,9 +31,9 @@ def cut(
     workload: Workload, seed: int, separation_m: float, earth: EarthModel = EarthModel.WGS84
 ) -> tuple[Scene, Plane, Pieces]:
     scene, areas, tracks = throw(workload, seed, 10, 10, earth, separation_m=separation_m)
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of(tracks))
-    return scene, plane, pieces.take(np.flatnonzero(pieces.turn == 0))
+    setup = Setup.of(scene)
+    pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
+    return scene, setup.plane, pieces.take(np.flatnonzero(pieces.turn == 0))
 
 
 def swept(plane: Plane, pieces: Pieces, k: int, reach_m: float) -> tuple[np.ndarray, float, float]:
@@ -80,7 +80,7 @@ def test_hulls_are_those_of_the_motion(workload: Workload, separation_m: float, 
         assert_is_grown(hulls.xy[hulls.offset[k] : hulls.offset[k + 1]], xy, pad)
 
 
-KERNEL_PLANE = plane_of(Scene("s", earth=EarthModel.SPHERE)).kernel_plane
+KERNEL_PLANE = Setup.of(Scene("s", earth=EarthModel.SPHERE)).plane.kernel_plane
 NUMBERS = st.sampled_from([0.0, 1.0, -1.0, 2.0, 1e-9, 1e3, -1e3, 12345.678, -1e7])
 
 
@@ -88,7 +88,7 @@ NUMBERS = st.sampled_from([0.0, 1.0, -1.0, 2.0, 1e-9, 1e3, -1e3, 12345.678, -1e7
 @given(st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=9), st.sampled_from([0.0, 1.0, 1e4]))
 def test_hulls_of_any_points(points: list[tuple[float, float]], reach_m: float) -> None:
     """Also of one point, of a repeated point, of lines along the axes and not, and of nonconvex polygons."""
-    pieces, plane = still(points), plane_of(Scene("s", earth=EarthModel.SPHERE))
+    pieces, plane = still(points), Setup.of(Scene("s", earth=EarthModel.SPHERE)).plane
     hulls = kernel.hulls(KERNEL_PLANE, pieces, reach_m)
     xy, pad, _ = swept(plane, pieces, 0, reach_m)
     assert_is_grown(hulls.xy, xy, pad)
@@ -189,7 +189,7 @@ def test_a_haven_that_reaches_away_from_the_pole_has_a_hull() -> None:
     """Although it would reach past the pole if it went the other way."""
     scene = Scene("s")
     track = scenes.track("T", [(0.0, 82.0), (0.0, 0.0)], [0, 1e6], 900e3, 0.0, 0.0, 0.0)
-    pieces = track_pieces(scene, plane_of(scene), TrackBatch.of([track]))
+    pieces = track_pieces(Setup.of(scene), TrackBatch.of([track]))
     assert (np.diff(pieces.hull_offset) > 0).all()
 
 

@@ -30,7 +30,7 @@ from conflictdb.arrays.arrow.object_rows import of_objects
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.packed import WORD, begins_in, packed, unpacked
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import settings_of as settings_as_json
 from conflictdb.in_memory.questions import solve
@@ -420,7 +420,7 @@ def test_packed_pieces_are_the_same_pieces() -> None:
     """Every field comes back, with its type; and shapes that do not change are one array."""
     for scene, areas, tracks in OBJECTS:
         scene = centred(scene, areas, tracks)
-        made = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
+        made = pieces_of(Setup.of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
         words, offset = packed(made)
         again = unpacked(words, offset[:-1])
         # Where each piece begins, in runs of one, two, three pieces.

@@ -9,7 +9,7 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import Area, EarthModel, Scene, Track
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.published.stage3_projection import windows
@@ -17,7 +17,7 @@ from conflictdb.stages.published.stage3_projection import windows
 
 def met(scene: Scene, areas: list[Area], tracks: list[Track]) -> tuple[Pieces, Pairs]:
     """Pieces, and the pairs of different objects whose hulls and spans meet, with their regions."""
-    pieces = pieces_of(scene, plane_of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
+    pieces = pieces_of(Setup.of(scene), AreaBatch.of(areas), TrackBatch.of(tracks))
     hulls = [
         shapely.Polygon(pieces.hull_xy[start:end])
         for start, end in zip(pieces.hull_offset[:-1], pieces.hull_offset[1:], strict=True)
@@ -36,8 +36,8 @@ def met(scene: Scene, areas: list[Area], tracks: list[Track]) -> tuple[Pieces, P
 
 
 def windows_of(scene: Scene, pieces: Pieces, pairs: Pairs) -> tuple[np.ndarray, np.ndarray]:
-    plane = plane_of(scene)
-    return windows(scene, plane, kernel.KernelScene(plane.kernel_plane, pieces), pairs)
+    setup = Setup.of(scene)
+    return windows(setup, kernel.KernelScene(setup.plane.kernel_plane, pieces), pairs)
 
 
 def union_s(pieces: Pieces, pairs: Pairs, first: np.ndarray, last: np.ndarray) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import Area, EarthModel, Method, Scene, Track
 from conflictdb.model.results import Verdict
 from conflictdb.stages.pieces.cutting import area_pieces, track_pieces
@@ -28,13 +28,13 @@ PROGRAMS = pytest.mark.parametrize("program", [linear_program, nonlinear_program
 
 def leg(area: Area, track: Track, separation_m: float = 0.0) -> Encounters:
     """An area and the first leg of a track, seconds from its start."""
-    plane = plane_of(SCENE)
-    still, moving = area_pieces(SCENE, plane, AreaBatch.of([area])), track_pieces(SCENE, plane, TrackBatch.of([track]))
+    setup = Setup.of(SCENE)
+    still, moving = area_pieces(setup, AreaBatch.of([area])), track_pieces(setup, TrackBatch.of([track]))
     pieces = Pieces.concatenate([still, moving])
     row, none = np.zeros(1, np.int64), np.zeros(2, np.int64)
     pairs = Pairs(row, row + len(still), np.empty((0, 2)), none)
     return Encounters.of(
-        plane, separation_m, kernel.KernelScene(plane.kernel_plane, pieces), pairs, row, track.times_us[:1]
+        setup.plane, separation_m, kernel.KernelScene(setup.plane.kernel_plane, pieces), pairs, row, track.times_us[:1]
     )
 
 

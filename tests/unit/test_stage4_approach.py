@@ -19,7 +19,7 @@ from conflictdb import Conflict, solve
 from conflictdb.earth.geodesy import earth_of
 from conflictdb.earth.gnomonic import Gnomonic
 from conflictdb.earth.mercator import Mercator
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import Area, EarthModel, Motion, Scene, Track
 from conflictdb.model.results import Verdict
 
@@ -221,7 +221,7 @@ def test_large_polygons_far_apart_are_known_to_a_millimetre(motion: str, earth: 
     assert found.closest_m is not None
     assert found.closest_m > 50e3
     assert found.closest_error_m is not None
-    assert found.closest_error_m <= 1e-3 + float(plane_of(scene).distance_error_m(found.closest_m)) + 1e-6
+    assert found.closest_error_m <= 1e-3 + float(Setup.of(scene).plane.distance_error_m(found.closest_m)) + 1e-6
 
     if centre is not None:
         chart = oracle_circle.Chart.at(*centre)

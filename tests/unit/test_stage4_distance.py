@@ -17,7 +17,7 @@ from conflictdb import kernel
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import Pieces
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.meeting import distances
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import EarthModel, Motion, Scene
@@ -25,14 +25,14 @@ from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.stage4.constants import TOUCH_M
 
 SCENE = Scene("sphere", earth=EarthModel.SPHERE)
-SPHERE = plane_of(SCENE)
+SPHERE = Setup.of(SCENE).plane
 # On the equator, where the plane has the scale of the earth to 2e-8 of a length for some kilometres.
 MIDDLE = np.array([1e7, 0.0])
 
 
 def apart_m(pieces: Pieces, a: int = 0, b: int = 1, at_s: float = 0.0, scene: Scene = SCENE) -> float:
     """Distance of two pieces, at a time in seconds after the start of the second one's leg."""
-    held = kernel.KernelScene(plane_of(scene).kernel_plane, pieces)
+    held = kernel.KernelScene(Setup.of(scene).plane.kernel_plane, pieces)
     return float(distances(held, np.array([a]), np.array([b]), pieces.leg_start_us[[b]], np.array([at_s]))[0])
 
 
@@ -165,7 +165,7 @@ def test_sides_that_dent_count_as_their_hull(motion: Motion, lat: float) -> None
     So it is as far from a small area as the haven of the hull's vertices is.
     """
     scene = replace(SCENE, motion=motion, centre=(0.0, lat) if motion == "great_circle" else None)
-    plane, size, dented = plane_of(scene), 200e3, 0
+    setup, size, dented = Setup.of(scene), 200e3, 0
     corners = [(size, size), (size, -size), (-size, -size), (-size, size)]
     ring = [
         (x, y)
@@ -178,9 +178,9 @@ def test_sides_that_dent_count_as_their_hull(motion: Motion, lat: float) -> None
             turn = lon_apart / np.cos(np.radians(lat))
             place = shapely.box(turn - 0.01, lat + lat_apart - 0.01, turn + 0.01, lat + lat_apart + 0.01)
             haven = replace(scenes.track("T", course, [0, 3600], 1.0, 1.0, 1.0, 1.0), outline_m=np.array(ring))
-            pieces = pieces_of(scene, plane, AreaBatch.of([scenes.area("A", place)]), TrackBatch.of([haven]))
+            pieces = pieces_of(setup, AreaBatch.of([scenes.area("A", place)]), TrackBatch.of([haven]))
             own = pieces.take(np.array([0, len(pieces) - 1]))
-            held = kernel.KernelScene(plane.kernel_plane, own)
+            held = kernel.KernelScene(setup.plane.kernel_plane, own)
             vertices = Movement.of(held, np.array([1]), own.leg_start_us[[1]]).positions(np.zeros(1))[:, :, 0].T
             hull = shapely.get_coordinates(shapely.orient_polygons(shapely.MultiPoint(vertices).convex_hull))[:-1]
             small = own.shape_xy[: own.shape_offset[1]]

@@ -168,7 +168,7 @@ def test_a_window_of_one_instant_is_looked_at() -> None:
     gone_s = (scenes.T0_US + int(0.55 * 3600e6) - start) / 1e6
     row = np.flatnonzero((gone_s >= 0.0) & (gone_s <= span_s))[:1]
     at_s = gone_s[row]
-    found, _ = contacts(scene, staged.plane, staged.prepared, staged.pairs.take(row), at_s, at_s)
+    found, _ = contacts(staged.setup, staged.prepared, staged.pairs.take(row), at_s, at_s)
     assert found.verdict.tolist() == [CONFLICT]
     assert found.start_s == found.end_s == at_s
 

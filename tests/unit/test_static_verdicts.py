@@ -5,7 +5,7 @@ import scenes
 import shapely
 from staged import Staged
 
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.model.plans import EarthModel, Scene
 from conflictdb.stages.stage4.constants import TOUCH_M
 from conflictdb.stages.stage4.contact_search import CONFLICT, GRAZING, UNRESOLVED, static_verdicts
@@ -23,7 +23,7 @@ def verdict_of(apart_m: float, scene: Scene) -> int:
     staged = Staged.of(scene, areas, [])
     if not len(staged.pairs):
         return APART
-    ((found,), _) = static_verdicts(scene, staged.plane, staged.prepared, staged.pairs)
+    ((found,), _) = static_verdicts(staged.setup, staged.prepared, staged.pairs)
     return int(found)
 
 
@@ -44,7 +44,7 @@ def test_verdicts_on_either_side_of_each_limit(earth: EarthModel, separation_m: 
 def test_what_is_not_known_to_the_tolerance_is_not_called() -> None:
     """3,000 km away, distances are known to some metres: a pair that is nearer than that to a limit is unresolved."""
     scene = Scene("s", earth=EarthModel.WGS84, separation_m=3e6, tolerance_m=0.01)
-    error_m = float(plane_of(scene).distance_error_m(scene.separation_m))
+    error_m = float(Setup.of(scene).plane.distance_error_m(scene.separation_m))
     assert error_m > 0.1
     for further_m, verdict in (
         (error_m + 1.0, APART),

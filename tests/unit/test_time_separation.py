@@ -28,7 +28,7 @@ from conflictdb import (
 )
 from conflictdb.advice.advise import advise
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.in_memory.questions import _InMemory
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.cutting import track_pieces
@@ -325,11 +325,10 @@ def test_regions_contain_all_places_that_are_shared(workload: Workload) -> None:
 
 def regions_of(scene: Scene, tracks: list[Track], areas: list[Area]) -> list[tuple[shapely.Geometry, np.ndarray]]:
     """The region and the first contact of each conflict."""
-    scene = centred(scene, areas, tracks)
-    plane, batches = plane_of(scene), (AreaBatch.of(areas), TrackBatch.of(tracks))
-    source = _InMemory(pieces_of(scene, plane, *batches), *batches, scene.time_separation_us)
+    setup, batches = Setup.of(centred(scene, areas, tracks)), (AreaBatch.of(areas), TrackBatch.of(tracks))
+    source = _InMemory(pieces_of(setup, *batches), *batches, scene.time_separation_us)
     found = []
-    for conflicts, _ in run_scene(scene, plane, source):
+    for conflicts, _ in run_scene(setup, source):
         regions = conflicts.where(np.arange(len(conflicts))).geometries()
         found += list(zip(regions, conflicts.first_contact_deg, strict=True))
     return found
@@ -338,10 +337,10 @@ def regions_of(scene: Scene, tracks: list[Track], areas: list[Area]) -> list[tup
 def test_an_object_that_cannot_be_cut_is_unresolved_with_what_comes_within_that_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def cut(scene: Scene, plane: Any, batch: TrackBatch) -> Any:
+    def cut(setup: Setup, batch: TrackBatch) -> Any:
         if (batch.track_id == 1).any():
             raise ValueError("no")
-        return track_pieces(scene, plane, batch)
+        return track_pieces(setup, batch)
 
     monkeypatch.setattr("conflictdb.stages.pieces.covers.track_pieces", cut)
     gone = later(NORTH, 2 * HALF_S + 600.0)

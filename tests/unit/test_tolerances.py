@@ -16,7 +16,7 @@ from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows
 from conflictdb.drawing.sketch import Sketch
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
-from conflictdb.earth.registry import centred, plane_of
+from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.scene_file import read_scene, scene_text
 from conflictdb.kernel import KernelScene
@@ -133,12 +133,12 @@ def voyages(rng: np.random.Generator, motion: Motion, track: Track, count: int) 
 
 def outside(scene: Scene, track: Track, seconds: Floats, lon: Floats, lat: Floats) -> int:
     """The number of ships that lie in no part of the haven at their instants."""
-    plane = plane_of(scene)
-    pieces = pieces_of(scene, plane, AreaBatch.of([]), TrackBatch.of([track]))
+    setup = Setup.of(scene)
+    pieces = pieces_of(setup, AreaBatch.of([]), TrackBatch.of([track]))
     assert (pieces.part != COVER).all()
-    prepared = KernelScene(plane.kernel_plane, pieces)
-    left, xy = np.ones(len(seconds), np.bool_), np.stack(plane.to_plane(lon, lat), axis=-1)
-    turn = plane.turn_m
+    prepared = KernelScene(setup.plane.kernel_plane, pieces)
+    left, xy = np.ones(len(seconds), np.bool_), np.stack(setup.plane.to_plane(lon, lat), axis=-1)
+    turn = setup.plane.turn_m
     for row in np.flatnonzero(pieces.turn == 0).tolist():
         low, high = ((t[row] - T0_US) / 1e6 for t in (pieces.start_us, pieces.end_us))
         here = np.flatnonzero(left & (seconds >= low - 2e-6) & (seconds <= high + 2e-6))
@@ -272,9 +272,9 @@ def test_on_legs_the_haven_exceeds_the_voyages_by_a_hundredth_at_most(motion: Mo
         track = Track("T", way, times, SHIP, tolerances=limits)
         centre = tuple(start) if motion is Motion.GREAT_CIRCLE else None
         scene = Scene("s", motion, "sphere", centre=centre)
-        plane = plane_of(scene)
-        pieces = pieces_of(scene, plane, AreaBatch.of([]), TrackBatch.of([track]))
-        prepared = KernelScene(plane.kernel_plane, pieces)
+        setup = Setup.of(scene)
+        pieces = pieces_of(setup, AreaBatch.of([]), TrackBatch.of([track]))
+        prepared = KernelScene(setup.plane.kernel_plane, pieces)
         bearing, length = course(motion, *way)
         slow, fast = min(12.0 * KNOT, length / hours / 3600.0), max(20.0 * KNOT, length / hours / 3600.0)
         seconds = rng.uniform(-1100.0, 0.9 * hours * 3600.0)
@@ -285,7 +285,7 @@ def test_on_legs_the_haven_exceeds_the_voyages_by_a_hundredth_at_most(motion: Mo
         count = len(border)
         lon, lat, ahead = step(motion, np.full(count, start[0]), np.full(count, start[1]), bearing, border[:, 1])
         lon, lat, _ = step(motion, lon, lat, ahead + 90.0, border[:, 0])
-        x, y = plane.to_plane(lon, lat)
+        x, y = setup.plane.to_plane(lon, lat)
         true = shapely.Polygon(np.stack([x, y], axis=1))
         at_us = T0_US + int(1e6 * seconds)
         parts = []
@@ -293,7 +293,7 @@ def test_on_legs_the_haven_exceeds_the_voyages_by_a_hundredth_at_most(motion: Mo
             moving = Movement.of(prepared, PieceRows(np.array([row])), pieces.start_us[[row]])
             ring = moving.positions(np.array([(at_us - pieces.start_us[row]) / 1e6])) + moving.origin[:, None]
             parts.append(shapely.convex_hull(shapely.multipoints(ring[:, :, 0].T)))
-        turn = plane.turn_m
+        turn = setup.plane.turn_m
         if turn:
             away = [turn * np.round((true.centroid.x - one.centroid.x) / turn) for one in parts]
             parts = [shapely.affinity.translate(one, by) for one, by in zip(parts, away, strict=True)]

@@ -13,7 +13,7 @@ from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.registry import plane_of
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.whole import Areas, Depth, whole_depths
 from conflictdb.model.plans import Area, EarthModel, Scene
 from conflictdb.stages.pieces.covers import pieces_of
@@ -32,10 +32,10 @@ DEGREE_M = scenes.parallel_m(EarthModel.SPHERE, 0.0)
 def test_a_point_along_the_seam_of_two_strips(lat: float, tolerance_m: float, is_deep: bool) -> None:
     """It enters at one end of both, leaves at the other, and is deep in the whole only in between."""
     scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=tolerance_m)
-    plane = plane_of(scene)
+    setup = Setup.of(scene)
     areas = [scenes.area(key, part) for key, part in (("S", SOUTH), ("N", NORTH))]
     track = scenes.track("T", [(-0.05, lat), (0.15, lat)], [0, 3600], 0.0, 0.0, 0.0, 0.0)
-    pieces = pieces_of(scene, plane, AreaBatch.of(areas), TrackBatch.of([track]))
+    pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of([track]))
     moves = pieces.kind == 1
     # The strips as parts of one area; the whole leg in place of its slices.
     pieces = replace(
@@ -48,9 +48,9 @@ def test_a_point_along_the_seam_of_two_strips(lat: float, tolerance_m: float, is
     pairs = Pairs(PieceRows(parts), PieceRows(first), np.empty((0, 2)), np.zeros(3, np.int64))
     both = np.full(2, 900.0), np.full(2, 2700.0), np.zeros(2), np.full(2, GRAZING, np.int8), np.ones(2, np.bool_)
     whole = np.array([shapely.union(SOUTH, NORTH)])
-    prepared = kernel.KernelScene(plane.kernel_plane, pieces)
+    prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces)
     contacts = Contacts(np.arange(2), *both)
-    found = deep_in_whole_areas(scene, plane, prepared, pairs, contacts, lambda numbers: whole[numbers])
+    found = deep_in_whole_areas(setup, prepared, pairs, contacts, lambda numbers: whole[numbers])
     assert (found == Depth.DEEP).any() == is_deep
 
 
@@ -68,7 +68,7 @@ def test_what_is_deep_is_what_lies_within_the_area_less_a_margin(lon: float, tol
     """Random areas with dents and holes, and triangles about them, also at the seam; to a hundredth of the margin."""
     rng, n = np.random.default_rng(5), 80
     scene = Scene("s", earth=EarthModel.SPHERE, tolerance_m=tolerance_m)
-    plane = plane_of(scene)
+    setup = Setup.of(scene)
     at = 0.04 * (np.arange(n) - 0.5 * n)
     stars = [star(rng, lon, lat) for lat in at.tolist()]
     corners = (rng.uniform(-1300.0, 1300.0, (n, 1, 2)) + rng.uniform(-300.0, 300.0, (n, 3, 2))) / DEGREE_M
@@ -77,7 +77,7 @@ def test_what_is_deep_is_what_lies_within_the_area_less_a_margin(lon: float, tol
     batch = AreaBatch.of(
         [Area(str(k), shapely.MultiPolygon(shapely.get_parts(shape))) for k, shape in enumerate(shapes)]
     )
-    pieces = pieces_of(scene, plane, batch, TrackBatch.of([]))
+    pieces = pieces_of(setup, batch, TrackBatch.of([]))
     a, b = (rows.ravel() for rows in np.meshgrid(np.arange(len(pieces)), np.arange(len(pieces))))
     of_same = (pieces.object_id[a] + n == pieces.object_id[b]) & (pieces.turn[a] == pieces.turn[b])
     a, b = PieceRows(a[of_same]), PieceRows(b[of_same])
@@ -87,13 +87,13 @@ def test_what_is_deep_is_what_lies_within_the_area_less_a_margin(lon: float, tol
     pairs = Pairs(a, b, np.empty((0, 2)), np.zeros(m + 1, np.int64))
     # Next to the seam some parts lie a turn away from their area.
     assert (lon > 0.0) == (pieces.shape_xy[:, 0] * lon > 0.0).all()
-    prepared = kernel.KernelScene(plane.kernel_plane, pieces)
-    depth = deep_in_whole_areas(scene, plane, prepared, pairs, contacts, lambda numbers: batch.footprint[numbers])
+    prepared = kernel.KernelScene(setup.plane.kernel_plane, pieces)
+    depth = deep_in_whole_areas(setup, prepared, pairs, contacts, lambda numbers: batch.footprint[numbers])
     assert not (depth == Depth.UNKNOWN).any()
     is_deep = np.bincount(pieces.object_id[a], depth == Depth.DEEP, minlength=n) > 0
-    flat = planar(plane, batch.footprint)
+    flat = planar(setup.plane, batch.footprint)
     wholes, others = flat[:n], flat[n:]
-    margin = tolerance_m * plane.largest_scale(shapely.bounds(flat).reshape(-1, 2, 2).transpose(2, 1, 0))
+    margin = tolerance_m * setup.plane.largest_scale(shapely.bounds(flat).reshape(-1, 2, 2).transpose(2, 1, 0))
 
     def deeper_than(share: float) -> NDArray[np.bool_]:
         cores = shapely.buffer(flat, -share * margin, quad_segs=64)
@@ -111,12 +111,12 @@ def square(x: float, y: float, half: float) -> shapely.Polygon:
 def depth_of_squares(areas: Areas, one: shapely.Polygon, other: shapely.Polygon) -> int:
     """Depth of the intersection of two boxes in an area of the plane."""
     scene = Scene("s", earth=EarthModel.SPHERE)
-    plane = plane_of(scene)
+    setup = Setup.of(scene)
     boxes = [shapely.transform(box, lambda xy: xy / DEGREE_M) for box in (one, other)]
     batch = AreaBatch.of([scenes.area(key, box) for key, box in zip("ab", boxes, strict=True)])
-    pieces: Pieces = pieces_of(scene, plane, batch, TrackBatch.of([]))
+    pieces: Pieces = pieces_of(setup, batch, TrackBatch.of([]))
     numbers, none = (np.array([k]) for k in range(2)), np.zeros(1)
-    prepared, never = kernel.KernelScene(plane.kernel_plane, pieces), np.zeros(1, np.int64)
+    prepared, never = kernel.KernelScene(setup.plane.kernel_plane, pieces), np.zeros(1, np.int64)
     (found,) = whole_depths(prepared, *numbers, never, none, none, areas, never, np.zeros(1, np.bool_), none)
     return int(found)
 

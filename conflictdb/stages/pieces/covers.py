@@ -21,7 +21,8 @@ from conflictdb.arrays.objects import Activations, AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces, level_m
 from conflictdb.earth.geodesy import MEAN_RADIUS_M
 from conflictdb.earth.plane import Plane
-from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, MAX_INSTANT_US, MIN_INSTANT_US, Intervals, Scene
+from conflictdb.earth.registry import Setup
+from conflictdb.model.plans import MAX_FROM_CENTRE_DEG, MAX_INSTANT_US, MIN_INSTANT_US, Intervals
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.cutting import area_pieces, track_pieces
 from conflictdb.stages.separations import Separations, with_closed_heights, with_margin
@@ -34,16 +35,16 @@ _HIGHEST_DEG: Final = 89.5
 Batch = TypeVar("Batch", AreaBatch, TrackBatch)
 
 
-def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
+def pieces_of(setup: Setup, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
     """Return the pieces of objects; an object that cannot be cut is covered.
 
     Each end of their heights is half of the vertical separation further out, rounded to the nanometre, so that two of
     them overlap where the objects' heights are closer than that. By separation rules the distances are the largest that
     an object can need. In a scene with closed intervals, their ends belong to them.
     """
-    if not scene.rules:
-        return _padded(scene, plane, areas, tracks)
-    separations, made = Separations.of(scene), []
+    if not setup.scene.rules:
+        return _padded(setup, areas, tracks)
+    separations, made = Separations.of(setup.scene), []
     needs = [separations.padding(one) for one in range(len(separations.of_types))]
     distinct = list(dict.fromkeys(needs))
     of_type = np.array([distinct.index(one) for one in needs])
@@ -52,20 +53,20 @@ def pieces_of(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) 
         for i in np.unique(number).tolist():
             some, nothing = batch.take(np.flatnonzero(number == i)), np.empty(0, np.int64)
             both = (some, tracks.take(nothing)) if isinstance(some, AreaBatch) else (areas.take(nothing), some)
-            made.append(_padded(distinct[i], plane, *both))
-    return Pieces.concatenate(made) if made else _padded(separations.settings[0], plane, areas, tracks)
+            made.append(_padded(setup.under(distinct[i]), *both))
+    return Pieces.concatenate(made) if made else _padded(setup.under(separations.settings[0]), areas, tracks)
 
 
-def _padded(scene: Scene, plane: Plane, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
+def _padded(setup: Setup, areas: AreaBatch, tracks: TrackBatch) -> Pieces:
     """Return the pieces of objects, by the separations of the scene."""
     made = [
-        *_pieces(scene, plane, areas, areas.area_id, area_pieces, _area_covers),
-        *_pieces(scene, plane, tracks, tracks.track_id, track_pieces, _track_covers),
+        *_pieces(setup, areas, areas.area_id, area_pieces, _area_covers),
+        *_pieces(setup, tracks, tracks.track_id, track_pieces, _track_covers),
     ]
-    pieces = Pieces.concatenate(made or [area_pieces(scene, plane, areas)])
-    if scene.vertical_separation_m > 0.0:
-        pieces = with_margin(pieces, 0.5 * scene.vertical_separation_m)
-    if scene.intervals == Intervals.HALF_OPEN:
+    pieces = Pieces.concatenate(made or [area_pieces(setup, areas)])
+    if setup.scene.vertical_separation_m > 0.0:
+        pieces = with_margin(pieces, 0.5 * setup.scene.vertical_separation_m)
+    if setup.scene.intervals == Intervals.HALF_OPEN:
         return pieces
     return with_closed_heights(replace(pieces, end_inclusive=np.ones(len(pieces), np.bool_)))
 
@@ -76,11 +77,10 @@ def is_covered(pieces: Pieces, a: PieceRows, b: PieceRows) -> NDArray[np.bool_]:
 
 
 def _pieces(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     batch: Batch,
     ids: NDArray[np.int64],
-    cut: Callable[[Scene, Plane, Batch], Pieces],
+    cut: Callable[[Setup, Batch], Pieces],
     covers: Callable[[Plane, Batch], Pieces],
 ) -> list[Pieces]:
     kind = "area" if isinstance(batch, AreaBatch) else "track"
@@ -91,10 +91,10 @@ def _pieces(
     every, unknown = np.flatnonzero(np.diff(activations.offset)), ids[activations.is_unknown]
 
     def cut_some(rows: NDArray[np.int64]) -> Pieces:
-        return _of_any_time(cut(scene, plane, batch if len(rows) == len(batch) else batch.take(rows)), unknown)
+        return _of_any_time(cut(setup, batch if len(rows) == len(batch) else batch.take(rows)), unknown)
 
     def cover(rows: NDArray[np.int64]) -> Pieces:
-        return _of_any_time(covers(plane, batch.take(rows)), unknown)
+        return _of_any_time(covers(setup.plane, batch.take(rows)), unknown)
 
     found = []
     for rows, pieces in isolated(every, cut_some, cover, f"{kind} in row"):

@@ -22,8 +22,9 @@ from conflictdb.arrays.pieces import OF_TOLERANCES, Pieces, level_m
 from conflictdb.arrays.ragged import ragged_rows
 from conflictdb.earth.geodesy import shorter_way_deg
 from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M, Plane
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
-from conflictdb.model.plans import MINUS_INFINITY_US, Area, Motion, Scene, Track
+from conflictdb.model.plans import MINUS_INFINITY_US, Area, Motion, Track
 from conflictdb.model.results import Kind
 from conflictdb.stages.pieces.convex_parts import convex_parts, is_thread
 from conflictdb.stages.pieces.ribbons import with_ribbons
@@ -119,12 +120,12 @@ def _stitched(flat: NDArray[np.object_], lonlat: Floats, owner: NDArray[np.int64
     return whole
 
 
-def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
+def area_pieces(setup: Setup, areas: AreaBatch) -> Pieces:
     """Return the pieces of some areas: their convex parts, and seam copies; ValueError for NaN corners."""
     flat = areas.flat
     if flat is None:
         with np.errstate(invalid="ignore"):
-            flat = planar(plane, areas.footprint)
+            flat = planar(setup.plane, areas.footprint)
         # GEOS drops such corners from hulls, which are then too small.
         if not np.isfinite(shapely.get_coordinates(flat)).all():
             raise ValueError("a corner has no place in the plane")
@@ -157,23 +158,23 @@ def area_pieces(scene: Scene, plane: Plane, areas: AreaBatch) -> Pieces:
         class_number=areas.class_number[owner],
         owner_number=areas.owner_number[owner],
     )
-    hulls = kernel.hulls(plane.kernel_plane, pieces, scene.reach_m)
+    hulls = kernel.hulls(setup.plane.kernel_plane, pieces, setup.scene.reach_m)
     # Shift coordinates beyond the seam back by whole turns, so that the copy below is always one turn west.
-    turns = _turns_from_home(plane, hulls)
+    turns = _turns_from_home(setup.plane, hulls)
     if turns.any():
-        shift = -plane.turn_m * turns
+        shift = -setup.plane.turn_m * turns
         xy[:, 0] += np.repeat(shift, np.diff(offset))
         hulls.xy[:, 0] += np.repeat(shift, np.diff(hulls.offset))
-    return _active(_with_seam_copies(plane, replace(pieces, hull_xy=hulls.xy, hull_offset=hulls.offset)), areas)
+    return _active(_with_seam_copies(setup.plane, replace(pieces, hull_xy=hulls.xy, hull_offset=hulls.offset)), areas)
 
 
-def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
+def track_pieces(setup: Setup, tracks: TrackBatch) -> Pieces:
     """Return the pieces of some tracks: time slices of their legs, and seam copies."""
     has_tolerances = np.array([one is not None for one in tracks.tolerances], np.bool_)
     of_tolerances = tracks.track_id[has_tolerances]
-    tracks = with_ribbons(plane, tracks)
-    legs = tracks.legs or _legs(plane, tracks)
-    count = _slice_counts(legs, scene.reach_m)
+    tracks = with_ribbons(setup.plane, tracks)
+    legs = tracks.legs or _legs(setup.plane, tracks)
+    count = _slice_counts(legs, setup.scene.reach_m)
     straight = np.bincount(legs.track, count)
     while True:
         if np.bincount(legs.track, count).max(initial=0.0) > MAX_PIECES:
@@ -182,7 +183,7 @@ def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
             pieces, leg = legs.whole, np.arange(len(count))
         else:
             pieces, leg = _slices(tracks, legs, count)
-        hulls = kernel.hulls(plane.kernel_plane, pieces, scene.reach_m)
+        hulls = kernel.hulls(setup.plane.kernel_plane, pieces, setup.scene.reach_m)
         # Near the poles the vertices of a wide haven deviate far from their chords: shorten the slices until the
         # padding is tight.
         loose = np.zeros(len(count), np.bool_)
@@ -193,13 +194,13 @@ def track_pieces(scene: Scene, plane: Plane, tracks: TrackBatch) -> Pieces:
         if not loose.any():
             break
         count = np.where(loose, 2 * count, count)
-    turns = _turns_from_home(plane, hulls)
+    turns = _turns_from_home(setup.plane, hulls)
     columns: dict[str, Any] = {"hull_xy": hulls.xy, "hull_offset": hulls.offset}
     if turns.any():
-        hulls.xy[:, 0] -= np.repeat(plane.turn_m * turns, np.diff(hulls.offset))
+        hulls.xy[:, 0] -= np.repeat(setup.plane.turn_m * turns, np.diff(hulls.offset))
         away = np.stack([360.0 * turns, np.zeros(len(pieces))], axis=1)
         columns |= {name: getattr(pieces, name) - away for name in ("leg_start_deg", "leg_end_deg")}
-    pieces = _departing(_with_seam_copies(plane, replace(pieces, **columns)), tracks)
+    pieces = _departing(_with_seam_copies(setup.plane, replace(pieces, **columns)), tracks)
     if not of_tolerances.size:
         return pieces
     part = pieces.part + np.where(np.isin(pieces.object_id, of_tolerances), OF_TOLERANCES, 0)

@@ -19,9 +19,9 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.pairs import PairRows, Pairs
 from conflictdb.arrays.pieces import PieceRows
 from conflictdb.arrays.ragged import ragged_rows
-from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M, Plane, padding_m
+from conflictdb.earth.plane import ROUNDING_ALLOWANCE_M, padding_m
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.movement import Movement
-from conflictdb.model.plans import Scene
 from conflictdb.model.results import Kind
 
 # Windows are widened by this share of the slice and this time at each end: more than float64 rounds.
@@ -31,7 +31,7 @@ _OUTWARD_S: Final = 1e-6
 _LEAST_WAY_M: Final = 1e-3
 
 
-def windows(scene: Scene, plane: Plane, prepared: kernel.KernelScene, pairs: Pairs) -> tuple[Floats, Floats]:
+def windows(setup: Setup, prepared: kernel.KernelScene, pairs: Pairs) -> tuple[Floats, Floats]:
     """Return (first, last): seconds after the start of each pair's shared span between which they can meet, (n,) each.
 
     first > last where they cannot. For pairs of areas, and where a region is missing or a track hardly moves, the
@@ -48,7 +48,7 @@ def windows(scene: Scene, plane: Plane, prepared: kernel.KernelScene, pairs: Pai
         rows = PairRows(np.flatnonzero(has_region & (pieces.kind[member] == Kind.TRACK.code)))
         if rows.size:
             tracks = PieceRows(member[rows])
-            one, other = _track_window(scene, plane, prepared, tracks, pairs, rows)
+            one, other = _track_window(setup, prepared, tracks, pairs, rows)
             gone = (pieces.start_us[tracks] - start[rows]) / 1e6
             first[rows] = np.maximum(first[rows], one + gone)
             last[rows] = np.minimum(last[rows], other + gone)
@@ -56,7 +56,7 @@ def windows(scene: Scene, plane: Plane, prepared: kernel.KernelScene, pairs: Pai
 
 
 def _track_window(
-    scene: Scene, plane: Plane, prepared: kernel.KernelScene, member: PieceRows, pairs: Pairs, rows: PairRows
+    setup: Setup, prepared: kernel.KernelScene, member: PieceRows, pairs: Pairs, rows: PairRows
 ) -> tuple[Floats, Floats]:
     """Return (first, last) for the tracks `member` of the pairs `rows`, seconds after the start of the slice."""
     duration = (prepared.pieces.end_us[member] - prepared.pieces.start_us[member]) / 1e6
@@ -73,9 +73,9 @@ def _track_window(
         for t, at in ((nought, start), (duration, end))
     ]
     # The regions are cut from padded hulls, and rounded by as much again.
-    wanted_m = scene.tolerance_m + scene.separation_m
+    wanted_m = setup.scene.tolerance_m + setup.scene.separation_m
     bounds = tracks.bounds(nought, duration)
-    slack = bounds.deviation + ROUNDING_ALLOWANCE_M + 2.0 * padding_m(plane, bounds.scale, wanted_m)
+    slack = bounds.deviation + ROUNDING_ALLOWANCE_M + 2.0 * padding_m(setup.plane, bounds.scale, wanted_m)
     ahead = np.maximum(offsets[0].max(axis=0), offsets[1].max(axis=0)) + slack
     behind = np.minimum(offsets[0].min(axis=0), offsets[1].min(axis=0)) - slack
 

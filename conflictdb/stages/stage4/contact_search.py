@@ -17,10 +17,9 @@ from conflictdb.arrays import Floats
 from conflictdb.arrays.answers import Contacts
 from conflictdb.arrays.pairs import Pairs
 from conflictdb.arrays.pieces import Pieces
-from conflictdb.earth.plane import Plane
+from conflictdb.earth.registry import Setup
 from conflictdb.kernel.meeting import distances
 from conflictdb.model.methods import METHODS, Solver
-from conflictdb.model.plans import Scene
 from conflictdb.model.results import Verdict
 from conflictdb.stages.stage4.constants import PAIRS_AT_ONCE, SHORT_M, TOUCH_M
 from conflictdb.stages.stage4.effort import Effort
@@ -35,8 +34,7 @@ Progress = Callable[[int], None]
 
 
 def contacts(
-    scene: Scene,
-    plane: Plane,
+    setup: Setup,
     prepared: kernel.KernelScene,
     pairs: Pairs,
     first_s: Floats,
@@ -56,9 +54,9 @@ def contacts(
     progress : called with the number of pairs solved since the last call
     threads : of the kernel; the answer does not depend on it
     """
-    solver = METHODS[scene.method].solver
+    solver = METHODS[setup.scene.method].solver
     if solver is None:
-        raise ValueError(f"method {scene.method} stops before stage 4")
+        raise ValueError(f"method {setup.scene.method} stops before stage 4")
     questions = _questions(prepared.pieces, pairs, first_s, last_s)
     effort = Effort()
     found = [Contacts.none()]
@@ -70,11 +68,15 @@ def contacts(
             from conflictdb.stages.published.guesses import Guesses, reproducible
 
             held.enter_context(reproducible())
-            guesses = Guesses(plane, scene.separation_m, prepared, pairs, questions.zero_us, effort.programs)
+            guesses = Guesses(
+                setup.plane, setup.scene.separation_m, prepared, pairs, questions.zero_us, effort.programs
+            )
         for rows in (possible[first : first + PAIRS_AT_ONCE] for first in range(0, len(possible), PAIRS_AT_ONCE)):
             asked = questions.take(rows)
             ask = None if guesses is None else partial(guesses.extreme_contact, rows)
-            done = kernel.contacts(prepared, asked, scene.separation_m, scene.tolerance_m, effort.exact, threads, ask)
+            done = kernel.contacts(
+                prepared, asked, setup.scene.separation_m, setup.scene.tolerance_m, effort.exact, threads, ask
+            )
             found.append(done.of_pairs(rows))
             if progress:
                 progress(len(rows))
@@ -93,7 +95,7 @@ def _questions(pieces: Pieces, pairs: Pairs, first_s: Floats, last_s: Floats) ->
 
 
 def static_verdicts(
-    scene: Scene, plane: Plane, prepared: kernel.KernelScene, pairs: Pairs
+    setup: Setup, prepared: kernel.KernelScene, pairs: Pairs
 ) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
     """Return the verdicts (n,) on pairs of areas, -1 if they are apart; no time is involved.
 
@@ -101,12 +103,12 @@ def static_verdicts(
     that is unknown.
     """
     never = np.zeros(len(pairs), np.int64)
-    clearance = distances(prepared, pairs.a, pairs.b, never, np.zeros(len(pairs))) - scene.separation_m
-    margin = max(scene.tolerance_m, TOUCH_M)
-    furthest_m = scene.separation_m + margin
+    clearance = distances(prepared, pairs.a, pairs.b, never, np.zeros(len(pairs))) - setup.scene.separation_m
+    margin = max(setup.scene.tolerance_m, TOUCH_M)
+    furthest_m = setup.scene.separation_m + margin
     # The true distance exceeds the computed one by at most this; in the plane it is exact.
-    has_error = scene.separation_m > 0.0 and furthest_m > (SHORT_M if plane.is_conformal else TOUCH_M)
-    error_m = float(plane.distance_error_m(furthest_m)) if has_error else 0.0
+    has_error = setup.scene.separation_m > 0.0 and furthest_m > (SHORT_M if setup.plane.is_conformal else TOUCH_M)
+    error_m = float(setup.plane.distance_error_m(furthest_m)) if has_error else 0.0
     certainty_margin_m = TOUCH_M + error_m if error_m > 0.0 else 0.0
     close = clearance + error_m <= margin
     verdicts = np.full(len(pairs), UNRESOLVED, np.int8)  # also where it is NaN
