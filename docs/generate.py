@@ -5,7 +5,7 @@
 `cli.md` is made from the parser of the command line, `python.md` from the docstrings of the public names, `sql.md` from
 the comments in the catalog of a fresh schema, in an embedded database that is thrown away. In
 `arrow.md` the columns of a conflict are made from the table `model.record`, and so are the
-columns of the model `Conflict` in conflictdb/db/models.py. Tests say when a page is out of date
+columns of the model `ConflictRow` in conflictdb/db/models.py. Tests say when a page is out of date
 (tests/unit/test_generated_pages.py, tests/sql/test_generated_page.py).
 """
 
@@ -301,9 +301,9 @@ ANNOTATIONS: Final = {
 
 
 def models() -> str:
-    """Return the module of models, with the columns of the record in `Conflict`."""
+    """Return the module of models, with the columns of the record in `ConflictRow`."""
     text = MODELS.read_text()
-    begin = text.index("    scene: ", text.index("class Conflict(Base)"))
+    begin = text.index("    scene: ", text.index("class ConflictRow(Base)"))
     return text[:begin] + "".join(map(_mapped, record.COLUMNS)) + text[text.index("\n\n\n", begin) + 1 :]
 
 

@@ -1,9 +1,10 @@
 """The tables of inputs and the views of answers as models of SQLAlchemy 2, geometries by GeoAlchemy2.
 
-Needs the extra `sqlalchemy`: ``pip install 'conflictdb[sqlalchemy]'``. The columns are as docs/reference/sql.md says:
-tests keep names, types and nullability equal to the database. Rows of `Scene`, `Area` and `Track` can be added, changed
-and deleted; the others are answers. Functions need no model: ``func.conflictdb.put_area(...)``. The views ``map_...``
-repeat the same as layers for maps, and have none.
+Needs the extra `sqlalchemy`: ``pip install 'conflictdb[sqlalchemy]'``. A class is named for its rows: `ConflictRow` of
+the view `conflicts`, beside `conflictdb.Conflict`, the record of an answer. The columns are as docs/reference/sql.md
+says: tests keep names, types and nullability equal to the database. Rows of the tables `scene`, `area` and `track` can
+be added, changed and deleted; the others are answers. Functions need no model: ``func.conflictdb.put_area(...)``. The
+views ``map_...`` repeat the same as layers for maps, and have none.
 """
 
 from collections.abc import Sequence
@@ -48,7 +49,7 @@ class Base(DeclarativeBase):
     }
 
 
-class Scene(Base):
+class SceneRow(Base):
     """Settings that objects share: a row of the table `scene`."""
 
     __tablename__ = "scene"
@@ -75,13 +76,13 @@ class Scene(Base):
     vertical_datum: Mapped[str] = mapped_column(server_default=FetchedValue())
 
 
-class Area(Base):
+class AreaRow(Base):
     """A polygon that is closed for a time: a row of the table `area`."""
 
     __tablename__ = "area"
 
     area_id: Mapped[int] = mapped_column(Identity(always=True), primary_key=True)
-    scene_id: Mapped[int] = mapped_column(ForeignKey(Scene.scene_id))
+    scene_id: Mapped[int] = mapped_column(ForeignKey(SceneRow.scene_id))
     key: Mapped[str]
     name: Mapped[str | None]
     footprint: Mapped[WKBElement] = mapped_column(_geometry("MULTIPOLYGON"))
@@ -98,13 +99,13 @@ class Area(Base):
     schedule_error: Mapped[str | None]
 
 
-class Track(Base):
+class TrackRow(Base):
     """A polygon carried along waypoints: a row of the table `track`."""
 
     __tablename__ = "track"
 
     track_id: Mapped[int] = mapped_column(Identity(always=True), primary_key=True)
-    scene_id: Mapped[int] = mapped_column(ForeignKey(Scene.scene_id))
+    scene_id: Mapped[int] = mapped_column(ForeignKey(SceneRow.scene_id))
     key: Mapped[str]
     name: Mapped[str | None]
     path: Mapped[WKBElement] = mapped_column(_geometry("LINESTRINGM"))
@@ -126,7 +127,7 @@ class Track(Base):
     schedule_error: Mapped[str | None]
 
 
-class Conflict(Base):
+class ConflictRow(Base):
     """A pair that interferes: a row of the view `conflicts`."""
 
     __tablename__ = "conflicts"
@@ -168,7 +169,7 @@ class Conflict(Base):
     certainty: Mapped[str | None]
 
 
-class Approach(Base):
+class ApproachRow(Base):
     """How close a pair comes: a row of the view `approaches`."""
 
     __tablename__ = "approaches"
@@ -194,7 +195,7 @@ class Approach(Base):
     b_name: Mapped[str | None]
 
 
-class SceneState(Base):
+class SceneStateRow(Base):
     """A scene, and whether what is known of it is complete: a row of the view `scenes`."""
 
     __tablename__ = "scenes"
@@ -226,7 +227,7 @@ class SceneState(Base):
     vertical_datum: Mapped[str]
 
 
-class ConflictEvent(Base):
+class ConflictEventRow(Base):
     """What became of a conflict: a row of the view `conflict_events`."""
 
     __tablename__ = "conflict_events"
@@ -252,7 +253,7 @@ class ConflictEvent(Base):
     proposal_id: Mapped[int | None]
 
 
-class Proposal(Base):
+class ProposalRow(Base):
     """Changes of tracks that clear a scene: a row of the view `proposals`."""
 
     __tablename__ = "proposals"
@@ -274,7 +275,7 @@ class Proposal(Base):
     undone_by: Mapped[str | None]
 
 
-class SeparationRule(Base):
+class SeparationRuleRow(Base):
     """A separation rule: a row of the view `rules`."""
 
     __tablename__ = "rules"
@@ -289,7 +290,7 @@ class SeparationRule(Base):
     yields: Mapped[str | None]
 
 
-class Acknowledgement(Base):
+class AcknowledgementRow(Base):
     """What was acknowledged: a row of the view `acknowledgements`."""
 
     __tablename__ = "acknowledgements"
@@ -309,7 +310,7 @@ class Acknowledgement(Base):
     ended_at: Mapped[datetime | None]
 
 
-class Share(Base):
+class ShareRow(Base):
     """Whose a scene is, or a role that it is shared with: a row of the view `shares`."""
 
     __tablename__ = "shares"
@@ -321,7 +322,7 @@ class Share(Base):
     shared_at: Mapped[datetime | None]
 
 
-class Queued(Base):
+class QueuedRow(Base):
     """A scene that waits for detection: a row of the view `queue`."""
 
     __tablename__ = "queue"
@@ -337,7 +338,7 @@ class Queued(Base):
     last_error: Mapped[str | None]
 
 
-class Attachment(Base):
+class AttachmentRow(Base):
     """A table that is attached: a row of the view `attachments`."""
 
     __tablename__ = "attachments"
@@ -359,7 +360,7 @@ class Attachment(Base):
     remark: Mapped[str | None]
 
 
-class Unmapped(Base):
+class UnmappedRow(Base):
     """A row of an attached table that is no object: a row of the view `unmapped`."""
 
     __tablename__ = "unmapped"

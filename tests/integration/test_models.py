@@ -78,7 +78,7 @@ def test_no_view_has_a_null_that_its_model_has_not(engine: sqlalchemy.Engine) ->
         db.scene("strait").resolve(limit_s=5.0)
         db.scene("strait").put_rule(conflictdb.Rule("ferry", None, 500.0))
     with Session(engine) as session:
-        found = session.scalars(select(models.Conflict)).first()
+        found = session.scalars(select(models.ConflictRow)).first()
         assert found is not None
         session.execute(select(func.conflictdb.acknowledge("strait", found.a_key, found.b_key, "seen")))
         session.execute(select(func.conflictdb.remove_object("strait", "FERRY")))
@@ -88,32 +88,32 @@ def test_no_view_has_a_null_that_its_model_has_not(engine: sqlalchemy.Engine) ->
                 seen.add(model.__name__)
                 for column in inspect(model).local_table.columns:
                     assert column.nullable or getattr(row, column.key) is not None, (model, column.key)
-        assert seen == {one.__name__ for one in MODELS} - {"Attachment", "Unmapped"}
+        assert seen == {one.__name__ for one in MODELS} - {"AttachmentRow", "UnmappedRow"}
 
 
 def test_objects_are_added_changed_and_detected(engine: sqlalchemy.Engine) -> None:
     """By the unit of work of a session: two squares overlap until one is moved."""
     square = "MULTIPOLYGON((({0} 57, {1} 57, {1} 58, {0} 58, {0} 57)))"
     with Session(engine) as session:
-        scene = models.Scene(name="plan")
+        scene = models.SceneRow(name="plan")
         session.add(scene)
         session.flush()
         for key, west in (("A", 4.0), ("B", 4.5)):
             footprint = WKTElement(square.format(west, west + 1.0), srid=4326)
-            session.add(models.Area(scene_id=scene.scene_id, key=key, footprint=footprint))
+            session.add(models.AreaRow(scene_id=scene.scene_id, key=key, footprint=footprint))
         session.commit()
         with conflictdb.connect(engine) as db:
             db.scene("plan").detect()
-        (found,) = session.scalars(select(models.Conflict).where(models.Conflict.scene == "plan"))
+        (found,) = session.scalars(select(models.ConflictRow).where(models.ConflictRow.scene == "plan"))
         assert (found.a_key, found.b_key, found.verdict) == ("A", "B", "conflict")
         assert found.first_contact is None
         assert found.periods[0].lower is None
-        moved = session.scalars(select(models.Area).where(models.Area.key == "B")).one()
+        moved = session.scalars(select(models.AreaRow).where(models.AreaRow.key == "B")).one()
         before = moved.version
         moved.footprint = WKTElement(square.format(6.0, 7.0), srid=4326)
         session.commit()
         assert moved.version > before
-        assert session.get(models.Queued, "plan") is not None
+        assert session.get(models.QueuedRow, "plan") is not None
 
 
 @pytest.mark.parametrize("kind", ["connection", "session", "begun"])
@@ -122,7 +122,7 @@ def test_a_transaction_of_sqlalchemy_is_the_callers(engine: sqlalchemy.Engine, k
 
     def count() -> Any:
         with engine.connect() as other:
-            return other.scalar(select(func.count()).select_from(models.Scene))
+            return other.scalar(select(func.count()).select_from(models.SceneRow))
 
     with engine.connect() if kind != "session" else Session(engine) as lender:
         with conflictdb.connect(lender) as db:
@@ -147,13 +147,13 @@ def test_a_connection_of_sqlalchemy_without_transaction_detects(engine: sqlalche
     with engine.connect() as lender, conflictdb.connect(lender) as db:
         db.load(STRAIT)
         assert db.scene("strait").detect().conflicts == 7
-        assert lender.scalar(select(func.count()).select_from(models.Conflict)) == 7
+        assert lender.scalar(select(func.count()).select_from(models.ConflictRow)) == 7
 
 
 def test_a_session_sees_what_it_has_not_written_yet(engine: sqlalchemy.Engine) -> None:
     """As for its own queries: pending changes are flushed first."""
     with Session(engine) as session, conflictdb.connect(session) as db:
-        session.add(models.Scene(name="pending"))
+        session.add(models.SceneRow(name="pending"))
         assert [one.scene.name for one in db.scenes()] == ["pending"]
 
 

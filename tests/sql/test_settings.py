@@ -86,7 +86,7 @@ def test_the_parameters_of_create_scene_are_the_columns(conn: Conn) -> None:
 
 
 def test_models_have_the_settings() -> None:
-    for model in (models.Scene, models.SceneState):
+    for model in (models.SceneRow, models.SceneStateRow):
         assert set(COLUMNS) <= set(inspect.get_annotations(model))
 
 

@@ -47,7 +47,7 @@ def by_database(connection: psycopg.Connection[tuple[object, ...]], engine: sqla
 
 
 def by_models(session: Session) -> None:
-    for conflict in session.scalars(sqlalchemy.select(models.Conflict)):
+    for conflict in session.scalars(sqlalchemy.select(models.ConflictRow)):
         assert_type(conflict.a_key, str)
         assert_type(conflict.first_contact, datetime | None)
 
