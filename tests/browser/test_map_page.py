@@ -78,10 +78,21 @@ def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
     page.locator("body").press("Space")
     expect(page.get_by_label("Play")).to_be_visible()
 
+    waiting: list[Route] = []
+    page.route("**/api/pair*", lambda route: waiting.append(route))
     page.get_by_role("button", name="FERRY and TOW").click()
     detail = page.locator("#detail")
     expect(detail.get_by_role("heading")).to_have_text("FERRY and TOW")
+    buttons = detail.locator("button")
+    wait_until(page, "document.querySelectorAll('#detail dl').length === 1")
+    at_once = [one.bounding_box() for one in buttons.all()]
+    until(lambda: bool(waiting))
+    waiting[0].continue_()
+    page.unroute("**/api/pair*")
     expect(detail).to_contain_text("Decided by stage 4: their motion.")
+    # What comes later moves nothing that may be pressed.
+    assert len(at_once) >= 5
+    assert [one.bounding_box() for one in buttons.all()] == at_once
     expect(detail).to_contain_text("1 Jun 2026 09:45:43 \N{EN DASH} 09:48:51")
     expect(detail).to_contain_text("Each end is right to within 0.019 µs.")
     expect(detail.locator("svg.plan path.plan-a, svg.plan path.plan-b")).to_have_count(2)

@@ -64,9 +64,11 @@ export class Detail {
       heading,
       element("p", { class: "verdict" },
         element("span", { class: `mark ${conflict.verdict}`, "aria-hidden": "true" }), SAYS[conflict.verdict]),
-      card, chart, why, figure, this.periods(conflict),
+      card, this.periods(conflict),
       element("dl", {}, ...this.facts(conflict, objects)),
-      this.acknowledgement(conflict, mayAcknowledge), stages);
+      this.acknowledgement(conflict, mayAcknowledge),
+      // These come later: nothing that is there already may move under a finger.
+      chart, why, figure, stages);
     heading.focus({ preventScroll: true });
     this.container.scrollTop = 0;
     this.showDistance(conflict, model, distance, card, chart);
