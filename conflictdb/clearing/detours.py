@@ -60,6 +60,10 @@ def detours(
         problem = "is an area" if key in {area.key for area in areas} else "is not known"
         raise InvalidInput(f"scene {scene.name!r}", "track", f"{key!r} {problem}")
     track = planned.pop(key)
+    for name, value in (track.tolerances or {}).items():
+        if isinstance(value, list) and name != "departure_window":
+            rule = "is given by leg, or for the planned arrival: ask about a copy without it"
+            raise InvalidInput(f"track {key!r}", name, rule)
     index = Index(scene)
     index.put([*areas, *planned.values()])
     # Longer than every key, so that no plan has the key of a way.

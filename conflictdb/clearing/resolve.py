@@ -20,7 +20,7 @@ from conflictdb.model import inputs
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.proposals import Goal, Left, Move, NewWaypoints, Proposal
-from conflictdb.model.recurring_plans import require_one_voyage
+from conflictdb.model.recurring_plans import later, require_one_voyage
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import differences_of
 
@@ -34,6 +34,7 @@ _MOST_LEVEL: Final = 1_000_000
 _LEAST_WEIGHT: Final = 1e-6
 _MOST_WEIGHT: Final = 1e6
 # Of tracks that `detours` has ways for, but a proposal cannot store.
+_AS_FAST: Final = "keeps its speed: its tolerances contain other speeds already"
 _UNCHANGED: Final = "gets no new waypoints: its size, heights or tolerances are given by leg or waypoint (`detours`)"
 
 
@@ -164,6 +165,8 @@ def resolve(
     unkept = {key: planned[key] for key in concerned - set(keep)}
     notes = yielding_areas(before, unkept, {area.key: area for area in areas}, scene.rules)
     stuck = sorted(rest - speeds.keys(), key=str.encode)
+    if not limits.slowest == limits.fastest == 1.0:
+        notes += [f"track {key!r} {_AS_FAST}" for key in stuck if planned[key].tolerances is not None]
     if limits.aside_m > 0.0:
         notes += [f"track {key!r} {_UNCHANGED}" for key in stuck if is_changing(planned[key])]
     ways = _ways(scene, changed, areas, stuck, limits)
@@ -188,12 +191,6 @@ def resolve(
 def conflicts(tracks: Iterable[Track], areas: Iterable[Area], scene: Scene) -> Pairs:
     """Return the keys of pairs that interfere or might."""
     return frozenset((one.a_key, one.b_key) for one in questions.solve(tracks, areas, scene))
-
-
-def later(track: Track, delay_us: int) -> Track:
-    """Return a track that is later by a delay."""
-    times: Any = inputs.all_certain(track.times_us + delay_us)
-    return replace(track, times_us=times, max_speed_kn=np.inf)
 
 
 def at_speed(track: Track, factor: float) -> Track:
@@ -277,7 +274,7 @@ def _speeds(
     now, found = dict(changed), {}
     for key in keys:
         begins_us = int(now[key].times_us[0])
-        if limits.now_us is not None and begins_us < limits.now_us:
+        if now[key].tolerances is not None or (limits.now_us is not None and begins_us < limits.now_us):
             continue
         [one] = questions.speeds(now.values(), areas, scene, key, limits.slowest, limits.fastest)
         factors = [factor for factor in (one.slower, one.faster) if factor is not None]

@@ -18,6 +18,7 @@ from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.model.activations import INFINITY_US, MINUS_INFINITY_US, departures_of
 from conflictdb.model.inputs import all_certain, certain
 from conflictdb.model.plans import MAX_INSTANT_US, MIN_INSTANT_US, Area, Track
+from conflictdb.model.tolerances import windows_later
 
 Window = tuple[int, int]
 _One = TypeVar("_One", Area, Track)
@@ -73,11 +74,17 @@ def expanded(
 
 
 def later(one: _One, by_us: int) -> _One:
-    """Return an area or track with all its activations later by some microseconds, without its schedule."""
+    """Return an area or track with all its activations later by some microseconds, without its schedule.
+
+    The windows of a track are as much later.
+    """
     if isinstance(one, Track):
         times: Any = all_certain(one.times_us + by_us)
         departs: Any = None if one.departures_us is None else all_certain(np.array(one.departures_us, np.int64) + by_us)
-        return replace(one, times_us=times, departures_us=departs, schedule=None, max_speed_kn=np.inf)
+        tolerances = None if one.tolerances is None else windows_later(one.tolerances, by_us)
+        return replace(
+            one, times_us=times, departures_us=departs, schedule=None, tolerances=tolerances, max_speed_kn=np.inf
+        )
     ends = ((one.start_us, one.end_us),) if one.spans_us is None else one.spans_us
     moved: Any = [[certain(None if at is None else at + by_us) for at in pair] for pair in ends]
     if one.spans_us is None:

@@ -94,21 +94,32 @@ def tolerances_of(who: str, given: Mapping[str, Any], times_us: NDArray[np.int64
 
 
 def as_members(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return valid tolerances as JSON has them: lists of numbers, and windows in ISO 8601."""
+    """Return valid tolerances as JSON has them: lists of numbers, and windows in ISO 8601, UTC."""
     found: dict[str, Any] = {}
     for name, value in given.items():
         if value is None:
             continue
         if name in WINDOWS:
-            found[name] = [one if isinstance(one, str) else _written(name, one) for one in value]
+            found[name] = [
+                _written(name, datetime.fromisoformat(one) if isinstance(one, str) else one) for one in value
+            ]
         else:
             found[name] = [float(one) for one in value] if isinstance(value, Sequence | np.ndarray) else float(value)
     return found
 
 
+def windows_later(given: Mapping[str, Any], by_us: int) -> dict[str, Any]:
+    """Return valid tolerances with their windows later by some microseconds."""
+    moved: dict[str, Any] = dict(given)
+    for name in WINDOWS:
+        if given.get(name) is not None:
+            ends_us = inputs.instants_us("tolerances", name, [datetime.fromisoformat(one) for one in given[name]])
+            moved[name] = [_written(name, one) for one in inputs.all_certain(ends_us + by_us)]
+    return moved
+
+
 def _written(name: str, instant: inputs.Instant) -> str:
-    moment = inputs.EPOCH + int(inputs.instants_us("", name, [instant])[0]) * inputs.MICROSECOND
-    return moment.isoformat().replace("+00:00", "Z")
+    return inputs.moment("tolerances", name, instant).isoformat().replace("+00:00", "Z")
 
 
 def _numbers(who: str, name: str, value: Any, count: int, each: str, most: float) -> NDArray[np.float64]:

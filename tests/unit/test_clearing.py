@@ -27,9 +27,10 @@ from conflictdb import (
 from conflictdb.clearing.greedy import greedy, is_plan
 from conflictdb.clearing.least import least
 from conflictdb.clearing.program import NOTHING, Program, chain_of
-from conflictdb.clearing.resolve import at_speed, later, moved, place
+from conflictdb.clearing.resolve import at_speed, moved, place
 from conflictdb.clearing.turns import Turns, bound_of
 from conflictdb.clearing.yielding import levels_of
+from conflictdb.model.recurring_plans import later
 from conflictdb.stages.delays import Spans
 
 SECOND = 1_000_000

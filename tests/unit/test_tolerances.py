@@ -10,7 +10,7 @@ import pytest
 import shapely
 import shapely.affinity
 
-from conflictdb import solve
+from conflictdb import delays, resolve, solve
 from conflictdb.arrays import Floats
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows
@@ -22,6 +22,7 @@ from conflictdb.formats.scene_file import read_scene, scene_text
 from conflictdb.kernel import KernelScene
 from conflictdb.kernel.movement import Movement
 from conflictdb.model.plans import Area, Motion, Scene, Track, rectangle_outline_m
+from conflictdb.model.recurring_plans import later
 from conflictdb.stages.pieces.covers import COVER, pieces_of
 
 T0_US = 1_772_323_200_000_000
@@ -326,6 +327,43 @@ def test_a_window_finds_what_the_plan_misses() -> None:
     (found,) = solve([Track("T", way, times, SHIP, tolerances=limits)], [early], Scene("s"))
     assert found.verdict == "conflict"
     assert solve([Track("T", way, times, SHIP, tolerances={"xtd_port_m": 500.0})], [early], Scene("s")) == []
+
+
+def window_us(track: Track, name: str) -> list[int]:
+    assert track.tolerances is not None
+    return [int(np.datetime64(one.removesuffix("Z"), "us").astype(np.int64)) for one in track.tolerances[name]]
+
+
+def test_a_later_plan_has_later_windows() -> None:
+    """What `delays` says of a delay is what `solve` says of the plan with it, and `resolve` clears such a plan."""
+    way, hour = np.array([[4.0, 57.0], [5.0, 57.0]]), 3_600_000_000
+    windows = {
+        "departure_window": [T0_US, T0_US + hour // 2],
+        "arrival_window": [T0_US + 4 * hour, T0_US + 9 * hour // 2],
+    }
+    limits = {name: [np.datetime64(one, "us") for one in window] for name, window in windows.items()}
+    plan = Track("T", way, T0_US + np.array([0, 4 * hour]), SHIP, tolerances=limits)
+    berth = Area("A", shapely.box(3.99, 56.99, 4.01, 57.01), None, T0_US + 3_500_000_000, T0_US + 4_500_000_000)
+    (found,) = delays([plan], [berth], Scene("s"), within_s=7200.0)
+    (forbidden,) = found.forbidden
+    assert 1000.0 < forbidden.from_s < forbidden.to_s < 7200.0
+    for delay_s in (forbidden.from_s - 1.0, forbidden.from_s + 1.0, forbidden.to_s - 1.0, forbidden.to_s + 1.0):
+        by_us = round(1e6 * delay_s)
+        moved = later(plan, by_us)
+        assert {name: window_us(moved, name) for name in windows} == {
+            name: [one + by_us for one in window] for name, window in windows.items()
+        }
+        is_inside = forbidden.from_s < delay_s < forbidden.to_s
+        assert bool(solve([moved], [berth], Scene("s"))) == is_inside
+    (move,) = resolve([later(plan, round(1e6 * forbidden.from_s + 2e6))], [berth], Scene("s"), within_s=7200.0).moves
+    assert move.delay_s > 0.0
+
+
+def test_windows_are_kept_in_utc() -> None:
+    limits = {"departure_window": ["2026-03-01T01:00:00+02:00", "2026-03-01T01:30:00.5+01:00"]}
+    start_us = int(np.datetime64("2026-03-01T00:00", "us").astype(np.int64))
+    track = Track("T", [[4.0, 57.0], [5.0, 57.0]], [start_us, start_us + 3_600_000_000], SHIP, tolerances=limits)
+    assert track.tolerances == {"departure_window": ["2026-02-28T23:00:00Z", "2026-03-01T00:30:00.500000Z"]}
 
 
 @pytest.mark.parametrize(

@@ -11,25 +11,32 @@ function later(text, us) {
   return `${whole}${micros === 0n ? "" : `.${String(micros).padStart(6, "0").replace(/0+$/, "")}`}Z`;
 }
 
+// The windows of a feature, so many microseconds later.
+const windows = ({ properties }, us) => Object.fromEntries(["departure_window", "arrival_window"]
+  .filter((name) => properties[name]).map((name) => [name, properties[name].map((text) => later(text, us))]));
+
 // The feature of a track that departs so many microseconds later, so many metres higher, with a waypoint [n, lon, lat] elsewhere.
 export function moved(feature, us, upM, waypoint) {
   const coordinates = feature.geometry.coordinates.map((place, n) => (waypoint?.[0] === n ? waypoint.slice(1) : place));
   const { times, ...properties } = feature.properties;
   const ends = ["floor_m", "ceiling_m"].filter((name) => Number.isFinite(properties[name])).map((name) => [name, properties[name] + upM]);
-  return { ...feature, geometry: { ...feature.geometry, coordinates }, properties: { ...properties, times: times.map((text) => later(text, us)), ...Object.fromEntries(ends) } };
+  return { ...feature, geometry: { ...feature.geometry, coordinates }, properties: { ...properties, times: times.map((text) => later(text, us)), ...windows(feature, us), ...Object.fromEntries(ends) } };
 }
 
 const quoted = (text) => (/\\/.test(text) ? `E'${text.replace(/\\/g, "\\\\").replace(/'/g, "''")}'` : `'${text.replace(/'/g, "''")}'`);
 
 // The statement that moves the track of a scene.
-export function statement(scene, { id }, us, upM, waypoint) {
+export function statement(scene, feature, us, upM, waypoint) {
+  const moved = windows(feature, us);
+  const within = us === 0 || Object.keys(moved).length === 0 ? "" : `,
+    tolerances = tolerances || ${quoted(JSON.stringify(moved))}`;
   const [x, y] = waypoint ? waypoint.slice(1).map((degrees, i) => `CASE WHEN p.path[1] = ${waypoint[0] + 1} THEN ${degrees} ELSE ST_${"XY"[i]}(p.geom) END`) : ["ST_X(p.geom)", "ST_Y(p.geom)"];
   const higher = upM === 0 ? "" : `,
     floor_m = floor_m + ${upM}, ceiling_m = ceiling_m + ${upM}`;
   return `UPDATE conflictdb.track AS t
 SET path = (SELECT ST_MakeLine(ST_SetSRID(ST_MakePointM(${x}, ${y}, ST_M(p.geom) + ${(us / 1e6).toFixed(6)}), 4326) ORDER BY p.path)
-            FROM ST_DumpPoints(t.path) AS p)${higher}
+            FROM ST_DumpPoints(t.path) AS p)${higher}${within}
 FROM conflictdb.scene AS s
-WHERE s.scene_id = t.scene_id AND s.name = ${quoted(scene)} AND t.key = ${quoted(id)};
+WHERE s.scene_id = t.scene_id AND s.name = ${quoted(scene)} AND t.key = ${quoted(feature.id)};
 `;
 }
