@@ -4,7 +4,7 @@
 -- Its parameter is no scene, nor is it LANGUAGE sql: either would keep revisions from adding columns. With
 -- extra_float_digits, numbers keep all digits whatever the session's own setting is.
 CREATE OR REPLACE FUNCTION conflictdb_internal._settings_of(p_scene anyelement) RETURNS jsonb
-LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp SET extra_float_digits = 1 AS $$
 BEGIN
     RETURN to_jsonb(p_scene) - '{scene_id,history_kept,owner,expanded,parent_scene_id}'::text[];
 END
@@ -123,7 +123,7 @@ COMMENT ON FUNCTION _check_heights(text, double precision, double precision) IS
 'Raises ZC004 unless heights (metres; null: no limit) are finite and the ceiling is above the floor.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_word(p_who text, p_field text, p_word text) RETURNS void
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 BEGIN
     IF NOT octet_length(p_word) BETWEEN 1 AND 200 THEN
         FOUND := _raise('ZC008', p_who, p_field, 'must be a text of 1 to 200 bytes, or null', 'word_valid');

@@ -392,7 +392,7 @@ COMMENT ON FUNCTION _check_may_prune(text, name) IS
 'how long its history is kept.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._as_branch(p_new scene, p_old scene) RETURNS scene
-LANGUAGE plpgsql STABLE CALLED ON NULL INPUT SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     c_own CONSTANT text[] := '{name,delays_within_s}';
     v_who text := format('scene %L', p_new.name);
@@ -426,8 +426,25 @@ COMMENT ON FUNCTION _as_branch(scene, scene) IS
 'A row of scene as it is stored: a branch with the settings of its parent, and no stored delays. Raises ZC020 for '
 'other settings, another parent, or a branch of a branch.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._centre_of_objects(
+    p_scene_id bigint, OUT centre_lon double precision, OUT centre_lat double precision
+)
+LANGUAGE plpgsql STABLE SET search_path FROM CURRENT AS $$
+BEGIN
+    SELECT ST_X(m.place), ST_Y(m.place) INTO centre_lon, centre_lat
+        FROM _middle_of((SELECT ST_Collect(o.place)
+                         FROM (SELECT ST_Points(a.footprint) FROM area a WHERE a.scene_id = p_scene_id
+                               UNION ALL
+                               SELECT ST_Points(ST_Force2D(t.path)) FROM track t WHERE t.scene_id = p_scene_id)
+                              AS o (place))) AS m (place);
+END
+$$;
+COMMENT ON FUNCTION _centre_of_objects(bigint) IS
+'The middle of all objects of a scene, degrees; nulls without objects.';
+
+-- Also run by _after_scene_change, as the owner, for branches: PostGIS's schema is not on the search path.
 CREATE OR REPLACE FUNCTION conflictdb_internal._scene_before() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_who text := format('scene %L', NEW.name);
     v_name text;
@@ -463,13 +480,10 @@ BEGIN
     IF TG_OP = 'UPDATE' AND NEW.motion = 'rhumb' AND OLD.motion = 'great_circle' THEN
         NEW.centre_lon := nullif(NEW.centre_lon, OLD.centre_lon);
         NEW.centre_lat := nullif(NEW.centre_lat, OLD.centre_lat);
-    ELSIF TG_OP = 'UPDATE' AND NEW.motion = 'great_circle' AND NEW.centre_lon IS NULL AND NEW.centre_lat IS NULL THEN
-        SELECT ST_X(m.place), ST_Y(m.place) INTO NEW.centre_lon, NEW.centre_lat
-            FROM _middle_of((SELECT ST_Collect(o.place)
-                             FROM (SELECT ST_Points(a.footprint) FROM area a WHERE a.scene_id = NEW.scene_id
-                                   UNION ALL
-                                   SELECT ST_Points(ST_Force2D(t.path)) FROM track t WHERE t.scene_id = NEW.scene_id)
-                                  AS o (place))) AS m (place);
+    ELSIF TG_OP = 'UPDATE' AND NEW.motion = 'great_circle' AND NEW.centre_lon IS NULL AND NEW.centre_lat IS NULL
+          -- That of a branch is its parent's.
+          AND NEW.parent_scene_id IS NULL THEN
+        SELECT c.* INTO NEW.centre_lon, NEW.centre_lat FROM _centre_of_objects(NEW.scene_id) c;
     END IF;
     IF NEW.motion = 'rhumb' AND num_nonnulls(NEW.centre_lon, NEW.centre_lat) > 0 THEN
         FOUND := _raise('ZC009', v_who, 'centre', 'has a meaning with motion great_circle only',

@@ -1,7 +1,8 @@
 -- Separation rules: adding, replacing and removing them; refusing ambiguous ones; marking the pairs that they concern.
 
+-- Also run by _after_rule_change, as the owner, for branches.
 CREATE OR REPLACE FUNCTION conflictdb_internal._rule_before() RETURNS trigger
-LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
+LANGUAGE plpgsql VOLATILE SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
 DECLARE
     v_who text := format('rule %L with %L', coalesce(NEW.a_class, 'any'), coalesce(NEW.b_class, 'any'));
     v_bad record;

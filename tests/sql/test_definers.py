@@ -20,6 +20,13 @@ CREATE FUNCTION public.format(text, bigint) RETURNS text LANGUAGE plpgsql AS
     $$ BEGIN INSERT INTO public.caught VALUES (current_user); RETURN pg_catalog.format($1, VARIADIC ARRAY[$2]); END $$;
 CREATE FUNCTION public.format(text, text) RETURNS text LANGUAGE plpgsql AS
     $$ BEGIN INSERT INTO public.caught VALUES (current_user); RETURN pg_catalog.format($1, VARIADIC ARRAY[$2]); END $$;
+CREATE FUNCTION public.format(text, text, text) RETURNS text LANGUAGE plpgsql AS
+    $$ BEGIN INSERT INTO public.caught VALUES (current_user); RETURN pg_catalog.format($1, VARIADIC ARRAY[$2, $3]); END $$;
+CREATE FUNCTION public.to_jsonb(conflictdb.scene) RETURNS jsonb LANGUAGE plpgsql AS
+    $$ BEGIN INSERT INTO public.caught VALUES (current_user); RETURN pg_catalog.to_jsonb($1); END $$;
+CREATE FUNCTION public.more(float8, integer) RETURNS boolean LANGUAGE plpgsql AS
+    $$ BEGIN INSERT INTO public.caught VALUES (current_user); RETURN $1 >= $2::float8; END $$;
+CREATE OPERATOR public.>= (LEFTARG = float8, RIGHTARG = integer, FUNCTION = public.more);
 CREATE FUNCTION public.format(text, text, text, text) RETURNS text LANGUAGE plpgsql AS
     $$ BEGIN INSERT INTO public.caught VALUES (current_user); RETURN pg_catalog.format($1, VARIADIC ARRAY[$2, $3, $4]);
     END $$;
@@ -59,11 +66,17 @@ def test_nobody_else_can_put_a_name_there(conn: Conn) -> None:
         "SELECT conflictdb.request_detection('s', true)",
         "SELECT conflictdb.put_area('s', 'A', 'SRID=4326;POLYGON((0 0, 0 1, 1 1, 1 0, 0 0))')",
         "SELECT conflictdb.remove_object('s', 'B')",
+        # Branches follow their parents: triggers of the owner's rows run as the owner.
+        "SELECT conflictdb.create_scene('s', p_separation_m => 5)",
+        "SELECT conflictdb.create_scene('s', p_motion => 'great_circle')",
+        "SELECT conflictdb.put_rule('s', 'ferry', 'tug', 500)",
+        "SELECT conflictdb.remove_scene('s')",
     ],
 )
 def test_a_function_of_a_user_is_not_called_as_the_owner(conn: Conn, statement: str) -> None:
     conn.execute("SELECT conflictdb.create_scene('s')")
     conn.execute("SELECT conflictdb.put_area('s', 'B', 'SRID=4326;POLYGON((0 0, 0 1, 1 1, 1 0, 0 0))')")
+    conn.execute("SELECT conflictdb.create_branch('s', 'b')")
     conn.execute(TRAPS.encode())
     conn.execute(statement.encode())
     conn.execute("RESET ROLE")
