@@ -294,6 +294,20 @@ COMMENT ON FUNCTION _begin_run(bigint, jsonb) IS
 'Records a run that starts to write, with the counts of the previous run; returns its id. p_run: columns of run, and '
 'more_objects: change in the number of objects since the previous run, if known.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._compared_early(p_scene_id bigint) RETURNS boolean
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT
+SET enable_seqscan = off SET jit = off AS $$
+DECLARE
+    v_parent_id bigint := _parent_of(p_scene_id);
+BEGIN
+    RETURN EXISTS (SELECT FROM change c WHERE c.scene_id = v_parent_id)
+           OR _schedules_wait(coalesce(v_parent_id, p_scene_id));
+END
+$$;
+COMMENT ON FUNCTION _compared_early(bigint) IS
+'Whether a detection has compared objects with others that were not ready in its snapshot: changed objects of the '
+'parent of a branch, or schedules that voyages with marks leave behind.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._write_run(
     p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean,
     p_a_kind smallint[], p_a_id bigint[], p_a_version bigint[], p_b_kind smallint[], p_b_id bigint[],
@@ -311,6 +325,7 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_nes
 #variable_conflict use_column
 DECLARE
     v_branch_id bigint;
+    v_is_early boolean;
     -- Above this number of marks, counting all conflicts of the scene is cheap by comparison.
     c_few CONSTANT integer := 1000;
     v_start timestamptz := clock_timestamp();
@@ -477,8 +492,13 @@ WITH member AS MATERIALIZED (
 
     SELECT NOT EXISTS (SELECT FROM run r WHERE r.scene_id = p_scene_id AND r.error IS NULL
                        AND r.run_id < _write_run.run_id) INTO v_is_first;
+    -- Whoever detects its parent marks only the objects that it sees (below); and voyages of marks expand schedules.
+    v_is_early := _compared_early(p_scene_id);
     DELETE FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered;
     GET DIAGNOSTICS v_marks = ROW_COUNT;
+    IF v_is_early THEN
+        PERFORM _mark_all(p_scene_id);
+    END IF;
     IF NOT v_has_delays THEN
         DELETE FROM difference d WHERE d.scene_id = p_scene_id;
     END IF;

@@ -1,0 +1,139 @@
+"""Edits that are committed while a detection runs leave nothing out, also of branches and schedules."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import closing
+from typing import Any
+
+import psycopg
+import pytest
+
+from conflictdb.db import detect, store
+
+Conn = psycopg.Connection[Any]
+
+DAILY = """
+INSERT INTO conflictdb.area (scene_id, key, footprint, schedule)
+SELECT scene_id, 'S', ST_SetSRID(ST_Multi(ST_MakeEnvelope(0, 50, 1, 51)), 4326), '[{"periods": [["08:00", "16:00"]]}]'
+FROM conflictdb.scene WHERE name = 's'
+"""
+# Of two days, long after the horizon.
+FAR = """
+SELECT conflictdb.put_track(%s, 'V', conflictdb.track_path('SRID=4326;LINESTRING(-1 50.5, 2 50.5)',
+    ARRAY[date_trunc('day', now()) + interval '400 days', date_trunc('day', now()) + interval '402 days']),
+    conflictdb.rectangle_outline(9, 9, 5, 5))
+"""
+
+
+@pytest.fixture
+def other(dsn: str) -> Iterator[Conn]:
+    """Return another session, which edits."""
+    with closing(psycopg.connect(dsn)) as session:
+        yield session
+
+
+def put(conn: Conn, scene: str, key: str, west: float) -> None:
+    conn.execute(
+        "SELECT conflictdb.put_area(%s, %s, ST_SetSRID(ST_Multi(ST_MakeEnvelope(%s, 50, %s, 51)), 4326))",
+        [scene, key, west, west + 1],
+    )
+    conn.commit()
+
+
+def conflicts(conn: Conn, scene: str) -> list[tuple[Any, ...]]:
+    """Return the conflicts of a scene, detected until it is current."""
+    query = "SELECT is_current FROM conflictdb.scenes WHERE scene = %s"
+    turns = 0
+    while conn.execute(query.encode(), [scene]).fetchone() != (True,):
+        conn.commit()
+        detect.detect(conn, scene, jobs=1)
+        turns += 1
+        assert turns < 5
+    found = conn.execute("SELECT a_key, b_key FROM conflictdb.conflicts WHERE scene = %s", [scene]).fetchall()
+    conn.commit()
+    return found
+
+
+def before_second_look(monkeypatch: pytest.MonkeyPatch, conn: Conn, edit: Any) -> None:
+    """Edit after the parent was detected, before a session begins to detect the branch b."""
+    begin = store.begin_detection
+
+    def begin_detection(c: Conn, scene: str, *rest: Any) -> store.Begun:
+        if c is conn and scene == "b" and rest[-1] is None:
+            edit()
+        return begin(c, scene, *rest)
+
+    monkeypatch.setattr(store, "begin_detection", begin_detection)
+
+
+def test_a_branch_is_edited_while_a_worker_detects_its_parent(
+    conn: Conn, other: Conn, dsn: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That worker marks the objects of the branch that it sees: not those that came after its snapshot."""
+    conn.execute("SELECT conflictdb.create_scene('s'), conflictdb.create_branch('s', 'b')")
+    put(conn, "b", "W", 90)
+    detect.detect(conn, "b", jobs=1)
+    put(conn, "s", "Y", 70)
+    begun, go_on = threading.Event(), threading.Event()
+    with closing(psycopg.connect(dsn)) as worker:
+        end = store.end_write
+
+        def end_write(c: Conn, *rest: Any) -> store.RunOutcome:
+            if c is worker:
+                begun.set()
+                go_on.wait(30)
+            return end(c, *rest)
+
+        monkeypatch.setattr(store, "end_write", end_write)
+        working = threading.Thread(target=detect.detect, args=(worker, "s"), kwargs={"jobs": 1})
+
+        def edit() -> None:
+            put(other, "s", "P", 0.5)
+            working.start()
+            assert begun.wait(30)
+            put(other, "b", "X", 0)
+
+        before_second_look(monkeypatch, conn, edit)
+        detect.detect(conn, "b", jobs=1)
+        go_on.set()
+        working.join()
+    assert conflicts(conn, "b") == [("P", "X")]
+
+
+def test_a_far_voyage_enters_a_branch_while_its_parent_is_detected(
+    conn: Conn, other: Conn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    conn.execute("SELECT conflictdb.create_scene('s', p_horizon_days => 30), conflictdb.create_branch('s', 'b')")
+    conn.execute(DAILY.encode())
+    put(conn, "b", "W", 90)
+    detect.detect(conn, "b", jobs=1)
+    put(conn, "s", "Y", 70)
+
+    def edit() -> None:
+        other.execute(FAR.encode(), ["b"])
+        other.commit()
+
+    before_second_look(monkeypatch, conn, edit)
+    detect.detect(conn, "b", jobs=1)
+    assert conflicts(conn, "b") == [("S", "V")]
+
+
+def test_a_far_voyage_and_settings_come_between_two_transactions(
+    conn: Conn, other: Conn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second transaction then takes all marks."""
+    conn.execute("SELECT conflictdb.create_scene('s', p_horizon_days => 30)")
+    conn.execute(DAILY.encode())
+    put(conn, "s", "Y", 70)
+    begin = store.begin_locked
+
+    def begin_locked(*arguments: Any) -> int:
+        other.execute(FAR.encode(), ["s"])
+        other.execute("SELECT conflictdb.create_scene('s', p_tolerance_m => 2)")
+        other.commit()
+        return begin(*arguments)
+
+    monkeypatch.setattr(store, "begin_locked", begin_locked)
+    detect.detect(conn, "s", jobs=1, few_objects=-1)
+    monkeypatch.undo()
+    assert conflicts(conn, "s") == [("S", "V")]
