@@ -61,7 +61,8 @@ COMMENT ON FUNCTION _rule_between(bigint, smallint, text, smallint, text, intege
 'specific.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._rules_of(p_scene_id bigint) RETURNS jsonb
-LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT SET extra_float_digits = 1 AS $$
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp
+SET extra_float_digits = 1 AS $$
 BEGIN
     RETURN (SELECT coalesce(jsonb_agg(jsonb_strip_nulls(jsonb_build_object(
                 'a_class', r.a_class, 'b_class', r.b_class, 'separation_m', r.separation_m, 'vertical_m', r.vertical_m,

@@ -407,6 +407,11 @@ BEGIN
     END IF;
     SELECT * INTO v_parent FROM scene s WHERE s.scene_id = p_new.parent_scene_id;
     IF NOT FOUND THEN
+        -- Restores and replicas may bring a branch before its parent.
+        IF v_is_new AND pg_has_role((SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = 'scene'::regclass),
+                                    'USAGE') THEN
+            RETURN p_new;
+        END IF;
         FOUND := _raise('ZC020', v_who, 'parent_scene_id', 'is no scene that the role may read', 'branch_of_scene');
     END IF;
     IF v_parent.parent_scene_id IS NOT NULL THEN

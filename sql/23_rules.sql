@@ -129,7 +129,8 @@ BEGIN
     END IF;
     FOR v_scene_id IN SELECT DISTINCT r.scene_id FROM unnest(v_rules) r ORDER BY 1 LOOP
         -- The check sees rules of other sessions, and a proposal is applied under the rules that it was computed with.
-        PERFORM FROM scene s WHERE s.scene_id = v_scene_id FOR NO KEY UPDATE;
+        -- An update, so that sessions with older snapshots fail, which would make a branch without these rules.
+        UPDATE scene s SET name = s.name WHERE s.scene_id = v_scene_id;
         PERFORM _check_rules(v_scene_id);
         SELECT coalesce(jsonb_agg(to_jsonb(r) - '{rule_id,scene_id}'::text[]), '[]') INTO v_all
             FROM rule r WHERE r.scene_id = v_scene_id;
@@ -217,6 +218,24 @@ END;
 COMMENT ON FUNCTION _put_rules(bigint, jsonb, boolean) IS
 'Adds rules to a scene, in place of those of the same sides. p_rules: as _rules_of returns them; p_is_all: all others '
 'are removed. Equal rules stay, and mark nothing.';
+
+-- A branch has the settings and rules of its parent, also if another session changes them as it is made.
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._after_branch() RETURNS trigger
+LANGUAGE plpgsql VOLATILE SECURITY DEFINER SET search_path = conflictdb, conflictdb_internal, pg_temp AS $$
+BEGIN
+    -- Changes nothing: sessions that change the parent wait, or came first, or fail if they have an older snapshot.
+    UPDATE scene p SET name = p.name WHERE p.scene_id = NEW.parent_scene_id;
+    UPDATE scene b SET name = b.name WHERE b.scene_id = NEW.scene_id;
+    PERFORM _put_rules(NEW.scene_id, _rules_of(NEW.parent_scene_id), true);
+    RETURN NULL;
+END
+$$;
+COMMENT ON FUNCTION _after_branch() IS
+'Trigger: gives a new branch the settings and rules of its parent. Runs as its owner: the role may be one that only '
+'reads the parent. Restricted to the branch.';
+CREATE OR REPLACE TRIGGER branch_inserted AFTER INSERT ON scene
+    FOR EACH ROW WHEN (NEW.parent_scene_id IS NOT NULL) EXECUTE FUNCTION _after_branch();
 
 CREATE OR REPLACE FUNCTION put_rule(
     p_scene text, p_a_class text, p_b_class text, p_separation_m double precision DEFAULT NULL,

@@ -24,7 +24,6 @@ BEGIN
             PERFORM _refuse_taken(p_name);
     END;
     v_branch_id := _scene_or_branch(p_name);
-    PERFORM _put_rules(v_branch_id, _rules_of(v_parent_id), true);
     IF p_proposal_id IS NOT NULL THEN
         INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines,
                            floors_m, ceilings_m, class, owner, tolerances, departures, schedule)

@@ -137,3 +137,102 @@ def test_a_far_voyage_and_settings_come_between_two_transactions(
     detect.detect(conn, "s", jobs=1, few_objects=-1)
     monkeypatch.undo()
     assert conflicts(conn, "s") == [("S", "V")]
+
+
+@pytest.mark.parametrize("branch_first", [True, False])
+@pytest.mark.parametrize("isolation", [psycopg.IsolationLevel.READ_COMMITTED, psycopg.IsolationLevel.REPEATABLE_READ])
+@pytest.mark.parametrize(
+    "change",
+    [
+        "SELECT conflictdb.create_scene('s', p_separation_m => 5000)",
+        "SELECT conflictdb.put_rule('s', 'area', 'area', 5000)",
+    ],
+)
+def test_a_branch_is_made_while_its_parent_changes(
+    conn: Conn, other: Conn, change: str, isolation: psycopg.IsolationLevel, branch_first: bool
+) -> None:
+    """It has the new settings and rules, or one of the two sessions fails."""
+    conn.execute("SELECT conflictdb.create_scene('s')")
+    put(conn, "s", "A", 0)
+    other.isolation_level = isolation
+    other.execute("SELECT")  # its snapshot
+    statements = ["SELECT conflictdb.create_branch('s', 'b')", change]
+    first, second = statements if branch_first else reversed(statements)
+    conn.execute(first.encode())
+    failed: list[psycopg.Error] = []
+
+    def edit() -> None:
+        try:
+            other.execute(second.encode())
+            other.commit()
+        except psycopg.errors.SerializationFailure as error:
+            failed.append(error)
+            other.rollback()
+
+    editing = threading.Thread(target=edit)
+    editing.start()
+    editing.join(0.5)
+    conn.commit()
+    editing.join()
+    if failed:
+        assert isolation == psycopg.IsolationLevel.REPEATABLE_READ
+        conn.execute(second.encode())
+    put(conn, "b", "C", 1.01)
+    assert conflicts(conn, "b") == [("A", "C")]
+
+
+def test_a_branch_that_is_inserted_has_the_rules_of_its_parent(conn: Conn) -> None:
+    conn.execute("SELECT conflictdb.create_scene('s'), conflictdb.put_rule('s', 'area', 'area', 5000)")
+    put(conn, "s", "A", 0)
+    conn.execute("SET ROLE conflictdb_editor")
+    conn.execute("INSERT INTO conflictdb.scene (name, parent_scene_id) SELECT 'b', scene_id FROM conflictdb.scene")
+    put(conn, "b", "C", 1.01)
+    conn.execute("RESET ROLE")
+    assert conflicts(conn, "b") == [("A", "C")]
+
+
+@pytest.mark.parametrize("role", ["origin", "replica"])
+def test_a_restore_may_bring_a_branch_before_its_parent(conn: Conn, role: str) -> None:
+    """The parent's row lies after that of the branch, once it was updated."""
+    conn.execute("SELECT conflictdb.create_scene('s'), conflictdb.create_branch('s', 'b')")
+    conn.execute("UPDATE conflictdb.scene SET name = 't' WHERE name = 's'")
+    with conn.cursor().copy("COPY (SELECT * FROM conflictdb.scene ORDER BY name) TO STDOUT") as copy:
+        rows = b"".join(bytes(block) for block in copy)
+    assert rows.index(b"\tb\t") < rows.index(b"\tt\t")
+    conn.execute("DELETE FROM conflictdb.scene")
+    conn.execute(f"SET LOCAL session_replication_role = {role}".encode())
+    with conn.cursor().copy("COPY conflictdb.scene FROM STDIN") as copy:
+        copy.write(rows)
+    assert conn.execute("SELECT scene, branch_of FROM conflictdb.scenes ORDER BY 1").fetchall() == [
+        ("b", "t"),
+        ("t", None),
+    ]
+    conn.rollback()
+
+
+@pytest.mark.parametrize(
+    "edit",
+    ["SELECT conflictdb.rename_scene('b', 'c')", "UPDATE conflictdb.scene SET history_kept = '1 day' WHERE name = 'b'"],
+)
+def test_a_branch_is_renamed_while_its_parent_is_detected(
+    conn: Conn, other: Conn, monkeypatch: pytest.MonkeyPatch, edit: str
+) -> None:
+    """Its row has changed since the snapshot, but it is still a branch."""
+    conn.execute("SELECT conflictdb.create_scene('s'), conflictdb.create_branch('s', 'b')")
+    put(conn, "b", "X", 0)
+    put(conn, "s", "Y", 70)
+    detect.detect(conn, "b", jobs=1)
+    put(conn, "s", "P", 0.5)
+    end = store.end_write
+
+    def end_write(*arguments: Any) -> store.RunOutcome:
+        other.execute(edit.encode())
+        other.commit()
+        return end(*arguments)
+
+    monkeypatch.setattr(store, "end_write", end_write)
+    detect.detect(conn, "s", jobs=1)
+    monkeypatch.undo()
+    (name,) = conn.execute("SELECT scene FROM conflictdb.scenes WHERE branch_of = 's'").fetchone() or (None,)
+    conn.commit()
+    assert conflicts(conn, str(name)) == [("P", "X")]
