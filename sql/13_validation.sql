@@ -37,6 +37,13 @@ COMMENT ON FUNCTION _first_version(smallint, bigint) IS
 'its owner, because the former object may belong to a scene that the caller cannot read. Restricted to the versions of '
 'one id; returns only a number.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._may_expand() RETURNS boolean
+LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT has_column_privilege('scene'::regclass::oid, 'expanded', 'UPDATE');
+END;
+COMMENT ON FUNCTION _may_expand() IS 'Whether the current role may say when schedules are active: workers, restores.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._area_before() RETURNS trigger
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE
@@ -52,6 +59,11 @@ BEGIN
     NEW.properties := coalesce(NEW.properties, '{}');
     -- As object-relational mappers write None.
     NEW.schedule := nullif(NEW.schedule, 'null');
+    IF NEW.schedule IS NOT NULL AND NOT _may_expand() THEN
+        -- Only a detection expands it: other activations would hide conflicts.
+        NEW.activations := CASE TG_OP WHEN 'UPDATE' THEN CASE WHEN OLD.schedule IS NOT NULL THEN OLD.activations END END;
+        NEW.schedule_error := CASE TG_OP WHEN 'UPDATE' THEN OLD.schedule_error END;
+    END IF;
     NEW.schedule_error := CASE WHEN NEW.schedule IS NOT NULL THEN NEW.schedule_error END;
     IF NOT _is_plain(jsonb_build_object('', NEW.schedule)) THEN
         FOUND := _raise('ZC012', v_who, 'schedule', 'must be nested at most 99 deep, with numbers up to 1.8e308',
@@ -190,6 +202,11 @@ DECLARE
 BEGIN
     NEW.properties := coalesce(NEW.properties, '{}');
     NEW.schedule := nullif(NEW.schedule, 'null');
+    IF NEW.schedule IS NOT NULL AND NOT _may_expand() THEN
+        -- As the expansion of an area.
+        NEW.departures := CASE TG_OP WHEN 'UPDATE' THEN CASE WHEN OLD.schedule IS NOT NULL THEN OLD.departures END END;
+        NEW.schedule_error := CASE TG_OP WHEN 'UPDATE' THEN OLD.schedule_error END;
+    END IF;
     NEW.schedule_error := CASE WHEN NEW.schedule IS NOT NULL THEN NEW.schedule_error END;
     IF NOT _is_plain(jsonb_build_object('', NEW.schedule)) THEN
         FOUND := _raise('ZC012', v_who, 'schedule', 'must be nested at most 99 deep, with numbers up to 1.8e308',

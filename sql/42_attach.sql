@@ -476,6 +476,8 @@ BEGIN
                                IS DISTINCT FROM
                                (NEW.attachment_id, NEW.scene_id, NEW.object_kind, NEW.table_schema, NEW.table_name,
                                 NEW.map, NEW.has_triggers)
+       OR TG_OP = 'UPDATE' AND OLD.every <> NEW.every
+       OR _parent_of(NEW.scene_id) IS NOT NULL
        OR TG_OP = 'UPDATE' AND cardinality(OLD.identity_columns) > 0
           AND OLD.identity_columns <> NEW.identity_columns THEN
         FOUND := _raise('ZC009', format('attachment %s', NEW.attachment_id), 'table', 'cannot be changed',

@@ -171,6 +171,28 @@ COMMENT ON FUNCTION _before_proposal_update() IS
 CREATE OR REPLACE TRIGGER proposal_updated BEFORE UPDATE OF applied_at, undone_at ON proposal
     FOR EACH ROW EXECUTE FUNCTION conflictdb_internal._before_proposal_update();
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._before_proposal_part() RETURNS trigger
+LANGUAGE plpgsql SET search_path FROM CURRENT AS $$
+BEGIN
+    -- The owner of the tables may do everything, including restores.
+    IF NOT EXISTS (SELECT FROM proposal p WHERE p.proposal_id = NEW.proposal_id AND p.made_by = current_user
+                   AND p.made_at = now())
+       AND NOT pg_has_role((SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = TG_RELID), 'USAGE') THEN
+        FOUND := _raise('42501', format('proposal %s', NEW.proposal_id), 'moves',
+                        'can be added only by the transaction that makes it', 'proposal_whole');
+    END IF;
+    RETURN NEW;
+END
+$$;
+COMMENT ON FUNCTION _before_proposal_part() IS
+'Trigger: raises insufficient_privilege for a move of a proposal that another role or transaction has made.';
+CREATE OR REPLACE TRIGGER proposal_move_made BEFORE INSERT ON proposal_move
+    FOR EACH ROW EXECUTE FUNCTION conflictdb_internal._before_proposal_part();
+ALTER TABLE proposal_move ENABLE ALWAYS TRIGGER proposal_move_made;
+CREATE OR REPLACE TRIGGER proposal_left_made BEFORE INSERT ON proposal_left
+    FOR EACH ROW EXECUTE FUNCTION conflictdb_internal._before_proposal_part();
+ALTER TABLE proposal_left ENABLE ALWAYS TRIGGER proposal_left_made;
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._hold_proposal(p_proposal_id bigint) RETURNS proposal
 LANGUAGE plpgsql VOLATILE SET search_path FROM CURRENT AS $$
 DECLARE

@@ -179,16 +179,16 @@ DECLARE
     v_changed bigint;
 BEGIN
     PERFORM _check_may_change(v_parent_id, v_parent);
-    -- Edits of the branch, and other merges, wait.
+    -- Edits of the branch, and other merges, wait. Those that leave no mark do not read the row of the scene.
     PERFORM FROM scene s WHERE s.scene_id = v_branch_id FOR UPDATE;
     IF NOT FOUND THEN
         -- Another session has merged or dropped it.
         PERFORM _scene_or_branch(p_branch);
     END IF;
     PERFORM FROM area a JOIN branch_edit e ON e.key = a.key
-        WHERE e.scene_id = v_branch_id AND a.scene_id = v_parent_id ORDER BY a.area_id FOR UPDATE OF a;
+        WHERE e.scene_id = v_branch_id AND a.scene_id IN (v_parent_id, v_branch_id) ORDER BY a.area_id FOR UPDATE OF a;
     PERFORM FROM track t JOIN branch_edit e ON e.key = t.key
-        WHERE e.scene_id = v_branch_id AND t.scene_id = v_parent_id ORDER BY t.track_id FOR UPDATE OF t;
+        WHERE e.scene_id = v_branch_id AND t.scene_id IN (v_parent_id, v_branch_id) ORDER BY t.track_id FOR UPDATE OF t;
     SELECT string_agg(quote_literal(e.key), ', ' ORDER BY e.key) INTO v_keys
         FROM branch_edit e CROSS JOIN LATERAL _object_with(v_parent_id, e.key) o
         CROSS JOIN LATERAL _object_with(v_branch_id, e.key) n

@@ -49,7 +49,8 @@ BEGIN
     END IF;
     -- A row lock, as for detections: only roles that may change the scene can take it.
     INSERT INTO admission_lock AS l (scene_id, taken) VALUES (v_scene_id, 1)
-        ON CONFLICT (scene_id) DO UPDATE SET taken = l.taken + 1;
+        -- Any number changes, also one that an editor chose.
+        ON CONFLICT (scene_id) DO UPDATE SET taken = l.taken # 1;
     PERFORM set_config('lock_timeout', v_lock_timeout, true);
     scene_id := v_scene_id;
     settings := _scene_settings(v_scene_id);

@@ -384,7 +384,7 @@ BEGIN ATOMIC
     -- As _may_change, of another role.
     SELECT EXISTS (
         SELECT FROM pg_catalog.pg_roles r
-        WHERE r.rolname = p_role AND has_table_privilege(r.oid, 'admission_lock'::regclass::oid, 'UPDATE')
+        WHERE r.rolname = p_role AND has_column_privilege(r.oid, 'admission_lock'::regclass::oid, 'taken', 'UPDATE')
           AND (NOT _is_protected() OR r.rolsuper OR r.rolbypassrls OR pg_has_role(r.oid, 'conflictdb_worker', 'USAGE')
                OR pg_has_role(r.oid, (SELECT c.relowner FROM pg_catalog.pg_class c WHERE c.oid = 'scene'::regclass),
                               'USAGE')

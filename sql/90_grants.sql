@@ -105,7 +105,8 @@ GRANT EXECUTE ON FUNCTION create_scene, put_area, put_track, put_rule, remove_ru
     TO conflictdb_editor;
 -- Row-level security limits these to scenes that the role may change; a trigger fills in the versions.
 GRANT INSERT (scene_id, key) ON branch_edit TO conflictdb_editor;
-GRANT INSERT, UPDATE ON admission_lock TO conflictdb_editor;
+REVOKE UPDATE ON admission_lock FROM conflictdb_editor;
+GRANT INSERT, UPDATE (taken) ON admission_lock TO conflictdb_editor;
 -- A superfluous mark only causes another detection.
 GRANT INSERT (scene_id, object_kind, object_id, version) ON change TO conflictdb_editor;
 REVOKE EXECUTE ON FUNCTION protect_scenes FROM conflictdb_worker;
