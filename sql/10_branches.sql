@@ -107,6 +107,15 @@ BEGIN
         RETURN NEW;
     END IF;
     SELECT o.* INTO NEW.object_kind, NEW.object_id, NEW.version FROM _object_with(v_parent_id, NEW.key) o;
+    IF NEW.object_id IS NULL AND v_parent_id IS NOT NULL THEN
+        -- A session that puts the key into the parent waits until this edit is seen, or came first.
+        INSERT INTO object_key (scene_id, key, object_kind) VALUES (v_parent_id, NEW.key, 0) ON CONFLICT DO NOTHING;
+        IF FOUND THEN
+            DELETE FROM object_key k WHERE k.scene_id = v_parent_id AND k.key = NEW.key;
+        ELSE
+            SELECT o.* INTO NEW.object_kind, NEW.object_id, NEW.version FROM _object_with(v_parent_id, NEW.key) o;
+        END IF;
+    END IF;
     RETURN NEW;
 END
 $$;

@@ -236,3 +236,27 @@ def test_a_branch_is_renamed_while_its_parent_is_detected(
     (name,) = conn.execute("SELECT scene FROM conflictdb.scenes WHERE branch_of = 's'").fetchone() or (None,)
     conn.commit()
     assert conflicts(conn, str(name)) == [("P", "X")]
+
+
+@pytest.mark.parametrize("branch_first", [True, False])
+def test_a_branch_and_its_parent_get_one_key_at_once(conn: Conn, other: Conn, branch_first: bool) -> None:
+    """The branch does not keep a conflict with the parent's object, which it no longer reads."""
+    conn.execute("SELECT conflictdb.create_scene('s'), conflictdb.create_branch('s', 'b')")
+    put(conn, "b", "X", 0)
+    conflicts(conn, "b")
+    statement = b"SELECT conflictdb.put_area(%s, 'K', ST_SetSRID(ST_Multi(ST_MakeEnvelope(%s, 50, %s, 51)), 4326))"
+    edits: list[list[Any]] = [["b", 20, 21], ["s", 0.5, 1.5]]
+    first, second = edits if branch_first else reversed(edits)
+    other.execute(statement, first)
+
+    def edit() -> None:
+        conn.execute(statement, second)
+        conn.commit()
+        detect.detect(conn, "b", jobs=1)
+
+    editing = threading.Thread(target=edit)
+    editing.start()
+    editing.join(0.5)
+    other.commit()
+    editing.join()
+    assert conflicts(conn, "b") == []
