@@ -79,8 +79,8 @@ def test_admissions_go_on_whatever_the_lock_has_counted(conn: Conn) -> None:
     [
         """INSERT INTO conflictdb.proposal_move (proposal_id, scene_id, track_id, key, version, planned, path, delay_s,
                                                  speed, clears, passes, explanation)
-           SELECT p.proposal_id, p.scene_id, t.track_id, 'U', t.version, t.path, ST_Translate(t.path, 40, 0), 0, 1, '{}',
-                  '[]', '' FROM conflictdb.proposal p, conflictdb.track t WHERE t.key = 'U'""",
+           SELECT p.proposal_id, p.scene_id, t.track_id, 'U', t.version, t.path, ST_Translate(t.path, 40, 0), 0, 1,
+                  '{}', '[]', '' FROM conflictdb.proposal p, conflictdb.track t WHERE t.key = 'U'""",
         "INSERT INTO conflictdb.proposal_left SELECT proposal_id, scene_id, 'U', '{}' FROM conflictdb.proposal",
     ],
 )
