@@ -851,12 +851,15 @@ CREATE TRIGGER branch_edit_inserted AFTER INSERT ON conflictdb.branch_edit REFER
 CREATE TRIGGER object_key_restored BEFORE INSERT ON conflictdb.object_key FOR EACH ROW WHEN ((pg_trigger_depth() = 0)) EXECUTE FUNCTION _keep_restored_key() -- always;
 CREATE TRIGGER probe_request_checked BEFORE INSERT ON conflictdb.probe_request FOR EACH ROW EXECUTE FUNCTION _before_probe_request() -- always;
 CREATE TRIGGER proposal_updated BEFORE UPDATE OF applied_at, undone_at ON conflictdb.proposal FOR EACH ROW EXECUTE FUNCTION _before_proposal_update();
+CREATE TRIGGER proposal_left_made BEFORE INSERT ON conflictdb.proposal_left FOR EACH ROW EXECUTE FUNCTION _before_proposal_part() -- always;
+CREATE TRIGGER proposal_move_made BEFORE INSERT ON conflictdb.proposal_move FOR EACH ROW EXECUTE FUNCTION _before_proposal_part() -- always;
 CREATE TRIGGER rule_before BEFORE INSERT OR UPDATE ON conflictdb.rule FOR EACH ROW EXECUTE FUNCTION _rule_before() -- always;
 CREATE TRIGGER rule_deleted AFTER DELETE ON conflictdb.rule REFERENCING OLD TABLE AS old_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
 CREATE TRIGGER rule_inserted AFTER INSERT ON conflictdb.rule REFERENCING NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
 CREATE TRIGGER rule_not_truncated BEFORE TRUNCATE ON conflictdb.rule FOR EACH STATEMENT EXECUTE FUNCTION _refuse_truncate() -- always;
 CREATE TRIGGER rule_replicated AFTER INSERT OR DELETE OR UPDATE ON conflictdb.rule FOR EACH ROW EXECUTE FUNCTION _after_replicated_rule() -- replicas;
 CREATE TRIGGER rule_updated AFTER UPDATE ON conflictdb.rule REFERENCING OLD TABLE AS old_rows NEW TABLE AS new_rows FOR EACH STATEMENT EXECUTE FUNCTION _after_rule_change();
+CREATE TRIGGER branch_inserted AFTER INSERT ON conflictdb.scene FOR EACH ROW WHEN ((new.parent_scene_id IS NOT NULL)) EXECUTE FUNCTION _after_branch();
 CREATE TRIGGER scene_before BEFORE INSERT OR UPDATE ON conflictdb.scene FOR EACH ROW EXECUTE FUNCTION _scene_before() -- always;
 CREATE TRIGGER scene_changed AFTER UPDATE ON conflictdb.scene FOR EACH ROW WHEN (((_settings_of(old.*) - '{name,horizon_days}'::text[]) IS DISTINCT FROM (_settings_of(new.*) - '{name,horizon_days}'::text[]))) EXECUTE FUNCTION _after_scene_change() -- always;
 CREATE CONSTRAINT TRIGGER scene_holds_objects AFTER UPDATE ON conflictdb.scene DEFERRABLE INITIALLY DEFERRED FOR EACH ROW WHEN ((((old.motion IS DISTINCT FROM new.motion) OR (old.centre_lon IS DISTINCT FROM new.centre_lon)) OR (old.centre_lat IS DISTINCT FROM new.centre_lat))) EXECUTE FUNCTION _scene_holds_objects();
@@ -888,6 +891,9 @@ FUNCTION _admission_holders(p_scene_id bigint)
 
 FUNCTION _after_attachment_removal()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp SET client_min_messages=warning;
+
+FUNCTION _after_branch()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _after_branch_edit()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
@@ -944,7 +950,7 @@ FUNCTION _area_row(p_scene_id bigint, p_area_id bigint)
     RETURNS TABLE(area_id bigint, version bigint, span_start timestamp with time zone, span_end timestamp with time zone, floor_m double precision, ceiling_m double precision, class_number bigint, owner_number bigint, footprint bytea, spans bytea) LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _as_branch(p_new scene, p_old scene)
-    RETURNS scene LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS scene LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _at_sea(p_path geometry, p_departures timestamp with time zone[])
     RETURNS tstzrange LANGUAGE sql STABLE PARALLEL SAFE;
@@ -992,6 +998,9 @@ FUNCTION _before_attachment()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _before_probe_request()
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _before_proposal_part()
     RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _before_proposal_update()
@@ -1053,6 +1062,9 @@ FUNCTION _candidates_of_dirty(p_scene_id bigint, OUT a_piece_id bigint, OUT b_pi
 
 FUNCTION _cast_to(p_type oid, p_wanted oid)
     RETURNS boolean LANGUAGE sql STABLE STRICT PARALLEL SAFE;
+
+FUNCTION _centre_of_objects(p_scene_id bigint, OUT centre_lon double precision, OUT centre_lat double precision)
+    RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _changed_areas(p_scene_id bigint, p_after bigint, p_most bigint, OUT area_id bigint, OUT version bigint, OUT span_start timestamp with time zone, OUT span_end timestamp with time zone, OUT floor_m double precision, OUT ceiling_m double precision, OUT class_number bigint, OUT owner_number bigint, OUT footprint bytea, OUT spans bytea)
     RETURNS SETOF record LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1172,7 +1184,7 @@ FUNCTION _check_unchanged(p_proposal_id bigint)
     RETURNS void LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _check_word(p_who text, p_field text, p_word text)
-    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS void LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _circle_legs(p_path geometry, OUT leg integer, OUT starts_at timestamp with time zone, OUT ends_at timestamp with time zone, OUT start double precision[], OUT heading double precision[], OUT angle double precision)
     RETURNS SETOF record LANGUAGE plpgsql IMMUTABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
@@ -1191,6 +1203,9 @@ FUNCTION _combined_hash(p_sum numeric)
 
 FUNCTION _compare_pieces(p_scene_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
+FUNCTION _compared_early(p_scene_id bigint)
+    RETURNS boolean LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
 FUNCTION _conflict_as_json(p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_period tstzrange)
     RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1513,6 +1528,9 @@ FUNCTION _may_admit(p_role name, p_scene_id bigint)
 FUNCTION _may_change(p_scene_id bigint)
     RETURNS boolean LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET plan_cache_mode=force_generic_plan SET enable_seqscan=off SET jit=off;
 
+FUNCTION _may_expand()
+    RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _meetings(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
     RETURNS TABLE(a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, period tstzrange) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET plan_cache_mode=force_generic_plan SET enable_bitmapscan=off SET jit=off;
 
@@ -1757,13 +1775,13 @@ FUNCTION _row_boxes(p_scene_id bigint, p_most bigint, OUT piece_ids bytea, OUT p
     RETURNS record LANGUAGE plpgsql STABLE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET jit=off;
 
 FUNCTION _rule_before()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _rule_between(p_scene_id bigint, p_a_kind smallint, p_a_class text, p_b_kind smallint, p_b_class text, p_above integer DEFAULT 0, OUT rule_id bigint, OUT a_class text, OUT b_class text, OUT separation_m double precision, OUT vertical_m double precision, OUT time_s double precision, OUT allowed boolean, OUT yields text)
     RETURNS record LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _rules_of(p_scene_id bigint)
-    RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
+    RETURNS jsonb LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET extra_float_digits=1;
 
 FUNCTION _runs(p_scene text, p_limit integer)
     RETURNS SETOF run LANGUAGE sql STABLE PARALLEL SAFE;
@@ -1775,7 +1793,7 @@ FUNCTION _scene(p_scene_id bigint)
     RETURNS TABLE(settings jsonb) LANGUAGE sql STABLE STRICT PARALLEL SAFE;
 
 FUNCTION _scene_before()
-    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+    RETURNS trigger LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, pg_temp;
 
 FUNCTION _scene_holders(p_scene_id bigint)
     RETURNS TABLE(pid integer, application text, role text, since timestamp with time zone) LANGUAGE plpgsql VOLATILE STRICT PARALLEL UNSAFE SECURITY DEFINER SET search_path=conflictdb, conflictdb_internal, pg_temp;
@@ -1841,7 +1859,7 @@ FUNCTION _set_scene(p_name text, p_settings jsonb)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _settings_of(p_scene anyelement)
-    RETURNS jsonb LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET extra_float_digits=1;
+    RETURNS jsonb LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, pg_temp SET extra_float_digits=1;
 
 FUNCTION _shared_span(p_a tstzrange, p_b tstzrange, p_within_s double precision)
     RETURNS tstzrange LANGUAGE sql STABLE PARALLEL SAFE;

@@ -21,7 +21,8 @@ CREATE FUNCTION public.format(text, bigint) RETURNS text LANGUAGE plpgsql AS
 CREATE FUNCTION public.format(text, text) RETURNS text LANGUAGE plpgsql AS
     $$ BEGIN INSERT INTO public.caught VALUES (current_user); RETURN pg_catalog.format($1, VARIADIC ARRAY[$2]); END $$;
 CREATE FUNCTION public.format(text, text, text) RETURNS text LANGUAGE plpgsql AS
-    $$ BEGIN INSERT INTO public.caught VALUES (current_user); RETURN pg_catalog.format($1, VARIADIC ARRAY[$2, $3]); END $$;
+    $$ BEGIN INSERT INTO public.caught VALUES (current_user); RETURN pg_catalog.format($1, VARIADIC ARRAY[$2, $3]);
+    END $$;
 CREATE FUNCTION public.to_jsonb(conflictdb.scene) RETURNS jsonb LANGUAGE plpgsql AS
     $$ BEGIN INSERT INTO public.caught VALUES (current_user); RETURN pg_catalog.to_jsonb($1); END $$;
 CREATE FUNCTION public.more(float8, integer) RETURNS boolean LANGUAGE plpgsql AS
