@@ -4,7 +4,8 @@
 -- Its parameter is no scene, nor is it LANGUAGE sql: either would keep revisions from adding columns. With
 -- extra_float_digits, numbers keep all digits whatever the session's own setting is.
 CREATE OR REPLACE FUNCTION conflictdb_internal._settings_of(p_scene anyelement) RETURNS jsonb
-LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp SET extra_float_digits = 1 AS $$
+LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path = conflictdb, conflictdb_internal, pg_temp
+SET extra_float_digits = 1 AS $$
 BEGIN
     RETURN to_jsonb(p_scene) - '{scene_id,history_kept,owner,expanded,parent_scene_id}'::text[];
 END
@@ -779,3 +780,53 @@ BEGIN ATOMIC
 END;
 COMMENT ON FUNCTION _at_sea(geometry, timestamptz[]) IS
 'From the first departure of a track to the end of its last voyage; empty if there is none.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._longest_voyage_s(p_path geometry, p_tolerances jsonb)
+RETURNS double precision
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    -- No leg is longer than the way along a meridian and a parallel, or shorter than 0.99 of that on the sphere.
+    SELECT least(sum(greatest(l.planned_s, l.most_m / least(l.slowest, l.before, l.after))), 3.2e9)
+    FROM (SELECT s.*, lag(s.slowest) OVER (ORDER BY s.n) AS before, lead(s.slowest) OVER (ORDER BY s.n) AS after
+          FROM (SELECT v.n, v.planned_s, 111800 * (abs(v.lat) + abs(v.lon) * v.widest) AS most_m,
+                       nullif(least(0.99 * v.sphere_m / v.planned_s,
+                                    1852.0 / 3600.0 * CASE jsonb_typeof(p_tolerances -> 'min_speed_kn')
+                                        WHEN 'array' THEN (p_tolerances -> 'min_speed_kn' ->> (v.n - 1))
+                                        ELSE p_tolerances ->> 'min_speed_kn' END::double precision), 0) AS slowest
+                FROM (SELECT g.n, ST_M(g.b) - ST_M(g.a) AS planned_s, ST_DistanceSphere(g.a, g.b) AS sphere_m,
+                             ST_Y(g.b) - ST_Y(g.a) AS lat,
+                             least(abs(ST_X(g.b) - ST_X(g.a)), 360 - abs(ST_X(g.b) - ST_X(g.a))) AS lon,
+                             CASE WHEN ST_Y(g.a) * ST_Y(g.b) <= 0 THEN 1
+                                  ELSE greatest(cosd(ST_Y(g.a)), cosd(ST_Y(g.b))) END AS widest
+                      FROM (SELECT d.path[1] AS n, d.geom AS a, lead(d.geom) OVER (ORDER BY d.path) AS b
+                            FROM ST_DumpPoints(p_path) d) g
+                      WHERE g.b IS NOT NULL) v) s) l;
+END;
+COMMENT ON FUNCTION _longest_voyage_s(geometry, jsonb) IS
+'No voyage of a track takes longer, seconds, if only its speeds and turns limit it: on an arc it may be as slow as on '
+'the legs on either side. At most a hundred years.';
+
+CREATE OR REPLACE FUNCTION conflictdb_internal._may_meet(
+    p_path geometry, p_departures timestamptz[], p_tolerances jsonb, p_within_s double precision
+) RETURNS tstzrange
+LANGUAGE plpgsql STABLE CALLED ON NULL INPUT PARALLEL SAFE SET search_path FROM CURRENT AS $$
+DECLARE
+    v_sea tstzrange := _at_sea(p_path, p_departures);
+    v_first timestamptz := lower(v_sea);
+    v_last timestamptz := upper(v_sea);
+    v_within interval := make_interval(secs => p_within_s);
+BEGIN
+    IF isempty(v_sea) THEN
+        RETURN v_sea;
+    END IF;
+    IF p_tolerances ?| '{departure_window,arrival_window,min_speed_kn,turn_radius_m}' THEN
+        v_last := coalesce((p_tolerances #>> '{arrival_window,1}')::timestamptz,
+                           coalesce((p_tolerances #>> '{departure_window,1}')::timestamptz, v_first)
+                           + make_interval(secs => _longest_voyage_s(p_path, p_tolerances)));
+        v_first := least(v_first, (p_tolerances #>> '{departure_window,0}')::timestamptz);
+    END IF;
+    RETURN tstzrange(v_first - v_within, greatest(v_last, upper(v_sea)) + v_within, '[]');
+END
+$$;
+COMMENT ON FUNCTION _may_meet(geometry, timestamptz[], jsonb, double precision) IS
+'When a voyage within its tolerances may be under way, or within so many seconds of that; empty if there is none.';

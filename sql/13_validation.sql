@@ -61,7 +61,7 @@ BEGIN
     NEW.schedule := nullif(NEW.schedule, 'null');
     IF NEW.schedule IS NOT NULL AND NOT _may_expand() THEN
         -- Only a detection expands it: other activations would hide conflicts.
-        NEW.activations := CASE TG_OP WHEN 'UPDATE' THEN CASE WHEN OLD.schedule IS NOT NULL THEN OLD.activations END END;
+        NEW.activations := CASE WHEN TG_OP = 'UPDATE' AND OLD.schedule IS NOT NULL THEN OLD.activations END;
         NEW.schedule_error := CASE TG_OP WHEN 'UPDATE' THEN OLD.schedule_error END;
     END IF;
     NEW.schedule_error := CASE WHEN NEW.schedule IS NOT NULL THEN NEW.schedule_error END;
@@ -204,7 +204,7 @@ BEGIN
     NEW.schedule := nullif(NEW.schedule, 'null');
     IF NEW.schedule IS NOT NULL AND NOT _may_expand() THEN
         -- As the expansion of an area.
-        NEW.departures := CASE TG_OP WHEN 'UPDATE' THEN CASE WHEN OLD.schedule IS NOT NULL THEN OLD.departures END END;
+        NEW.departures := CASE WHEN TG_OP = 'UPDATE' AND OLD.schedule IS NOT NULL THEN OLD.departures END;
         NEW.schedule_error := CASE TG_OP WHEN 'UPDATE' THEN OLD.schedule_error END;
     END IF;
     NEW.schedule_error := CASE WHEN NEW.schedule IS NOT NULL THEN NEW.schedule_error END;

@@ -83,6 +83,25 @@ COMMENT ON FUNCTION _retimed(geometry, bigint[], jsonb) IS
 'A path with other times at its waypoints, microseconds since 1970, and with new waypoints of a detour (null: none); '
 'equal to the one that a load stores.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._windows_later(p_tolerances jsonb, p_delay_s double precision)
+RETURNS jsonb
+LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
+BEGIN ATOMIC
+    SELECT CASE WHEN p_delay_s = 0 OR NOT p_tolerances ?| '{departure_window,arrival_window}' THEN p_tolerances
+                ELSE p_tolerances || (
+        SELECT coalesce(jsonb_object_agg(w.name, w.later), '{}')
+        FROM (SELECT m.key AS name,
+                     jsonb_agg((to_jsonb((i.at::timestamptz + round((p_delay_s * 1e6)::numeric)::bigint
+                                          * interval '1 microsecond') AT TIME ZONE 'UTC') #>> '{}') || 'Z'
+                               ORDER BY i.n) AS later
+              FROM jsonb_each(p_tolerances) m
+              CROSS JOIN LATERAL jsonb_array_elements_text(m.value) WITH ORDINALITY i (at, n)
+              WHERE m.key IN ('departure_window', 'arrival_window') AND jsonb_typeof(m.value) = 'array'
+              GROUP BY m.key) w) END;
+END;
+COMMENT ON FUNCTION _windows_later(jsonb, double precision) IS
+'Tolerances whose windows are later by a delay, to the microsecond.';
+
 CREATE OR REPLACE FUNCTION proposal_changes(p_proposal_id bigint) RETURNS text[]
 LANGUAGE plpgsql STABLE STRICT SET search_path FROM CURRENT AS $$
 DECLARE
@@ -235,7 +254,9 @@ BEGIN
     SELECT m.key::text, a.attachment_id,
            -- Names and literals only: expressions of a map may run code of the role that attached the table.
            CASE WHEN m.speed = 1 AND m.detour IS NULL AND c.attname IS NOT NULL AND NOT a.map ? 'where'
-                     AND octet_length(o.identity) < 1000 THEN
+                     AND octet_length(o.identity) < 1000
+                     AND NOT EXISTS (SELECT FROM track t WHERE t.track_id = m.track_id
+                                     AND t.tolerances ?| '{departure_window,arrival_window}') THEN
                     format('UPDATE %I.%I AS t SET %I = %s WHERE %s', a.table_schema, a.table_name, c.attname,
                            CASE WHEN c.attndims > 0 THEN
                                     format('(SELECT array_agg(u.at %s ORDER BY u.n) '
@@ -258,7 +279,8 @@ END
 $$;
 COMMENT ON FUNCTION proposal_statements(bigint, boolean) IS
 'For each move of a proposal whose track comes from an attached table: the statement that shifts its rows by the '
-'delay, or undoes that. Null if the map computes the times or selects rows, or speed or way change.';
+'delay, or undoes that. Null if the map computes the times or selects rows, if the track has windows, or if speed or '
+'way change.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._check_attached_rows(
     p_who text, p_since text, p_attachment attachment, p_identity text, p_key text
@@ -368,7 +390,7 @@ BEGIN
     PERFORM _move_attached(p_proposal_id, false, p_attached);
     SELECT count(*) INTO v_attached FROM proposal_statements(p_proposal_id, false);
     WITH moved AS (
-        UPDATE track t SET path = m.path FROM proposal_move m
+        UPDATE track t SET path = m.path, tolerances = _windows_later(t.tolerances, m.delay_s) FROM proposal_move m
             WHERE m.proposal_id = p_proposal_id AND t.track_id = m.track_id AND t.version = m.version
               AND t.scene_id = m.scene_id
               AND NOT EXISTS (SELECT FROM attached_object o JOIN attachment a USING (attachment_id)
@@ -422,7 +444,8 @@ BEGIN
     END IF;
     PERFORM _move_attached(p_proposal_id, true, p_attached);
     WITH moved AS (
-        UPDATE track t SET path = m.planned FROM proposal_move m
+        UPDATE track t SET path = m.planned, tolerances = _windows_later(t.tolerances, -m.delay_s)
+            FROM proposal_move m
             WHERE m.proposal_id = p_proposal_id AND t.track_id = m.track_id AND t.scene_id = m.scene_id
                   AND m.version_after IS NOT NULL
             RETURNING t.track_id, t.version

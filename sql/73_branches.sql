@@ -28,7 +28,8 @@ BEGIN
         INSERT INTO track (scene_id, key, name, path, outline, floor_m, ceiling_m, properties, grow_mps, outlines,
                            floors_m, ceilings_m, class, owner, tolerances, departures, schedule)
             SELECT v_branch_id, t.key, t.name, m.path, t.outline, t.floor_m, t.ceiling_m, t.properties, t.grow_mps,
-                   t.outlines, t.floors_m, t.ceilings_m, t.class, t.owner, t.tolerances, t.departures, t.schedule
+                   t.outlines, t.floors_m, t.ceilings_m, t.class, t.owner, _windows_later(t.tolerances, m.delay_s),
+                   t.departures, t.schedule
             FROM proposal_move m JOIN track t ON t.track_id = m.track_id AND t.scene_id = m.scene_id
             WHERE m.proposal_id = p_proposal_id;
     END IF;

@@ -268,8 +268,23 @@ BEGIN
             p_schedule => v_plan.schedule, p_tolerances => v_plan.tolerances);
     END LOOP;
     PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);
+    SELECT v.who, v.remark INTO v_plan
+        FROM (SELECT o.who, _beyond_horizon(p_scene, o.span) AS remark
+              FROM (SELECT format('area %L', a.key) AS who, a.key, a.active_span AS span FROM area a
+                    WHERE a.scene_id = v_scene_id AND a.schedule IS NULL
+                    UNION ALL
+                    SELECT format('track %L', t.key), t.key,
+                           _may_meet(t.path, t.departures, t.tolerances, _longest_time_s(v_scene_id)) FROM track t
+                    WHERE t.scene_id = v_scene_id AND t.schedule IS NULL) o
+              WHERE _expanded(v_scene_id) IS NOT NULL
+                    AND o.key = ANY (ARRAY(SELECT g ->> 'key' FROM jsonb_array_elements(p_plans) g))) v
+        WHERE v.remark IS NOT NULL LIMIT 1;
+    IF FOUND THEN
+        FOUND := _raise('ZC003', v_plan.who, 'time', format('is not known to be free: %s', v_plan.remark),
+                        'plan_within_horizon', 'Give the scene a larger horizon_days, and detect.');
+    END IF;
 END
 $$;
 COMMENT ON FUNCTION _put_plans(text, text[], jsonb, boolean) IS
 'Removes objects by key, then puts plans (_plans_of). p_are_checked: conflictdb.model has checked speeds, under the '
-'limit of each plan.';
+'limit of each plan. Raises ZC003 for a plan beyond the time for which the schedules of the scene are expanded.';

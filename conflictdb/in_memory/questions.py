@@ -405,7 +405,7 @@ def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Set
     """Return the setup of a scene with a centre, and its objects in the order of their keys; raises InvalidInput."""
     check_keys([area.key for area in areas] + [track.key for track in tracks])
     check_datums(scene, [*areas, *tracks])
-    areas, tracks = expanded(areas, tracks, scene.horizon_days)
+    areas, tracks = expanded(areas, tracks, scene)
     setup = Setup.of(centred(scene, areas, tracks))
     check_plane(setup.plane, areas, tracks)
     # Numbered by key, as in the database: the answer does not depend on the order of the objects.

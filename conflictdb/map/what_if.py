@@ -6,6 +6,7 @@ says why others are not shown.
 
 import struct
 from collections.abc import Container
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -20,6 +21,7 @@ from conflictdb.map.content import to_json
 from conflictdb.map.editing import digest
 from conflictdb.model.methods import METHODS, Solver
 from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.tolerances import windows_later
 from conflictdb.stages.object_pairs import object_numbers
 from conflictdb.stages.pieces.covers import COVER
 
@@ -94,13 +96,20 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
         "turn_m": setup.plane.turn_m,
         "objects": [keys[one] for one in objects.tolist()],
         "plans": {
-            track.key: None if track.departures_us or track.schedule else feature_of(track)
+            track.key: None if track.departures_us or track.schedule else feature_of(_in_utc(track))
             for track in tracks
             if moved is None or track.key in moved
         },
         "digests": {track.key: digest(track) for track in tracks if moved is not None and track.key in moved},
     }
     return _with_head(head, arrays)
+
+
+def _in_utc(track: Track) -> Track:
+    """Return a track whose windows are written as the page reads them."""
+    if track.tolerances is None:
+        return track
+    return replace(track, tolerances=windows_later(track.tolerances, 0), max_speed_kn=np.inf)
 
 
 def _refusal(scene: Scene) -> str | None:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.model.activations import INFINITY_US, MINUS_INFINITY_US, departures_of
 from conflictdb.model.inputs import all_certain, certain
-from conflictdb.model.plans import MAX_INSTANT_US, MIN_INSTANT_US, Area, Track
-from conflictdb.model.tolerances import windows_later
+from conflictdb.model.plans import MAX_INSTANT_US, MIN_INSTANT_US, Area, Scene, Track
+from conflictdb.model.tolerances import tolerances_of, windows_later
 
 Window = tuple[int, int]
 _One = TypeVar("_One", Area, Track)
@@ -44,16 +44,22 @@ def window_over(now_us: int, horizon_days: float, voyages: Iterable[Window], kno
     return max(min(starts), MIN_INSTANT_US), min(max(ends), MAX_INSTANT_US)
 
 
-def _voyages(tracks: Iterable[Track]) -> Iterator[Window]:
-    """Yield the time of each track, from its first departure to the end of its last voyage."""
+def _voyages(tracks: Iterable[Track], within_us: int) -> Iterator[Window]:
+    """Yield when each track may meet others: from its first departure to its last arrival, and `within_us` around."""
     for track in tracks:
         departs = track.departures_us if track.departures_us is not None else (int(track.times_us[0]),)
-        if departs and track.schedule is None:
-            yield departs[0], departs[-1] + int(track.times_us[-1] - track.times_us[0])
+        if not departs or track.schedule is not None:
+            continue
+        first_us, last_us = departs[0], departs[-1] + int(track.times_us[-1] - track.times_us[0])
+        if track.tolerances is not None:
+            limits = tolerances_of(f"track {track.key!r}", track.tolerances, track.times_us)
+            first_us = min(first_us, int(limits.departure_us[0]))
+            last_us = max(last_us, limits.latest_arrival_us(track.positions_deg, track.times_us))
+        yield first_us - within_us, last_us + within_us
 
 
 def expanded(
-    areas: list[Area], tracks: list[Track], horizon_days: float, now_us: int | None = None
+    areas: list[Area], tracks: list[Track], scene: Scene, now_us: int | None = None
 ) -> tuple[list[Area], list[Track]]:
     """Return areas and tracks with the activations of their schedules; raises InvalidInput.
 
@@ -64,7 +70,11 @@ def expanded(
     items: list[Area | Track] = [*areas, *tracks]
     if all(one.schedule is None for one in items):
         return areas, tracks
-    window = window_over(time.time_ns() // 1000 if now_us is None else now_us, horizon_days, _voyages(tracks))
+    window = window_over(
+        time.time_ns() // 1000 if now_us is None else now_us,
+        scene.horizon_days,
+        _voyages(tracks, scene.longest_time_us),
+    )
     areas, tracks = [expanded_area(area, window) for area in areas], [expanded_track(track, window) for track in tracks]
     idle = [f"area {one.key!r}" for one in areas if one.schedule is not None and not one.spans_us]
     idle += [f"track {one.key!r}" for one in tracks if one.schedule is not None and not one.departures_us]

@@ -29,6 +29,10 @@ MOST_XTD_M: Final = 18_520.0
 MOST_RADIUS_M: Final = 18_520.0
 MOST_SPEED_KN: Final = 100_000.0
 _MPS_PER_KNOT: Final = 1852.0 / 3600.0
+# Radii of the earth, metres: the largest of curvature, and the mean one.
+_MOST_RADIUS_M: Final = 6_405_700.0
+_MEAN_RADIUS_M: Final = 6_371_008.8
+_LONGEST_S: Final = 3.2e9
 _DAY_US: Final = 86_400_000_000
 _LONGEST_WINDOW_US: Final = 366 * _DAY_US
 
@@ -51,6 +55,31 @@ class Tolerances:
     turn_radius_m: NDArray[np.float64]
     departure_us: NDArray[np.int64]
     arrival_us: NDArray[np.int64] | None
+
+    def latest_arrival_us(self, positions_deg: NDArray[np.float64], times_us: NDArray[np.int64]) -> int:
+        """Return an instant after which no voyage of a plan is under way; at most a hundred years after its departure.
+
+        On the arc of a turn a voyage may be as slow as on the legs on either side.
+
+        positions_deg, times_us : (n, 2) and (n,) of the plan's waypoints
+        """
+        if self.arrival_us is not None:
+            return int(self.arrival_us[1])
+        lon, lat = np.radians(positions_deg).T
+        east = np.abs(np.remainder(np.diff(lon) + np.pi, 2.0 * np.pi) - np.pi)
+        north, widest = np.abs(np.diff(lat)), np.maximum(np.cos(lat[:-1]), np.cos(lat[1:]))
+        widest[lat[:-1] * lat[1:] <= 0.0] = 1.0
+        half = np.sin(0.5 * north) ** 2 + np.cos(lat[:-1]) * np.cos(lat[1:]) * np.sin(0.5 * east) ** 2
+        # No leg is longer than the way along a meridian and a parallel, or shorter than 0.99 of the one on the sphere.
+        most_m = _MOST_RADIUS_M * (north + widest * east)
+        least_m = 0.99 * _MEAN_RADIUS_M * 2.0 * np.arcsin(np.sqrt(np.minimum(half, 1.0)))
+        planned_s = np.diff(times_us) / 1e6
+        slowest = np.fmin(self.min_speed_mps, least_m / planned_s)
+        slowest[slowest <= 0.0] = np.inf
+        beside = np.concatenate([[np.inf], slowest, [np.inf]])
+        slowest = np.minimum(slowest, np.minimum(beside[:-2], beside[2:]))
+        lasts_s = min(float(np.maximum(planned_s, most_m / slowest).sum()), _LONGEST_S)
+        return int(self.departure_us[1]) + round(1e6 * lasts_s)
 
 
 def tolerances_of(who: str, given: Mapping[str, Any], times_us: NDArray[np.int64]) -> Tolerances:
@@ -94,22 +123,20 @@ def tolerances_of(who: str, given: Mapping[str, Any], times_us: NDArray[np.int64
 
 
 def as_members(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return valid tolerances as JSON has them: lists of numbers, and windows in ISO 8601, UTC."""
+    """Return valid tolerances as JSON has them: lists of numbers, and windows in ISO 8601."""
     found: dict[str, Any] = {}
     for name, value in given.items():
         if value is None:
             continue
         if name in WINDOWS:
-            found[name] = [
-                _written(name, datetime.fromisoformat(one) if isinstance(one, str) else one) for one in value
-            ]
+            found[name] = [one if isinstance(one, str) else _written(name, one) for one in value]
         else:
             found[name] = [float(one) for one in value] if isinstance(value, Sequence | np.ndarray) else float(value)
     return found
 
 
 def windows_later(given: Mapping[str, Any], by_us: int) -> dict[str, Any]:
-    """Return valid tolerances with their windows later by some microseconds."""
+    """Return valid tolerances with their windows later by some microseconds, in UTC."""
     moved: dict[str, Any] = dict(given)
     for name in WINDOWS:
         if given.get(name) is not None:

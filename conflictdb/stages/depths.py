@@ -51,7 +51,7 @@ def depths(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict
 
     Pairs without a known distance are left out, and all pairs with a separation in time.
     """
-    areas, tracks = expanded(list(areas), list(tracks), scene.horizon_days)
+    areas, tracks = expanded(list(areas), list(tracks), scene)
     setup = Setup.of(centred(scene, areas, tracks))
     areas = sorted(areas, key=lambda area: area.key.encode())
     tracks = sorted(tracks, key=lambda track: track.key.encode())

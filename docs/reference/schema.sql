@@ -1489,6 +1489,9 @@ FUNCTION _lon_lat(p_who text, p_field text, p_geometry geometry)
 FUNCTION _longest_time_s(p_scene_id bigint)
     RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
+FUNCTION _longest_voyage_s(p_path geometry, p_tolerances jsonb)
+    RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
+
 FUNCTION _map_areas(p_scene text)
     RETURNS TABLE(area_id bigint, key text, name text, floor_m double precision, ceiling_m double precision, start_s double precision, end_s double precision, spans_s double precision[], west_deg double precision, south_deg double precision, east_deg double precision, north_deg double precision, inside_lon_deg double precision, inside_lat_deg double precision) LANGUAGE sql STABLE PARALLEL UNSAFE;
 
@@ -1530,6 +1533,9 @@ FUNCTION _may_change(p_scene_id bigint)
 
 FUNCTION _may_expand()
     RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE;
+
+FUNCTION _may_meet(p_path geometry, p_departures timestamp with time zone[], p_tolerances jsonb, p_within_s double precision)
+    RETURNS tstzrange LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _meetings(p_scene_id bigint, p_area_ids bigint[], p_track_ids bigint[])
     RETURNS TABLE(a_kind smallint, a_id bigint, b_kind smallint, b_id bigint, period tstzrange) LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_hashjoin=off SET enable_mergejoin=off SET enable_material=off SET enable_seqscan=off SET plan_cache_mode=force_generic_plan SET enable_bitmapscan=off SET jit=off;
@@ -2019,6 +2025,9 @@ FUNCTION _widened(p_span tstzrange, p_by_s double precision)
 
 FUNCTION _window(p_geometry geometry, p_plane text)
     RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE;
+
+FUNCTION _windows_later(p_tolerances jsonb, p_delay_s double precision)
+    RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;
 
 FUNCTION _word_number(p_word text)
     RETURNS bigint LANGUAGE sql IMMUTABLE PARALLEL SAFE;

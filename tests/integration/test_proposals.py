@@ -6,23 +6,37 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from datetime import timedelta
 from typing import Any
 
 import numpy as np
 import psycopg
 import pytest
+import shapely
 from commands import STRAIT, runner
 from psycopg import conninfo, sql
 from verdicts import by_pair, compared
 from workloads import LOW_LATITUDE, throw
 
-from conflictdb import InvalidInput, NotPermitted, StoreError, connect, detours, resolve
+from conflictdb import (
+    Area,
+    InvalidInput,
+    NotPermitted,
+    Scene,
+    StoreError,
+    Track,
+    connect,
+    detours,
+    rectangle_outline_m,
+    resolve,
+)
 from conflictdb.clearing.resolve import moved
 from conflictdb.cli.codes import DONE, FAILED, INPUT_REFUSED, USAGE
 from conflictdb.db import store
 from conflictdb.session.database import Database
 from conflictdb.session.stored_scene import StoredScene
 
+T0_US = 1_780_300_800_000_000
 PATHS = "SELECT key, ST_AsEWKB(path) FROM conflictdb.track ORDER BY key"
 
 
@@ -622,6 +636,41 @@ def test_branch_of_a_proposal(db: Database, scene: StoredScene, dsn: str, capsys
     number = scene.resolve(keep=[one.key for one in found.moves], aside_m=80_000.0).proposal_id or 0
     assert "--proposal goes with create" in run("branch", "diff", "clear", "--proposal", number).err
     assert run("branch", "create", "again", "--proposal", number, "--scene", scene.name).code == DONE
+
+
+def test_windows_move_with_their_plan(db: Database) -> None:
+    """Applied, undone, and in a branch; the page and probes move them, too."""
+    hour = 3_600_000_000
+    windows = {"departure_window": [T0_US, T0_US + hour // 2], "arrival_window": [T0_US + 4 * hour, T0_US + 5 * hour]}
+    ship = rectangle_outline_m(90.0, 60.0, 12.0, 12.0)
+    limits = {name: [np.datetime64(one, "us") for one in both] for name, both in windows.items()}
+    plan = Track("F", [(4.0, 57.0), (5.0, 57.0)], [T0_US, T0_US + 4 * hour], ship, tolerances=limits)
+    berth = Area("Z", shapely.box(3.99, 56.99, 4.01, 57.01), None, T0_US + hour // 12, T0_US + hour // 6)
+    store.replace_scene(db.connection, Scene("late"), [berth], [plan], merge=False)
+    scene = db.scene("late")
+    scene.detect()
+    assert len(scene.conflicts()) == 1
+    number = proposed(scene)
+    branch = scene.branch("moved", number)
+    db.apply_proposal(number)
+    scene.detect(), branch.detect()
+    assert scene.conflicts() == branch.conflicts() == []
+    query = "SELECT ST_M(ST_StartPoint(path)), tolerances FROM conflictdb.track WHERE scene_id = 1"
+    [(path, tolerances)] = ask(db, query)
+    by_us = round(1e6 * path) - T0_US
+    assert by_us != 0
+    for name, both in windows.items():
+        moved_us = [int(np.datetime64(one[:-1], "us").astype(int)) for one in tolerances[name]]
+        assert moved_us == [one + by_us for one in both]
+    found = scene.delays("F")[0].forbidden
+    assert found
+    for late_s in (found[0].from_s - 1.0, found[0].from_s + 1.0):
+        by = timedelta(seconds=late_s)
+        assert bool(scene.probe(scene.delayed("F", by))) == (found[0].from_s < late_s < found[0].to_s)
+    db.undo_proposal(number)
+    assert ask(db, "SELECT tolerances FROM conflictdb.track WHERE scene_id = 1") == [(plan.tolerances,)]
+    scene.detect()
+    assert len(scene.conflicts()) == 1
 
 
 def test_stored_scene_has_the_detours_of_its_objects(db: Database, scene: StoredScene) -> None:

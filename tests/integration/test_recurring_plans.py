@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
@@ -22,6 +23,11 @@ from conflictdb.model.plans import Scene
 from conflictdb.model.recurring_plans import later
 
 DAY_US = 86_400_000_000
+DAILY = """
+INSERT INTO conflictdb.area (scene_id, key, footprint, schedule)
+SELECT scene_id, 'S', ST_SetSRID(ST_Multi(ST_MakeEnvelope(0, 50, 1, 51)), 4326), '[{"periods": [["08:00", "16:00"]]}]'
+FROM conflictdb.scene WHERE name = 's'
+"""
 TUESDAYS = {"days": ["TUE"], "periods": [["08:00", "10:00"]], "timezone": "Europe/Zurich"}
 
 
@@ -508,3 +514,85 @@ def test_edits_of_activations_alone_are_checked_and_count(conn: psycopg.Connecti
         with pytest.raises(psycopg.Error) as raised, conn.transaction():
             conn.execute(edit, [number])
         assert raised.value.diag.constraint_name == rule
+
+
+# A voyage that ends five days before an area is active.
+ONCE = """
+INSERT INTO conflictdb.area (scene_id, key, footprint, schedule)
+SELECT scene_id, 'S', ST_SetSRID(ST_Multi(ST_MakeEnvelope(0, 50, 1, 51)), 4326), jsonb_build_array(jsonb_build_object(
+    'dates', jsonb_build_array((now() + interval '107 days')::date), 'periods', '[["00:00", "23:00"]]'::jsonb))
+FROM conflictdb.scene WHERE name = 's'
+"""
+BEFORE = """
+SELECT conflictdb.put_track('s', 'V', conflictdb.track_path('SRID=4326;LINESTRING(-1 50.5, 0.5 50.5)',
+    ARRAY[date_trunc('day', now()) + interval '100 days', date_trunc('day', now()) + interval '102 days']),
+    conflictdb.rectangle_outline(9, 9, 5, 5), p_tolerances => %s)
+"""
+
+
+@pytest.mark.parametrize(
+    ("limits", "separation_s"),
+    [
+        (None, 14 * 86_400.0),
+        ({"min_speed_kn": 0.1, "arrival_window": [101, 110]}, 0.0),
+        ({"departure_window": [100, 108]}, 0.0),
+        ({"min_speed_kn": 0.2}, 0.0),
+    ],
+)
+def test_schedules_are_expanded_as_far_as_voyages_may_meet_them(
+    conn: psycopg.Connection[Any], limits: dict[str, Any] | None, separation_s: float
+) -> None:
+    """In a scene that expands them for a day: as far as windows, the slowest voyage and the separation reach."""
+    create = "SELECT conflictdb.create_scene('s', p_horizon_days => 0, p_time_separation_s => %s)"
+    conn.execute(create.encode(), [separation_s])
+    conn.execute(ONCE.encode())
+    row = conn.execute("SELECT date_trunc('day', now() AT TIME ZONE 'UTC')").fetchone()
+    assert row is not None
+    windows = {
+        name: [f"{row[0] + timedelta(days=day):%Y-%m-%dT%H:%M:%SZ}" for day in days]
+        for name, days in (limits or {}).items()
+        if name.endswith("window")
+    }
+    conn.execute(BEFORE.encode(), [None if limits is None else Jsonb({**limits, **windows})])
+    conn.commit()
+    detect(conn, "s")
+    assert conflicts(conn, "s").keys() == {("S", "V")}
+    with conflictdb.connect(conn) as db:
+        scene, areas, tracks = store.read_scene(db.connection, "s")
+        planned = [replace(area, spans_us=None, start_us=None, end_us=None) for area in areas]
+        assert len(conflictdb.solve(tracks, planned, scene)) == 1
+
+
+def test_no_plan_is_admitted_beyond_the_time_of_schedules(conn: psycopg.Connection[Any]) -> None:
+    conn.execute("SELECT conflictdb.create_scene('s', p_horizon_days => 30)")
+    conn.execute(DAILY.encode())
+    conn.commit()
+    detect(conn, "s")
+    now_s = round(time.time())
+    far, near = (
+        f"SRID=4326;LINESTRING M (-1 50.5 {now_s + 86_400 * day}, 2 50.5 {now_s + 86_400 * (day + 2)})"
+        for day in (100, 10)
+    )
+    for path, says in ((far, "track 'V': time: is not known to be free"), (near, None)):
+        plan = {"key": "V", "path": path, "outline": "POLYGON((5 5,5 -5,-5 -5,-5 5,5 5))"}
+        if says is None:
+            row = conn.execute("SELECT admitted FROM conflictdb.admit('s', %s)", [Jsonb([plan])]).fetchone()
+            assert row in ((False,), (None,))
+        else:
+            with pytest.raises(psycopg.Error, match=says) as caught:
+                conn.execute("SELECT conflictdb.admit('s', %s)", [Jsonb([plan])])
+            assert caught.value.sqlstate == "ZC003"
+        conn.rollback()
+    start_us = int(1e6 * time.time()) + 100 * DAY_US
+    ship = conflictdb.rectangle_outline_m(5.0, 5.0, 5.0, 5.0)
+    plan_v = conflictdb.Track("V", [(-1.0, 50.5), (2.0, 50.5)], [start_us, start_us + 2 * DAY_US], ship)
+    with conflictdb.connect(conn) as db:
+        with pytest.raises(InvalidInput, match="is not known to be free"):
+            db.scene("s").admit(plan_v)
+        assert db.scene("s").admit(
+            replace(
+                plan_v,
+                positions_deg=[(-9.0, 50.5), (-8.0, 50.5)],
+                times_us=[start_us - 95 * DAY_US, start_us - 93 * DAY_US],
+            )
+        )
