@@ -10,12 +10,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import shapely
+from draws import draws
 from plan_files import hostile_refusal
 
 from conflictdb import formats
 from conflictdb.arrays.arrow.found import FOUND, GEOMETRIES
 from conflictdb.arrays.arrow.object_rows import OBJECTS
 from conflictdb.errors import InvalidInput
+from conflictdb.formats import contents
 from conflictdb.formats.computed import read_conflicts
 
 SQUARE = shapely.box(4, 57, 5, 58).wkb
@@ -105,10 +107,15 @@ def test_nulls_count_as_what_they_take(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("skip_invalid", [False, True])
-def test_mistakes_without_end_are_not_all_kept(tmp_path: Path, skip_invalid: bool) -> None:
-    table = of_others(geometry=pa.nulls(110_000, pa.binary()))
+@draws("most", 1_000, contents.MAX_MISTAKES)
+def test_mistakes_without_end_are_not_all_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int, skip_invalid: bool
+) -> None:
+    """A smaller limit ends the same loop: reading 100,000 mistakes takes seconds."""
+    monkeypatch.setattr(contents, "MAX_MISTAKES", most)
+    table = of_others(geometry=pa.nulls(most + most // 10, pa.binary()))
     message = refusal(tmp_path / "plan.parquet", table, skip_invalid=skip_invalid)
-    assert "has more than 100,000 mistakes, and is not read any further" in message
+    assert f"has more than {most:,} mistakes, and is not read any further" in message
 
 
 def test_a_reference_system_opens_no_file(tmp_path: Path) -> None:
