@@ -27,6 +27,8 @@ class Section:
 def drawn(figure: "Figure", form: str) -> bytes:
     """Return the file of a figure: svg or png."""
     file = io.BytesIO()
+    # The PDF unpacks pictures and compresses them itself.
+    more = {"metadata": {"Date": None}} if form == "svg" else {"pil_kwargs": {"compress_level": 1}}
     with styled():
-        figure.savefig(file, format=form, dpi=_DPI, facecolor="white", metadata={"Date": None} if form == "svg" else {})
+        figure.savefig(file, format=form, dpi=_DPI, facecolor="white", **more)
     return file.getvalue()
