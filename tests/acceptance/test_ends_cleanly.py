@@ -123,8 +123,7 @@ def test_nothing_is_left_of_a_detection_that_waits_in_the_database(
         with detection(dsn) as process:
             until(lambda: [kind for kind, _ in sessions(conn)] == ["Lock"], PATIENCE_S, "it waits for the lock")
             end(process, number, conn)
-    with detection(dsn) as process:
-        assert process.communicate(timeout=PATIENCE_S)[0].count("conflict") >= 5
+    assert detect(conn, "s", jobs=2).conflicts >= 5
 
 
 @pytest.mark.parametrize("number", ENDS)

@@ -43,9 +43,9 @@ ORDER = ["FIRING and SURVEY", "CABLE and SUB-1", "FIRING and FERRY", "DIVING and
 ORDER += ["DIVING and FIRING", "FERRY and TOW"]
 
 
-def test_scene_is_shown_and_explored(strait: str, open_page: Open) -> None:
+def test_scene_is_shown_and_explored(open_strait: Open) -> None:
     """The list by depth, the map, the slider and play, a conflict from the list, the map and the timeline."""
-    page = open_page(strait)
+    page = open_strait()
     expect(page).to_have_title("strait · conflictdb")
     assert rows(page) == ORDER
     assert (shown(page, "areas"), shown(page, "tracks")) == (4, 7)

@@ -16,11 +16,18 @@ import conflictdb
 from conflictdb import Method, Scene
 
 
-def test_study_has_a_row_for_each_kind_and_method(server_dsn: str) -> None:
+@pytest.fixture
+def demo(dsn: str) -> str:
+    """Return how to connect to a database as `fresh_database` makes it, which takes a second."""
+    with conflictdb.connect(dsn) as db:
+        db.load_demo()
+    return dsn
+
+
+def test_study_has_a_row_for_each_kind_and_method(demo: str) -> None:
     """Stages add up to the whole, and a scene without tracks has no pairs for stage 4."""
     methods = [Method.EXACT, Method.NLP]
-    with fresh_database(server_dsn) as dsn:
-        rows = study.study(dsn, [40], 2, methods)
+    rows = study.study(demo, [40], 2, methods)
     assert [(row["method"], row["kind"]) for row in rows] == [(m.value, k.value) for m in methods for k in Kind]
     for row in rows:
         assert sum(row[stage] for stage in STAGES) == pytest.approx(row["cpu_s"])
@@ -52,10 +59,9 @@ def test_growth_measures_a_scene_in_a_process_of_its_own(server_dsn: str, series
         assert conn.execute("SELECT 1 FROM pg_database WHERE datname = %s", [name]).fetchone() is None
 
 
-def test_peers_are_held_to_the_same_truth(server_dsn: str) -> None:
+def test_peers_are_held_to_the_same_truth(demo: str) -> None:
     """Joins of swept hulls miss nothing and return no times; the paper's pipeline returns periods with errors."""
-    with fresh_database(server_dsn) as dsn:
-        rows = peers.compare(dsn, Kind.MIXED, 200, 1, Path(), ["paper", "postgis"])
+    rows = peers.compare(demo, Kind.MIXED, 200, 1, Path(), ["paper", "postgis"])
     by_peer = {row["peer"]: row for row in rows}
     assert len(rows) == len(by_peer) == 6
     for name in ("conflictdb", "conflictdb in memory", "its stages 1 and 2", "PostGIS, ST_Intersects"):
@@ -68,10 +74,9 @@ def test_peers_are_held_to_the_same_truth(server_dsn: str) -> None:
     assert "| mixed 200 | conflictdb |" in peers.table(rows)
 
 
-def test_unit_costs_have_a_limit_each(server_dsn: str) -> None:
+def test_unit_costs_have_a_limit_each(demo: str) -> None:
     """No cost is below its limit, except costs too small to measure."""
-    with fresh_database(server_dsn) as dsn:
-        rows = unit_costs.measure(dsn, "box", 200, 1)
+    rows = unit_costs.measure(demo, "box", 200, 1)
     assert len({(row["unit"], row["limit"]) for row in rows}) == len(rows) == 10
     assert all(row["count"] > 0 and row["us"] > 0.0 and row["limit_us"] > 0.0 for row in rows)
     listed = next(row for row in rows if row["unit"] == "row listed")
@@ -79,18 +84,18 @@ def test_unit_costs_have_a_limit_each(server_dsn: str) -> None:
     assert unit_costs.table(rows).count("| box 200 |") == len(rows)
 
 
-def test_a_scene_that_is_edited_all_the_time_is_kept_current(server_dsn: str) -> None:
+def test_a_scene_that_is_edited_all_the_time_is_kept_current(demo: str) -> None:
     """Two editors and two workers at once: all becomes current, nobody fails, a detection in full finds the same."""
-    with fresh_database(server_dsn) as dsn, conflictdb.connect(dsn) as db:
+    with conflictdb.connect(demo) as db:
         load(db, Scene(soak.SCENE), sea(60, 1))
         found = db.scene(soak.SCENE).detect()
-        soaked = soak.soak(dsn, rate=20.0, editors=2, workers=2, seconds=1.5, warm_up_s=0.5)
+        soaked = soak.soak(demo, rate=20.0, editors=2, workers=2, seconds=1.5, warm_up_s=0.5)
         assert soaked.errors == []
         assert len(soaked.waited_s) > 10
         assert soaked.runs > 0
         assert [one.pending for one in db.scenes() if one.scene.name == soak.SCENE] == [0]
         assert soak.drift(db) == 0
         assert found.conflicts > 0
-        with psycopg.connect(dsn, autocommit=True) as conn:
+        with psycopg.connect(demo, autocommit=True) as conn:
             conn.execute("DELETE FROM conflictdb.conflict c WHERE c.verdict <> 'near'")
         assert soak.drift(db) > 0

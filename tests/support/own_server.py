@@ -1,5 +1,7 @@
 """A server of a test's own, which may be killed: a backend that ends by force ends all sessions of its server."""
 
+import fcntl
+import os
 import shutil
 import signal
 import subprocess
@@ -7,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -35,9 +38,7 @@ class OwnServer:
         self.settings = {**SETTINGS, "unix_socket_directories": str(self.data), **settings}
         self.dsn = f"host={self.data} port={settings.get('port', '5432')} user=postgres dbname=conflictdb"
         if not self.data.exists():
-            with server.embedded(home, durable=False) as embedded:
-                schema.upgrade(embedded.admin_dsn)
-            self._await(lambda: server.status(home).pid is None)
+            subprocess.run(["cp", "-a", _initialised(), home], check=True)  # with the owners of the files
         account = account_for(home)
         self.programs = find_server(server.Settings.from_environment(home=home), account, None, print)
         self._started: dict[str, Any] = {"env": {**self.programs.environ, "HOME": str(home)}, **account.switch}
@@ -54,7 +55,7 @@ class OwnServer:
 
     def await_answer(self) -> None:
         """Wait until it takes connections."""
-        self._await(self.answers)
+        _await(self.answers)
 
     def stop(self, number: signal.Signals = signal.SIGINT) -> None:
         """Shut it down: SIGINT fast, SIGQUIT immediately, as in a crash."""
@@ -75,12 +76,30 @@ class OwnServer:
         assert self._process is None or self._process.poll() is None, (self.data.parent / "own.log").read_text()
         return False
 
-    @staticmethod
-    def _await(condition: Any) -> None:
-        end = time.monotonic() + WAIT_S
-        while not condition():
-            assert time.monotonic() < end
-            time.sleep(0.02)
+
+def _await(condition: Any) -> None:
+    end = time.monotonic() + WAIT_S
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+@cache
+def _initialised() -> Path:
+    """Return a home to copy, with the schema: to make one takes seconds. The first worker of a run makes it."""
+    folder = Path(os.environ["XDG_STATE_HOME"], "own_server")  # removed at the end of the run
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in (folder, folder.parent):
+        path.chmod(0o755)
+    home, making = folder / "initialised", folder / "making"
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not home.exists():
+            with server.embedded(making, durable=False) as embedded:
+                schema.upgrade(embedded.admin_dsn)
+            _await(lambda: server.status(making).pid is None)
+            making.rename(home)
+    return home
 
 
 @contextmanager
