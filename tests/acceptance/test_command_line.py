@@ -1,12 +1,10 @@
 """`detect FILE --format json` on random scenes prints the conflicts of the oracle."""
 
-import json
-import subprocess
-import sys
 from datetime import datetime
 from pathlib import Path
 
 import pytest
+from commands import Run
 from scene_file import write_scene
 from verdicts import Period, Reported, compared, microseconds
 from workloads import LONG_LEGS, SEAM, SOUTH, Workload, throw
@@ -25,20 +23,15 @@ def instant(text: str | None) -> int | None:
     ids=lambda x: getattr(x, "name", str(x)),
 )
 def test_printed_conflicts_are_those_of_the_oracle(
-    dsn: str, tmp_path: Path, workload: Workload, seed: int, earth: EarthModel
+    run: Run, tmp_path: Path, workload: Workload, seed: int, earth: EarthModel
 ) -> None:
+    """The programs of test_documents and test_ends_cleanly start as users start them; this is called."""
     scene, areas, tracks = throw(workload, seed, 10, 8, earth)
     path = write_scene(tmp_path / "scene.geojson", scene, areas, tracks)
-    done = subprocess.run(
-        [sys.executable, "-m", "conflictdb", "--dsn", dsn, "detect", str(path), "--format", "json", "--jobs", "1"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
-    assert done.returncode == 0, done.stderr
+    done = run("detect", path, "--format", "json", "--jobs", "1")
+    assert done.code == 0, done.err
     reported = {}
-    for row in json.loads(done.stdout):
+    for row in done.json:
         assert row["scene"] == scene.name
         assert row["is_current"] is True
         periods: tuple[Period, ...] = tuple((instant(start), instant(end)) for start, end in row["periods"])
