@@ -97,7 +97,8 @@ def _initialised() -> Path:
         if not home.exists():
             with server.embedded(making, durable=False) as embedded:
                 schema.upgrade(embedded.admin_dsn)
-            _await(lambda: server.status(making).pid is None)
+            # The supervisor removes its files after the server has ended, this one last.
+            _await(lambda: server.status(making).pid is None and not (making / "server.pid").exists())
             making.rename(home)
     return home
 
