@@ -511,8 +511,8 @@ WITH member AS MATERIALIZED (
             BEGIN
                 PERFORM _mark_all(v_branch_id);
             EXCEPTION WHEN serialization_failure THEN
-                -- The foreign key to its row fails: it was merged or dropped since the snapshot, or renamed. A branch that
-                -- was renamed still waits: another detection of this scene will see it.
+                -- The foreign key to its row fails: it was merged or dropped since the snapshot, or renamed. A renamed
+                -- branch still waits: another detection of this scene will see it.
                 v_is_missed := true;
             END;
         END LOOP;

@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "0c8a00393c363f282abdfdf03b054522ed552f246d63ad2ab03974ad86cfd863"
+routines_sha256 = "29cb91c5aa0f69575841754ddc8a48ba49c0eeb501537b803eb9c5881f2e8071"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False
