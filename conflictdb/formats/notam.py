@@ -36,11 +36,36 @@ _PLACE: Final = re.compile(
     rf"|(?<![\dA-Z])([NS]){_LATITUDE}\s?([EW]){_LONGITUDE}(?![\d])"
 )
 _BROKEN: Final = re.compile(r"(?<=\d)\r?\n(?=\d)")
-_CHAIN: Final = re.compile(r"[\s,;]*(?:-|TO|THEN|AND)?[\s,;]*")
+# How two places of a list are joined: by one sign in the whole list, AND at most before its last place.
+_JOINT: Final = re.compile(r"[\s,;]*(-|TO|THEN|AND)?[\s,;]*")
+# Three digits after a comma or dot may be thousands, unless a 0 is before it.
+_NUMERAL: Final = r"(?:0[.,]\d{1,3}|\d{1,6}(?:[.,]\d{1,2})?)"
 _RADIUS: Final = re.compile(
-    r"(?P<before>\d{1,3}(?:\.\d{1,3})?)\s?(?P<of>NM|KM|M)\s+RADIUS\b"
-    r"|\bRADIUS(?:\s+OF)?\s+(?P<after>\d{1,3}(?:\.\d{1,3})?)\s?(?P<in>NM|KM|M)\b"
+    rf"(?<![\d.,/])(?<!\d\s)(?P<before>{_NUMERAL})\s?(?P<of>NM|KM|M)\s+RADIUS\b"
+    rf"|\bRADIUS(?:\s+OF)?\s+(?P<after>{_NUMERAL})\s?(?P<in>NM|KM|M)\b"
 )
+_ROUND: Final = re.compile(r"\b(?:RADIUS|RADII|CIRCLES)\b")
+# A distance that does not only say where the place is, as in "22NM SOUTHEAST OF".
+_DISTANCE: Final = re.compile(
+    r"\d\s?(?:NM|KM)\b(?!\s*(?:[NSEW]{1,3}|(?:NORTH|SOUTH|EAST|WEST)\w*|FM|FROM)\b)|\bWI(?:THIN)?\s+[\d.,]+\s?M\b"
+)
+# The area of these is larger than its places, or lies along them.
+_WIDER: Final = re.compile(
+    r"\b(?:(?<!\bIN )LINES?(?! (?:JOINING|CONNECTING|LINKING)\b)|EITHER|SIDES?|BUFFERS?|CORRIDORS?|(?<!\bATS )ROUTES?"
+    r"|WIDTHS?|WIDE|AXIS|CENTRELINE|CENTERLINE|TRACKS?|PLUS|EXTEND\w*|EXTENSION|AROUND|SURROUNDING)\b"
+)
+# After the last place, more area may follow these.
+_MORE: Final = re.compile(
+    r"\b(?:AND(?! (?:BELOW|ABOVE|VICE VERSA)\b)|ALSO|AS WELL|TOGETHER|INCL\w*|IN ADDITION|ADDITIONAL\w*)\b|[&+]"
+)
+_REMARK: Final = re.compile(r"\bRMKS?\b")
+# As ED-R 116, EGD201 and LF(R)45.
+_NAMED_AREA: Final = re.compile(r"\b[A-Z]{2}[-\s]?\(?(?:[RDP]|TRA|TSA)\)?[-\s]?\d+")
+_CONJUNCTION: Final = re.compile(r"\bAND\b")
+# A place that is written in another way.
+_OTHER_PLACE: Final = re.compile(r"(?<![A-Z])[NSEW]\s?\d{4,}|\d{2,}(?:\.\d+)?['\"]?\s?[NSEW](?![A-Z])|°")
+_LEADS_IN: Final = re.compile(r"(?:-|\bTO|\bTHEN)[\s,;]*$")
+_LEADS_ON: Final = re.compile(r"[\s,;]*(?:-|TO\b|THEN\b)[\s,;]*(?!BACK|START|ORIGIN|BEGINNING|POINT OF ORIGIN|FIRST)\w")
 _CURVED: Final = re.compile(r"\b(ARC|CLOCKWISE|ANTICLOCKWISE|BORDER|BOUNDARY|COAST|ALONG|FOLLOWING|SECTOR|BTN|EXC)\b")
 _HEIGHT: Final = re.compile(r"FL\s?(\d{1,3})|(\d{1,5})\s?(FT|M)\s*(AMSL|MSL|AGL|ASFC|SFC|GND)?")
 _UNITS_M: Final = {"NM": METRES_PER_NMI, "KM": 1000.0, "M": 1.0}
@@ -144,15 +169,15 @@ def _time(who: str, item: str, text: str) -> int | None:
 
 def _shape(who: str, text: str, q: "re.Match[str]", found: Gathered) -> tuple[shapely.MultiPolygon, bool]:
     """Return the area of a NOTAM, and whether it is the circle of item Q though item E gives coordinates."""
-    text = _BROKEN.sub("", text)
+    text = _BROKEN.sub("", text.upper())
     places = list(_PLACE.finditer(text))
     radius = _RADIUS.search(text)
-    is_plain = _CURVED.search(text) is None
-    if is_plain and radius is not None and len(places) == 1:
+    is_plain = bool(places) and _is_plain(text, places)
+    if is_plain and radius is not None and len(places) == 1 and not _has_size(_RADIUS.sub(" ", text, count=1)):
         number, unit = radius["before"] or radius["after"], radius["of"] or radius["in"]
         lon, lat = _degrees(who, places[0])
-        return found.circle(who, lon, lat, float(number) * _UNITS_M[unit]), False
-    if is_plain and radius is None and len(places) >= 3 and _is_chain(text, places):
+        return found.circle(who, lon, lat, float(number.replace(",", ".")) * _UNITS_M[unit]), False
+    if is_plain and len(places) >= 3 and not _has_size(text) and _is_one_list(text, places):
         ring = [_degrees(who, place) for place in places]
         ring = ring if ring[0] == ring[-1] else [*ring, ring[0]]
         line = along_shortest_lines(who, "E", np.array(ring, np.float64))
@@ -165,9 +190,34 @@ def _shape(who: str, text: str, q: "re.Match[str]", found: Gathered) -> tuple[sh
     return found.circle(who, lon, lat, (miles + 1) * METRES_PER_NMI), bool(places)
 
 
-def _is_chain(text: str, places: Sequence["re.Match[str]"]) -> bool:
-    """Return whether coordinates follow each other, joined by dashes, commas or TO."""
-    return all(_CHAIN.fullmatch(text[before.end() : after.start()]) is not None for before, after in pairwise(places))
+def _is_plain(text: str, places: Sequence["re.Match[str]"]) -> bool:
+    """Return whether a text names no area that is wider than its places, and no other area."""
+    tail = " ".join(text[places[-1].end() :].split())
+    if _CURVED.search(text) or _WIDER.search(" ".join(text.split())) or _OTHER_PLACE.search(_PLACE.sub(" ", text)):
+        return False
+    if _MORE.search(_REMARK.split(tail)[0]) or _NAMED_AREA.search(tail):
+        return False
+    return _CONJUNCTION.search(text) is None or _NAMED_AREA.search(text) is None
+
+
+def _has_size(text: str) -> bool:
+    """Return whether a text gives the size of a circle, or a distance."""
+    return _ROUND.search(text) is not None or _DISTANCE.search(text) is not None
+
+
+def _is_one_list(text: str, places: Sequence["re.Match[str]"]) -> bool:
+    """Return whether places follow each other in one list, joined in one way, which nothing continues."""
+    joints = [_JOINT.fullmatch(text[before.end() : after.start()]) for before, after in pairwise(places)]
+    signs = [None if joint is None else joint[1] or "" for joint in joints]
+    if None in signs or len({*signs[:-1], *(sign for sign in signs[-1:] if sign != "AND")}) > 1 or "AND" in signs[:-1]:
+        return False
+    first = places[0][0]
+    names = [place[0] for place in places]
+    if first in names[1:-1]:
+        return False
+    if names[-1] == first:
+        return True
+    return _LEADS_IN.search(text[: places[0].start()]) is None and _LEADS_ON.match(text[places[-1].end() :]) is None
 
 
 def _degrees(who: str, place: "re.Match[str]") -> tuple[float, float]:

@@ -268,6 +268,72 @@ def test_a_circle_is_that_of_item_e_or_else_of_item_q(tmp_path: Path) -> None:
     assert "the circle of item Q is used" in remark.text
 
 
+PLACE = "540000N 0102000E"
+LIST = "540000N 0102000E - 541000N 0102000E - 541000N 0104000E"
+
+
+@pytest.mark.parametrize(
+    ("text", "radius_m"),
+    [
+        (f"WI 1500M RADIUS OF {PLACE}", 1500.0),
+        (f"WI 10,5NM RADIUS OF {PLACE}", 10.5 * NMI),
+        (f"WI 0.125NM RADIUS OF {PLACE}", 0.125 * NMI),
+        (f"CIRCLE WITH RADIUS 2KM CENTRED ON {PLACE} (22NM SOUTHEAST OF HAMBURG)", 2000.0),
+        (f"uas wi 2nm radius of {PLACE.lower()}. 500m and below", 2 * NMI),
+    ],
+)
+def test_the_radius_of_a_notam_is_read_whole(text: str, radius_m: float, tmp_path: Path) -> None:
+    found = contents(tmp_path, notam(text), "a.txt")
+    _, south, _, north = found.areas[0].footprint.bounds
+    assert (north - south) * 60 * NMI / 2 == pytest.approx(radius_m, rel=5e-3)
+    assert found.remarks == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"WI 1,500M RADIUS OF {PLACE}",
+        f"WI 10 000M RADIUS OF {PLACE}",
+        f"WI 2NM RADIUS OF {PLACE} AND WI 10NM RADIUS OF EDDF ARP",
+        f"WI 2NM RADIUS OF {PLACE} EXTENDING 10NM TO THE EAST",
+        f"WI RADIUS 2NM TO 10NM OF {PLACE}",
+        f"WI 5NM EITHER SIDE OF LINE {LIST}",
+        f"GUN FIRING WI 5NM OF {LIST}",
+        f"{LIST} PLUS 5NM BUFFER",
+        f"{LIST} AND ED-R 116 ACT",
+        f"{LIST}. ED-R 116 ACT",
+        f"ED-R 116 AND AREA {LIST}",
+        f"{LIST} - N54130E01030",
+        f"{LIST} - KOLOT",
+        f"AREAS {LIST} AND 542000N 0102000E - 543000N 0102000E - 543000N 0104000E",
+        f"{LIST} - 540000N 0102000E - 535000N 0102000E - 535000N 0104000E",
+        f"{LIST}, 542000N 0102000E",
+    ],
+)
+def test_a_notam_with_more_than_plain_words_gets_the_circle_of_item_q(text: str, tmp_path: Path) -> None:
+    found = contents(tmp_path, notam(text), "a.txt")
+    _, south, _, north = found.areas[0].footprint.bounds
+    assert (north - south) * 60 * NMI / 2 == pytest.approx(11 * NMI, rel=5e-3)
+    assert [remark.text for remark in found.remarks] == [
+        "item E describes its area otherwise: the circle of item Q is used"
+    ]
+
+
+@pytest.mark.parametrize(
+    "tail",
+    [
+        " BACK TO START. VERTICAL LIMITS: 20,000M(QNE) AND BELOW.",
+        " (AREA 2).",
+        " - 540000N 0102000E - ALL FLIGHTS ARE PROHIBITED IN LINE WITH ANNEX 11",
+        ". RMK/ATS ROUTES M768 AND N884 NOT AVBL",
+    ],
+)
+def test_words_that_name_no_area_leave_a_polygon(tail: str, tmp_path: Path) -> None:
+    found = contents(tmp_path, notam(LIST + tail), "a.txt")
+    assert found.areas[0].footprint.bounds == pytest.approx((10 + 1 / 3, 54.0, 10 + 2 / 3, 54 + 1 / 6), abs=2e-4)
+    assert found.remarks == []
+
+
 def test_cancelled_and_other_notam_are_left_out(tmp_path: Path) -> None:
     cancel = "(A1486/26 NOTAMC A1485/26\nQ) EDWW/QWMLC/IV/BO/W/000/100/5405N01030E010\nA) EDWW B) 2603010600\nE) CNL)"
     runway = notam("RWY CLSD", "QMRLC").replace("A1485", "A1487")
