@@ -23,7 +23,14 @@ from conflictdb.model.plans import METRES_PER_NMI
 
 # Subjects of item Q whose NOTAM close or endanger airspace: organisation, restrictions, warnings.
 _SUBJECTS: Final = ("QA", "QR", "QW")
-_NUMBER: Final = re.compile(r"\(?\s*([A-Z]\d{1,4}/\d{2})\s+NOTAM([NRC])(?:\s+([A-Z]\d{1,4}/\d{2}))?")
+_KEY: Final = r"[A-Z]\d{1,6}/(?:20)?\d\d(?!\d)"
+# Without its letter a NOTAM is new, if item Q follows.
+_NUMBER: Final = re.compile(
+    rf"\(?\s*({_KEY})\s+NOTAM(?:([NRC])\b(?:\s+({_KEY}))?|(?=\s+Q\)))", re.ASCII | re.IGNORECASE
+)
+# As !FDC 6/1234.
+_DOMESTIC: Final = re.compile(r"^[ \t(]*(!\w{2,4}[ \t]+\d{1,2}/\d{1,4})(?!\d)", re.ASCII | re.MULTILINE)
+_ITEM_Q: Final = re.compile(r"(?:(?<=\s)|^)Q\)", re.IGNORECASE)
 _ITEM: Final = re.compile(r"(?:(?<=\s)|^)([QABCDEFG])\)\s*")
 _Q: Final = re.compile(
     r"([A-Z]{4})/(Q[A-Z]{4})/[A-Z ]*/[A-Z ]*/[A-Z ]*/(\d{3})/(\d{3})/(\d{4})([NS])(\d{5})([EW])(\d{3})"
@@ -78,8 +85,8 @@ def read_notam(text: str, source: str, *, skip_invalid: bool) -> Contents:
     found = Gathered(source)
     skipped: list[Skipped] = []
     remarks: list[Remark] = []
-    every = list(_split(text))
-    if not every:
+    every = list(_split(text, found))
+    if not every and not found.refusals.found:
         raise InvalidInput("file", "", "holds no NOTAM: each begins with its number, such as A0123/26 NOTAMN")
     ended = {former: key for key, kind, former, _ in every if kind in "RC" and former}
     for number, (key, kind, former, body) in enumerate(every, 1):
@@ -110,12 +117,40 @@ def read_notam(text: str, source: str, *, skip_invalid: bool) -> Contents:
     return contents
 
 
-def _split(text: str) -> Iterator[tuple[str, str, str | None, str]]:
-    """Yield number, kind (N, R, C), number of the NOTAM that it replaces or cancels, and text of each NOTAM."""
-    heads = list(_NUMBER.finditer(text))
+def _split(text: str, found: Gathered) -> Iterator[tuple[str, str, str | None, str]]:
+    """Yield number, kind (N, R, C), number of the NOTAM that it replaces or cancels, and text of each NOTAM.
+
+    One that another one follows whose number is not understood is refused.
+    """
+    heads = sorted([*_NUMBER.finditer(text), *_DOMESTIC.finditer(text)], key=re.Match.start)
     ends = [*(head.start() for head in heads), len(text)]
+    with found.refusals:
+        _check_items_q("file", text[: ends[0]], 0)
     for head, end in zip(heads, ends[1:], strict=True):
-        yield head[1], head[2], head[3], text[head.end() : end].strip().removesuffix(")")
+        with found.refusals:
+            body = text[head.end() : end].strip().removesuffix(")")
+            if head.re is _DOMESTIC:
+                rule = "is in a domestic format, and only that of ICAO is read: write it as A0123/26 NOTAMN"
+                raise InvalidInput(f"NOTAM {head[1]!r}", "", rule)
+            key, former = _short(head[1]), head[3] and _short(head[3])
+            _check_items_q(f"NOTAM {key!r}", body, 1)
+            yield key, (head[2] or "N").upper(), former, body if "Q)" in body else body.upper()
+
+
+def _short(key: str) -> str:
+    """Return the number of a NOTAM in capitals, its year in two digits."""
+    series, _, year = key.upper().partition("/")
+    return f"{series}/{year[-2:]}"
+
+
+def _check_items_q(who: str, text: str, most: int) -> None:
+    """Refuse a text with more items Q than `most`: a NOTAM begins in it whose number is not understood."""
+    marks = list(_ITEM_Q.finditer(text))[most:]
+    if marks:
+        before = text[: marks[0].start()].strip()
+        last = before.splitlines()[-1].strip() if before else ""
+        rule = f"is not understood before an item Q: each NOTAM begins such as A0123/26 NOTAMN; got {last!r:.60}"
+        raise InvalidInput(who, "number of the next NOTAM" if most else "number of a NOTAM", rule)
 
 
 def _items(who: str, body: str) -> dict[str, str]:

@@ -430,6 +430,52 @@ def test_points_of_warnings_are_left_out(tmp_path: Path) -> None:
     assert [one.reason for one in found.skipped] == ["1 geometries are Points: no areas"]
 
 
+@pytest.mark.parametrize(
+    ("number", "key"),
+    [
+        ("(B12345/26 NOTAMN", "B12345/26"),
+        ("(B0002/26 NOTAM", "B0002/26"),
+        ("(b0002/26 notamn", "B0002/26"),
+        ("B0002/2026 NOTAMR A0009/2026", "B0002/26"),
+    ],
+)
+@pytest.mark.parametrize("subject", ["QMRLC", "QWMLW"])
+def test_numbers_of_notam_in_other_spellings(number: str, key: str, subject: str, tmp_path: Path) -> None:
+    """The NOTAM before it may be of any subject."""
+    found = contents(tmp_path, notam(q=subject) + notam().replace("(A1485/26 NOTAMN", number), "a.txt")
+    assert [area.key for area in found.areas if area.key != "A1485/26"] == [key]
+    replaced = notam().replace("A1485/26", "A0009/26") + notam().replace("(A1485/26 NOTAMN", number)
+    assert len(contents(tmp_path, replaced, "a.txt").areas) == (1 if "NOTAMR" in number else 2)
+
+
+def test_a_notam_in_small_letters_is_read(tmp_path: Path) -> None:
+    area = one(tmp_path, notam().lower(), "a.txt")
+    assert area.footprint.bounds == one(tmp_path, notam(), "a.txt").footprint.bounds
+    assert area.ceiling_m == pytest.approx(3048.0)
+
+
+@pytest.mark.parametrize("subject", ["QMRLC", "QWMLW"])
+@pytest.mark.parametrize(
+    ("number", "rule"),
+    [
+        ("(B0002/26 NOTAMX", r"NOTAM 'A1485/26': number of the next NOTAM: is not understood.*got '\(B0002/26 NOTAMX'"),
+        ("(B0002-26 NOTAMN", r"NOTAM 'A1485/26': number of the next NOTAM: is not understood.*got '\(B0002-26 NOTAMN'"),
+        ("!FDC 6/1234 ZLA CA..AIRSPACE", "NOTAM '!FDC 6/1234': is in a domestic format"),
+    ],
+)
+def test_a_notam_whose_number_is_not_understood_is_refused(
+    subject: str, number: str, rule: str, tmp_path: Path
+) -> None:
+    text = notam(q=subject) + notam().replace("(A1485/26 NOTAMN", number)
+    with pytest.raises(InvalidInput, match=rule):
+        contents(tmp_path, text, "a.txt")
+    skipped = contents(tmp_path, text, "a.txt", skip_invalid=True).skipped
+    assert any("is not understood" in one.reason or "domestic" in one.reason for one in skipped)
+    first = notam().replace("(A1485/26 NOTAMN", number) + notam()
+    with pytest.raises(InvalidInput, match=r"is not understood|domestic"):
+        contents(tmp_path, first, "a.txt")
+
+
 def test_schedules_of_airspaces_and_notam_are_kept(tmp_path: Path) -> None:
     weekly = activation("ACTIVE", SHEET.format("MON", "08:00", "10:00"), SHEET.format("FRI", "22:00", "02:00"))
     area = one(tmp_path, aixm(("BASELINE", volume() + weekly)))
