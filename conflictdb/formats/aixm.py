@@ -1,13 +1,14 @@
 """Read airspaces and their activations: AIXM 5.1 and 5.1.1, and Digital NOTAM.
 
 Each BASELINE, SNAPSHOT, PERMDELTA and TEMPDELTA of an airspace becomes a zone for its time; a delta without a geometry
-has that of the baseline in the same file. A baseline stays active while a TEMPDELTA changes it: more may be reported,
-nothing is missed.
+has that of the latest baseline or PERMDELTA of the same file that is valid then. A baseline stays active while a
+TEMPDELTA changes it: more may be reported, nothing is missed.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
@@ -24,6 +25,7 @@ _WHOLE: Final = ("BASELINE", "SNAPSHOT")
 _DELTAS: Final = ("PERMDELTA", "TEMPDELTA")
 _ACTIVE: Final = frozenset({"ACTIVE", "IN_USE", "INTERMITTENT", "LIMITED", "AVBL_FOR_ACTIVATION"})
 _NOT_ACTIVE: Final = frozenset({"INACTIVE"})
+_MOST_STATES: Final = 1_000
 _NO_LIMIT: Final = {True: ("GND", "SFC", "FLOOR"), False: ("UNL", "CEILING")}
 
 
@@ -34,6 +36,20 @@ class _Airspace:
     key: str
     where: str
     slices: list[Element] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    """A baseline or permanent change: the properties that it gives, and when it is valid, microseconds since 1970.
+
+    error : why its valid time is not understood
+    """
+
+    slice: Element
+    names: Set[str]
+    start: float
+    end: float
+    error: InvalidInput | None = None
 
 
 def is_aixm(root: Element) -> bool:
@@ -53,18 +69,19 @@ def read_aixm(
     others: Counter[str] = Counter()
     points = {one.attributes["id"]: one for one in root.all("Point", "ElevatedPoint") if "id" in one.attributes}
     for airspace in _airspaces(root, others):
-        baseline = next((one for one in airspace.slices if _interpretation(one) in _WHOLE and _components(one)), None)
         if not airspace.slices:
             reason = "has no AirspaceTimeSlice: no area"
             skipped.append(Skipped(source, f"zone {airspace.key!r}", reason, (), is_whole=False))
         seen: Counter[str] = Counter()
-        for slice_ in _current(airspace.slices):
+        current = list(_current(airspace.slices))
+        states = _states(current)
+        for slice_ in current:
             kind = _interpretation(slice_)
             seen[kind] += 1
             key = airspace.key if kind in _WHOLE else f"{airspace.key}/{kind}"
             key = key if seen[kind] == 1 else f"{key}-{seen[kind]}"
             with found.refusals:
-                zone = _zone(f"zone {key!r}", key, slice_, baseline, found, points)
+                zone = _zone(f"zone {key!r}", key, slice_, states, found, points)
                 if zone is None:
                     skipped.append(Skipped(source, f"zone {key!r}", "is never active", (), is_whole=False))
                 else:
@@ -119,33 +136,95 @@ def _components(slice_: Element) -> list[Element]:
 
 
 def _zone(
-    who: str, key: str, slice_: Element, baseline: Element | None, found: Gathered, points: Mapping[str, Element]
+    who: str, key: str, slice_: Element, states: Sequence[_State], found: Gathered, points: Mapping[str, Element]
 ) -> Zone | None:
     """Return the zone of a time slice, None if it is never active.
 
+    states : of the airspace
     points : of the message, by their ids
     """
     kind = _interpretation(slice_)
     if kind not in (*_WHOLE, *_DELTAS):
         rule = f"must be one of {', '.join((*_WHOLE, *_DELTAS))}; got {kind!r:.40}"
         raise InvalidInput(who, "interpretation", rule)
-    shape = slice_ if _components(slice_) else baseline
-    if shape is None:
-        rule = "is missing: the file has no baseline of this airspace; add it to the file"
-        raise InvalidInput(who, "geometryComponent", rule)
-    volumes = [_volume(who, one, found, points) for one in _components(shape)]
     span = _span(who, slice_)
-    given = slice_ if next(slice_.each("activation"), None) is not None else (baseline or slice_)
+    shapes = [slice_] if _components(slice_) else _valid(who, slice_, states, "geometryComponent")
+    if not shapes:
+        rule = "is missing: the file has no baseline of this airspace that is valid then; add it to the file"
+        raise InvalidInput(who, "geometryComponent", rule)
+    volumes, *others = [[_volume(who, one, found, points) for one in _components(shape)] for shape in shapes]
+    if any(not _is_same(volumes, other) for other in others):
+        known = ", ".join(f"line {shape.line}" for shape in shapes)
+        rule = f"is missing, and several shapes of this airspace are valid then ({known}): add its own one"
+        raise InvalidInput(who, "geometryComponent", rule)
+    given = slice_
+    if kind in _DELTAS and next(slice_.each("activation"), None) is None:
+        # Of several, each may be active at another time: then it is active all the time.
+        activations = _valid(who, slice_, states, "activation")
+        given = activations[0] if len(activations) == 1 else slice_
     active = _active(who, given, span)
     if active is None:
         return None
     properties: dict[str, Any] = {}
     for name in ("type", "class", "localType", "controlType", "designator"):
-        value = slice_.value(name) or (baseline.value(name) if baseline is not None else None)
+        value = _value(who, slice_, states, name)
         if value is not None:
             properties[f"airspace_{name}"] = value
-    named = slice_.value("name") or (baseline.value("name") if baseline is not None else None)
+    named = _value(who, slice_, states, "name")
     return Zone(key, volumes, named, active, {"interpretation": kind, **properties}, properties.get("airspace_type"))
+
+
+def _states(slices: Sequence[Element]) -> list[_State]:
+    """Return the baselines and permanent changes of an airspace."""
+    states: list[_State] = []
+    for one in slices:
+        if _interpretation(one) in (*_WHOLE, "PERMDELTA"):
+            names = {child.name for child in one.children}
+            names -= set() if _components(one) else {"geometryComponent"}
+            try:
+                start_us, end_us = _span("", one)
+            except InvalidInput as error:
+                states.append(_State(one, names, -inf, inf, error))
+            else:
+                start, end = -inf if start_us is None else start_us, inf if end_us is None else end_us
+                states.append(_State(one, names, start, end))
+    return states
+
+
+def _valid(who: str, slice_: Element, states: Sequence[_State], name: str) -> list[Element]:
+    """Return the baselines and permanent changes with a property that are valid at the beginning of a time slice.
+
+    Of several the latest counts; those are added that begin as late, or while a temporary change is valid.
+    """
+    if len(states) > _MOST_STATES:
+        rule = f"are more than {_MOST_STATES:,} of one airspace: leave out those of other times"
+        raise InvalidInput(who, "baselines and permanent changes", rule)
+    start_us, end_us = _span(who, slice_)
+    start, end = -inf if start_us is None else start_us, inf if end_us is None else end_us
+    others = [one for one in states if one.slice is not slice_ and name in one.names]
+    for one in others:
+        if one.error is not None:
+            raise InvalidInput(who, f"{one.error.field} of the slice in line {one.slice.line}", one.error.rule)
+    before = [one for one in others if one.start <= start < one.end]
+    latest = max((one.start for one in before), default=-inf)
+    later = (one for one in others if start < one.start < end and _interpretation(slice_) == "TEMPDELTA")
+    return [one.slice for one in (*(one for one in before if one.start == latest), *later)]
+
+
+def _value(who: str, slice_: Element, states: Sequence[_State], name: str) -> str | None:
+    """Return a property of a time slice, or else the valid one of its airspace."""
+    value = slice_.value(name)
+    if value is None and _interpretation(slice_) in _DELTAS:
+        value = next((one.value(name) for one in _valid(who, slice_, states, name)), None)
+    return value
+
+
+def _is_same(one: Sequence[Volume], other: Sequence[Volume]) -> bool:
+    """Return whether two lists of volumes are the same."""
+    return len(one) == len(other) and all(
+        bool(a.footprint.equals(b.footprint)) and (a.floor_m, a.ceiling_m) == (b.floor_m, b.ceiling_m)
+        for a, b in zip(one, other, strict=True)
+    )
 
 
 def _span(who: str, slice_: Element) -> tuple[int | None, int | None]:

@@ -157,6 +157,75 @@ def test_a_temporary_change_has_the_shape_of_its_baseline(tmp_path: Path) -> Non
     assert [str(one.reason) for one in found.skipped] == ["is never active"]
 
 
+def spans(text: str, *each: tuple[str, str]) -> str:
+    """Return a message whose time slices are valid in these months of 2026, one after the other."""
+    for first, end in each:
+        last = (
+            f"<gml:endPosition>{end}T00:00:00Z</gml:endPosition>"
+            if end
+            else '<gml:endPosition indeterminatePosition="unknown"/>'
+        )
+        text = text.replace(PERIOD, f"<gml:beginPosition>{first}T00:00:00Z</gml:beginPosition>{last}", 1)
+    return text
+
+
+NORTH = surface(lines("67 4 67 5 68 5 68 4 67 4"))
+INACTIVE, JUNE = activation("INACTIVE"), ("2026-06-01", "2026-07-01")
+
+
+@pytest.mark.parametrize(
+    ("slices", "times"),
+    [
+        (
+            (("BASELINE", volume() + INACTIVE), ("BASELINE", volume(NORTH) + INACTIVE)),
+            (("2025-01-01", "2026-05-01"), ("2026-05-01", "")),
+        ),
+        ((("BASELINE", volume(NORTH) + INACTIVE), ("BASELINE", volume())), (("2026-01-01", ""), ("2026-07-01", ""))),
+        (
+            (("BASELINE", volume() + INACTIVE), ("PERMDELTA", volume(NORTH))),
+            (("2025-01-01", ""), ("2026-05-01", "")),
+        ),
+        (
+            (("BASELINE", volume(NORTH) + INACTIVE), ("PERMDELTA", volume(NORTH))),
+            (("2026-05-01", ""), ("2026-05-01", "")),
+        ),
+    ],
+)
+def test_a_temporary_change_has_the_shape_that_is_valid_then(
+    slices: tuple[tuple[str, str], ...], times: tuple[tuple[str, str], ...], tmp_path: Path
+) -> None:
+    found = contents(tmp_path, spans(aixm(*slices, ("TEMPDELTA", activation())), *times, JUNE))
+    (area,) = [area for area in found.areas if area.key == "EAR1/TEMPDELTA"]
+    assert area.footprint.bounds[1] == 67.0
+
+
+@pytest.mark.parametrize(
+    ("slices", "times", "rule"),
+    [
+        (
+            (("BASELINE", volume()),),
+            (("2025-01-01", "2026-05-01"),),
+            "is missing: the file has no baseline of this airspace that is valid",
+        ),
+        (
+            (("BASELINE", volume()), ("BASELINE", volume(NORTH))),
+            (("2026-01-01", ""), ("2026-06-15", "")),
+            "is missing, and several shapes of this airspace are valid then",
+        ),
+        (
+            (("BASELINE", volume()), ("PERMDELTA", volume(NORTH))),
+            (("2026-01-01", ""), ("2026-01-01", "")),
+            "is missing, and several shapes of this airspace are valid then",
+        ),
+    ],
+)
+def test_a_temporary_change_without_one_shape_is_refused(
+    slices: tuple[tuple[str, str], ...], times: tuple[tuple[str, str], ...], rule: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InvalidInput, match=f"'EAR1/TEMPDELTA': geometryComponent: {rule}"):
+        contents(tmp_path, spans(aixm(*slices, ("TEMPDELTA", activation())), *times, JUNE))
+
+
 EXCLUDED = SHEET.format("ANY", "00:00", "24:00") + "<aixm:excluded>YES</aixm:excluded>"
 LOCAL = SHEET.format("MON", "08:00", "10:00").replace("UTC", "LOCAL")
 LIMIT = '<aixm:upperLimit uom="{}">{}</aixm:upperLimit><aixm:upperLimitReference>{}</aixm:upperLimitReference>'
