@@ -6,9 +6,10 @@ gx:Track of KML becomes a track with the times that `kml_tracks` reads, as posit
 another line of KML with a begin and an end is refused. All other points and lines are left out and listed.
 
 Columns named like members of scene files, in upper or lower case, are read as these members, lists as JSON; all others
-are kept as properties. Without an id column the id is the name of a feature of KML if it is unique, else the number of
-the feature, after the name of its layer if there are several. Other reference systems are transformed vertex by vertex
-to longitude and latitude; edges are then straight in the scene's plane.
+are kept as properties. A Shapefile cuts names to ten characters: such a name counts as the member that it begins.
+Without an id column the id is the name of a feature of KML if it is unique, else the number of the feature, after the
+name of its layer if there are several. Other reference systems are transformed vertex by vertex to longitude and
+latitude; edges are then straight in the scene's plane.
 
 The OGR library runs in a confined process: see `confined` and `ogr_child`.
 """
@@ -46,7 +47,7 @@ from conflictdb.formats.hints import renamed
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.kml_document import ALTITUDE_MODES, KmlDocument
 from conflictdb.formats.kml_tracks import GxTracks
-from conflictdb.formats.names import RENAME_COLUMN
+from conflictdb.formats.names import RENAME_COLUMN, SETTINGS, can_be
 from conflictdb.formats.reference import EXTRA, of_name
 from conflictdb.formats.time_columns import is_time_like, without_times
 from conflictdb.formats.track_times import TrackAtSpeed, timed
@@ -54,6 +55,14 @@ from conflictdb.model.plans import Area, Scene, Track
 
 # Some of the columns that OGR gives the features of KML.
 _KML_FIELDS: Final = frozenset({"begin", "end", "altitudeMode", "tessellate", "extrude"})
+# Names of known members as a Shapefile cuts them, and the names that they may be.
+_CUT_TO: Final = 10
+_MEMBERS: Final = file_objects.AREA_MEMBERS | file_objects.TRACK_MEMBERS | {file_objects.DATUM, *SETTINGS}
+_CUT: Final = {
+    name[:_CUT_TO]: [one for one in sorted(_MEMBERS) if len(one) > _CUT_TO and one.startswith(name[:_CUT_TO])]
+    for name in _MEMBERS
+    if len(name) > _CUT_TO and name[:_CUT_TO] not in _MEMBERS
+}
 _HAVEN: Final = frozenset({"outline_m", "outlines_m", *file_objects.SIZES})
 _KML_LINE: Final = (
     "are missing: a line with a begin and an end says no time of each point; write it as gx:Track, or as a line with a "
@@ -221,6 +230,7 @@ def _features(
     """
     who = f"layer {layer.name!r:.100}"
     check_columns(who, layer.fields)
+    layer = replace(layer, fields=_whole_names(who, layer))
     shapes = _shapes(who, layer)
     if layer.crs is None:
         rule = "is unknown: the file must say its reference system (a Shapefile needs its .prj)"
@@ -257,6 +267,19 @@ def _features(
             else:
                 yield where, area_of_polygon(where, keys[i], values, shape, setting)
     contents.skipped.extend(unusable(source, who, "features", others, without_times(time_like)))
+
+
+def _whole_names(who: str, layer: Layer) -> list[str]:
+    """Return the names of columns, those whole that a Shapefile cut; raises InvalidInput for one cut from several."""
+    given = {name.lower() for name in layer.fields}
+    names = []
+    for name, column in zip(layer.fields, layer.columns, strict=True):
+        meant = [one for one in _CUT.get(name.lower(), ()) if any(can_be(value, one) for value in column)]
+        if len(meant) > 1:
+            rule = f"is cut to {_CUT_TO} characters: it may be {' or '.join(meant)}. {RENAME_COLUMN}"
+            raise InvalidInput(who, f"column {name}", rule)
+        names.append(meant[0] if meant and meant[0] not in given else name)
+    return names
 
 
 def _kml_keys(layers: Sequence[Layer]) -> dict[tuple[str, int], str]:

@@ -35,6 +35,42 @@ def test_polygons_become_areas_with_their_columns(tmp_path: Path, name: str) -> 
     assert area.footprint.equals(SQUARE)
 
 
+def cut(columns: dict[str, Any]) -> dict[str, Any]:
+    """Return columns with names as OGR cuts them in a Shapefile, with a warning for each."""
+    return {name[:10]: column for name, column in columns.items()}
+
+
+def test_names_that_a_shapefile_cuts_are_read_whole(tmp_path: Path) -> None:
+    own = {"start": HOURS[:1], "speed_mps": [5.0], "outline_m": ["[[0,0]]"]}
+    limits = {"xtd_port_m": [500.0], "xtd_starboard_m": [400.0], "max_speed_kn": [20.0], "min_speed_kn": [2.0]}
+    path = write_layer(tmp_path / "plan.shp", [LINE], kind="LineString", **own, **cut(limits))
+    (track,) = formats.read(path).tracks
+    assert track.tolerances == {name: value for name, (value,) in limits.items()}
+    assert track.properties == {}
+    windows = {
+        name: [json.dumps([HOURS[0], "2026-03-02T06:00:00Z"])] for name in ("departure_window", "arrival_window")
+    }
+    path = write_layer(tmp_path / "windows.shp", [LINE], kind="LineString", **own, **cut(windows))
+    (track,) = formats.read(path).tracks
+    assert set(track.tolerances or ()) == set(windows)
+
+
+@pytest.mark.parametrize(
+    ("columns", "rule"),
+    [
+        ({"ceiling_m": [100.0], "vertical_datum": ["AGL"]}, "vertical_datum: must be 'msl', the scene's"),
+        ({"xtd_starboard_m": [500.0]}, "xtd_starboard_m: has a meaning for tracks only"),
+        ({"time_separation_s": [500.0]}, "time_separation_s: is a setting of the whole scene"),
+        ({"starboard_m": [5.0]}, "column starboard_: is cut to 10 characters: it may be starboard_m or starboard_nmi"),
+    ],
+)
+def test_a_name_that_a_shapefile_cuts_is_refused_as_the_whole_name(
+    columns: dict[str, Any], rule: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InvalidInput, match=rule):
+        formats.read(write_layer(tmp_path / "areas.shp", [SQUARE], kind="Polygon", **cut(columns)))
+
+
 def test_columns_that_look_like_times_are_named(tmp_path: Path) -> None:
     """For areas without start or end: they are active for longer than perhaps intended."""
     path = write_layer(
