@@ -35,6 +35,8 @@ from conflictdb.model.speed_limits import MPS_PER_KNOT
 MOST_XTD_NMI: Final = 10.0
 # Two times of one event that differ by less are the same, rounded to seconds.
 _SAME_US: Final = 1_000_000
+_SAME_KN: Final = 0.010001
+_BY_BOTH: Final = "by the manual and the calculated schedule"
 _LEAST_SPEED_KN: Final = 1e-6  # of a stay
 
 
@@ -313,9 +315,17 @@ def _gaps(arrivals: Sequence[int | None]) -> Iterator[tuple[int, int]]:
 
 
 def agreed(who: str, field: str, *times_us: int | None) -> int | None:
-    """Return the time on which several sources agree to a second; raises InvalidInput if they do not."""
+    """Return the time, or duration, on which several sources agree to a second; raises InvalidInput if they do not."""
     given = [one for one in times_us if one is not None]
     if given and max(given) - min(given) > _SAME_US:
-        rule = f"is given twice, {(max(given) - min(given)) / 1e6:g} s apart, by the manual and the calculated schedule"
-        raise InvalidInput(who, field, rule)
+        raise InvalidInput(who, field, f"is given twice, {(max(given) - min(given)) / 1e6:g} s apart, {_BY_BOTH}")
+    return given[0] if given else None
+
+
+def agreed_speed(who: str, field: str, *speeds_kn: float | None) -> float | None:
+    """Return the speed on which several sources agree to 0.01 knots; raises InvalidInput if they do not."""
+    given = [one for one in speeds_kn if one is not None]
+    if given and max(given) - min(given) > _SAME_KN:
+        rule = f"is given twice, {min(given):g} and {max(given):g} knots, {_BY_BOTH}"
+        raise InvalidInput(who, field, f"{rule}: leave one out")
     return given[0] if given else None

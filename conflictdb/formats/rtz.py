@@ -15,7 +15,7 @@ from conflictdb.formats.fields import Fields
 from conflictdb.formats.file_objects import DATUM, FileContext, track_members
 from conflictdb.formats.json_text import parse
 from conflictdb.formats.names import look_alike
-from conflictdb.formats.routes import Route, Waypoint, agreed, limit_m
+from conflictdb.formats.routes import Route, Waypoint, agreed, agreed_speed, limit_m
 from conflictdb.formats.rtz_writing import EXTENSION
 from conflictdb.formats.values_of_xml import duration_us, number_of, time_of
 from conflictdb.formats.xml_text import Element
@@ -153,7 +153,7 @@ def _schedule(who: str, root: Element, points: dict[str, Waypoint], layers: Sequ
             for part in ("calculated", "manual")
             if (found := schedule.child(part)) is not None
         }
-        for number in {number for part in parts.values() for number in part}:
+        for number in dict.fromkeys(number for part in parts.values() for number in part):
             if number not in points:
                 raise InvalidInput(who, "scheduleElement", f"has the waypointId {number!r:.40}, which no waypoint has")
             _call(who, points[number], [part[number] for part in parts.values() if number in part])
@@ -178,14 +178,18 @@ def _call(who: str, point: Waypoint, elements: Sequence[Element]) -> None:
     def times(name: str) -> int | None:
         return agreed(who, f"{where}, {name}", *(time_of(who, f"{where}, {name}", one.get(name)) for one in elements))
 
+    def given(name: str) -> list[str]:
+        return [text for one in elements if (text := one.get(name)) is not None]
+
     point.arrival_us, point.departure_us = times("eta"), times("etd")
+    point.stay_us = agreed(who, f"{where}, stay", *(duration_us(who, f"{where}, stay", one) for one in given("stay")))
+    speeds = [number_of(who, f"{where}, speed", one) for one in given("speed")]
+    # Beside an arrival time the speed is not needed: it may be one over ground, another through the water.
+    point.speed_kn = (
+        speeds[0] if speeds and point.arrival_us is not None else agreed_speed(who, f"{where}, speed", *speeds)
+    )
     for element in elements:
         _check_names(who, where, element)
-        stay, speed = element.get("stay"), element.get("speed")
-        if stay is not None and point.stay_us is None:
-            point.stay_us = duration_us(who, f"{where}, stay", stay)
-        if speed is not None and point.speed_kn is None:
-            point.speed_kn = number_of(who, f"{where}, speed", speed)
         for name in ("etdWindow", "etaWindow"):
             early, late = (element.get(f"{name}{side}") for side in ("Before", "After"))
             if early is not None:

@@ -11,7 +11,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Gathered
 from conflictdb.formats.contents import Contents
 from conflictdb.formats.gml import Geometries
-from conflictdb.formats.routes import Route, Waypoint, agreed, limit_m
+from conflictdb.formats.routes import Route, Waypoint, agreed, agreed_speed, limit_m
 from conflictdb.formats.values_of_xml import number_of, time_of
 from conflictdb.formats.xml_text import Element
 
@@ -159,10 +159,11 @@ def _call(who: str, point: Waypoint, elements: Sequence[Element]) -> None:
         return agreed(who, where, *(time_of(who, where, one.value(f"routeScheduleElement{name}")) for one in elements))
 
     point.arrival_us, point.departure_us = times("ETA"), times("ETD")
+    where = f"{point.name}, PlanSOG"
+    texts = (one.value("routeScheduleElementPlanSOG") for one in elements)
+    speeds = [number_of(who, where, text) for text in texts if text is not None]
+    point.speed_kn = speeds[0] if speeds and point.arrival_us is not None else agreed_speed(who, where, *speeds)
     for element in elements:
-        speed = element.value("routeScheduleElementPlanSOG")
-        if speed is not None and point.speed_kn is None:
-            point.speed_kn = number_of(who, f"{point.name}, PlanSOG", speed)
         for name in ("ETDWindow", "ETAWindow"):
             for side, member in (("Before", "early_us"), ("After", "late_us")):
                 text = element.value(f"routeScheduleElement{name}{side}")

@@ -183,6 +183,13 @@ def calls(number: str, text: str) -> str:
     return rtz(schedules=manual('"1" etd="2026-03-01T06:00:00Z"', f'"{number}" {text}'))
 
 
+def calculated(manually: str, otherwise: str) -> str:
+    """Return a route whose calculated schedule has an element besides the manual one."""
+    schedule = manual('"1" etd="2026-03-01T06:00:00Z"', manually, '"3" eta="2026-03-02T14:00:00Z"')
+    other = f"<calculated><scheduleElement waypointId={otherwise}/></calculated>" if otherwise else ""
+    return rtz(schedules=schedule.replace("</schedule>", f"{other}</schedule>"))
+
+
 MISTAKES = {
     "version": (rtz(version="2.0"), r"route 'R': version: must be one of 1.0, 1.1, 1.2; got '2.0'"),
     "one waypoint": (rtz(waypoint(1, 4, 57)), "'R': waypoints: a route needs at least two waypoints; got 1"),
@@ -227,11 +234,27 @@ MISTAKES = {
         ),
         "waypoint 3, eta: is given twice, 3600 s apart",
     ),
+    "two speeds": (
+        calculated('"2" speed="20"', '"2" speed="10"'),
+        "waypoint 2, speed: is given twice, 10 and 20 knots",
+    ),
+    "two stays": (
+        calculated('"2" speed="20" stay="PT2H"', '"2" stay="PT1H"'),
+        "waypoint 2, stay: is given twice, 3600 s apart",
+    ),
     "opposite": (
         rtz(waypoint(1, 0, 0) + waypoint(2, 180, 0, 'geometryType="Orthodrome"')),
         "waypoint 2: is opposite to the waypoint before it",
     ),
 }
+
+
+def test_speeds_that_differ_by_rounding_or_beside_a_time_are_no_contradiction(tmp_path: Path) -> None:
+    rounded = track(tmp_path, calculated('"2" speed="12.35"', '"2" speed="12.3456"'))
+    assert rounded.times_us[1] == track(tmp_path, calculated('"2" speed="12.3456"', "")).times_us[1]
+    eta = 'eta="2026-03-01T09:00:00Z"'
+    timed = track(tmp_path, calculated(f'"2" {eta} speed="20"', '"2" speed="10"'))
+    assert at(timed, 1) == np.datetime64("2026-03-01T09:00:00")
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
