@@ -10,7 +10,9 @@ from conflictdb.model.plans import Area, Scene, Track
 
 # Called with the name of a phase, and the amounts done and to do; 0: unknown.
 Phase: TypeAlias = Callable[[str, int, int], object]
-NO_SIZES: Final = "has no columns of sizes"  # begins a remark
+# These begin remarks that tracks are points.
+NO_SIZES: Final = "has no columns of sizes"
+SAYS_NO_SIZES: Final = "says nothing of sizes"
 # Endings of Parquet file names.
 PARQUET: Final = frozenset({".parquet", ".geoparquet"})
 # The remedy for a file above the size limit.

@@ -11,7 +11,7 @@ from typing import Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Gathered
-from conflictdb.formats.contents import Contents, Remark, Skipped
+from conflictdb.formats.contents import SAYS_NO_SIZES, Contents, Remark, Skipped
 from conflictdb.formats.fixes import Fixes, tracks_of
 from conflictdb.formats.hints import departure
 from conflictdb.formats.instants import parse_instant
@@ -20,7 +20,7 @@ from conflictdb.formats.values_of_xml import number_of, time_of
 from conflictdb.formats.xml_text import Element
 
 _LAYERS: Final = ("waypoints", "routes", "tracks", "route_points", "track_points")
-_NO_SIZES: Final = "says nothing of sizes: all tracks are points"
+_NO_SIZES: Final = f"{SAYS_NO_SIZES}: all tracks are points"
 
 
 def is_gpx(root: Element) -> bool:

@@ -32,6 +32,7 @@ from conflictdb.formats import file_objects, wkb
 from conflictdb.formats.archives import check_archive
 from conflictdb.formats.confined import ConfinedProgram
 from conflictdb.formats.contents import (
+    SAYS_NO_SIZES,
     Contents,
     FileRefusals,
     Remark,
@@ -366,4 +367,4 @@ class _TimedLines:
         contents.tracks.extend([*sized, *tracks])
         contents.skipped.extend(rest)
         if tracks:
-            contents.remarks = [Remark(source, "file", "says nothing of sizes: its gx:Tracks are points")]
+            contents.remarks = [Remark(source, "file", f"{SAYS_NO_SIZES}: its gx:Tracks are points")]

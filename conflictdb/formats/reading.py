@@ -29,7 +29,17 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import places
-from conflictdb.formats.contents import NO_SIZES, PARQUET, TOO_LARGE, Contents, Parts, Phase, Remark, unwatched
+from conflictdb.formats.contents import (
+    NO_SIZES,
+    PARQUET,
+    SAYS_NO_SIZES,
+    TOO_LARGE,
+    Contents,
+    Parts,
+    Phase,
+    Remark,
+    unwatched,
+)
 from conflictdb.formats.file_objects import AREA_MEMBERS, TRACK_MEMBERS
 from conflictdb.formats.hints import FileHints, applied
 from conflictdb.formats.owners import Owners
@@ -127,7 +137,7 @@ def _give_havens(contents: Contents, outline_m: NDArray[np.float64]) -> None:
         else track
         for track in contents.tracks
     ]
-    contents.remarks = [one for one in contents.remarks if not one.text.startswith(NO_SIZES)]
+    contents.remarks = [one for one in contents.remarks if not one.text.startswith((NO_SIZES, SAYS_NO_SIZES))]
 
 
 @contextmanager

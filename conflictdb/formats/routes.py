@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from conflictdb.earth import geodesy
 from conflictdb.earth.shortest_lines import DEVIATION_M, NoShortestLineError, followed
 from conflictdb.errors import InvalidInput
+from conflictdb.formats.contents import SAYS_NO_SIZES
 from conflictdb.formats.fields import key as checked_key
 from conflictdb.formats.hints import departure, haven
 from conflictdb.formats.instants import format_instant
@@ -31,6 +32,8 @@ from conflictdb.model.plans import (
 )
 from conflictdb.model.speed_limits import MPS_PER_KNOT
 
+# A remark on files of routes that give no haven.
+A_POINT: Final = f"{SAYS_NO_SIZES}: the vessel is a point; --haven gives it a size"
 # Beyond this a limit in nautical miles is probably one in metres.
 MOST_XTD_NMI: Final = 10.0
 # Two times of one event that differ by less are the same, rounded to seconds.

@@ -10,12 +10,12 @@ from typing import Any, Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Gathered
-from conflictdb.formats.contents import Contents
+from conflictdb.formats.contents import Contents, Remark
 from conflictdb.formats.fields import Fields
 from conflictdb.formats.file_objects import DATUM, FileContext, track_members
 from conflictdb.formats.json_text import parse
 from conflictdb.formats.names import look_alike
-from conflictdb.formats.routes import Route, Waypoint, agreed, agreed_speed, limit_m
+from conflictdb.formats.routes import A_POINT, Route, Waypoint, agreed, agreed_speed, limit_m
 from conflictdb.formats.rtz_writing import EXTENSION
 from conflictdb.formats.values_of_xml import duration_us, number_of, time_of
 from conflictdb.formats.xml_text import Element
@@ -49,6 +49,7 @@ def read_rtz(
     layers : the name or id of the schedule to read, if the route has several
     """
     found = Gathered(source)
+    remarks: list[Remark] = []
     info = root.child("routeInfo")
     name = (info.get("routeName") if info is not None else None) or stem
     who = f"route {name!r}"
@@ -62,7 +63,10 @@ def read_rtz(
         properties = {} if info is None else {key: one for key, one in info.attributes.items() if key != "routeName"}
         route = Route(name, list(points.values()), dict(properties), members)
         found.add_route(name, who, route, max_speed_kn)
-    return found.contents(skip_invalid=skip_invalid)
+        remarks = [] if members else [Remark(source, "file", A_POINT)]
+    contents = found.contents(skip_invalid=skip_invalid)
+    contents.remarks = remarks
+    return contents
 
 
 def _members(who: str, root: Element) -> dict[str, Any]:

@@ -9,9 +9,9 @@ from typing import Final
 
 from conflictdb.errors import InvalidInput
 from conflictdb.formats.areas_of_files import Gathered
-from conflictdb.formats.contents import Contents
+from conflictdb.formats.contents import Contents, Remark
 from conflictdb.formats.gml import Geometries
-from conflictdb.formats.routes import Route, Waypoint, agreed, agreed_speed, limit_m
+from conflictdb.formats.routes import A_POINT, Route, Waypoint, agreed, agreed_speed, limit_m
 from conflictdb.formats.values_of_xml import number_of, time_of
 from conflictdb.formats.xml_text import Element
 
@@ -54,7 +54,9 @@ def read_s421(
             else {one.name: one.text for one in info.children if one.text and one.name != "routeInfoName"}
         )
         found.add_route(name, who, Route(name, list(points.values()), dict(properties)), max_speed_kn)
-    return found.contents(skip_invalid=skip_invalid)
+    contents = found.contents(skip_invalid=skip_invalid)
+    contents.remarks = [Remark(source, "file", A_POINT)] if contents.tracks else []
+    return contents
 
 
 def _members(root: Element) -> Iterator[Element]:

@@ -4,6 +4,7 @@ The files are made here, after the public schemas. `docs/how-to/plan-with-routes
 were read, with what result.
 """
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -110,6 +111,18 @@ def test_windows_and_stays_are_tolerances_of_the_track(tmp_path: Path) -> None:
     speeds = np.array([found.tolerances["min_speed_kn"], found.tolerances["max_speed_kn"]])
     assert speeds[1, 2] - speeds[0, 2] == pytest.approx(2.0)
     assert speeds[0, 0] == pytest.approx(speeds[1, 0])
+
+
+@pytest.mark.parametrize("name", ["plan.rtz", "plan.s421", "plan.gpx"])
+def test_a_route_without_a_haven_is_remarked_as_a_point(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    points = '<rtept lat="57" lon="4"/><rtept lat="57" lon="5"/>'
+    path.write_text({"plan.rtz": rtz(), "plan.s421": s421()}.get(name, f"<gpx><rte><name>R</name>{points}</rte></gpx>"))
+    (remark,) = read(path, hints=STARTED).remarks
+    assert "says nothing of sizes: " in remark.text
+    contents = read(path, hints=replace(STARTED, haven_m=(100, 50, 10, 20)))
+    assert contents.tracks[0].outline_m.any()
+    assert contents.remarks == []
 
 
 def test_a_written_haven_may_be_wider_than_limits_of_other_files(tmp_path: Path) -> None:
@@ -263,6 +276,15 @@ def test_a_mistake_has_one_message_that_names_it(mistake: str, tmp_path: Path) -
     with pytest.raises(InvalidInput, match=rule) as refused:
         track(tmp_path, text, None if "schedule" in text else STARTED)
     assert str(refused.value).count("\n") == 0
+
+
+def test_two_speeds_of_s421_that_contradict_are_refused(tmp_path: Path) -> None:
+    text = s421().replace('xlink:href="#E2"/>', 'xlink:href="#E2"/><routeScheduleElement xlink:href="#E3"/>')
+    element = '<imember><S421:routeScheduleElement gml:id="E3"><routeWaypointId>2</routeWaypointId>'
+    element += "<routeScheduleElementPlanSOG>9</routeScheduleElementPlanSOG></S421:routeScheduleElement></imember>"
+    (tmp_path / "plan.s421").write_text(text.replace("</S421:DataSet>", f"{element}</S421:DataSet>"))
+    with pytest.raises(InvalidInput, match="waypoint 2, PlanSOG: is given twice, 9 and 12 knots"):
+        read(tmp_path / "plan.s421")
 
 
 @pytest.mark.parametrize("namespace", ["S421/gml/1.0", "S421/gml/cs0/1.0"])
