@@ -21,7 +21,10 @@ _LOOK_BACK: Final = 100
 
 @dataclass(slots=True)
 class Fixes:
-    """Rows of one object: line numbers, instants, positions, and the other cells by column."""
+    """Rows of one object: line numbers, instants, positions, and the other cells by column.
+
+    unbounded : columns of heights that a row with a position leaves empty
+    """
 
     lines: list[int] = field(default_factory=list)
     times_us: list[int] = field(default_factory=list)
@@ -29,6 +32,7 @@ class Fixes:
     largest: dict[str, float] = field(default_factory=dict)
     lowest: dict[str, float] = field(default_factory=dict)
     constant: dict[str, str | None] = field(default_factory=dict)
+    unbounded: set[str] = field(default_factory=set)
 
 
 def tracks_of(
@@ -103,8 +107,8 @@ def _track_of(
         all_certain(times_us),
         _outline(rows.largest, size_columns),
         name=rows.constant.get("name"),
-        floor_m=rows.lowest.get("floor_m"),
-        ceiling_m=rows.largest.get("ceiling_m"),
+        floor_m=None if "floor_m" in rows.unbounded else rows.lowest.get("floor_m"),
+        ceiling_m=None if "ceiling_m" in rows.unbounded else rows.largest.get("ceiling_m"),
         properties={name: v for name, v in rows.constant.items() if v is not None and name != "name"},
         max_speed_kn=np.inf,  # unreachable fixes are left out above
     )

@@ -13,7 +13,7 @@ a size, and objects with a single fix. A file that is no position file is refuse
 import csv
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from decimal import Decimal
 from io import StringIO
 from typing import Final
@@ -54,6 +54,9 @@ _ELSEWHERE: Final = dict.fromkeys(SETTINGS, SETTING_RULE) | dict.fromkeys(
     "is read from scene files only: positions have a size, as length or as sides",
 )
 _SIZES: Final = "length_m and width_m, or fore_m, aft_m, port_m and starboard_m"
+_HEIGHTS: Final = {"floor_m": "floor", "ceiling_m": "ceiling"}
+# Objects that a remark lists by name.
+_MOST_NAMED: Final = 10
 MAX_OBJECTS: Final = 1_000_000
 MISSING: Final = frozenset({"", "na", "nan", "null", "none", r"\n"})
 
@@ -98,8 +101,19 @@ def read_positions(
     contents = Contents(None, [], tracks, skipped)
     texts = [] if reader.size_columns else [f"{NO_SIZES} ({_SIZES}): all are points"]
     texts += ["has dates with slashes: they are read as day/month/year"] if reader.is_day_first else []
+    texts += _without_bound(fixes, {track.key for track in tracks})
     contents.remarks = [Remark(source, "file", text) for text in texts]
     return contents
+
+
+def _without_bound(fixes: Mapping[str, Fixes], kept: Set[str]) -> Iterator[str]:
+    """Yield remarks on tracks that are unbounded because some of their rows give no height."""
+    for column, name in _HEIGHTS.items():
+        keys = [key for key in fixes if key in kept and column in fixes[key].unbounded]
+        keys = [key for key in keys if column in fixes[key].lowest or column in fixes[key].largest]
+        if keys:
+            named = ", ".join(repr(key) for key in keys[:_MOST_NAMED]) + (", …" if len(keys) > _MOST_NAMED else "")
+            yield f"has rows without {column} of {len(keys)} tracks, whose {name} is then unbounded: {named:.400}"
 
 
 class _Reader:
@@ -195,6 +209,7 @@ class _Reader:
             raise self._refusal(who, line, "time", str(error)) from None
         own.positions_deg.append(place)
         own.lines.append(line)
+        own.unbounded.update(one for one in _HEIGHTS if one in self.at and _cell(row[self.at[one]]) is None)
 
     def _position(self, who: str, row: list[str], line: int) -> tuple[float, float] | None:
         lon, lat = (self._number(who, row, line, column) for column in ("lon", "lat"))

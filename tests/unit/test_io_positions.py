@@ -66,6 +66,20 @@ def test_own_sides_and_heights(tmp_path: Path) -> None:
     assert (track.floor_m, track.ceiling_m) == (50, 200)
 
 
+def test_a_row_without_a_height_leaves_its_track_unbounded(tmp_path: Path) -> None:
+    rows = ["id,time,lat,lon,length,width,floor_m,ceiling_m"]
+    for key, heights in (("A", ("100,200", ",")), ("B", ("100,200", "50,")), ("C", (",", ",")), ("D", ("1,2", "3,4"))):
+        rows += [f"{key},2026-03-01T0{hour}:00Z,57,9,9,4,{one}" for hour, one in enumerate(heights)]
+    rows.append("D,,57,9,9,4,,")  # without a time, so of no place
+    contents = read(tmp_path, *rows)
+    bands = {track.key: (track.floor_m, track.ceiling_m) for track in contents.tracks}
+    assert bands == {"A": (None, None), "B": (50.0, None), "C": (None, None), "D": (1.0, 4.0)}
+    assert [remark.text for remark in contents.remarks] == [
+        "has rows without floor_m of 1 tracks, whose floor is then unbounded: 'A'",
+        "has rows without ceiling_m of 2 tracks, whose ceiling is then unbounded: 'A', 'B'",
+    ]
+
+
 def test_rows_at_a_taken_time_are_left_out(tmp_path: Path) -> None:
     contents = read(
         tmp_path, HEADER, fix("a", 0, 4.0), fix("a", 0, 4.0), fix("a", 0, 4.001), fix("a", 1, 4.01), fix("a", 0, 4.0)
