@@ -132,6 +132,11 @@ class _Reader:
         self.is_day_first = False
         found = {column: [name for name in names if name in lower] for column, names in COLUMNS.items()}
         self.at = {column: lower.index(names[0]) for column, names in found.items() if names}
+        for column, names in found.items():
+            given = [self.header[i] for i, name in enumerate(lower) if name in names]
+            if len(given) > 1 and column != "name":
+                rule = f"gives the same as the column {given[0]}: leave one of them out, or rename it"
+                self.refusals.extend([InvalidInput("file", f"column {given[1]}", rule)])
         for column in REQUIRED:
             with self.refusals:
                 if column not in self.at:

@@ -80,6 +80,21 @@ def test_a_row_without_a_height_leaves_its_track_unbounded(tmp_path: Path) -> No
     ]
 
 
+@pytest.mark.parametrize(
+    ("header", "column"),
+    [
+        ("id,time,lat,latitude,lon", "latitude: gives the same as the column lat"),
+        ("id,time,LAT,lat,lon", "lat: gives the same as the column LAT"),
+        ("mmsi,time,lat,lon,length,length_m", "length_m: gives the same as the column length"),
+    ],
+)
+def test_two_columns_for_one_value_are_refused(header: str, column: str, tmp_path: Path) -> None:
+    row = ",".join(["1", "2026-03-01T06:00Z", *["9"] * (header.count(",") - 1)])
+    with pytest.raises(InvalidInput, match=f"column {column}"):
+        read(tmp_path, header, row)
+    assert read(tmp_path, f"{header.replace('latitude', 'x').replace('LAT', 'x').replace('length_m', 'x')}", row)
+
+
 def test_rows_at_a_taken_time_are_left_out(tmp_path: Path) -> None:
     contents = read(
         tmp_path, HEADER, fix("a", 0, 4.0), fix("a", 0, 4.0), fix("a", 0, 4.001), fix("a", 1, 4.01), fix("a", 0, 4.0)
