@@ -4,6 +4,7 @@ Members that KML has no room for are ExtendedData, named as in scene files.
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import chain, count
 from typing import Any, Final
 
 import numpy as np
@@ -17,6 +18,8 @@ from conflictdb.formats.single_activations import spans_of, voyages_of
 from conflictdb.formats.xml_text import written
 from conflictdb.model.plans import Area, Scene, Track
 
+# An owner has at most 200 bytes.
+_LONGEST_START: Final = 180
 # What the placemarks say.
 _TIMES: Final = frozenset({"kind", "start", "end", "times", "spans", "schedule", "departures"})
 
@@ -26,21 +29,42 @@ def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
     yield '<?xml version="1.0" encoding="UTF-8"?>\n'
     yield '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'
     yield written("name", text=scene.name) + "\n"
+    owners = _Owners([*areas, *tracks])
     for area in areas:
         spans = spans_of(area)
+        owner = owners.of_parts(area, len(spans))
         for number, span in enumerate(spans, 1):
             key = area.key if len(spans) == 1 else f"{area.key}/{number}"
-            members = area_properties(area) | datum_of(scene, area)
+            members = area_properties(area) | datum_of(scene, area) | owner
             yield _placemark(key, members, _span(span), _polygons(area.footprint)) + "\n"
     for track in tracks:
         voyages = list(voyages_of(track))
+        owner = owners.of_parts(track, len(voyages))
         for number, voyage in enumerate(voyages, 1):
             key = track.key if len(voyages) == 1 else f"{track.key}/{number}"
             whens = (written("when", text=format_instant(int(time))) for time in voyage.times_us)
             coords = (written("gx:coord", text=f"{lon!r} {lat!r} 0") for lon, lat in voyage.positions_deg.tolist())
             shape = written("gx:Track", None, *whens, *coords)
-            yield _placemark(key, track_properties(voyage) | datum_of(scene, track), "", shape) + "\n"
+            members = track_properties(voyage) | datum_of(scene, track) | owner
+            yield _placemark(key, members, "", shape) + "\n"
     yield "</Document></kml>\n"
+
+
+class _Owners:
+    """Owners of the parts of objects, which are not compared with each other."""
+
+    def __init__(self, objects: Sequence[Area | Track]) -> None:
+        self._used = {one.owner for one in objects}
+
+    def of_parts(self, item: Area | Track, parts: int) -> dict[str, str]:
+        """Return the member `owner` of the parts of an object; none if it has an owner, or is written as one part."""
+        if parts == 1 or item.owner is not None:
+            return {}
+        start = item.key.encode()[:_LONGEST_START].decode(errors="ignore")
+        names = chain([start], (f"{start}/{number}" for number in count(1)))
+        owner = next(name for name in names if name not in self._used)
+        self._used.add(owner)
+        return {"owner": owner}
 
 
 def _placemark(key: str, members: dict[str, Any], span: str, shape: str) -> str:

@@ -1,6 +1,7 @@
 """Objects written in other formats: what is read again is the same, and volumes contain moving havens."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import shapely
 from oracle import haven_at
 from route_files import rtz, s421, waypoint
 
-from conflictdb import Area, InvalidInput, Scene, Track, read, write_scene_file
+from conflictdb import Area, InvalidInput, Scene, Track, read, solve, write_scene_file
 from conflictdb.formats import FileHints, object_lines, write_lines
 
 HOLE = [(4.6, 57.2), (4.7, 57.2), (4.7, 57.3)]
@@ -150,6 +151,24 @@ def test_areas_and_tracks_come_back_from_kml(tmp_path: Path) -> None:
     assert shapely.equals(again.footprint, area.footprint)
     assert (moved.key, moved.times_us.tolist()) == ("T1", track.times_us.tolist())
     assert moved.positions_deg.tolist() == track.positions_deg.tolist()
+
+
+def test_parts_of_a_recurring_plan_have_one_owner_in_kml(tmp_path: Path) -> None:
+    """They are not compared with each other, and are with all other objects."""
+    pytest.importorskip("pyogrio")
+    departures = [BEGIN, BEGIN + 3 * HOUR]
+    track = Track(
+        "T", [(4, 57), (5, 57)], [BEGIN, BEGIN + 2 * HOUR], [(5, 5), (-5, 5), (0, -5)], departures_us=departures
+    )
+    owned = replace(track, key="O", owner="T")
+    area = Area("A", SQUARE, spans_us=[(BEGIN, BEGIN + HOUR), (BEGIN + 5 * HOUR, BEGIN + 6 * HOUR)])
+    found = read(written(tmp_path / "out.kml", [area], [track, owned, replace(track, key="é" * 200)]))
+    owners = {one.key: one.owner for one in [*found.areas, *found.tracks]}
+    assert [owners[key] for key in ("A/1", "A/2", "T/1", "T/2", "O/1", "O/2")] == ["A", "A", "T/1", "T/1", "T", "T"]
+    assert len({owner for key, owner in owners.items() if key.startswith("é")}) == 1
+    apart = Scene("s", separation_m=1000.0, time_separation_s=14400.0)
+    assert solve([replace(one, owner=None) for one in found.tracks[:2]], [], apart)
+    assert solve(found.tracks[:2], [], apart) == []
 
 
 def volumes(path: Path) -> list[tuple[int, int, Any]]:
