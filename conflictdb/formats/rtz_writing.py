@@ -46,7 +46,9 @@ def rtz_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
         number = len(calls) + 1
         place = {"lat": repr(lat), "lon": repr(lon if abs(lon) <= 180.0 else math.remainder(lon, 360.0))}
         yield written("waypoint", {"id": number}, written("position", place)) + "\n"
-        stays = is_steady and i + 1 < len(times) and bool(np.all(track.positions_deg[i] == track.positions_deg[i + 1]))
+        # A route has two waypoints at least, also of a track that only stays.
+        stays = is_steady and i + 1 < len(times) and len(times) > 2
+        stays = stays and bool(np.all(track.positions_deg[i] == track.positions_deg[i + 1]))
         eta = format_instant(times[i]) if i or stays else None
         etd = format_instant(times[i + 1] if stays else times[i]) if stays or not i else None
         calls.append(written("scheduleElement", {"waypointId": number, "eta": eta, "etd": etd}))
@@ -54,9 +56,13 @@ def rtz_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
     yield "</waypoints>\n"
     schedule = written("schedule", {"id": 1}, written("manual", None, *calls))
     yield written("schedules", None, schedule) + "\n"
-    members = {name: one for name, one in track_properties(track).items() if name not in _OF_ROUTE}
+    members = {member: one for member, one in track_properties(track).items() if member not in _OF_ROUTE}
     members["name"] = track.name
-    extension = {**EXTENSION, **datum_of(scene, track), "track": dumped(members)}
+    extension = {
+        **EXTENSION,
+        **datum_of(scene, track),
+        "track": dumped(members),
+    }
     yield written("extensions", None, written("extension", extension)) + "\n"
     yield "</route>\n"
 

@@ -124,6 +124,12 @@ def test_any_track_comes_back_from_rtz(tmp_path: Path) -> None:
         written(tmp_path / "two.rtz", [], tracks[:2])
 
 
+def test_a_track_that_only_stays_comes_back_from_rtz(tmp_path: Path) -> None:
+    track = Track("S", [(4, 57), (4, 57)], [BEGIN, BEGIN + HOUR], [(5, 5), (-5, 5), (0, -5)])
+    (again,) = read(written(tmp_path / "out.rtz", [], [track])).tracks
+    assert_same(track, again)
+
+
 def test_areas_come_back_from_ed318(tmp_path: Path) -> None:
     areas = [
         Area("A1", SQUARE, "Zone", BEGIN, BEGIN + HOUR, 10.0, 500.0, {"type": "CONDITIONAL", "reason": ["NATURE"]}),
