@@ -15,7 +15,7 @@ from conflictdb.formats.file_objects import area_properties, datum_of, track_pro
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
 from conflictdb.formats.single_activations import spans_of, voyages_of
-from conflictdb.formats.xml_text import written
+from conflictdb.formats.xml_text import writable, written
 from conflictdb.model.plans import Area, Scene, Track
 
 # An owner has at most 200 bytes.
@@ -28,7 +28,7 @@ def kml_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
     """Yield the lines of a file of objects."""
     yield '<?xml version="1.0" encoding="UTF-8"?>\n'
     yield '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'
-    yield written("name", text=scene.name) + "\n"
+    yield written("name", text=writable("scene", "name", scene.name)) + "\n"
     owners = _Owners([*areas, *tracks])
     for area in areas:
         spans = spans_of(area)
@@ -71,7 +71,11 @@ def _placemark(key: str, members: dict[str, Any], span: str, shape: str) -> str:
     data = {"id": key} | {name: one for name, one in members.items() if name not in _TIMES}
     # Without a schema: OGR reads either Data or SchemaData of a placemark.
     values = (
-        written("Data", {"name": name}, written("value", text=one if isinstance(one, str) else dumped(one)))
+        written(
+            "Data",
+            {"name": writable(f"object {key!r}", "properties", name)},
+            written("value", text=writable(f"object {key!r}", name, one if isinstance(one, str) else dumped(one))),
+        )
         for name, one in data.items()
     )
     return written("Placemark", None, written("name", text=key), span, written("ExtendedData", None, *values), shape)

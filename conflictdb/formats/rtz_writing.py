@@ -15,7 +15,7 @@ from conflictdb.errors import InvalidInput
 from conflictdb.formats.file_objects import datum_of, track_properties
 from conflictdb.formats.instants import format_instant
 from conflictdb.formats.json_text import dumped
-from conflictdb.formats.xml_text import written
+from conflictdb.formats.xml_text import writable, written
 from conflictdb.model.plans import METRES_PER_NMI, Area, Motion, Scene, Track
 
 EXTENSION: Final = {"manufacturer": "conflictdb", "name": "track", "version": "1.0"}
@@ -34,9 +34,10 @@ def rtz_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
     is_steady = (
         track.tolerances is None and track.outlines_m is None and track.floors_m is None and track.ceilings_m is None
     )
+    name = writable(f"track {track.key!r}", "id", track.key)
     yield '<?xml version="1.0" encoding="UTF-8"?>\n'
     yield '<route xmlns="http://www.cirm.org/RTZ/1/2" version="1.2">\n'
-    yield written("routeInfo", {"routeName": track.key}) + "\n<waypoints>\n"
+    yield written("routeInfo", {"routeName": name}) + "\n<waypoints>\n"
     yield written("defaultWaypoint", None, written("leg", {**_limits(track), "geometryType": kind})) + "\n"
     calls: list[str] = []
     times = track.times_us.tolist()
@@ -61,7 +62,7 @@ def rtz_lines(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> I
     extension = {
         **EXTENSION,
         **datum_of(scene, track),
-        "track": dumped(members),
+        "track": writable(f"track {name!r}", "properties", dumped(members)),
     }
     yield written("extensions", None, written("extension", extension)) + "\n"
     yield "</route>\n"

@@ -5,6 +5,7 @@ the only place where entities can be declared, are refused: no format here has o
 and attributes are limited.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
@@ -15,6 +16,7 @@ from conflictdb.errors import InvalidInput
 MAX_DEPTH: Final = 100
 # Elements and attributes of a file: 64 MB of honest files have fewer, and each takes some 300 bytes.
 MAX_NODES: Final = 3_000_000
+_NOT_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _BETWEEN: Final = "\n"  # of namespace and name; no namespace may contain it
 
 
@@ -126,6 +128,14 @@ def parsed(text: str) -> Element:
     return tree.root
 
 
+def writable(who: str, field: str, text: str) -> str:
+    """Return a text unchanged; raises InvalidInput if it has characters that XML cannot hold."""
+    found = _NOT_XML.search(text)
+    if found is not None:
+        raise InvalidInput(who, field, f"holds {found[0]!r}, a character that XML cannot hold: remove it, then export")
+    return text
+
+
 def written(name: str, attributes: Mapping[str, object] | None = None, *inside: str, text: str | None = None) -> str:
     """Return an element as XML.
 
@@ -136,5 +146,6 @@ def written(name: str, attributes: Mapping[str, object] | None = None, *inside: 
 
     given = {key: one for key, one in (attributes or {}).items() if one is not None}
     start = "".join([name, *(f" {key}={quoteattr(str(one))}" for key, one in given.items())])
-    content = escape(text) if text is not None else "".join(inside)
+    # A parser reads a bare carriage return as a line feed.
+    content = escape(text, {"\r": "&#13;"}) if text is not None else "".join(inside)
     return f"<{start}>{content}</{name}>" if content else f"<{start}/>"

@@ -130,6 +130,14 @@ def test_a_track_that_only_stays_comes_back_from_rtz(tmp_path: Path) -> None:
     assert_same(track, again)
 
 
+@pytest.mark.parametrize("name", ["out.kml", "out.rtz"])
+@pytest.mark.parametrize("character", ["\x01", "\x0b", "\ufffe"])
+def test_characters_that_xml_cannot_hold_are_refused(name: str, character: str, tmp_path: Path) -> None:
+    track = Track(f"A{character}", [(4, 57), (5, 57)], [BEGIN, BEGIN + HOUR], [(0, 0)])
+    with pytest.raises(InvalidInput, match=r"id: holds .*, a character that XML cannot hold: remove it, then export"):
+        written(tmp_path / name, [], [track])
+
+
 def test_areas_come_back_from_ed318(tmp_path: Path) -> None:
     areas = [
         Area("A1", SQUARE, "Zone", BEGIN, BEGIN + HOUR, 10.0, 500.0, {"type": "CONDITIONAL", "reason": ["NATURE"]}),
