@@ -6,7 +6,7 @@ the departure and speed of the hints. Its legs are rhumb lines.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from typing import Final
 
 from conflictdb.errors import InvalidInput
@@ -50,15 +50,14 @@ def read_gpx(
     missing: dict[tuple[str, str], list[int]] = defaultdict(list)
     if not layers or {"tracks", "track_points"} & set(layers):
         observed = list(_segments(root, missing))
-    keys = {key for key, _ in observed}
     if not layers or {"routes", "route_points"} & set(layers):
-        untimed = 0
-        for number, route in enumerate(root.each("rte"), 1):
-            if _departure(route) is None and departure()[0] is None:
-                untimed += 1
-                continue
+        routes = list(enumerate(root.each("rte"), 1))
+        timed = [(nth, one) for nth, one in routes if _departure(one) is not None or departure()[0] is not None]
+        untimed = len(routes) - len(timed)
+        names = _route_names(timed, {key for key, _ in observed})
+        for number, route in timed:
             name = route.value("name")
-            key = name if name and name not in keys else f"route {number}"
+            key = name if name in names else f"route {number}"
             with found.refusals:
                 found.add_route(f"route {number}", f"route {key!r}", _planned(key, route), max_speed_kn)
         if untimed:
@@ -76,13 +75,13 @@ def read_gpx(
 def _segments(root: Element, missing: dict[tuple[str, str], list[int]]) -> Iterator[tuple[str, Fixes]]:
     """Yield the key and the fixes of each segment of each track; points without a time are noted as missing."""
     every = list(root.each("trk"))
-    same = Counter(track.value("name") for track in every)
+    names = _track_names(root, every)
     number = 0
     for nth, track in enumerate(every, 1):
         name = track.value("name")
-        segments = [one for one in track.each("trkseg") if one.child("trkpt") is not None]
+        segments = _segments_of(track)
         for part, segment in enumerate(segments, 1):
-            key = (name if name and same[name] == 1 else str(nth)) + (f".{part}" if len(segments) > 1 else "")
+            key = (name if name in names else str(nth)) + (f".{part}" if len(segments) > 1 else "")
             fixes = Fixes(constant={"name": name})
             for point in segment.each("trkpt"):
                 number += 1
@@ -98,6 +97,31 @@ def _segments(root: Element, missing: dict[tuple[str, str], list[int]]) -> Itera
                 fixes.positions_deg.append(_place(who, point))
                 fixes.lines.append(number)
             yield key, fixes
+
+
+def _segments_of(track: Element) -> list[Element]:
+    return [one for one in track.each("trkseg") if one.child("trkpt") is not None]
+
+
+def _track_names(root: Element, tracks: Sequence[Element]) -> set[str]:
+    """Return the names that are keys: those of one track, which are no number of a track and no key of a segment."""
+    same = Counter(track.value("name") for track in tracks)
+    taken = {f"route {number}" for number, _ in enumerate(root.each("rte"), 1)}
+    for nth, track in enumerate(tracks, 1):
+        parts = len(_segments_of(track))
+        starts = (str(nth), track.value("name")) if parts > 1 else ()
+        taken |= {str(nth), *(f"{start}.{part}" for start in starts for part in range(1, parts + 1))}
+    return {name for name, count in same.items() if name and count == 1 and name not in taken}
+
+
+def _route_names(routes: Sequence[tuple[int, Element]], keys: Set[str]) -> set[str]:
+    """Return the names of numbered routes that are keys: those of one route, which are no number of a route.
+
+    keys : of tracks, which no route has
+    """
+    same = Counter(route.value("name") for _, route in routes)
+    taken = {f"route {number}" for number, _ in routes} | keys
+    return {name for name, count in same.items() if name and count == 1 and name not in taken}
 
 
 def _place(who: str, point: Element) -> tuple[float, float]:

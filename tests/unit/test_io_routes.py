@@ -287,6 +287,32 @@ def test_two_speeds_of_s421_that_contradict_are_refused(tmp_path: Path) -> None:
         read(tmp_path / "plan.s421")
 
 
+def gpx(*names: str, segments: int = 1, kind: str = "trk") -> str:
+    times = ("2026-03-01T06:00:00Z", "2026-03-01T07:00:00Z")
+    points = "".join(f'<trkpt lat="57" lon="{i}"><time>{at}</time></trkpt>' for i, at in enumerate(times))
+    inside = f"<trkseg>{points}</trkseg>" * segments
+    if kind == "rte":
+        inside = '<rtept lat="57" lon="4"/><rtept lat="57" lon="5"/>'
+    return "".join(f"<{kind}><name>{name}</name>{inside}</{kind}>" for name in names)
+
+
+@pytest.mark.parametrize(
+    ("text", "keys"),
+    [
+        (gpx("2", "A", "A"), ["1", "2", "3"]),
+        (gpx("A", segments=2) + gpx("A.1", "B"), ["A.1", "A.2", "2", "B"]),
+        (gpx("A", segments=1) + gpx("A.1", "9"), ["A", "A.1", "9"]),
+        (gpx("2.2", "") + gpx("", segments=2), ["2.2", "2", "3.1", "3.2"]),
+        (gpx("3.2", "") + gpx("", segments=2), ["1", "2", "3.1", "3.2"]),
+        (gpx("route 1", "A") + gpx("A", "B", kind="rte"), ["1", "A", "B", "route 1"]),
+        (gpx("A", "A", "route 1", kind="rte"), ["route 1", "route 2", "route 3"]),
+    ],
+)
+def test_ids_of_gpx_differ_from_names(text: str, keys: list[str], tmp_path: Path) -> None:
+    (tmp_path / "plan.gpx").write_text(f"<gpx>{text}</gpx>")
+    assert sorted(track.key for track in read(tmp_path / "plan.gpx", hints=STARTED).tracks) == sorted(keys)
+
+
 @pytest.mark.parametrize("namespace", ["S421/gml/1.0", "S421/gml/cs0/1.0"])
 def test_a_route_plan_of_s421_becomes_a_track(namespace: str, tmp_path: Path) -> None:
     """Latitude comes first, limits are metres, and names may begin with an upper-case letter."""
