@@ -35,6 +35,7 @@ _NUMBERS: Final = _WHOLE | {"float", "double"}
 _SHAPES: Final = ("Polygon", "LineString", "LinearRing", "Point", "Track")
 _FLOAT: Final = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _POSITIONS: Final = re.compile(rf"(?:{_FLOAT},{_FLOAT}(?:,{_FLOAT})?(?:\s+|\Z))*+")
+_CORNERS: Final = 4  # of a ring, with the first one again
 _COMMA: Final = re.compile(r"\s*,\s*")
 # OGR keeps times to the millisecond.
 _KEPT_US: Final = 1000
@@ -63,6 +64,7 @@ class KmlDocument:
                     _check_number(who, one, types.get(one.get("name")))
                 _check_times(who, placemark)
                 _check_shapes(who, placemark)
+                _check_lines(who, placemark)
                 if any((one.get("name") or "").lower() in _HEIGHTS for one in data):
                     _check_modes(who, placemark)
         refusals.raise_found()
@@ -175,6 +177,24 @@ def _check_shapes(who: str, placemark: Element) -> None:
             if not is_sound:
                 rule = f"must be lon,lat or lon,lat,height, with spaces between positions; got {position!r:.40}"
                 raise InvalidInput(who, f"coordinates in line {one.line}", rule)
+
+
+def _check_lines(who: str, placemark: Element) -> None:
+    """Refuse lines and rings with too few positions, open rings, and rings outside of polygons."""
+    inside = {id(ring) for polygon in placemark.all("Polygon") for ring in polygon.all("LinearRing")}
+    for one in placemark.all("Track", "LineString", "LinearRing"):
+        where = f"{one.name} in line {one.line}"
+        if one.name == "LinearRing" and id(one) not in inside:
+            rule = "is a ring outside of a Polygon: write it as a Polygon, or as a LineString"
+            raise InvalidInput(who, where, rule)
+        text = one.value("coordinates") or ""
+        positions = [tuple(map(float, each.split(",")[:2])) for each in _COMMA.sub(",", text).split()]
+        count = len(list(one.each("coord"))) if one.name == "Track" else len(positions)
+        if one.name == "LinearRing" and positions and (count < _CORNERS or positions[0] != positions[-1]):
+            rule = f"must have {_CORNERS} positions or more, and end where it begins"
+            raise InvalidInput(who, where, f"{rule}; got {count} from {positions[0]} to {positions[-1]}")
+        if count == 1:
+            raise InvalidInput(who, where, "must have two positions or more; got one: leave the placemark out")
 
 
 def _check_modes(who: str, placemark: Element) -> None:

@@ -60,6 +60,22 @@ def modes(*given: str) -> str:
         (kml(POLYGON.replace("8.1,47 ", "8.1;47 ")), "coordinates in line 1: must be lon,lat or .*; got '8.1;47'"),
         (kml(POLYGON.replace("8.1,47 ", "NaN,47 ")), "coordinates in line 1: must be lon,lat"),
         (
+            kml("<gx:Track><when>2026-01-01T00:00:00Z</when><gx:coord>9 57 0</gx:coord></gx:Track>"),
+            "Track in line 1: must have two positions or more; got one",
+        ),
+        (
+            kml("<LineString><coordinates>9,57</coordinates></LineString>"),
+            "LineString in line 1: must have two positions or more; got one",
+        ),
+        (
+            kml("<LinearRing><coordinates>9,57 9.4,57 9.4,57.4 9,57</coordinates></LinearRing>"),
+            "LinearRing in line 1: is a ring outside of a Polygon: write it as a Polygon, or as a LineString",
+        ),
+        (
+            kml(POLYGON.replace("<coordinates>", "<coordinates>1,1 ")),
+            "LinearRing in line 1: must have 4 positions or more, and end where it begins; got 5 from",
+        ),
+        (
             kml(modes("AboveGround"), FLOOR.format("10"), SCHEMA.format("double")),
             "altitudeMode: must be one of absolute, .*; got 'AboveGround'",
         ),
