@@ -52,14 +52,14 @@ _RADIUS: Final = re.compile(
     rf"|\bRADIUS(?:\s+OF)?\s+(?P<after>{_NUMERAL})\s?(?P<in>NM|KM|M)\b"
 )
 _ROUND: Final = re.compile(r"\b(?:RADIUS|RADII|CIRCLES)\b")
-# A distance that does not only say where the place is, as in "22NM SOUTHEAST OF".
-_DISTANCE: Final = re.compile(
-    r"\d\s?(?:NM|KM)\b(?!\s*(?:[NSEW]{1,3}|(?:NORTH|SOUTH|EAST|WEST)\w*|FM|FROM)\b)|\bWI(?:THIN)?\s+[\d.,]+\s?M\b"
-)
+_DISTANCE: Final = re.compile(r"\d\s?(?:NM|KM)\b|\bWI(?:THIN)?\s+[\d.,]+\s?M\b")
+# After a place this only says where it is, as in "22NM SOUTHEAST OF"; before a place, that the area is elsewhere.
+_BEARING: Final = re.compile(r"\d\s?(?:NM|KM)\s*(?:[NSEW]{1,3}|(?:NORTH|SOUTH|EAST|WEST)\w*|FM|FROM)\b")
 # The area of these is larger than its places, or lies along them.
 _WIDER: Final = re.compile(
     r"\b(?:(?<!\bIN )LINES?(?! (?:JOINING|CONNECTING|LINKING)\b)|EITHER|SIDES?|BUFFERS?|CORRIDORS?|(?<!\bATS )ROUTES?"
-    r"|WIDTHS?|WIDE|AXIS|CENTRELINE|CENTERLINE|TRACKS?|PLUS|EXTEND\w*|EXTENSION|AROUND|SURROUNDING)\b"
+    r"|WIDTHS?|WIDE|AXIS|CENTRELINE|CENTERLINE|TRACKS?|PLUS|EXTEND\w*|EXTENSION|AROUND|SURROUNDING"
+    r"|MARGINS?|SAFETY (?:ZONE|AREA|DISTANCE))\b"
 )
 # After the last place, more area may follow these.
 _MORE: Final = re.compile(
@@ -68,7 +68,7 @@ _MORE: Final = re.compile(
 _REMARK: Final = re.compile(r"\bRMKS?\b")
 # As ED-R 116, EGD201 and LF(R)45.
 _NAMED_AREA: Final = re.compile(r"\b[A-Z]{2}[-\s]?\(?(?:[RDP]|TRA|TSA)\)?[-\s]?\d+")
-_CONJUNCTION: Final = re.compile(r"\bAND\b")
+_CONJUNCTION: Final = re.compile(r"\b(?:AND|ALSO|AS WELL|TOGETHER|ADDITION\w*)\b|[&+]")
 # A place that is written in another way.
 _OTHER_PLACE: Final = re.compile(r"(?<![A-Z])[NSEW]\s?\d{4,}|\d{2,}(?:\.\d+)?['\"]?\s?[NSEW](?![A-Z])|°")
 _LEADS_IN: Final = re.compile(r"(?:-|\bTO|\bTHEN)[\s,;]*$")
@@ -232,12 +232,15 @@ def _is_plain(text: str, places: Sequence["re.Match[str]"]) -> bool:
         return False
     if _MORE.search(_REMARK.split(tail)[0]) or _NAMED_AREA.search(tail):
         return False
-    return _CONJUNCTION.search(text) is None or _NAMED_AREA.search(text) is None
+    named = set(_NAMED_AREA.findall(text))
+    return not named or (len(named) == 1 and _CONJUNCTION.search(text) is None)
 
 
 def _has_size(text: str) -> bool:
-    """Return whether a text gives the size of a circle, or a distance."""
-    return _ROUND.search(text) is not None or _DISTANCE.search(text) is not None
+    """Return whether a text gives the size of a circle, or a distance that does not only say where its place is."""
+    last = max(place.end() for place in _PLACE.finditer(text))
+    rest = text[:last] + _BEARING.sub(" ", text[last:])
+    return _ROUND.search(rest) is not None or _DISTANCE.search(rest) is not None
 
 
 def _is_one_list(text: str, places: Sequence["re.Match[str]"]) -> bool:
