@@ -163,8 +163,13 @@ def _swept(prepared: kernel.KernelScene, rows: PieceRows) -> Pieces:
     xy = [moving.positions(at) for at in (np.zeros(len(rows)), (own.end_us - own.start_us) / 1e6)]
     corners = np.concatenate(xy, axis=1).transpose(2, 1, 0)
     hulls = shapely.convex_hull(shapely.multipoints(corners))
-    ring, owner = shapely.get_coordinates(shapely.get_exterior_ring(shapely.orient_polygons(hulls)), return_index=True)
-    is_open = np.append(owner[1:] == owner[:-1], False)
+    # The hull of a point track is a point or a line: it has no ring, and all of its vertices count.
+    rings = shapely.get_exterior_ring(shapely.orient_polygons(hulls))
+    has_ring = ~shapely.is_missing(rings)
+    ring, owner = shapely.get_coordinates(np.where(has_ring, rings, hulls), return_index=True)
+    is_last = np.ones(len(owner), np.bool_)
+    is_last[:-1] = owner[1:] != owner[:-1]
+    is_open = ~(is_last & has_ring[owner])
     offset = np.searchsorted(owner[is_open], np.arange(len(rows) + 1))
     zeros = np.zeros(len(rows), np.int64)
     return replace(

@@ -184,6 +184,41 @@ def test_grazing_in_space_stays_grazing() -> None:
     assert rows(EAST, beside, time_s=500.0) == []
 
 
+@pytest.mark.parametrize(
+    ("east_m", "north_m"),
+    [
+        ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)),
+        ((0.0, 0.0, 0.0, 0.0), (80.0, 160.0, 0.0, 0.0)),
+        ((80.0, 160.0, 0.0, 0.0), (40.0, 40.0, 0.0, 0.0)),
+        ((0.0, 0.0, 0.0, 0.0), (80.0, 160.0, 24.0, 8.0)),
+        ((0.0, 0.0, 24.0, 8.0), (80.0, 160.0, 0.0, 0.0)),
+    ],
+    ids=["points", "point and line", "lines", "point and area", "lines across and along"],
+)
+def test_havens_without_an_area(east_m: tuple[float, ...], north_m: tuple[float, ...]) -> None:
+    """By hand: a point or a line passes the crossing, and the hull of its way may have no area."""
+    east, north = (
+        track("east", (0.0, 0.0), (1.0, 0.0), 0.0, *east_m),
+        track("north", (0.5, -0.5), (0.5, 0.5), 30.0, *north_m),
+    )
+    fore, aft, port, starboard = east_m
+    other_fore, other_aft, other_port, other_starboard = north_m
+    # One is at the other's way while its own length, and the width of that way, pass.
+    first = HALF_S - (fore + other_port) / SPEED_MPS
+    last = HALF_S + (aft + other_starboard) / SPEED_MPS
+    other_first = HALF_S + 30.0 - (other_fore + starboard) / SPEED_MPS
+    other_last = HALF_S + 30.0 + (other_aft + port) / SPEED_MPS
+    lacking_s = 60.0 - max(other_first - last, 0.0)
+    for mine in ((east, north), (replace(east, key="z"), north)):
+        [row] = rows(*mine, time_s=60.0)
+        assert periods_s(row) == near(min(first, other_first), max(last, other_last))
+        assert row.lacking_s == pytest.approx(lacking_s, abs=1e-3)
+    assert rows(east, later(north, 10_000.0), time_s=60.0) == []
+    # Pairs of one batch do not change each other.
+    together = rows(east, north, replace(EAST, key="wide"), later(NORTH, 5.0, key="large"), time_s=60.0)
+    assert [one for one in together if {one.a_key, one.b_key} == {"east", "north"}] == rows(east, north, time_s=60.0)
+
+
 def test_method_screen_says_who_might() -> None:
     [row] = rows(EAST, later(NORTH, 400.0), time_s=300.0, scene=replace(SCENE, method=Method.SCREEN))
     assert (row.verdict, row.lacking_s) == ("unresolved", None)
