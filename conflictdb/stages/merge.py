@@ -4,6 +4,8 @@ The kernel bounds the errors of contacts (kernel/narrow/search.c, certain.c); `_
 overlap that is shallow in each part of an area, but deep in the whole, becomes a conflict here.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,7 +49,7 @@ def merged_by_object(
     """
     pieces = prepared.pieces
     a, b = PieceRows(pairs.a[contacts.pair]), PieceRows(pairs.b[contacts.pair])
-    start, end = instants(contacts, *pieces.shared_span(a, b))
+    contacts, start, end = _ordered_times(contacts, *pieces.shared_span(a, b))
     a, b, _ = ordered_members(pieces, a, b)
     group_of, n = numbered(object_keys(pieces, a, b))
     # The periods of objects that meet exclude times at which other pieces of theirs only come close.
@@ -206,6 +208,35 @@ def _period_errors(
     for least, way in zip(worst, (lead, tail), strict=True):
         np.minimum.at(least, period[sure], (way + error)[sure])
     return np.asarray(np.minimum(np.maximum(*worst), length))
+
+
+def _ordered_times(
+    contacts: Contacts, shared_start: NDArray[np.int64], shared_end: NDArray[np.int64]
+) -> tuple[Contacts, NDArray[np.int64], NDArray[np.int64]]:
+    """Return contacts and their ends as instants; a contact that ends before it starts is unresolved.
+
+    It then has the whole shared time, so that one pair that went wrong does not take away the answers of the others.
+    NaN is in no order.
+    """
+    is_ordered = (contacts.start_s <= contacts.end_s) & (contacts.error_s >= 0.0) & (shared_start <= shared_end)
+    if is_ordered.all():
+        start, end = instants(contacts, shared_start, shared_end)
+        is_ordered = start <= end
+        if is_ordered.all():
+            return contacts, start, end
+    low, high = np.minimum(shared_start, shared_end), np.maximum(shared_start, shared_end)
+    is_endless = (low == MINUS_INFINITY_US) | (high == INFINITY_US)
+    length_s = np.where(is_endless, 0.0, (np.where(is_endless, 0, high) - np.where(is_endless, 0, low)) / 1e6)
+    verdict = np.where(is_ordered, contacts.verdict, Verdict.UNRESOLVED.code).astype(np.int8)
+    contacts = replace(
+        contacts,
+        start_s=np.where(is_ordered, contacts.start_s, 0.0),
+        end_s=np.where(is_ordered, contacts.end_s, np.inf),
+        error_s=np.where(is_ordered, contacts.error_s, length_s),
+        verdict=verdict,
+        touches=contacts.touches | ~is_ordered,
+    )
+    return _ordered_times(contacts, low, high)
 
 
 def instants(

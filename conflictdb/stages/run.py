@@ -34,7 +34,15 @@ from conflictdb.stages.separations import Separations
 from conflictdb.stages.source import PairSource
 from conflictdb.stages.stage2_intersection import intersections
 from conflictdb.stages.stage4.contact_search import contacts, static_verdicts
-from conflictdb.stages.uses import Uses, as_contacts, uses_by_spans, uses_of_areas, with_lacking, with_wide_areas
+from conflictdb.stages.uses import (
+    Uses,
+    as_contacts,
+    uses_by_spans,
+    uses_of_areas,
+    with_lacking,
+    with_ordered_times,
+    with_wide_areas,
+)
 from conflictdb.stages.uses_of_tracks import uses_of_tracks
 from conflictdb.stages.whole_areas import Footprints
 
@@ -229,7 +237,7 @@ def _merged_uses(
     funnel.effort.exact.evaluations += work.evaluations
     funnel.solved_pairs += len(tracks)
     funnel.window_pairs += len(tracks)
-    uses = Uses.concatenate(parts)
+    uses = with_ordered_times(pieces, pairs, setup.scene.time_separation_us, Uses.concatenate(parts))
     funnel.met_pairs = len(np.unique(uses.pair))
     prepared, pairs, found = as_contacts(setup.plane, pieces, pairs, uses)
     conflicts, meetings = merged_by_object(setup, prepared, pairs, found, footprints, jobs, uses.first_deg)

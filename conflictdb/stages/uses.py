@@ -68,6 +68,10 @@ class Uses:
         order = np.argsort(columns[0], kind="stable")
         return cls(*(column[order] for column in columns))
 
+    def take(self, rows: _Ints) -> "Uses":
+        """Return the uses of some rows."""
+        return Uses(*(getattr(self, column.name)[rows] for column in fields(self)))
+
     def periods_us(self) -> tuple[_Ints, _Ints]:
         """Return the first and the last instant (m,) of either piece."""
         return np.minimum(self.a_start_us, self.b_start_us), np.maximum(self.a_end_us, self.b_end_us)
@@ -89,29 +93,41 @@ def uses_by_spans(
     contacts : their verdicts; the times are not read
     """
     a, b = PieceRows(pairs.a[contacts.pair]), PieceRows(pairs.b[contacts.pair])
-    within_us = scene.time_separation_us
-    times = [
-        (
-            np.maximum(pieces.start_us[one], later(pieces.start_us[other], -within_us)),
-            np.minimum(pieces.end_us[one], later(pieces.end_us[other], within_us)),
-        )
-        for one, other in ((a, b), (b, a))
-    ]
+    times = _near_in_time(pieces, a, b, scene.time_separation_us)
     gap_s = _gap_us((pieces.start_us[a], pieces.end_us[a]), (pieces.start_us[b], pieces.end_us[b])) / 1e6
     is_open = contacts.verdict == Verdict.UNRESOLVED.code
-    start, end = np.minimum(times[0][0], times[1][0]), np.maximum(times[0][1], times[1][1])
-    length_s = _length_us(start, end) / 1e6
     return Uses(
         contacts.pair,
         *times[0],
         *times[1],
-        np.where(is_open & np.isfinite(length_s), length_s, 0.0),
+        np.where(is_open, _error_of_whole(times), 0.0),
         contacts.verdict,
         contacts.touches,
         np.where(is_open, np.nan, scene.time_separation_s - gap_s),
         np.where(is_open, np.nan, 0.0),
         _first_deg(scene, prepared, a, b, contacts, threads),
     )
+
+
+def with_ordered_times(pieces: Pieces, pairs: Pairs, within_us: int, uses: Uses) -> Uses:
+    """Return uses (m,) of which those that end before they start are unresolved while both pieces are there.
+
+    pieces : with their own spans
+    """
+    is_ordered = (uses.a_start_us <= uses.a_end_us) & (uses.b_start_us <= uses.b_end_us) & (uses.error_s >= 0.0)
+    rows = np.flatnonzero(~is_ordered)
+    if not rows.size:
+        return uses
+    pair = uses.pair[rows]
+    whole = _near_in_time(pieces, PieceRows(pairs.a[pair]), PieceRows(pairs.b[pair]), within_us)
+    columns = {one.name: getattr(uses, one.name).copy() for one in fields(uses)}
+    for name, times in zip(("a", "b"), whole, strict=True):
+        columns[f"{name}_start_us"][rows], columns[f"{name}_end_us"][rows] = times
+    columns["error_s"][rows] = _error_of_whole(whole)
+    columns["verdict"][rows], columns["touches"][rows] = Verdict.UNRESOLVED.code, True
+    for name in ("lacking_s", "lacking_error_s", "first_deg"):
+        columns[name][rows] = np.nan
+    return Uses(**columns)
 
 
 def uses_of_areas(
@@ -221,6 +237,26 @@ def _stretched(pieces: Pieces, first_us: _Ints, last_us: _Ints, start_us: _Ints,
         leg_start_us=np.where(is_track, start - np.where(is_track, before, 0.0).astype(np.int64), pieces.leg_start_us),
         leg_end_us=np.where(is_track, start + np.where(is_track, after, 0.0).astype(np.int64), pieces.leg_end_us),
     )
+
+
+def _near_in_time(pieces: Pieces, a: PieceRows, b: PieceRows, within_us: int) -> list[tuple[_Ints, _Ints]]:
+    """Return when a, and when b, is there within so many microseconds of the other: start and end (m,)."""
+    return [
+        (
+            np.maximum(pieces.start_us[one], later(pieces.start_us[other], -within_us)),
+            np.minimum(pieces.end_us[one], later(pieces.end_us[other], within_us)),
+        )
+        for one, other in ((a, b), (b, a))
+    ]
+
+
+def _error_of_whole(times: list[tuple[_Ints, _Ints]]) -> Floats:
+    """Return the error bound (m,) of periods about which nothing is known, seconds: their length; 0 if it is infinite.
+
+    times : of both pieces, as of `_near_in_time`
+    """
+    length_s = _length_us(np.minimum(times[0][0], times[1][0]), np.maximum(times[0][1], times[1][1])) / 1e6
+    return np.where(np.isfinite(length_s), length_s, 0.0)
 
 
 def _gap_us(one: tuple[_Ints, _Ints], other: tuple[_Ints, _Ints]) -> Floats:

@@ -1,9 +1,16 @@
 """Contacts of pieces merged to periods of objects: the ends, and their error bounds; by hand, in seconds."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
+import shapely
 
+from conflictdb import Area, Scene, Track, rectangle_outline_m, solve
+from conflictdb.arrays.answers import Contacts
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US
+from conflictdb.stages import run
 from conflictdb.stages.merge import _periods
 
 # Seconds that stand for no beginning and no end.
@@ -46,3 +53,37 @@ def test_periods_and_their_errors(
     found = [tuple(instants.get(at, at / 1e6) for at in period) for period in period_us[1:-1].tolist()]
     assert found == periods
     assert time_error_s.tolist() == [0.0, error_s, 0.0]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"start_s": 500.0, "end_s": 100.0}, {"start_s": 9e6, "end_s": 9.1e6}, {"end_s": np.nan}, {"error_s": np.nan}],
+    ids=["inverted", "after the end", "no number", "no error"],
+)
+def test_a_contact_out_of_order_leaves_its_pair_alone_unresolved(
+    monkeypatch: pytest.MonkeyPatch, wrong: dict[str, float]
+) -> None:
+    """Its pair is open during the whole time that both exist; the other pair keeps its answer."""
+    track = Track("t", [(0.0, 0.0), (0.01, 0.0)], [0, 600_000_000], rectangle_outline_m(50, 50, 10, 10))
+    first = Area("first", shapely.box(0.002, -0.1, 0.003, 0.1), end_us=400_000_000)
+    second = Area("second", shapely.box(0.006, -0.1, 0.007, 0.1))
+    scene = Scene("s")
+    sound = {row.a_key: row for row in solve([track], [first, second], scene)}
+    contacts = run.contacts
+
+    def mistaken(*arguments: Any, **more: Any) -> tuple[Contacts, Any]:
+        found, effort = contacts(*arguments, **more)
+        columns = {name: getattr(found, name).copy() for name in wrong}
+        for name, value in wrong.items():
+            columns[name][found.pair == found.pair[0]] = value
+        return replace(found, **columns), effort
+
+    monkeypatch.setattr(run, "contacts", mistaken)
+    rows = {row.a_key: row for row in solve([track], [first, second], scene)}
+    assert rows["second"] == sound["second"]
+    [(start, end)] = rows["first"].periods
+    assert rows["first"].verdict == "unresolved"
+    assert start is not None
+    assert end is not None
+    assert (start.timestamp(), end.timestamp()) == (0.0, 400.0)
+    assert rows["first"].time_error_s == 400.0
