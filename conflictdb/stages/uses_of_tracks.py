@@ -123,7 +123,7 @@ def _of_reach(
     ]
     lacking_s = np.maximum(np.rint(within_us - gap), 0.0) / 1e6
     is_open = verdict == Verdict.UNRESOLVED.code
-    return Uses(
+    uses = Uses(
         pair,
         first_us[0],
         last_us[0],
@@ -136,6 +136,12 @@ def _of_reach(
         np.where(is_open, np.nan, np.minimum((sure_gap - gap + 1.0) / 1e6, lacking_s)),
         _first_contacts(setup.plane, prepared, asked, ends_s, error_s, reach_m, within_us, work, threads),
     )
+    # A track is proven apart before its first time and after its last one. If these parts cover all of its time, the
+    # pair is apart: its whole was not proven so, and both parts are. Against a proven contact it stays inverted, which
+    # `with_ordered_times` makes unresolved.
+    is_apart = (ends_s[0] > ends_s[1]) | (ends_s[2] > ends_s[3])
+    is_apart &= ~is_sure_pair & (verdict != Verdict.CONFLICT.code)
+    return uses.take(np.flatnonzero(~is_apart))
 
 
 def _shifts(pieces: Pieces, a: PieceRows, b: PieceRows, within_us: int) -> Shifts:

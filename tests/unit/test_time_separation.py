@@ -23,6 +23,7 @@ from conflictdb import (
     Track,
     delays,
     rectangle_outline_m,
+    resolve,
     solve,
     speeds,
 )
@@ -30,6 +31,7 @@ from conflictdb.advice.advise import advise
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.in_memory.questions import _InMemory
+from conflictdb.stages.ends_of_uses import ends_of
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.cutting import track_pieces
 from conflictdb.stages.run import run_scene
@@ -217,6 +219,120 @@ def test_havens_without_an_area(east_m: tuple[float, ...], north_m: tuple[float,
     # Pairs of one batch do not change each other.
     together = rows(east, north, replace(EAST, key="wide"), later(NORTH, 5.0, key="large"), time_s=60.0)
     assert [one for one in together if {one.a_key, one.b_key} == {"east", "north"}] == rows(east, north, time_s=60.0)
+
+
+def planned(
+    key: str, places_deg: list[tuple[float, float]], times_s: list[float], *sizes_m: float, **more: Any
+) -> Track:
+    times_us = [T0_US + round(1e6 * one) for one in times_s]
+    return Track(key, places_deg, times_us, rectangle_outline_m(*sizes_m), max_speed_kn=np.inf, **more)
+
+
+# Pairs at the edge: no time of a whole pair is proven apart, but all of its parts are.
+SLOW = planned("a", [(8.9938867575, 70.0783905924), (9.0601064681, 69.9778450812)], [440, 2924], 200, 200, 10, 10)
+SLOWER = planned("b", [(9.0740311632, 69.919555071), (8.9859783057, 70.0908360624)], [529, 2473], 50, 50, 50, 50)
+ACROSS = planned("a", [(8.921614, 70.010608), (9.021669, 70.041677)], [378, 3071], 200, 200, 10, 10)
+LINE = planned("b", [(9.004352, 70.043021), (8.960099, 70.012929)], [214, 2429], 0, 0, 10, 10)
+NEAR = Scene("near", separation_m=500.0, tolerance_m=0.0)
+AT_THE_EDGE = [(SLOW, SLOWER, replace(NEAR, tolerance_m=1.0), 600.0), (ACROSS, LINE, NEAR, 30.0)]
+
+
+@pytest.mark.parametrize(("plan", "other", "scene", "time_s"), AT_THE_EDGE, ids=["with tolerance", "a line"])
+def test_the_least_delay_is_clear(plan: Track, other: Track, scene: Scene, time_s: float) -> None:
+    """What `delays` proves free is clear by `solve`; what it proves forbidden is not."""
+    late = replace(scene, time_separation_s=time_s)
+    [found] = delays([plan, other], [], late, plan.key, 7200.0)
+    [forbidden] = found.forbidden
+    assert found.least_later_s is not None
+    assert found.least_earlier_s is not None
+    for free_s in (found.least_later_s, -found.least_earlier_s):
+        assert rows(later(plan, free_s), other, time_s=time_s, scene=scene) == []
+    error_s = max(forbidden.from_error_s, forbidden.to_error_s) + 1e-3
+    for by_s in (forbidden.from_s + error_s, forbidden.to_s - error_s):
+        [row] = rows(later(plan, by_s), other, time_s=time_s, scene=scene)
+        assert row.verdict in ("conflict", "grazing")
+
+
+def test_proposals_at_the_edge_are_clear() -> None:
+    """`resolve` detects conflicts of the changed plans, and raises an error if there are any."""
+    one, other = (
+        planned(
+            "T0",
+            [(8.979610433484455, 70.00513561574917), (8.945956199036111, 70.01581632058341)],
+            [118, 3094],
+            200.0,
+            200.0,
+            50.0,
+            50.0,
+        ),
+        planned(
+            "T3",
+            [(9.004419721821186, 70.0632918394707), (8.958193885797684, 70.00989720440756)],
+            [380, 1163],
+            200.0,
+            200.0,
+            50.0,
+            50.0,
+            grow_mps=0.05,
+        ),
+    )
+    found = resolve([one, other], [], replace(NEAR, time_separation_s=600.0), within_s=7200.0, limit_s=5.0)
+    assert [move.key for move in found.moves] != []
+
+
+def test_no_period_ends_before_it_starts() -> None:
+    """All parts of this pair are proven apart: it is free, and was a period from its end to its start."""
+    ferry, other = (
+        planned(
+            "T3",
+            [(-180.4592406613171, -84.92698764365346)] * 2
+            + [(-180.57530768363614, -85.00616537201013), (-179.68693937508925, -84.94023254392646)],
+            [1391.983987, 2866.983987, 5854.983987, 6341.983987],
+            300.0,
+            300.0,
+            0.0,
+            0.0,
+        ),
+        planned(
+            "T2",
+            [(-179.4585657311607, -85.03301538967835), (-180.5405740714129, -84.96890049980259)],
+            [4057, 6340],
+            300.0,
+            300.0,
+            150.0,
+            0.0,
+        ),
+    )
+    assert rows(ferry, other, time_s=45.0, scene=replace(NEAR, tolerance_m=1.0)) == []
+    for row in rows(ferry, other, time_s=600.0, scene=replace(NEAR, tolerance_m=1.0)):
+        assert all(start <= end for start, end in periods_s(row))
+
+
+@pytest.mark.parametrize("of_all", [False, True], ids=["of one track", "of both"])
+def test_ends_against_a_proven_contact_leave_the_pair_alone_unresolved(
+    monkeypatch: pytest.MonkeyPatch, of_all: bool
+) -> None:
+    """A mistake of the search is no answer, and takes away no other: that pair of pieces is open all the time."""
+    sound = rows(EAST, NORTH, area("here"), time_s=600.0)
+
+    def inverted(*arguments: Any) -> tuple[np.ndarray, np.ndarray]:
+        ends_s, error_s = ends_of(*arguments)
+        ends_s[:2] = ends_s[1::-1]
+        if of_all:
+            ends_s[2:] = ends_s[:1:-1]
+        return ends_s, error_s
+
+    monkeypatch.setattr("conflictdb.stages.uses_of_tracks.ends_of", inverted)
+    found = rows(EAST, NORTH, area("here"), time_s=600.0)
+    assert len(found) == len(sound) == 3
+    for row, before in zip(found, sound, strict=True):
+        if {row.a_key, row.b_key} == {"east", "north"}:
+            assert (row.verdict, row.lacking_s) == ("unresolved", None)
+            [(start, end)], [(first, last)] = periods_s(row), periods_s(before)
+            assert start < first < last < end
+            assert row.time_error_s == pytest.approx(end - start)
+        else:
+            assert row == before
 
 
 def test_method_screen_says_who_might() -> None:
