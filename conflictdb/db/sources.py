@@ -113,7 +113,7 @@ class SceneSource:
 
     def plans(self, track_ids: NDArray[np.int64]) -> TrackBatch:
         """Implement `PairSource`."""
-        return store.some_tracks(self._conn, self.scene_id, track_ids.tolist())
+        return store.seen_tracks(self._conn, self.scene_id, track_ids.tolist())
 
 
 class FewSource(SceneSource):

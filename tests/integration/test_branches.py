@@ -9,16 +9,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from commands import runner
 from psycopg import sql
 from tiles import decode
 from workloads import ARCTIC, LOW_LATITUDE, Workload, throw
 
-from conflictdb import Area, InvalidInput, Rule, Track, connect
+from conflictdb import Area, InvalidInput, Rule, Scene, Track, connect, rectangle_outline_m, solve
 from conflictdb.cli.codes import DONE
 from conflictdb.db import store
 from conflictdb.db.track_delays import read_departing
-from conflictdb.model.results import Kind
+from conflictdb.model.results import Certainty, Kind
 from conflictdb.session.database import Database
 from conflictdb.session.stored_scene import StoredScene
 
@@ -414,3 +415,32 @@ def test_removed_scene_takes_its_branches(db: Database, scene: StoredScene) -> N
 def ask(db: Database, query: str, *values: object) -> list[Any]:
     with db.connection.transaction():
         return db.connection.execute(query.encode(), values).fetchall()
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_certainty_of_inherited_tracks(db: Database, full: bool) -> None:
+    """Tracks with tolerances that the branch did not edit are read from its parent, those that it did from itself."""
+    window = ["2026-06-01T11:55:00Z", "2026-06-01T12:05:00Z"]
+    times = np.array([0, 4 * 3600]) * 1_000_000 + 1_780_300_800_000_000
+    outline = rectangle_outline_m(90, 60, 12, 12)
+    ferry, tender = (
+        Track(key, [(4, lat), (5, lat)], times, outline, tolerances={"arrival_window": window})
+        for key, lat in (("ferry", 57.0), ("tender", 57.05))
+    )
+    barge = Track("barge", [(4.5, 57.0), (4.5001, 57.0)], times, rectangle_outline_m(9_000, 9_000, 9_000, 9_000))
+    area = Area("area", shapely.box(4.4, 56.9, 4.6, 57.1))
+    settings = Scene("certain")
+    store.replace_scene(db.connection, settings, [area], [ferry, tender, barge], merge=False)
+    scene = db.scene("certain")
+    scene.detect()
+    branch = scene.branch("branch")
+    edits = [replace(area, ceiling_m=100.0), replace(barge, name="moved"), replace(tender, name="other")]
+    for edit_of in edits:
+        branch.put(edit_of)
+        branch.detect(full=full)
+    [area, barge, tender] = edits
+    expected = {
+        tuple(sorted((row.a_key, row.b_key))): row.certainty for row in solve([ferry, tender, barge], [area], settings)
+    }
+    assert expected["area", "ferry"] == expected["area", "tender"] == Certainty.MUST
+    assert {tuple(sorted((row.a_key, row.b_key))): row.certainty for row in branch.conflicts()} == expected

@@ -61,7 +61,7 @@ from conflictdb.db.store.detections import (
     pending,
     replace_pieces,
 )
-from conflictdb.db.store.few import Begun, Few, begin_detection, put_pieces, some_areas, some_tracks
+from conflictdb.db.store.few import Begun, Few, begin_detection, put_pieces, seen_tracks, some_areas, some_tracks
 from conflictdb.db.store.listing import (
     RunStatus,
     Selection,

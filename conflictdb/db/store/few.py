@@ -1,6 +1,6 @@
 """Detect few changed objects in one transaction, with one call per step (sql/22).
 
-begin_detection; some_areas, some_tracks; put_pieces; the calls of `write_rows`; commit
+begin_detection; some_areas, some_tracks, seen_tracks; put_pieces; the calls of `write_rows`; commit
 """
 
 from dataclasses import dataclass
@@ -145,6 +145,16 @@ def some_tracks(conn: psycopg.Connection[Any], scene_id: int, track_ids: list[in
     return track_batch(
         *copy_binary.few(conn, "_some_tracks", [scene_id, track_ids], TRACK_ROW, [*TRACK_STRINGS, *TOLERANCES])
     )
+
+
+def seen_tracks(conn: psycopg.Connection[Any], scene_id: int, track_ids: list[int]) -> TrackBatch:
+    """Return the tracks with the given ids that a scene reads: its own, and of a branch those of its parent."""
+    found = some_tracks(conn, scene_id, track_ids)
+    if len(found) < len(track_ids):
+        _, *parents = call(conn, "_layers", scene_id)[0]
+        for parent_id in parents:
+            found = found.followed_by(some_tracks(conn, parent_id, track_ids))
+    return found
 
 
 @dataclass(frozen=True, slots=True)
