@@ -7,7 +7,7 @@ difference, tell whether they are deeper than the tolerance.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,17 +87,10 @@ def _of_reach(
     """Return uses of pairs of tracks (n,) that come within a reach of each other's places; `pair` counts from 0."""
     within_us = setup.scene.time_separation_us
     between_us = shifts.b_zero_us - shifts.a_zero_us
-    row, _, found = solved_shifts(prepared, shifts, reach_m, threads, work)
-    outer = [
-        np.clip(1e6 * found[f"outer_{end}"] + between_us[row] + sign * ROUNDING_US, -within_us, within_us)
-        for end, sign in (("low", -1), ("high", 1))
-    ]
-    inner = [
-        1e6 * found[f"inner_{end}"] + between_us[row] - sign * ROUNDING_US for end, sign in (("low", -1), ("high", 1))
-    ]
-    is_sure = (np.maximum(inner[0], -within_us) <= np.minimum(inner[1], within_us)) & (
-        found["state"] == DifferenceState.INNER
-    )
+    row, found = _solved(prepared, shifts, reach_m, within_us, work, threads)
+    outer = [np.clip(end, -within_us, within_us) for end in _outer_us(found, between_us[row])]
+    inner = _inner_us(found, between_us[row])
+    is_sure = _is_sure(found, between_us[row], within_us)
     pair, row = np.unique(row, return_inverse=True)
     n = len(pair)
     gap, sure_gap = np.full(n, np.inf), np.full(n, np.inf)
@@ -142,6 +135,44 @@ def _of_reach(
     is_apart = (ends_s[0] > ends_s[1]) | (ends_s[2] > ends_s[3])
     is_apart &= ~is_sure_pair & (verdict != Verdict.CONFLICT.code)
     return uses.take(np.flatnonzero(~is_apart))
+
+
+def _solved(
+    prepared: kernel.KernelScene, shifts: Shifts, reach_m: float, within_us: int, work: kernel.Work, threads: int
+) -> tuple[_Ints, NDArray[Any]]:
+    """Return rows of pairs that may come within a reach, and their differences (`solved_shifts`).
+
+    A pair without a proven contact is asked again about all differences: ends are sharper that way, and `stages.delays`
+    asks so. Thus what it proves free is free.
+    """
+    row, _, found = solved_shifts(prepared, shifts, reach_m, threads, work)
+    between_us = shifts.b_zero_us - shifts.a_zero_us
+    doubtful = np.setdiff1d(row, row[_is_sure(found, between_us[row], within_us)])
+    if not doubtful.size:
+        return row, found
+    endless = np.full(len(doubtful), np.inf)
+    asked = replace(shifts.take(doubtful), least=-endless, most=endless)
+    of, _, every = solved_shifts(prepared, asked, reach_m, threads, work)
+    low, high = _outer_us(every, between_us[doubtful[of]])
+    apart = np.setdiff1d(doubtful, doubtful[of[~((low > within_us) | (high < -within_us))]])
+    left = np.flatnonzero(~np.isin(row, apart))
+    return row[left], found[left]
+
+
+def _outer_us(found: NDArray[Any], between_us: _Ints) -> list[Floats]:
+    """Return the ends (n,) of the differences outside of which no contact is, microseconds."""
+    return [1e6 * found[f"outer_{end}"] + between_us + sign * ROUNDING_US for end, sign in (("low", -1), ("high", 1))]
+
+
+def _inner_us(found: NDArray[Any], between_us: _Ints) -> list[Floats]:
+    """Return the ends (n,) of the differences that are proven to be contacts, microseconds."""
+    return [1e6 * found[f"inner_{end}"] + between_us - sign * ROUNDING_US for end, sign in (("low", -1), ("high", 1))]
+
+
+def _is_sure(found: NDArray[Any], between_us: _Ints, within_us: int) -> NDArray[np.bool_]:
+    """Return whether differences (n,) have a proven contact within so many microseconds."""
+    low, high = _inner_us(found, between_us)
+    return (np.maximum(low, -within_us) <= np.minimum(high, within_us)) & (found["state"] == DifferenceState.INNER)
 
 
 def _shifts(pieces: Pieces, a: PieceRows, b: PieceRows, within_us: int) -> Shifts:

@@ -31,6 +31,7 @@ from conflictdb.advice.advise import advise
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.in_memory.questions import _InMemory
+from conflictdb.stages.delays import solved_shifts
 from conflictdb.stages.ends_of_uses import ends_of
 from conflictdb.stages.pieces.covers import pieces_of
 from conflictdb.stages.pieces.cutting import track_pieces
@@ -234,10 +235,17 @@ SLOWER = planned("b", [(9.0740311632, 69.919555071), (8.9859783057, 70.090836062
 ACROSS = planned("a", [(8.921614, 70.010608), (9.021669, 70.041677)], [378, 3071], 200, 200, 10, 10)
 LINE = planned("b", [(9.004352, 70.043021), (8.960099, 70.012929)], [214, 2429], 0, 0, 10, 10)
 NEAR = Scene("near", separation_m=500.0, tolerance_m=0.0)
-AT_THE_EDGE = [(SLOW, SLOWER, replace(NEAR, tolerance_m=1.0), 600.0), (ACROSS, LINE, NEAR, 30.0)]
+# The same, but not in parts either: only the differences of all times are sharp enough.
+BARE = planned("a", [(9.057515, 70.021674), (8.938767, 70.028929)], [2536, 3901], 200, 0, 200, 0)
+GROWS = planned("b", [(9.043222, 70.024321), (9.082867, 70.021178)], [69, 2767], 200, 50, 200, 200, grow_mps=0.1)
+AT_THE_EDGE = [
+    (SLOW, SLOWER, replace(NEAR, tolerance_m=1.0), 600.0),
+    (ACROSS, LINE, NEAR, 30.0),
+    (BARE, GROWS, replace(NEAR, tolerance_m=1.0), 30.0),
+]
 
 
-@pytest.mark.parametrize(("plan", "other", "scene", "time_s"), AT_THE_EDGE, ids=["with tolerance", "a line"])
+@pytest.mark.parametrize(("plan", "other", "scene", "time_s"), AT_THE_EDGE, ids=["with tolerance", "a line", "growing"])
 def test_the_least_delay_is_clear(plan: Track, other: Track, scene: Scene, time_s: float) -> None:
     """What `delays` proves free is clear by `solve`; what it proves forbidden is not."""
     late = replace(scene, time_separation_s=time_s)
@@ -251,6 +259,22 @@ def test_the_least_delay_is_clear(plan: Track, other: Track, scene: Scene, time_
     for by_s in (forbidden.from_s + error_s, forbidden.to_s - error_s):
         [row] = rows(later(plan, by_s), other, time_s=time_s, scene=scene)
         assert row.verdict in ("conflict", "grazing")
+
+
+def test_a_pair_is_free_if_its_parts_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also without its differences of all times: what is before its first and after its last time is all of it."""
+
+    def solved(
+        prepared: Any, shifts: Any, reach_m: float, within_us: int, work: Any, threads: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        row, _, found = solved_shifts(prepared, shifts, reach_m, threads, work)
+        return row, found
+
+    monkeypatch.setattr("conflictdb.stages.uses_of_tracks._solved", solved)
+    late = replace(NEAR, time_separation_s=30.0)
+    [found] = delays([ACROSS, LINE], [], late, ACROSS.key, 7200.0)
+    assert found.least_later_s is not None
+    assert rows(later(ACROSS, found.least_later_s), LINE, time_s=30.0, scene=NEAR) == []
 
 
 def test_proposals_at_the_edge_are_clear() -> None:
