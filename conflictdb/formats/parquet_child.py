@@ -13,7 +13,7 @@ from typing import IO, Any, Final
 # Least size counted per value: that of a Python reference, since Arrow stores nulls and booleans in bits.
 VALUE_BYTES: Final = 8
 # Rows decoded at a time (at least one): enough for speed, little memory.
-ROWS_AT_ONCE: Final = 4_096
+ROWS_AT_ONCE: Final = 8_192
 BYTES_AT_ONCE: Final = 16_000_000
 
 
