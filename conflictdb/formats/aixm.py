@@ -39,7 +39,7 @@ class _Airspace:
 
 
 @dataclass(frozen=True, slots=True)
-class _State:
+class _AirspaceState:
     """A baseline or permanent change: the properties that it gives, and when it is valid, microseconds since 1970.
 
     error : why its valid time is not understood
@@ -136,7 +136,12 @@ def _components(slice_: Element) -> list[Element]:
 
 
 def _zone(
-    who: str, key: str, slice_: Element, states: Sequence[_State], found: Gathered, points: Mapping[str, Element]
+    who: str,
+    key: str,
+    slice_: Element,
+    states: Sequence[_AirspaceState],
+    found: Gathered,
+    points: Mapping[str, Element],
 ) -> Zone | None:
     """Return the zone of a time slice, None if it is never active.
 
@@ -174,9 +179,9 @@ def _zone(
     return Zone(key, volumes, named, active, {"interpretation": kind, **properties}, properties.get("airspace_type"))
 
 
-def _states(slices: Sequence[Element]) -> list[_State]:
+def _states(slices: Sequence[Element]) -> list[_AirspaceState]:
     """Return the baselines and permanent changes of an airspace."""
-    states: list[_State] = []
+    states: list[_AirspaceState] = []
     for one in slices:
         if _interpretation(one) in (*_WHOLE, "PERMDELTA"):
             names = {child.name for child in one.children}
@@ -184,14 +189,14 @@ def _states(slices: Sequence[Element]) -> list[_State]:
             try:
                 start_us, end_us = _span("", one)
             except InvalidInput as error:
-                states.append(_State(one, names, -inf, inf, error))
+                states.append(_AirspaceState(one, names, -inf, inf, error))
             else:
                 start, end = -inf if start_us is None else start_us, inf if end_us is None else end_us
-                states.append(_State(one, names, start, end))
+                states.append(_AirspaceState(one, names, start, end))
     return states
 
 
-def _valid(who: str, slice_: Element, states: Sequence[_State], name: str) -> list[Element]:
+def _valid(who: str, slice_: Element, states: Sequence[_AirspaceState], name: str) -> list[Element]:
     """Return the baselines and permanent changes with a property that are valid at the beginning of a time slice.
 
     Of several the latest counts; those are added that begin as late, or while a temporary change is valid.
@@ -211,7 +216,7 @@ def _valid(who: str, slice_: Element, states: Sequence[_State], name: str) -> li
     return [one.slice for one in (*(one for one in before if one.start == latest), *later)]
 
 
-def _value(who: str, slice_: Element, states: Sequence[_State], name: str) -> str | None:
+def _value(who: str, slice_: Element, states: Sequence[_AirspaceState], name: str) -> str | None:
     """Return a property of a time slice, or else the valid one of its airspace."""
     value = slice_.value(name)
     if value is None and _interpretation(slice_) in _DELTAS:
