@@ -786,8 +786,10 @@ RETURNS double precision
 LANGUAGE sql STABLE CALLED ON NULL INPUT PARALLEL SAFE
 BEGIN ATOMIC
     -- No leg is longer than the way along a meridian and a parallel, or shorter than 0.99 of that on the sphere.
-    SELECT least(sum(greatest(l.planned_s, l.most_m / least(l.slowest, l.before, l.after))), 3.2e9)
-    FROM (SELECT s.*, lag(s.slowest) OVER (ORDER BY s.n) AS before, lead(s.slowest) OVER (ORDER BY s.n) AS after
+    SELECT least(sum(greatest(l.planned_s, l.most_m / l.slowest)
+                     + CASE WHEN p_tolerances ? 'turn_radius_m' AND l.slowest + l.after > 0
+                            THEN least(l.most_m, l.next_m) / least(l.slowest, l.after) ELSE 0 END), 3.2e9)
+    FROM (SELECT s.*, lead(s.most_m) OVER (ORDER BY s.n) AS next_m, lead(s.slowest) OVER (ORDER BY s.n) AS after
           FROM (SELECT v.n, v.planned_s, 111800 * (abs(v.lat) + abs(v.lon) * v.widest) AS most_m,
                        nullif(least(0.99 * v.sphere_m / v.planned_s,
                                     1852.0 / 3600.0 * CASE jsonb_typeof(p_tolerances -> 'min_speed_kn')
@@ -795,7 +797,7 @@ BEGIN ATOMIC
                                         ELSE p_tolerances ->> 'min_speed_kn' END::double precision), 0) AS slowest
                 FROM (SELECT g.n, ST_M(g.b) - ST_M(g.a) AS planned_s, ST_DistanceSphere(g.a, g.b) AS sphere_m,
                              ST_Y(g.b) - ST_Y(g.a) AS lat,
-                             least(abs(ST_X(g.b) - ST_X(g.a)), 360 - abs(ST_X(g.b) - ST_X(g.a))) AS lon,
+                             ST_X(g.b) - ST_X(g.a) - 360 * round((ST_X(g.b) - ST_X(g.a)) / 360) AS lon,
                              CASE WHEN ST_Y(g.a) * ST_Y(g.b) <= 0 THEN 1
                                   ELSE greatest(cosd(ST_Y(g.a)), cosd(ST_Y(g.b))) END AS widest
                       FROM (SELECT d.path[1] AS n, d.geom AS a, lead(d.geom) OVER (ORDER BY d.path) AS b
@@ -803,8 +805,8 @@ BEGIN ATOMIC
                       WHERE g.b IS NOT NULL) v) s) l;
 END;
 COMMENT ON FUNCTION _longest_voyage_s(geometry, jsonb) IS
-'No voyage of a track takes longer, seconds, if only its speeds and turns limit it: on an arc it may be as slow as on '
-'the legs on either side. At most a hundred years.';
+'No voyage of a track takes longer, seconds, if only its speeds and turns limit it. An arc is no longer than either of '
+'its legs, and may be sailed as slowly as the slower one. At most a hundred years.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._may_meet(
     p_path geometry, p_departures timestamptz[], p_tolerances jsonb, p_within_s double precision
@@ -825,7 +827,9 @@ BEGIN
                            + make_interval(secs => _longest_voyage_s(p_path, p_tolerances)));
         v_first := least(v_first, (p_tolerances #>> '{departure_window,0}')::timestamptz);
     END IF;
-    RETURN tstzrange(v_first - v_within, greatest(v_last, upper(v_sea)) + v_within, '[]');
+    -- Within the years that schedules are expanded for.
+    RETURN tstzrange(greatest(v_first - v_within, '0001-01-01 00:00+00'),
+                     least(greatest(v_last, upper(v_sea)) + v_within, '9999-12-31 23:59:59.999998+00'), '[]');
 END
 $$;
 COMMENT ON FUNCTION _may_meet(geometry, timestamptz[], jsonb, double precision) IS

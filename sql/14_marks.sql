@@ -80,7 +80,7 @@ BEGIN
         IF EXISTS (SELECT FROM scene s WHERE s.parent_scene_id IS NOT NULL) THEN
             EXECUTE format('INSERT INTO branch_edit (scene_id, key) SELECT n.scene_id, n.key FROM new_rows n '
                            'JOIN scene b ON b.scene_id = n.scene_id AND b.parent_scene_id IS NOT NULL %s '
-                           'WHERE NOT _is_edited(n.scene_id, n.key) ON CONFLICT DO NOTHING', v_renamed);
+                           'WHERE NOT _is_edited(n.scene_id, n.key) ORDER BY n.key ON CONFLICT DO NOTHING', v_renamed);
             EXECUTE 'SELECT n.key FROM new_rows n JOIN scene b ON b.scene_id = n.scene_id '
                     'WHERE b.parent_scene_id IS NOT NULL AND n.schedule IS NOT NULL LIMIT 1' INTO v_taken;
             IF v_taken IS NOT NULL THEN

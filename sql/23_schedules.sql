@@ -28,7 +28,9 @@ BEGIN
     END IF;
     -- Once the window is known, only voyages that changed can leave it.
     SELECT _microseconds(min(lower(v.span))), _microseconds(max(upper(v.span))) INTO starts_us, ends_us
-        FROM (SELECT _may_meet(t.path, t.departures, t.tolerances, _longest_time_s(p_scene_id)) AS span
+        FROM (SELECT _may_meet(t.path, t.departures, t.tolerances,
+                               _longest_time_s(p_scene_id)
+                               + (SELECT s.delays_within_s FROM scene s WHERE s.scene_id = p_scene_id)) AS span
               FROM track t
               WHERE t.scene_id IN (SELECT l.seen_by FROM _layer l WHERE l.scene_id = p_scene_id)
                 AND t.schedule IS NULL
@@ -110,8 +112,11 @@ RETURNS void
 LANGUAGE sql VOLATILE
 BEGIN ATOMIC
     UPDATE scene s SET expanded = CASE WHEN p_from_us IS NOT NULL THEN
-            tstzrange(timestamptz 'epoch' + p_from_us * interval '1 microsecond',
-                      timestamptz 'epoch' + p_until_us * interval '1 microsecond') END
+            -- Seconds and the rest: a product with an interval is a double, which has no microseconds after 2255.
+            tstzrange(timestamptz 'epoch' + make_interval(secs => p_from_us / 1000000)
+                          + p_from_us % 1000000 * interval '1 microsecond',
+                      timestamptz 'epoch' + make_interval(secs => p_until_us / 1000000)
+                          + p_until_us % 1000000 * interval '1 microsecond') END
         WHERE s.scene_id = p_scene_id;
 END;
 COMMENT ON FUNCTION _set_expanded(bigint, bigint, bigint) IS

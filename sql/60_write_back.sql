@@ -294,19 +294,25 @@ COMMENT ON FUNCTION _begin_run(bigint, jsonb) IS
 'Records a run that starts to write, with the counts of the previous run; returns its id. p_run: columns of run, and '
 'more_objects: change in the number of objects since the previous run, if known.';
 
-CREATE OR REPLACE FUNCTION conflictdb_internal._compared_early(p_scene_id bigint) RETURNS boolean
+CREATE OR REPLACE FUNCTION conflictdb_internal._compared_early(p_scene_id bigint) RETURNS bigint[]
 LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path FROM CURRENT
 SET enable_seqscan = off SET jit = off AS $$
 DECLARE
-    v_parent_id bigint := _parent_of(p_scene_id);
+    v_expanded tstzrange := _expanded(p_scene_id);
 BEGIN
-    RETURN EXISTS (SELECT FROM change c WHERE c.scene_id = v_parent_id)
-           OR _schedules_wait(coalesce(v_parent_id, p_scene_id));
+    -- Schedules that are not expanded at all get marks of their own.
+    IF v_expanded IS NULL THEN
+        RETURN '{}';
+    END IF;
+    RETURN ARRAY(SELECT DISTINCT t.track_id FROM change c
+                 CROSS JOIN LATERAL (SELECT t.* FROM track t WHERE t.track_id = c.object_id OFFSET 0) t
+                 WHERE c.scene_id = p_scene_id AND c.is_covered AND c.object_kind = 1 AND t.scene_id = c.scene_id
+                   AND t.schedule IS NULL
+                   AND NOT _may_meet(t.path, t.departures, t.tolerances, _longest_time_s(p_scene_id)) <@ v_expanded);
 END
 $$;
 COMMENT ON FUNCTION _compared_early(bigint) IS
-'Whether a detection has compared objects with others that were not ready in its snapshot: changed objects of the '
-'parent of a branch, or schedules that voyages with marks leave behind.';
+'The tracks that a detection has compared with schedules that are not expanded far enough for them.';
 
 CREATE OR REPLACE FUNCTION conflictdb_internal._write_run(
     p_scene_id bigint, p_run_id bigint, p_run jsonb, p_is_last boolean,
@@ -325,7 +331,7 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET enable_nes
 #variable_conflict use_column
 DECLARE
     v_branch_id bigint;
-    v_is_early boolean;
+    v_early bigint[];
     v_is_missed boolean := false;
     v_mark record;
     -- Above this number of marks, counting all conflicts of the scene is cheap by comparison.
@@ -495,12 +501,15 @@ WITH member AS MATERIALIZED (
     SELECT NOT EXISTS (SELECT FROM run r WHERE r.scene_id = p_scene_id AND r.error IS NULL
                        AND r.run_id < _write_run.run_id) INTO v_is_first;
     -- Whoever detects its parent marks only the objects that it sees (below); and voyages of marks expand schedules.
-    v_is_early := _compared_early(p_scene_id);
+    v_early := _compared_early(p_scene_id);
     SELECT m.object_kind, m.object_id INTO v_mark FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered LIMIT 1;
     DELETE FROM change m WHERE m.scene_id = p_scene_id AND m.is_covered;
     GET DIAGNOSTICS v_marks = ROW_COUNT;
-    IF v_is_early THEN
+    IF EXISTS (SELECT FROM change c WHERE c.scene_id = _parent_of(p_scene_id)) THEN
         PERFORM _mark_all(p_scene_id);
+    ELSE
+        INSERT INTO change (scene_id, object_kind, object_id, version)
+            SELECT p_scene_id, 1, e.track_id, nextval('version_seq') FROM unnest(v_early) e (track_id);
     END IF;
     IF NOT v_has_delays THEN
         DELETE FROM difference d WHERE d.scene_id = p_scene_id;

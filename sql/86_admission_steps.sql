@@ -269,14 +269,15 @@ BEGIN
     END LOOP;
     PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);
     SELECT v.who, v.remark INTO v_plan
-        FROM (SELECT o.who, _beyond_horizon(p_scene, o.span) AS remark
+        -- What is over is not asked about.
+        FROM (SELECT o.who, _beyond_horizon(p_scene, o.span * tstzrange(now(), NULL)) AS remark
               FROM (SELECT format('area %L', a.key) AS who, a.key, a.active_span AS span FROM area a
                     WHERE a.scene_id = v_scene_id AND a.schedule IS NULL
                     UNION ALL
                     SELECT format('track %L', t.key), t.key,
                            _may_meet(t.path, t.departures, t.tolerances, _longest_time_s(v_scene_id)) FROM track t
                     WHERE t.scene_id = v_scene_id AND t.schedule IS NULL) o
-              WHERE _expanded(v_scene_id) IS NOT NULL
+              WHERE _expanded(v_scene_id) IS NOT NULL AND o.span && tstzrange(now(), NULL)
                     AND o.key = ANY (ARRAY(SELECT g ->> 'key' FROM jsonb_array_elements(p_plans) g))) v
         WHERE v.remark IS NOT NULL LIMIT 1;
     IF FOUND THEN

@@ -53,7 +53,7 @@ def detours(
     most_m = inputs.reach_m("detours", "most_m", most_m)
     later_s = inputs.seconds("detours", "later_s", later_s)
     areas = questions.each("detours", "areas", areas, Area)
-    setup, _, _, _, known = questions.numbered("detours", tracks, areas, scene)
+    setup, _, _, _, known = questions.numbered("detours", tracks, areas, scene, round(1e6 * later_s))
     scene = replace(setup.scene, method=Method.EXACT, nearest_m=0.0)
     planned = {track.key: track for track in known}
     if key not in planned:

@@ -138,7 +138,9 @@ def resolve(
     """
     limits = ProposalLimits.of(within_s, now, slowest, fastest, aside_m, goal, limit_s)
     areas = questions.each("resolve", "areas", areas, Area)
-    setup, pieces, key_of, _, known = questions.numbered("resolve", tracks, areas, scene)
+    setup, pieces, key_of, _, known = questions.numbered(
+        "resolve", tracks, areas, scene, limits.within_us, limits.slowest
+    )
     scene = replace(setup.scene, method=Method.EXACT, nearest_m=0.0)
     planned = {track.key: track for track in known}
     weights, levels = dict(weights or {}), dict(levels or {})

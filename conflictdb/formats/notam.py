@@ -44,7 +44,7 @@ _PLACE: Final = re.compile(
 )
 _BROKEN: Final = re.compile(r"(?<=\d)\r?\n(?=\d)")
 # How two places of a list are joined: by one sign in the whole list, AND at most before its last place.
-_JOINT: Final = re.compile(r"[\s,;]*(-|TO|THEN|AND)?[\s,;]*")
+_JOINT: Final = re.compile(r"[\s,;]*+(?:(-|TO|THEN|AND)[\s,;]*+)?")
 # Three digits after a comma or dot may be thousands, unless a 0 is before it.
 _NUMERAL: Final = r"(?:0[.,]\d{1,3}|\d{1,6}(?:[.,]\d{1,2})?)"
 _RADIUS: Final = re.compile(
@@ -70,7 +70,7 @@ _REMARK: Final = re.compile(r"\bRMKS?\b")
 _NAMED_AREA: Final = re.compile(r"\b[A-Z]{2}[-\s]?\(?(?:[RDP]|TRA|TSA)\)?[-\s]?\d+")
 _CONJUNCTION: Final = re.compile(r"\b(?:AND|ALSO|AS WELL|TOGETHER|ADDITION\w*)\b|[&+]")
 # A place that is written in another way.
-_OTHER_PLACE: Final = re.compile(r"(?<![A-Z])[NSEW]\s?\d{4,}|\d{2,}(?:\.\d+)?['\"]?\s?[NSEW](?![A-Z])|°")
+_OTHER_PLACE: Final = re.compile(r"(?<![A-Z])[NSEW]\s?\d{4,}|(?<!\d)\d{2,12}(?:\.\d{1,12})?['\"]?\s?[NSEW](?![A-Z])|°")
 _LEADS_IN: Final = re.compile(r"(?:-|\bTO|\bTHEN)[\s,;]*$")
 _LEADS_ON: Final = re.compile(r"[\s,;]*(?:-|TO\b|THEN\b)[\s,;]*(?!BACK|START|ORIGIN|BEGINNING|POINT OF ORIGIN|FIRST)\w")
 _CURVED: Final = re.compile(r"\b(ARC|CLOCKWISE|ANTICLOCKWISE|BORDER|BOUNDARY|COAST|ALONG|FOLLOWING|SECTOR|BTN|EXC)\b")

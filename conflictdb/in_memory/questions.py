@@ -123,7 +123,9 @@ def delays(
     if clear_within_m is not None:
         clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
         check_one_separation("delays", "clear_within_m", scene)
-    setup, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene)
+    setup, pieces, keys, numbers, tracks = numbered(
+        "delays", tracks, areas, scene, max(horizon_us, round(1e6 * (scene.delays_within_s if scene else 0.0)))
+    )
     scene = setup.scene
     if waypoint is not None:
         number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
@@ -209,7 +211,7 @@ def speeds(
         planned, and earlier or later.
     """
     slowest, fastest = limits(slowest, fastest)
-    setup, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene)
+    setup, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene, slowest=slowest)
     scene = setup.scene
     _require_one_time("speeds", scene)
     require_one_voyage("speeds", "key", tracks if key is None else [track for track in tracks if track.key == key])
@@ -364,14 +366,23 @@ def _by_key(name: str, given: Any) -> Mapping[str, Any]:
 
 
 def numbered(
-    what: str, tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None
+    what: str,
+    tracks: Iterable[Track],
+    areas: Iterable[Area],
+    scene: Scene | None,
+    more_us: int = 0,
+    slowest: float = 1.0,
 ) -> tuple[Setup, Pieces, dict[int, str], NDArray[np.int64], list[Track]]:
-    """Return the setup and the pieces, the keys of all objects by number, the numbers of tracks, and these."""
+    """Return the setup and the pieces, the keys of all objects by number, the numbers of tracks, and these.
+
+    more_us, slowest : how much earlier, later or slower than planned tracks may be: schedules are expanded as far
+    """
     if not isinstance(scene, Scene | None):
         raise InvalidInput(what, "scene", f"must be a Scene, or absent; got {scene!r:.60}")
-    setup, known, areas = _prepared(
-        scene or Scene("in memory"), each(what, "tracks", tracks, Track), each(what, "areas", areas, Area)
-    )
+    known = each(what, "tracks", tracks, Track)
+    longest_us = max((int(track.times_us[-1] - track.times_us[0]) for track in known), default=0)
+    more_us += round(max(1.0 / slowest - 1.0, 0.0) * longest_us)
+    setup, known, areas = _prepared(scene or Scene("in memory"), known, each(what, "areas", areas, Area), more_us)
     pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(known))
     numbers = numbers_of(np.full(len(known), Kind.TRACK.code), np.arange(len(known)))
     keys = dict(enumerate(area.key for area in areas)) | dict(
@@ -401,11 +412,13 @@ def _several(key: Any) -> Collection[str]:
     return key
 
 
-def _prepared(scene: Scene, tracks: list[Track], areas: list[Area]) -> tuple[Setup, list[Track], list[Area]]:
+def _prepared(
+    scene: Scene, tracks: list[Track], areas: list[Area], more_us: int = 0
+) -> tuple[Setup, list[Track], list[Area]]:
     """Return the setup of a scene with a centre, and its objects in the order of their keys; raises InvalidInput."""
     check_keys([area.key for area in areas] + [track.key for track in tracks])
     check_datums(scene, [*areas, *tracks])
-    areas, tracks = expanded(areas, tracks, scene)
+    areas, tracks = expanded(areas, tracks, scene, more_us=more_us)
     setup = Setup.of(centred(scene, areas, tracks))
     check_plane(setup.plane, areas, tracks)
     # Numbered by key, as in the database: the answer does not depend on the order of the objects.

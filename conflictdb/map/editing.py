@@ -88,7 +88,7 @@ def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> list[tu
 def _met(settings: Scene, areas: list[Area], tracks: list[Track], track: Track) -> list[Conflict]:
     """Return the conflicts of a track with objects, of which one may have its key."""
     setup = Setup.of(centred(settings, [], [track]))
-    others = [one for kind in expanded(areas, tracks, settings) for one in kind if one.key != track.key]
+    others = [one for kind in expanded(areas, [*tracks, track], settings) for one in kind if one.key != track.key]
     if not others:
         return []
     return conflicts_between(setup, *(Members.of_plans(setup, some) for some in ([track], others)))

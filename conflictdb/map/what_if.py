@@ -28,6 +28,8 @@ from conflictdb.stages.pieces.covers import COVER
 _LENGTH: Final = struct.Struct("<I")
 # Arrays begin at multiples of this, as typed arrays must.
 _ALIGNED: Final = 8
+# The page moves departures by a day at most.
+_MOST_LATER_US: Final = 86_400_000_000
 # The page computes with doubles: instants this far from the first one and beyond count as unbounded, microseconds.
 _UNBOUNDED_US: Final = 2**52
 _INSTANTS: Final = ("start_us", "end_us", "leg_start_us", "leg_end_us")
@@ -58,7 +60,7 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
     refusal = _refusal(scene)
     if refusal is not None:
         return _with_head({"refusal": refusal}, {})
-    setup, pieces, keys, _, _ = numbered("what if", tracks, areas, scene)
+    setup, pieces, keys, _, _ = numbered("what if", tracks, areas, scene, _MOST_LATER_US)
     number = object_numbers(pieces)
     pieces = pieces.take(np.lexsort((-pieces.turn, pieces.part, number)))
     _, owner = np.unique(pieces.owner_number, return_inverse=True)

@@ -59,13 +59,14 @@ def _voyages(tracks: Iterable[Track], within_us: int) -> Iterator[Window]:
 
 
 def expanded(
-    areas: list[Area], tracks: list[Track], scene: Scene, now_us: int | None = None
+    areas: list[Area], tracks: list[Track], scene: Scene, now_us: int | None = None, more_us: int = 0
 ) -> tuple[list[Area], list[Track]]:
     """Return areas and tracks with the activations of their schedules; raises InvalidInput.
 
     Issues an IncompleteWarning for schedules without an activation.
 
     now_us : today, for the window; None: by the clock
+    more_us : how much earlier or later voyages are asked about
     """
     items: list[Area | Track] = [*areas, *tracks]
     if all(one.schedule is None for one in items):
@@ -73,7 +74,7 @@ def expanded(
     window = window_over(
         time.time_ns() // 1000 if now_us is None else now_us,
         scene.horizon_days,
-        _voyages(tracks, scene.longest_time_us),
+        _voyages(tracks, scene.longest_time_us + more_us),
     )
     areas, tracks = [expanded_area(area, window) for area in areas], [expanded_track(track, window) for track in tracks]
     idle = [f"area {one.key!r}" for one in areas if one.schedule is not None and not one.spans_us]

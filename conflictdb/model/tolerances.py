@@ -59,7 +59,7 @@ class Tolerances:
     def latest_arrival_us(self, positions_deg: NDArray[np.float64], times_us: NDArray[np.int64]) -> int:
         """Return an instant after which no voyage of a plan is under way; at most a hundred years after its departure.
 
-        On the arc of a turn a voyage may be as slow as on the legs on either side.
+        An arc is no longer than either of its legs, and may be sailed as slowly as the slower one.
 
         positions_deg, times_us : (n, 2) and (n,) of the plan's waypoints
         """
@@ -75,10 +75,13 @@ class Tolerances:
         least_m = 0.99 * _MEAN_RADIUS_M * 2.0 * np.arcsin(np.sqrt(np.minimum(half, 1.0)))
         planned_s = np.diff(times_us) / 1e6
         slowest = np.fmin(self.min_speed_mps, least_m / planned_s)
-        slowest[slowest <= 0.0] = np.inf
-        beside = np.concatenate([[np.inf], slowest, [np.inf]])
-        slowest = np.minimum(slowest, np.minimum(beside[:-2], beside[2:]))
-        lasts_s = min(float(np.maximum(planned_s, most_m / slowest).sum()), _LONGEST_S)
+        slowest[slowest <= 0.0] = np.inf  # it stands, as planned
+        legs_s, arcs_s = np.maximum(planned_s, most_m / slowest), 0.0
+        if self.turn_radius_m.any():
+            moves = np.isfinite(slowest[:-1]) & np.isfinite(slowest[1:])
+            arcs_s = np.minimum(most_m[:-1], most_m[1:]) / np.minimum(slowest[:-1], slowest[1:])
+            arcs_s = float(arcs_s[moves].sum())
+        lasts_s = min(float(legs_s.sum()) + arcs_s, _LONGEST_S)
         return int(self.departure_us[1]) + round(1e6 * lasts_s)
 
 

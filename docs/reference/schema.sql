@@ -1205,7 +1205,7 @@ FUNCTION _compare_pieces(p_scene_id bigint)
     RETURNS bigint LANGUAGE plpgsql VOLATILE PARALLEL UNSAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
 
 FUNCTION _compared_early(p_scene_id bigint)
-    RETURNS boolean LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
+    RETURNS bigint[] LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
 FUNCTION _conflict_as_json(p_a_kind smallint, p_a_id bigint, p_b_kind smallint, p_b_id bigint, p_period tstzrange)
     RETURNS jsonb LANGUAGE sql STABLE PARALLEL SAFE;

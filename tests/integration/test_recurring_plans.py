@@ -8,6 +8,7 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psycopg
 import pytest
 import shapely
@@ -15,12 +16,16 @@ from psycopg.types.json import Jsonb
 from test_recurring import alone, by_object, objects
 
 import conflictdb
+from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.cli import main
 from conflictdb.db import expansion, store
 from conflictdb.db.detect import detect, detect_pending
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import IncompleteWarning, InvalidInput
 from conflictdb.model.plans import Scene
 from conflictdb.model.recurring_plans import later
+from conflictdb.model.tolerances import tolerances_of
+from conflictdb.stages.pieces.covers import pieces_of
 
 DAY_US = 86_400_000_000
 DAILY = """
@@ -596,3 +601,74 @@ def test_no_plan_is_admitted_beyond_the_time_of_schedules(conn: psycopg.Connecti
                 times_us=[start_us - 95 * DAY_US, start_us - 93 * DAY_US],
             )
         )
+        begun = replace(
+            plan_v,
+            key="begun",
+            positions_deg=[(-9.0, 40.5), (-8.0, 40.5)],
+            times_us=[start_us - 110 * DAY_US, start_us - 93 * DAY_US],
+        )
+        assert db.scene("s").admit(begun)
+
+
+def test_delays_meet_schedules_beyond_the_planned_voyage(conn: psycopg.Connection[Any]) -> None:
+    """A delay that ends in an activation after all voyages is in conflict, in memory and as a detection stores it."""
+    start_us = int(np.datetime64("2040-05-01T18:00", "us").astype(int))
+    there = shapely.box(0.0, 50.0, 1.0, 51.0)
+    daily = {"days": ["MON", "TUE", "WED", "THU", "FRI", "SAT", "SUN"], "periods": [["08:00", "16:00"]]}
+    area = conflictdb.Area("S", there, schedule=daily)
+    ship = conflictdb.rectangle_outline_m(9.0, 9.0, 5.0, 5.0)
+    plan = conflictdb.Track("V", [(-1.0, 50.5), (2.0, 50.5)], [start_us, start_us + DAY_US // 8], ship)
+    scene = Scene("s", horizon_days=30.0, delays_within_s=86_400.0)
+    (found,) = conflictdb.delays([plan], [area], scene, within_s=86_400.0)
+    assert [one.from_s > 0 for one in found.forbidden] == [False, True]
+    store.replace_scene(conn, scene, [area], [plan], merge=False)
+    detect(conn, "s")
+    with conflictdb.connect(conn) as db:
+        (stored,) = db.scene("s").delays("V", within_s=86_400.0)
+    assert [(one.from_s, one.to_s) for one in stored.forbidden] == [(one.from_s, one.to_s) for one in found.forbidden]
+
+
+@pytest.mark.parametrize("year", ["0001-01-01T00:00:00", "9999-12-31T12:00:00"])
+def test_voyages_at_the_ends_of_the_calendar_are_detected(conn: psycopg.Connection[Any], year: str) -> None:
+    start_us = int(np.datetime64(year, "us").astype(int))
+    area = conflictdb.Area(
+        "S", shapely.box(0.0, 50.0, 1.0, 51.0), schedule={"dates": ["2026-12-01"], "periods": [["08:00", "16:00"]]}
+    )
+    ship = conflictdb.rectangle_outline_m(9.0, 9.0, 5.0, 5.0)
+    plan = conflictdb.Track("V", [(-1.0, 50.5), (2.0, 50.5)], [start_us, start_us + DAY_US // 2 - 1_000_000], ship)
+    store.replace_scene(conn, Scene("s", time_separation_s=60.0), [area], [plan], merge=False)
+    detect(conn, "s")
+    assert pending(conn) == 0
+
+
+def test_the_longest_voyage_is_the_same_in_sql_and_python(conn: psycopg.Connection[Any]) -> None:
+    """And no shorter than what pieces are made for, also across the date line, with waits and turns."""
+    rng = np.random.default_rng(7)
+    for _ in range(60):
+        count = int(rng.integers(2, 6))
+        lon = np.cumsum(rng.uniform(-40.0, 40.0, count)) + 170.0
+        places = np.column_stack([(lon + 180.0) % 360.0 - 180.0, rng.uniform(-80.0, 80.0, count)])
+        if rng.random() < 0.3:
+            places[1] = places[0]
+        times = 1_780_300_800_000_000 + np.cumsum(rng.integers(3_600, 40 * 3_600, count)) * 1_000_000
+        limits: dict[str, Any] = {"min_speed_kn": [float(x) for x in rng.uniform(0.5, 20.0, count - 1)]}
+        if rng.random() < 0.5:
+            limits["turn_radius_m"] = 500.0
+        ship = conflictdb.rectangle_outline_m(50.0, 50.0, 9.0, 9.0)
+        track = conflictdb.Track(
+            "T", places, times.astype("datetime64[us]"), ship, tolerances=limits, max_speed_kn=np.inf
+        )
+        known = tolerances_of("T", track.tolerances or {}, track.times_us)
+        lasts_s = (known.latest_arrival_us(track.positions_deg, track.times_us) - int(track.times_us[0])) / 1e6
+        path = (
+            "SRID=4326;LINESTRING M ("
+            + ", ".join(
+                f"{x!r} {y!r} {at / 1e6!r}" for (x, y), at in zip(places.tolist(), track.times_us.tolist(), strict=True)
+            )
+            + ")"
+        )
+        query = "SELECT conflictdb_internal._longest_voyage_s(%s, %s)"
+        (row,) = conn.execute(query, [path, Jsonb(track.tolerances)]).fetchall()
+        assert row[0] == pytest.approx(lasts_s, rel=1e-3)
+        pieces = pieces_of(Setup.of(Scene("s")), AreaBatch.of([]), TrackBatch.of([track]))
+        assert pieces.end_us.max() <= track.times_us[0] + round(1e6 * (lasts_s + 1.0))
