@@ -231,7 +231,20 @@ def _merged_uses(
         for make, some in zip((uses_by_spans, uses_of_areas), contacts, strict=True)
     ]
     work = kernel.Work()
-    parts.append(uses_of_tracks(setup, prepared, pairs, tracks, work, jobs))
+
+    def undecided(rows: NDArray[np.int64]) -> Uses:
+        heights = overlap_at_one_time(prepared.pieces, pairs.a, pairs.b)
+        return uses_by_spans(
+            setup.scene, pieces, prepared, pairs, _unresolved(prepared.pieces, heights, pairs, PairRows(rows)), jobs
+        )
+
+    found_of_tracks = isolated(
+        tracks,
+        lambda rows: uses_of_tracks(setup, prepared, pairs, PairRows(rows), work, jobs),
+        undecided,
+        "pair of pieces",
+    )
+    parts += [found for _, found in found_of_tracks]
     # Not its closed forms, several of which serve one pair.
     funnel.effort.exact.windows += work.windows
     funnel.effort.exact.evaluations += work.evaluations

@@ -31,6 +31,7 @@ from conflictdb.advice.advise import advise
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.earth.registry import Setup, centred
 from conflictdb.in_memory.questions import _InMemory
+from conflictdb.stages import run
 from conflictdb.stages.delays import solved_shifts
 from conflictdb.stages.ends_of_uses import ends_of
 from conflictdb.stages.pieces.covers import pieces_of
@@ -496,6 +497,35 @@ def test_regions_contain_all_places_that_are_shared(workload: Workload) -> None:
         for region, first_deg in regions_of(late, tracks, areas):
             assert shapely.distance(region, shapely.Point(first_deg)) < 1e-9
     assert seen > 10
+
+
+def test_a_pair_that_fails_leaves_the_answers_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is unresolved for the time that both are there within the separation."""
+    far = [
+        replace(plan, key=key, positions_deg=np.add(plan.positions_deg, [5.0, 0.0]), max_speed_kn=np.inf)
+        for key, plan in (("a", EAST), ("b", NORTH))
+    ]
+    plans = (EAST, NORTH, *far)
+    before = {(one.a_key, one.b_key): one for one in rows(*plans, time_s=600.0)}
+    assert len(before) == 2
+    made = run.uses_of_tracks
+
+    def fail(setup: Setup, prepared: Any, pairs: Any, some: Any, *rest: Any) -> Any:
+        numbers = np.stack([prepared.pieces.object_id[side[some]] for side in (pairs.a, pairs.b)])
+        if (np.sort(numbers, axis=0) == np.array([[2], [3]])).all(axis=0).any():  # east and north
+            raise ValueError("no")
+        return made(setup, prepared, pairs, some, *rest)
+
+    monkeypatch.setattr(run, "uses_of_tracks", fail)
+    after = {(one.a_key, one.b_key): one for one in rows(*plans, time_s=600.0)}
+    assert after.keys() == before.keys()
+    failed = after.pop(("east", "north"))
+    assert failed.verdict == "unresolved"
+    for (start, end), (first, last) in zip(failed.periods, before[("east", "north")].periods, strict=True):
+        assert start <= first <= last <= end
+    assert [(one.verdict, one.periods) for one in after.values()] == [
+        (before[key].verdict, before[key].periods) for key in after
+    ]
 
 
 def regions_of(scene: Scene, tracks: list[Track], areas: list[Area]) -> list[tuple[shapely.Geometry, np.ndarray]]:
