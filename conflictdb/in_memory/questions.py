@@ -123,9 +123,10 @@ def delays(
     if clear_within_m is not None:
         clear_within_m = inputs.reach_m("delays", "clear_within_m", clear_within_m)
         check_one_separation("delays", "clear_within_m", scene)
-    setup, pieces, keys, numbers, tracks = numbered(
-        "delays", tracks, areas, scene, max(horizon_us, round(1e6 * (scene.delays_within_s if scene else 0.0)))
-    )
+    # The answer is the one that a detection stores.
+    stored_us = round(1e6 * scene.delays_within_s) if isinstance(scene, Scene) else 0
+    solved_us = max(horizon_us, stored_us)
+    setup, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene, solved_us)
     scene = setup.scene
     if waypoint is not None:
         number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
@@ -137,8 +138,6 @@ def delays(
     else:
         leeway = {track.key: Leeway.of(track, horizon_us, now_us) for track in tracks}
         asked = numbers if key is None else _known(scene, keys, numbers, _several(key))
-        # The answer is the one that a detection stores.
-        solved_us = max(horizon_us, round(1e6 * scene.delays_within_s))
         every = differences_of(setup, AnyTime.of(pieces), asked, solved_us)
         found = dict(every.of_each_track())
         nothing = every.take(np.empty(0, np.int64))
