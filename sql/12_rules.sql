@@ -83,6 +83,15 @@ $$;
 COMMENT ON FUNCTION _longest_time_s(bigint) IS
 'The largest separation in time of any pair of a scene, by its setting and its rules, seconds.';
 
+CREATE OR REPLACE FUNCTION conflictdb_internal._schedules_within_s(p_scene_id bigint) RETURNS double precision
+LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path FROM CURRENT AS $$
+BEGIN
+    RETURN (SELECT _longest_time_s(p_scene_id) + s.delays_within_s FROM scene s WHERE s.scene_id = p_scene_id);
+END
+$$;
+COMMENT ON FUNCTION _schedules_within_s(bigint) IS
+'How long before and after its voyages a detection of a scene needs schedules, seconds.';
+
 CREATE OR REPLACE FUNCTION conflictdb_internal._type_of(
     p_kind smallint, p_class bigint, p_classes bigint[]
 ) RETURNS text

@@ -32,8 +32,7 @@ BEGIN
                            WHERE c.scene_id IN (SELECT l.seen_by FROM _layer l WHERE l.scene_id = p_scene_id)
                              AND c.object_kind = 1 AND t.scene_id = c.scene_id
                              AND t.schedule IS NULL
-                             AND NOT _may_meet(t.path, t.departures, t.tolerances,
-                                               _longest_time_s(p_scene_id) + v_scene.delays_within_s)
+                             AND NOT _may_meet(t.path, t.departures, t.tolerances, _schedules_within_s(p_scene_id))
                                      <@ v_scene.expanded));
 END
 $$;

@@ -28,9 +28,7 @@ BEGIN
     END IF;
     -- Once the window is known, only voyages that changed can leave it.
     SELECT _microseconds(min(lower(v.span))), _microseconds(max(upper(v.span))) INTO starts_us, ends_us
-        FROM (SELECT _may_meet(t.path, t.departures, t.tolerances,
-                               _longest_time_s(p_scene_id)
-                               + (SELECT s.delays_within_s FROM scene s WHERE s.scene_id = p_scene_id)) AS span
+        FROM (SELECT _may_meet(t.path, t.departures, t.tolerances, _schedules_within_s(p_scene_id)) AS span
               FROM track t
               WHERE t.scene_id IN (SELECT l.seen_by FROM _layer l WHERE l.scene_id = p_scene_id)
                 AND t.schedule IS NULL

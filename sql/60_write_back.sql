@@ -308,7 +308,8 @@ BEGIN
                  CROSS JOIN LATERAL (SELECT t.* FROM track t WHERE t.track_id = c.object_id OFFSET 0) t
                  WHERE c.scene_id = p_scene_id AND c.is_covered AND c.object_kind = 1 AND t.scene_id = c.scene_id
                    AND t.schedule IS NULL
-                   AND NOT _may_meet(t.path, t.departures, t.tolerances, _longest_time_s(p_scene_id)) <@ v_expanded);
+                   AND NOT _may_meet(t.path, t.departures, t.tolerances, _schedules_within_s(p_scene_id))
+                           <@ v_expanded);
 END
 $$;
 COMMENT ON FUNCTION _compared_early(bigint) IS

@@ -269,7 +269,7 @@ BEGIN
     END LOOP;
     PERFORM set_config('conflictdb.max_speed_kn', coalesce(v_max_speed_kn, ''), true);
     SELECT v.who, v.remark INTO v_plan
-        -- What is over is not asked about.
+        -- The past needs no schedule.
         FROM (SELECT o.who, _beyond_horizon(p_scene, o.span * tstzrange(now(), NULL)) AS remark
               FROM (SELECT format('area %L', a.key) AS who, a.key, a.active_span AS span FROM area a
                     WHERE a.scene_id = v_scene_id AND a.schedule IS NULL

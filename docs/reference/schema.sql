@@ -1837,6 +1837,9 @@ FUNCTION _scheduled(p_scene_id bigint, p_only_waiting boolean)
 FUNCTION _schedules_wait(p_scene_id bigint)
     RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp SET enable_seqscan=off SET jit=off;
 
+FUNCTION _schedules_within_s(p_scene_id bigint)
+    RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path=conflictdb, conflictdb_internal, public, pg_temp;
+
 FUNCTION _seconds_to_comparison()
     RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE;
 

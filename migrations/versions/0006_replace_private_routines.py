@@ -6,7 +6,7 @@ branch_labels = None
 depends_on = None
 
 # SHA-256 of sql/ at this revision (`conflictdb.db.schema.routines_sha256()`); see tests/migration.
-routines_sha256 = "2e51d517c8ebd169ccf6005c9a5fcb8163ae65edc9e77e926b7b6b9dd3e5a969"
+routines_sha256 = "4f15848e73c86ce1f7e56a5d8c2dcbcdd093b28eddcfa77f153b604981260113"
 
 # Whether a detection may find other conflicts than the release before it did. The upgrade then marks every object.
 changes_answers = False

@@ -118,13 +118,8 @@ def test_a_far_voyage_enters_a_branch_while_its_parent_is_detected(
     assert conflicts(conn, "b") == [("S", "V")]
 
 
-def test_a_far_voyage_and_settings_come_between_two_transactions(
-    conn: Conn, other: Conn, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The second transaction then takes all marks."""
-    conn.execute("SELECT conflictdb.create_scene('s', p_horizon_days => 30)")
-    conn.execute(DAILY.encode())
-    put(conn, "s", "Y", 70)
+def detect_while_a_far_voyage_comes(conn: Conn, other: Conn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Detect scene s in two transactions; between them another session adds the far voyage and changes a setting."""
     begin = store.begin_locked
 
     def begin_locked(*arguments: Any) -> int:
@@ -136,7 +131,30 @@ def test_a_far_voyage_and_settings_come_between_two_transactions(
     monkeypatch.setattr(store, "begin_locked", begin_locked)
     detect.detect(conn, "s", jobs=1, few_objects=-1)
     monkeypatch.undo()
+
+
+def test_a_far_voyage_and_settings_come_between_two_transactions(
+    conn: Conn, other: Conn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second transaction then takes all marks."""
+    conn.execute("SELECT conflictdb.create_scene('s', p_horizon_days => 30)")
+    conn.execute(DAILY.encode())
+    put(conn, "s", "Y", 70)
+    detect_while_a_far_voyage_comes(conn, other, monkeypatch)
     assert conflicts(conn, "s") == [("S", "V")]
+
+
+def test_a_voyage_whose_delays_are_far_comes_between_two_transactions(
+    conn: Conn, other: Conn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ends before the schedules do, and its delays after that: the next detection expands them and stores these."""
+    conn.execute("SELECT conflictdb.create_scene('s', p_horizon_days => 402, p_delays_within_s => 172800)")
+    conn.execute(DAILY.encode())
+    put(conn, "s", "Y", 70)
+    detect_while_a_far_voyage_comes(conn, other, monkeypatch)
+    detect.detect(conn, "s", jobs=1)
+    query = "SELECT upper(expanded) >= date_trunc('day', now()) + interval '404 days' FROM conflictdb.scene"
+    assert conn.execute(query).fetchone() == (True,)
 
 
 @pytest.mark.parametrize("branch_first", [True, False])
