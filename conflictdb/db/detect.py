@@ -318,7 +318,8 @@ def refresh_pieces(
 ) -> tuple[Setup, store.RunRecord]:
     """Rebuild the pieces of the changed objects; return the setup of the scene and the updated record."""
     clock = time.perf_counter()
-    setup = Setup.of(settings := store.read_settings(conn, scene_id))
+    settings = store.read_settings(conn, scene_id)
+    setup = Setup.of(settings)
     pieces = _changed_pieces(conn, scene_id, pending, setup, memory, phase)
     store.replace_pieces(conn, scene_id, pieces, is_first=is_first, is_full=is_full)
     took_s = record.counted.get("pieces_s", 0.0) + time.perf_counter() - clock

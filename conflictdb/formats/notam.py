@@ -226,7 +226,7 @@ def _shape(who: str, text: str, q: "re.Match[str]", found: Gathered) -> tuple[sh
 
 
 def _is_plain(text: str, places: Sequence["re.Match[str]"]) -> bool:
-    """Return whether a text names no area that is wider than its places, and no other area."""
+    """Return whether the area of a text is that of its places alone."""
     tail = " ".join(text[places[-1].end() :].split())
     if _CURVED.search(text) or _WIDER.search(" ".join(text.split())) or _OTHER_PLACE.search(_PLACE.sub(" ", text)):
         return False

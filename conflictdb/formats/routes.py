@@ -325,10 +325,12 @@ def agreed(who: str, field: str, *times_us: int | None) -> int | None:
     return given[0] if given else None
 
 
-def agreed_speed(who: str, field: str, *speeds_kn: float | None) -> float | None:
-    """Return the speed on which several sources agree to 0.01 knots; raises InvalidInput if they do not."""
-    given = [one for one in speeds_kn if one is not None]
-    if given and max(given) - min(given) > _SAME_KN:
-        rule = f"is given twice, {min(given):g} and {max(given):g} knots, {_BY_BOTH}"
+def agreed_speed(who: str, field: str, speeds_kn: Sequence[float], arrival_us: int | None) -> float | None:
+    """Return the speed on which several sources agree to 0.01 knots; raises InvalidInput if they do not.
+
+    Beside an arrival time it is not needed, and the first: one may be over ground, another through the water.
+    """
+    if speeds_kn and arrival_us is None and max(speeds_kn) - min(speeds_kn) > _SAME_KN:
+        rule = f"is given twice, {min(speeds_kn):g} and {max(speeds_kn):g} knots, {_BY_BOTH}"
         raise InvalidInput(who, field, f"{rule}: leave one out")
-    return given[0] if given else None
+    return speeds_kn[0] if speeds_kn else None

@@ -188,10 +188,7 @@ def _call(who: str, point: Waypoint, elements: Sequence[Element]) -> None:
     point.arrival_us, point.departure_us = times("eta"), times("etd")
     point.stay_us = agreed(who, f"{where}, stay", *(duration_us(who, f"{where}, stay", one) for one in given("stay")))
     speeds = [number_of(who, f"{where}, speed", one) for one in given("speed")]
-    # Beside an arrival time the speed is not needed: it may be one over ground, another through the water.
-    point.speed_kn = (
-        speeds[0] if speeds and point.arrival_us is not None else agreed_speed(who, f"{where}, speed", *speeds)
-    )
+    point.speed_kn = agreed_speed(who, f"{where}, speed", speeds, point.arrival_us)
     for element in elements:
         _check_names(who, where, element)
         for name in ("etdWindow", "etaWindow"):

@@ -164,7 +164,7 @@ def _call(who: str, point: Waypoint, elements: Sequence[Element]) -> None:
     where = f"{point.name}, PlanSOG"
     texts = (one.value("routeScheduleElementPlanSOG") for one in elements)
     speeds = [number_of(who, where, text) for text in texts if text is not None]
-    point.speed_kn = speeds[0] if speeds and point.arrival_us is not None else agreed_speed(who, where, *speeds)
+    point.speed_kn = agreed_speed(who, where, speeds, point.arrival_us)
     for element in elements:
         for name in ("ETDWindow", "ETAWindow"):
             for side, member in (("Before", "early_us"), ("After", "late_us")):

@@ -35,6 +35,13 @@ def leg_refused(who: str, leg: int, speed_kn: float, max_speed_kn: float) -> Inv
     return InvalidInput(who, f"times[{leg + 1}]", rule)
 
 
+def shortest_m(positions_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the lengths (n - 1,) of the shortest ways between positions (n, 2) on the mean sphere, metres."""
+    lon, lat = np.radians(positions_deg).T
+    half = np.sin(np.diff(lat) / 2.0) ** 2 + np.cos(lat[:-1]) * np.cos(lat[1:]) * np.sin(np.diff(lon) / 2.0) ** 2
+    return np.asarray(2.0 * _MEAN_RADIUS_M * np.arcsin(np.sqrt(np.minimum(half, 1.0))))
+
+
 def check_speed(who: str, positions_deg: NDArray[np.float64], times_us: NDArray[np.int64], max_speed_kn: float) -> None:
     """Refuse a track with a leg whose speed exceeds the limit, knots, even along the shortest path.
 
@@ -45,10 +52,7 @@ def check_speed(who: str, positions_deg: NDArray[np.float64], times_us: NDArray[
     """
     if not max_speed_kn < np.inf:
         return
-    lon, lat = np.radians(positions_deg).T
-    half = np.sin(np.diff(lat) / 2.0) ** 2 + np.cos(lat[:-1]) * np.cos(lat[1:]) * np.sin(np.diff(lon) / 2.0) ** 2
-    length_m = 2.0 * _MEAN_RADIUS_M * np.arcsin(np.sqrt(np.minimum(half, 1.0)))
-    speed_kn = length_m / (np.diff(times_us) * 1e-6) / MPS_PER_KNOT
+    speed_kn = shortest_m(positions_deg) / (np.diff(times_us) * 1e-6) / MPS_PER_KNOT
     fast = legs_too_fast(speed_kn, max_speed_kn)
     if fast.size:
         raise leg_refused(who, int(fast[0]), float(speed_kn[fast[0]]), max_speed_kn)

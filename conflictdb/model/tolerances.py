@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from conflictdb.errors import InvalidInput
 from conflictdb.model import inputs
+from conflictdb.model.speed_limits import MPS_PER_KNOT, shortest_m
 
 # Members of the tolerances of a track, in files, SQL and Python: numbers, or lists of one number per leg; windows are
 # [earliest, latest], ISO 8601 with an offset; turn radii are one number, or one per waypoint between two legs.
@@ -28,10 +29,7 @@ MEMBERS: Final = (*PER_LEG, "turn_radius_m", *WINDOWS)
 MOST_XTD_M: Final = 18_520.0
 MOST_RADIUS_M: Final = 18_520.0
 MOST_SPEED_KN: Final = 100_000.0
-_MPS_PER_KNOT: Final = 1852.0 / 3600.0
-# Radii of the earth, metres: the largest of curvature, and the mean one.
-_MOST_RADIUS_M: Final = 6_405_700.0
-_MEAN_RADIUS_M: Final = 6_371_008.8
+_MOST_RADIUS_M: Final = 6_405_700.0  # above the largest radius of curvature of the earth
 _LONGEST_S: Final = 3.2e9
 _DAY_US: Final = 86_400_000_000
 _LONGEST_WINDOW_US: Final = 366 * _DAY_US
@@ -69,10 +67,9 @@ class Tolerances:
         east = np.abs(np.remainder(np.diff(lon) + np.pi, 2.0 * np.pi) - np.pi)
         north, widest = np.abs(np.diff(lat)), np.maximum(np.cos(lat[:-1]), np.cos(lat[1:]))
         widest[lat[:-1] * lat[1:] <= 0.0] = 1.0
-        half = np.sin(0.5 * north) ** 2 + np.cos(lat[:-1]) * np.cos(lat[1:]) * np.sin(0.5 * east) ** 2
         # No leg is longer than the way along a meridian and a parallel, or shorter than 0.99 of the one on the sphere.
         most_m = _MOST_RADIUS_M * (north + widest * east)
-        least_m = 0.99 * _MEAN_RADIUS_M * 2.0 * np.arcsin(np.sqrt(np.minimum(half, 1.0)))
+        least_m = 0.99 * shortest_m(positions_deg)
         planned_s = np.diff(times_us) / 1e6
         slowest = np.fmin(self.min_speed_mps, least_m / planned_s)
         slowest[slowest <= 0.0] = np.inf  # it stands, as planned
@@ -117,8 +114,8 @@ def tolerances_of(who: str, given: Mapping[str, Any], times_us: NDArray[np.int64
     return Tolerances(
         port,
         starboard,
-        slowest * _MPS_PER_KNOT,
-        fastest * _MPS_PER_KNOT,
+        slowest * MPS_PER_KNOT,
+        fastest * MPS_PER_KNOT,
         radius,
         np.array([times_us[0]] * 2, np.int64) if departure is None else departure,
         arrival,

@@ -240,7 +240,7 @@ def _stretched(pieces: Pieces, first_us: _Ints, last_us: _Ints, start_us: _Ints,
 
 
 def _near_in_time(pieces: Pieces, a: PieceRows, b: PieceRows, within_us: int) -> list[tuple[_Ints, _Ints]]:
-    """Return when a, and when b, is there within so many microseconds of the other: start and end (m,)."""
+    """Return when a, and when b, is within `within_us` of the time of the other: start and end (m,)."""
     return [
         (
             np.maximum(pieces.start_us[one], later(pieces.start_us[other], -within_us)),

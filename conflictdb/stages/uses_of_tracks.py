@@ -170,7 +170,7 @@ def _inner_us(found: NDArray[Any], between_us: _Ints) -> list[Floats]:
 
 
 def _is_sure(found: NDArray[Any], between_us: _Ints, within_us: int) -> NDArray[np.bool_]:
-    """Return whether differences (n,) have a proven contact within so many microseconds."""
+    """Return whether differences (n,) have a proven contact within `within_us`."""
     low, high = _inner_us(found, between_us)
     return (np.maximum(low, -within_us) <= np.minimum(high, within_us)) & (found["state"] == DifferenceState.INNER)
 

@@ -642,7 +642,7 @@ def test_voyages_at_the_ends_of_the_calendar_are_detected(conn: psycopg.Connecti
 
 
 def test_the_longest_voyage_is_the_same_in_sql_and_python(conn: psycopg.Connection[Any]) -> None:
-    """And no shorter than what pieces are made for, also across the date line, with waits and turns."""
+    """Pieces end before it, also across the date line, with waits and turns."""
     rng = np.random.default_rng(7)
     for _ in range(60):
         count = int(rng.integers(2, 6))

@@ -248,7 +248,7 @@ AT_THE_EDGE = [
 
 @pytest.mark.parametrize(("plan", "other", "scene", "time_s"), AT_THE_EDGE, ids=["with tolerance", "a line", "growing"])
 def test_the_least_delay_is_clear(plan: Track, other: Track, scene: Scene, time_s: float) -> None:
-    """What `delays` proves free is clear by `solve`; what it proves forbidden is not."""
+    """`solve` finds no conflict at delays that are proven free, and one at delays that are proven forbidden."""
     late = replace(scene, time_separation_s=time_s)
     [found] = delays([plan, other], [], late, plan.key, 7200.0)
     [forbidden] = found.forbidden
