@@ -86,14 +86,14 @@ def _comparable(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _known_names(values: Mapping[str, Any], members: frozenset[str]) -> dict[str, Any]:
-    """Return columns named as in scene files; lists are parsed from JSON text, since few formats have lists."""
+    """Return columns named as in scene files; lists and schedules are parsed from JSON text."""
     known = {}
     for name, value in values.items():
         lower = ALIASES.get(name.lower(), name.lower())
         if lower not in members | {"id", file_objects.DATUM} or lower in known:
             known[name] = value
             continue
-        if isinstance(value, str) and value.lstrip().startswith("["):
+        if isinstance(value, str) and value.lstrip().startswith(("[", "{") if lower == "schedule" else "["):
             with suppress(ValueError, RecursionError):  # invalid JSON is refused later, as text
                 value = json.loads(value)
         known[lower] = value

@@ -2,16 +2,14 @@
 
 Columns named like members of scene files are read as these members, in upper or lower case; other columns become
 properties, of fixes those of the first one. Names close to a member are refused. Without a column `id` the index is the
-id. A missing value (NaN, NaT, None) is an absent member. Instants are datetimes with a zone, or ISO 8601 texts with an
-offset. The reference system must be known; systems other than longitude and latitude on WGS84 are transformed vertex by
-vertex.
+id. A missing value (NaN, NaT, None) is an absent member; any other value is kept, or refused by column and type.
+Instants are datetimes with a zone, or ISO 8601 texts with an offset. The reference system must be known; systems other
+than longitude and latitude on WGS84 are transformed vertex by vertex.
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping
-from datetime import datetime, tzinfo
+from collections.abc import Hashable, Iterator, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
 import shapely
@@ -20,11 +18,11 @@ from conflictdb.errors import InvalidInput, Refusals
 from conflictdb.formats import file_objects
 from conflictdb.formats.features import LINES, area_of_polygon, track_of_line
 from conflictdb.formats.fields import number_as_key
-from conflictdb.formats.instants import format_instant
+from conflictdb.formats.frame_values import TimeZone as TimeZone
+from conflictdb.formats.frame_values import is_of, plain
 from conflictdb.formats.names import RENAME_COLUMN
 from conflictdb.formats.reference import ToDegrees, of_name
 from conflictdb.formats.track_times import TrackAtSpeed, timed
-from conflictdb.model.inputs import EPOCH, MICROSECOND
 from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.speed_limits import MAX_SPEED_KN
 
@@ -33,57 +31,30 @@ if TYPE_CHECKING:
     from movingpandas import TrajectoryCollection
 
 HAVEN: Final = frozenset({"outline_m", "outlines_m", "grow_mps", *file_objects.SIZES})
-_INSTANTS: Final = frozenset({"start", "end", "time", *file_objects.TIMES})
 # Columns of a frame of fixes that belong to each fix, not to the track.
 _OF_FIXES: Final = frozenset({"id", "time", "end", *file_objects.TIMES, *file_objects.SPEED})
+# Members of fixes that may differ, and how the track has them.
+_WIDEST: Final = {"floor_m": min, "ceiling_m": max, "grow_mps": max, **dict.fromkeys(file_objects.SIZES, max)}
+_BANDS: Final = frozenset({"floor_m", "ceiling_m"})
+# Fields of Area and Track that members of other names have.
+_FIELDS: Final = {
+    "object_class": "class",
+    "tolerances": "its members, such as xtd_port_m",
+    **{f"{name}_us": name for name in ("start", "end", "spans", "times", "departures")},
+    **{f"{name}s_m": f"{name}_m" for name in ("floor", "ceiling")},
+}
+_GUARDED: Final = {*file_objects.AREA_GUARDED, *file_objects.TRACK_GUARDED, "owner"}
 NO_HAVEN: Final[Mapping[str, Any]] = MappingProxyType({})
-
-
-class TimeZone:
-    """The zone for instants without one; if it is None they are refused."""
-
-    def __init__(self, given: str | tzinfo | None) -> None:
-        given = getattr(given, "zone", None) or given  # pytz zones would give offsets of a century ago
-        self._zone = given if isinstance(given, tzinfo) else None
-        if isinstance(given, str):
-            try:
-                self._zone = ZoneInfo(given)
-            except (ZoneInfoNotFoundError, ValueError):
-                raise InvalidInput("solve", "time_zone", f"must be the name of a zone; got {given!r:.60}") from None
-        elif not isinstance(given, tzinfo | None):
-            raise InvalidInput("solve", "time_zone", f"must be the name of a zone, or a tzinfo; got {given!r:.60}")
-
-    def text(self, who: str, field: str, instant: datetime) -> str:
-        """Return an instant as ISO 8601 UTC with microseconds, truncated; raises InvalidInput."""
-        if instant.utcoffset() is None:
-            instant = self._with_zone(who, field, instant)
-        return format_instant(int((instant - EPOCH) // MICROSECOND))
-
-    def _with_zone(self, who: str, field: str, instant: datetime) -> datetime:
-        if self._zone is None:
-            rule = (
-                "has no time zone: give it one with tz_localize, or all that have none with solve(..., time_zone=...)"
-            )
-            raise InvalidInput(who, field, f"{rule}; got {instant.isoformat()}")
-        early, late = (instant.replace(tzinfo=self._zone, fold=fold) for fold in (0, 1))
-        if early.utcoffset() != late.utcoffset():
-            rule = f"is there twice, or not at all, in {self._zone}, where clocks are set: give instants in UTC"
-            raise InvalidInput(who, field, f"{rule}; got {instant.isoformat()}")
-        return early
 
 
 def is_frame(given: object) -> bool:
     """Return whether an object is a frame of pandas or geopandas, or of trajectories; imports none of them."""
-    return _is(given, "pandas", "DataFrame") or is_trajectories(given)
+    return is_of(given, "pandas", "DataFrame") or is_trajectories(given)
 
 
 def is_trajectories(given: object) -> bool:
     """Return whether an object is a Trajectory or a TrajectoryCollection of MovingPandas."""
-    return _is(given, "movingpandas", "TrajectoryCollection", "Trajectory")
-
-
-def _is(given: object, library: str, *names: str) -> bool:
-    return any(one.__name__ in names and one.__module__.split(".")[0] == library for one in type(given).__mro__)
+    return is_of(given, "movingpandas", "TrajectoryCollection", "Trajectory")
 
 
 def areas_of(frame: "geopandas.GeoDataFrame", scene: Scene, zone: TimeZone) -> list[Area]:
@@ -110,7 +81,9 @@ def tracks_of(
 
 
 def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], zone: TimeZone) -> list[Track]:
-    """Return the tracks of trajectories, each a frame of fixes; sizes and heights are those of the first fix.
+    """Return the tracks of trajectories, each a frame of fixes.
+
+    Sizes and heights are the largest and the widest of all fixes; other members that differ are refused.
 
     MovingPandas removes the zone from the instants and stores it in an attribute.
     """
@@ -122,15 +95,41 @@ def _tracks_of_trajectories(given: Any, scene: Scene, haven: Mapping[str, Any], 
         with refusals:
             frame = trajectory.to_point_gdf()
             setting = file_objects.FileContext.of_settings(scene, "", (), _to_degrees(who, frame), RENAME_COLUMN)
-            first = next(_rows(who, frame))[2]
-            own = {name: value for name, value in first.items() if str(name).lower() not in _OF_FIXES}
-            times = _instants(who, "times", _instants_of_fixes(who, trajectory, frame), zone)
-            members = {"times": times, **_plain(who, own, zone)}
+            own = _of_all_fixes(who, frame, zone)
+            times = plain(who, "times", _instants_of_fixes(who, trajectory, frame), zone)
+            members = {"times": times, **own}
             line = shapely.LineString(shapely.get_coordinates(np.asarray(frame.geometry.array, dtype=np.object_)))
             found.append(track_of_line(who, key, _with_haven(members, haven), line, setting))
     _, tracks = timed(found, scene, MAX_SPEED_KN, refusals)
     refusals.raise_found()
     return tracks
+
+
+def _of_all_fixes(who: str, frame: Any, zone: TimeZone) -> dict[str, Any]:
+    """Return what the fixes of a trajectory say of the whole track; raises InvalidInput for members that differ."""
+    rows = [values for _, _, values, _ in _rows(who, frame)]
+    found: dict[str, Any] = {}
+    refusals = Refusals()
+    for name in rows[0]:
+        text, lower = str(name), str(name).lower()
+        if lower in _OF_FIXES:
+            continue
+        with refusals:
+            values = [plain(who, text, row[name], zone) for row in rows]
+            given = [value for value in values if value is not None]
+            if not given:
+                continue
+            found[text] = given[0]
+            if all(value == given[0] for value in given) and (len(given) == len(values) or lower not in _BANDS):
+                continue
+            if lower in _WIDEST and all(type(value) in (int, float) for value in given):
+                found[text] = _WIDEST[lower](given)
+                if lower in _BANDS and len(given) < len(values):
+                    del found[text]  # unbounded at the fixes that do not say
+            elif lower in file_objects.TRACK_MEMBERS:
+                raise InvalidInput(who, text, f"differs between fixes: {given[0]!r:.60} and others; a track has one")
+    refusals.raise_found()
+    return found
 
 
 def _instants_of_fixes(who: str, trajectory: Any, frame: Any) -> Any:
@@ -170,18 +169,41 @@ def checked_haven(haven: Mapping[str, Any] | None) -> Mapping[str, Any]:
     unknown = [name for name in haven if name not in HAVEN]
     if unknown:
         raise InvalidInput("solve", f"haven[{unknown[0]!r:.60}]", f"is not known; known are {', '.join(sorted(HAVEN))}")
-    return {name: _as_json(value) for name, value in haven.items()}
+    return {name: plain("solve", f"haven[{name!r}]", value, TimeZone(None)) for name, value in haven.items()}
 
 
 def _with_haven(values: dict[str, Any], haven: Mapping[str, Any]) -> dict[str, Any]:
-    own = {name for name in values if name.lower() in HAVEN and values[name] is not None}
-    return values if own else {**values, **haven}
+    """Return members with the default haven in place of the sizes that are missing."""
+    own = {name.lower() for name, value in values.items() if value is not None}
+    if own & {"outline_m", "outlines_m"}:
+        return values
+    sides = {name.rpartition("_")[0] for name in own & set(file_objects.SIZES)}
+    if not sides:
+        return {**values, **{name: value for name, value in haven.items() if name not in own}}
+    rest = {name: one for name, one in haven.items() if name in file_objects.SIZES}
+    return {**values, **{name: one for name, one in rest.items() if name.rpartition("_")[0] not in sides}}
 
 
 def _setting(who: str, frame: Any, scene: Scene) -> file_objects.FileContext:
-    if not _is(frame, "geopandas", "GeoDataFrame"):
+    if not is_of(frame, "geopandas", "GeoDataFrame"):
         raise InvalidInput("solve", who, "must be a GeoDataFrame, which knows the reference system; got a DataFrame")
+    _check_names(who, frame)
     return file_objects.FileContext.of_settings(scene, "", (), _to_degrees(who, frame), RENAME_COLUMN)
+
+
+def _check_names(who: str, frame: Any) -> None:
+    """Refuse columns whose members would be lost: fields of Area and Track, members in the index, and twice a name."""
+    names = [str(name) for name in frame.columns]
+    for name in names:
+        if name in _FIELDS:
+            raise InvalidInput(
+                who, name, f"is a field of Area or Track; columns are named as in files: {_FIELDS[name]}"
+            )
+        if names.count(name) > 1:
+            raise InvalidInput(who, name, "is the name of several columns: rename all but one")
+    for name in frame.index.names:
+        if str(name).lower() in _GUARDED:
+            raise InvalidInput(who, str(name), "is in the index, which is the id: make it a column by reset_index")
 
 
 def _to_degrees(who: str, frame: Any) -> ToDegrees:
@@ -209,34 +231,11 @@ def _as_key(label: Any) -> str:
 
 
 def _plain(where: str, values: Mapping[Hashable, Any], zone: TimeZone) -> dict[str, Any]:
-    """Return the values of a row as JSON values, without absent ones."""
-    plain: dict[str, Any] = {}
+    """Return the values of a row as JSON values, without absent ones; raises InvalidInput with all errors."""
+    refusals = Refusals()
+    found: dict[str, Any] = {}
     for name, value in values.items():
-        text = str(name)
-        if text.lower() in _INSTANTS:
-            plain[text] = _instants(where, text, value, zone)
-        else:
-            plain[text] = _as_json(value)
-    return {name: value for name, value in plain.items() if value is not None}
-
-
-def _instants(where: str, field: str, value: Any, zone: TimeZone) -> Any:
-    """Return an instant, or a list of them, as ISO 8601; other values unchanged, to be refused later."""
-    if isinstance(value, np.datetime64):
-        value = None if np.isnat(value) else value.astype("datetime64[us]").item()
-    if isinstance(value, datetime):
-        return None if value != value else zone.text(where, field, value)  # NaT is not itself
-    if isinstance(value, str) or not isinstance(value, Iterable):
-        return _as_json(value)
-    return [_instants(where, f"{field}[{i}]", one, zone) for i, one in enumerate(value)]
-
-
-def _as_json(value: Any) -> Any:
-    """Return a value as a JSON value; None for missing values and for types that JSON lacks."""
-    if isinstance(value, np.ndarray | list | tuple):
-        return [_as_json(one) for one in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and np.isnan(value):
-        return None
-    return value if isinstance(value, str | bool | int | float) else None
+        with refusals:
+            found[str(name)] = plain(where, str(name), value, zone)
+    refusals.raise_found()
+    return {name: value for name, value in found.items() if value is not None}

@@ -1,12 +1,15 @@
 """Data frames: input of `solve` from geopandas, and conflicts as frames."""
 
+import json
 import subprocess
 import sys
 import warnings
 from dataclasses import replace
-from datetime import timedelta, tzinfo
+from datetime import UTC, date, datetime, timedelta, tzinfo
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
+from uuid import UUID
 from zoneinfo import ZoneInfo
 
 import geopandas
@@ -16,7 +19,9 @@ import pytest
 import shapely
 
 from conflictdb import ConflictDBError, InvalidInput, Results, Scene, read, solve
+from conflictdb.formats import from_frames
 from conflictdb.formats.conflict_text import APPROACH_COLUMNS, COLUMNS
+from conflictdb.formats.frame_values import TimeZone
 from conflictdb.model.plans import Area, Track
 from conflictdb.model.results import Approach, Conflict, interval_text
 
@@ -270,6 +275,132 @@ def test_numbers_of_numpy_are_ids() -> None:
         assert found.a_key == "7"
 
 
+TWO_PM = {"rrule": "DTSTART:20260601T080000Z\nRRULE:FREQ=DAILY;COUNT=2", "duration": "PT1M"}
+
+
+def test_schedules_of_frames_are_those_of_objects() -> None:
+    """As objects, as JSON text, and as structs of Arrow, whose rows have all members; they were dropped in silence."""
+    (track,) = from_frames.tracks_of(one_track(schedule=[TWO_PM]), Scene("s"), {}, TimeZone(None))
+    assert track.schedule == TWO_PM
+    pyarrow = pytest.importorskip("pyarrow")
+    other = {"periods": [["14:00", "15:00"]], "timezone": "Europe/Oslo"}
+    both = pyarrow.array([TWO_PM, other])
+    areas = pd.concat([one_area(), one_area(id=["B"])], ignore_index=True)
+    structs = areas.assign(schedule=pd.Series(both, dtype=pd.ArrowDtype(both.type)))
+    texts = areas.assign(schedule=[json.dumps(TWO_PM), json.dumps(other)])
+    for frame in (structs, texts, areas.assign(schedule=[TWO_PM, other])):
+        assert [one.schedule for one in from_frames.areas_of(frame, Scene("s"), TimeZone(None))] == [TWO_PM, other]
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "kept"),
+    [
+        ("start", pd.Timestamp("2026-06-01T08:40", tz="UTC"), 1780303200000000),
+        ("start", np.datetime64("NaT"), None),
+        ("start", pd.NA, None),
+        ("floor_m", Decimal("7.5"), 7.5),
+        ("floor_m", Decimal("NaN"), None),
+        ("floor_m", np.float32(0.5), 0.5),
+        ("floor_m", np.array(7), 7.0),
+        ("floor_m", np.ma.masked, None),
+        ("object_class", Decimal("8.50"), "8.5"),
+        ("owner", UUID(int=7), str(UUID(int=7))),
+        ("key", Decimal(7), "7"),
+        ("key", UUID(int=7), str(UUID(int=7))),
+        ("spans_us", [[None, datetime(1970, 1, 1, 0, 0, 1, tzinfo=UTC)]], ((None, 1_000_000),)),
+        ("spans_us", np.array([["1970-01-01T00:00:01", "NaT"]], "M8[s]"), ((1_000_000, None),)),
+    ],
+)
+def test_values_of_areas_keep_their_meaning(column: str, value: Any, kept: Any) -> None:
+    name = {"object_class": "class", "key": "id", "spans_us": "spans", "start": "start"}.get(column, column)
+    frame = one_area(**{name: pd.Series([value], dtype=object)})
+    (area,) = from_frames.areas_of(frame, Scene("s"), TimeZone("UTC"))
+    assert getattr(area, {"start": "start_us"}.get(column, column)) == kept
+
+
+def test_departures_and_windows_of_frames_are_instants() -> None:
+    """Datetimes of a zone, of numpy, and in a Series; they were refused, or lost."""
+    later = pd.Series(pd.to_datetime(["2026-06-02 08:00", "2026-06-03 08:00"]))
+    (track,) = from_frames.tracks_of(one_track(departures=[later]), Scene("s"), {}, TimeZone("UTC"))
+    assert track.departures_us is not None
+    assert [pd.Timestamp(at, unit="us") for at in track.departures_us] == list(later)
+    window = [pd.Timestamp("2026-06-01T07:50Z"), datetime(2026, 6, 1, 10, 10, tzinfo=ZoneInfo("Europe/Oslo"))]
+    (late,) = from_frames.tracks_of(one_track(departure_window=[window]), Scene("s"), {}, TimeZone(None))
+    assert late.tolerances == {"departure_window": ["2026-06-01T07:50:00Z", "2026-06-01T08:10:00Z"]}
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        ("start", pd.Period("2026-06")),
+        ("start", pd.Timedelta("2h")),
+        ("start", b"2026-06-01T08:00:00Z"),
+        ("spans", [pd.Interval(1, 2)]),
+        ("floor_m", timedelta(1)),
+        ("floor_m", 1j),
+        ("ceiling_m", {3.0}),
+        ("class", {"ferry"}),
+        ("schedule", {7: "periods"}),
+        ("colour", object()),
+        ("colour", {"of": [object()]}),
+    ],
+)
+def test_values_that_would_be_lost_are_refused_by_column(column: str, value: Any) -> None:
+    """They counted as missing: an area was active for ever, or at all heights."""
+    frame = one_area(**{column: pd.Series([value], dtype=object)})
+    with pytest.raises(InvalidInput, match=rf"areas.iloc\[0\]: {column}[.\[\]\w]*: (must|is)"):
+        solve([], frame)
+
+
+@pytest.mark.parametrize(
+    ("value", "kept"),
+    [
+        (Decimal("0.25"), 0.25),
+        (pd.Timedelta("1D 2h"), "PT93600S"),
+        (np.timedelta64(1500, "ms"), "PT1.5S"),
+        (pd.Period("2026-06"), "2026-06"),
+        (date(2026, 6, 1), "2026-06-01"),
+        (pd.Timestamp("2026-06-01 08:00"), "2026-06-01T08:00:00"),
+        ({"b", "a"}, ["a", "b"]),
+        (b"\x01", "01"),
+        (shapely.Point(1, 2), "POINT (1 2)"),
+        ({"a": np.array([[1, 2]]), "b": None}, {"a": [[1, 2]], "b": None}),
+        (pd.Interval(1, 2), "(1, 2]"),
+        (pd.Categorical(["x"])[0], "x"),
+        (range(2), [0, 1]),
+    ],
+)
+def test_other_columns_are_kept_as_properties(value: Any, kept: Any) -> None:
+    frame = one_area(colour=pd.Series([value], dtype=object))
+    (area,) = from_frames.areas_of(frame, Scene("s"), TimeZone(None))
+    assert area.properties == {"colour": kept}
+
+
+@pytest.mark.parametrize(
+    ("frame", "said"),
+    [
+        (one_area(tolerances=[{}]), "areas: tolerances: is a field of Area or Track"),
+        (one_area(object_class=["ferry"]), "areas: object_class: is a field of Area or Track.*: class"),
+        (one_area(start=["x"]).set_index(["id", "start"]), "areas: start: is in the index"),
+        (one_area(end=["x"], at=["y"]).rename(columns={"at": "end"}), "areas: end: is the name of several columns"),
+    ],
+)
+def test_columns_that_would_be_lost_are_refused(frame: Any, said: str) -> None:
+    with pytest.raises(InvalidInput, match=said):
+        solve([], frame)
+
+
+def test_a_haven_fills_in_each_size_that_is_missing() -> None:
+    """A row with some sides was refused, although a haven was given."""
+    short = one_track(aft_m=[np.nan], grow_mps=[0.5])
+    (track,) = from_frames.tracks_of(short, Scene("s"), {"fore_m": 1.0, "aft_m": 300.0}, TimeZone(None))
+    assert track.outline_m[:, 1].min() == -300.0
+    assert track.outline_m[:, 1].max() == HAVEN["fore_m"]
+    bare = one_track(**dict.fromkeys(HAVEN), grow_mps=[0.5])
+    (track,) = from_frames.tracks_of(bare, Scene("s"), HAVEN, TimeZone(None))
+    assert track.grow_mps == 0.5
+
+
 # Calls of MovingPandas to itself.
 ITS_OWN = pytest.mark.filterwarnings("ignore:The inplace keyword")
 
@@ -329,6 +460,15 @@ def test_trajectories_need_a_zone_a_size_and_a_system(movingpandas: Any) -> None
     with pytest.raises(InvalidInput, match="track 'E': fore_m: is missing"):
         solve(bare, area, time_zone="UTC")
     assert solve(bare, area, haven=HAVEN, time_zone="UTC") == solve(collection, area, time_zone="UTC")
+    changing = fixes().assign(fore_m=[60, 70] * 7, floor_m=[-5.0, -9.0] * 7, ceiling_m=[np.nan, 3.0] * 7)
+    (first, _) = from_frames.tracks_of(
+        movingpandas.TrajectoryCollection(changing, "ship"), Scene("s"), {}, TimeZone("UTC")
+    )
+    assert first.outline_m[:, 1].max() == 70.0
+    assert (first.floor_m, first.ceiling_m) == (-9.0, None)
+    classes = movingpandas.TrajectoryCollection(fixes().assign(**{"class": ["a", "b"] * 7}), "ship")
+    with pytest.raises(InvalidInput, match="trajectory 'E': class: differs between fixes"):
+        solve(classes, area, time_zone="UTC")
     with pytest.warns(UserWarning, match="CRS"):
         nowhere = movingpandas.TrajectoryCollection(fixes().set_crs(None, allow_override=True), "ship", crs=None)
     with pytest.raises(InvalidInput, match="trajectory 'E': has no reference system"):
