@@ -59,8 +59,9 @@ def psql(args: argparse.Namespace) -> int:
     if found is not None:
         _exec_psql(found, dsn, args.arguments)
     remark(
-        "there is no psql on this machine (Debian, Ubuntu: sudo apt-get install postgresql-client);"
-        " any other client takes what `conflictdb server dsn` prints"
+        f"there is no psql on this machine{' that only root can change' if os.geteuid() == 0 else ''}"
+        " (Debian, Ubuntu: sudo apt-get install postgresql-client); any other client takes"
+        " what `conflictdb server dsn` prints"
     )
     return FAILED
 

@@ -19,10 +19,12 @@ import logging
 import os
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
+from conflictdb.errors import ServerError
 from conflictdb.server.cluster import Cluster, ServerStatus
 from conflictdb.server.configuration import ADMINISTRATOR
 from conflictdb.server.discovery import Psql, psql_of
@@ -155,7 +157,11 @@ def stop_holder(
 
 def find_psql(server: EmbeddedServer | None = None, *, settings: Settings | None = None) -> Psql | None:
     """Return the psql beside a server's programs, else any on this machine; None without one."""
-    return psql_of(_settings(None, settings), server.programs() if server else None)
+    programs = None
+    if server is not None:
+        with suppress(ServerError):  # started by settings that this process lacks
+            programs = server.programs()
+    return psql_of(_settings(None, settings), programs)
 
 
 def status(home: Path | None = None, *, settings: Settings | None = None) -> ServerStatus:

@@ -22,7 +22,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -134,9 +134,9 @@ class Cluster:
         return configuration.dsn(self._postmaster()[2], user)
 
     def programs(self) -> Path:
-        """Return the directory of the running server's programs."""
-        command = (self.data / "postmaster.opts").read_text()
-        return Path(command.partition(' "')[0]).parent
+        """Return the directory of programs for the data, as a start finds it: files of the account do not name it."""
+        settings = replace(self.settings, download=False)
+        return find_server(settings, self._account, self._data_major(), self._say).bin
 
     def _prepare_home(self) -> None:
         """Create the home of a new cluster; refuse a directory with other files."""
@@ -154,17 +154,27 @@ class Cluster:
             foreign = home.stat().st_uid not in (0, account.uid)
             if foreign:
                 raise ServerError(f"{home} does not belong to user {account.name}, who runs the server") from None
-        if home.stat().st_uid != account.uid:
-            os.chown(home, account.uid, account.gid)
-        if stat.S_IMODE(home.stat().st_mode) != 0o700:
-            home.chmod(0o700)
+        opened = os.open(home.resolve(), os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+        try:
+            state = os.fstat(opened)
+            if state.st_uid != account.uid:
+                os.fchown(opened, account.uid, account.gid)
+            if stat.S_IMODE(state.st_mode) != 0o700:
+                os.fchmod(opened, 0o700)
+        finally:
+            os.close(opened)
 
     @contextmanager
     def _locked(self) -> Iterator[int]:
-        lock = os.open(self.home / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        path, create = self.home / "lock", os.O_CREAT
+        if self._account.switch:  # root neither creates files in a directory of another account nor gives them away
+            create = 0
+            if not path.exists():
+                self._account.run(["/bin/sh", "-c", 'umask 077 && : >>"$1"', "sh", path], os.environ)
+                if not path.exists():
+                    raise self._out_of_reach()
+        lock = os.open(path, os.O_RDWR | create | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
         try:
-            if os.fstat(lock).st_uid != self._account.uid and os.fstat(lock).st_nlink == 1:
-                os.fchown(lock, self._account.uid, self._account.gid)
             fcntl.flock(lock, fcntl.LOCK_EX)
             yield lock
         finally:
@@ -178,9 +188,16 @@ class Cluster:
         pid = self._postmaster()[0]
         if pid is not None:
             # Its supervisor was killed: nothing would stop it, and its users are unknown.
-            os.kill(pid, signal.SIGINT)
+            self._interrupt(pid)
             self._wait(lambda: self._postmaster()[0] is None, "the old server does not stop")
         return None
+
+    def _interrupt(self, pid: int) -> None:
+        """Send SIGINT as the account: a file of it named the process."""
+        if self._account.switch:
+            self._account.run(["/bin/sh", "-c", 'kill -INT "$1"', "sh", str(pid)], os.environ)
+        else:
+            os.kill(pid, signal.SIGINT)
 
     def _opened_alive(self) -> int | None:
         try:
@@ -236,33 +253,34 @@ class Cluster:
     def _start(self, command: str, lock: int) -> int:
         account = self._account
         if account.switch and account.run(["/bin/sh", "-c", 'cd "$1"', "sh", self.home], os.environ).returncode:
-            raise ServerError(
-                f"user {account.name}, who runs the server, cannot reach {self.home}: set CONFLICTDB_HOME to a"
-                " directory that others may pass through, such as one below /var/lib"
-            )
+            raise self._out_of_reach()
         server = find_server(self.settings, account, self._data_major(), self._say)
         self._say(f"embedded database: {server}, data in {self.home}")
         if not self.data.exists():
             self._initialise(server, lock)
-        (self.data / "postmaster.pid").unlink(missing_ok=True)
         log = self.home / "server.log"
-        if log.exists() and log.stat().st_size > _LARGEST_LOG_BYTES:
+        log_from = log.lstat().st_size if os.path.lexists(log) else 0
+        if log_from > _LARGEST_LOG_BYTES:
             log.replace(self.home / "server.log.old")
-        log_from = log.stat().st_size if log.exists() else 0
+            log_from = 0
         alive = self._launch(server)
         if self._entered(alive, command):
             return alive
-        with log.open("rb") as file:
-            file.seek(log_from)
-            said = file.read().decode(errors="replace").strip().splitlines()
+        said = self._read("server.log", log_from).splitlines()
         raise ServerError("\n".join([f"{server} does not start; the end of {log}:", *said[-15:]]))
+
+    def _out_of_reach(self) -> ServerError:
+        return ServerError(
+            f"user {self._account.name}, who runs the server, cannot reach {self.home}: set CONFLICTDB_HOME to a"
+            " directory that others may pass through, such as one below /var/lib"
+        )
 
     def _data_major(self) -> int | None:
         """Return the major version of the data directory, None if there is none yet."""
         if not self.data.exists():
             return None
         try:
-            return int((self.data / "PG_VERSION").read_text())
+            return int(self._account.text_of(self.data / "PG_VERSION"))
         except (FileNotFoundError, ValueError):
             raise ServerError(f"{self.data} is no PostgreSQL data directory: move it away") from None
 
@@ -356,20 +374,31 @@ class Cluster:
     def _postmaster(self) -> tuple[int | None, str, str]:
         """Return process, state and socket directory of the server, (None, "", "") if none runs."""
         try:
-            lines = (self.data / "postmaster.pid").read_text().splitlines()
+            lines = self._account.text_of(self.data / "postmaster.pid").splitlines()
             pid = int(lines[0])
         except (FileNotFoundError, ValueError, IndexError):
             return None, "", ""
-        if not _is_server_of(pid, self.data):
+        if pid <= 0 or not _is_server_of(pid, self.data):
             return None, "", ""
-        return pid, lines[7].strip() if len(lines) > 7 else "starting", lines[4] if len(lines) > 4 else ""
+        sockets = lines[4] if len(lines) > 4 else ""
+        if sockets and not self._is_socket_directory(Path(sockets)):
+            raise ServerError(f"{self.data / 'postmaster.pid'} names {sockets}, no directory of {self._account.name}")
+        return pid, lines[7].strip() if len(lines) > 7 else "starting", sockets
+
+    def _is_socket_directory(self, place: Path) -> bool:
+        """Return whether clients may look for the socket there: the name of a host would be asked over the network."""
+        try:
+            state = place.lstat()
+        except OSError:
+            return False
+        return place.is_absolute() and stat.S_ISDIR(state.st_mode) and state.st_uid == self._account.uid
 
     def _described(self) -> str:
         return self._read("description") or "PostgreSQL"
 
-    def _read(self, name: str) -> str:
+    def _read(self, name: str, start: int = 0) -> str:
         try:
-            return (self.home / name).read_text().strip()
+            return self._account.text_of(self.home / name, start).strip()
         except FileNotFoundError:
             return ""
 

@@ -16,7 +16,7 @@ from typing import Final
 
 from conflictdb.errors import ServerError
 from conflictdb.server import packages
-from conflictdb.server.account import Account
+from conflictdb.server.account import Account, is_safe_program
 from conflictdb.server.options import Settings
 from conflictdb.server.packages import FetchError, Tree
 
@@ -91,13 +91,16 @@ class Psql:
 
 
 def psql_of(settings: Settings, programs: Path | None) -> Psql | None:
-    """Return psql from the directory of a server's programs, else from PATH, the machine's servers, or the cache."""
+    """Return psql from the directory of a server's programs, else from PATH, the machine's servers, or the cache.
+
+    Root passes over programs that another account can change.
+    """
     places = [programs] if programs else []
     places += [Path(place) for place in os.get_exec_path()]
     places += [directory for place in PLACES for directory in _matching(place)]
     places += [tree.bin for tree in packages.unpacked_trees(settings.cache) if tree.bin]
     for directory in places:
-        if os.access(directory / "psql", os.X_OK):
+        if os.access(directory / "psql", os.X_OK) and is_safe_program(directory / "psql"):
             tree = packages.tree_of(directory)
             return Psql(directory / "psql", tree.environ if tree else {})
     return None

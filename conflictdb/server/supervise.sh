@@ -12,7 +12,7 @@ cd "$home" || exit 1
 umask 077
 trap '' HUP INT QUIT
 exec 3<&0 </dev/null >>server.log 2>&1
-rm -f held joined server.pid
+rm -f held joined server.pid data/postmaster.pid
 printf '%s\n' "$description" >description
 
 {

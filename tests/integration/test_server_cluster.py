@@ -26,7 +26,8 @@ from patience import killed_after
 
 from conflictdb import connect, server
 from conflictdb.errors import ServerError
-from conflictdb.server.account import account_for
+from conflictdb.server.account import account_for, is_safe_program
+from conflictdb.server.cluster import Cluster
 
 #: Seconds for something that takes milliseconds on an idle machine.
 PATIENCE_S = 60.0
@@ -439,6 +440,109 @@ def test_home_out_of_reach_of_its_account_is_said() -> None:
     """As root, a home below a private directory is refused with the reason."""
     with tempfile.TemporaryDirectory() as private, pytest.raises(ServerError, match=r"cannot reach .* CONFLICTDB_HOME"):
         server.embedded(Path(private, "home"))
+
+
+as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root serves another account")
+
+
+def foreign(path: Path, text: str = "", *, like: Path) -> Path:
+    """Write a file of the account that owns another path."""
+    path.write_text(text)
+    path.chmod(0o755)
+    os.chown(path, like.stat().st_uid, like.stat().st_gid)
+    return path
+
+
+@as_root
+def test_root_runs_no_program_that_the_account_names(home: Path, places: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The server's notes are files of its account, and so may be programs on the search path."""
+    evil = places / "evil"
+    evil.mkdir(exist_ok=True)
+    foreign(evil / "psql", "#!/bin/sh\n", like=home)
+    monkeypatch.setenv("PATH", f"{evil}:{os.environ['PATH']}")
+    with server.embedded(home) as embedded:
+        foreign(home / "data/postmaster.opts", f'{evil}/postgres "-D" "{home}/data"\n', like=home)
+        found = server.find_psql(embedded)
+    assert found is not None
+    assert found.path.resolve().stat().st_uid == 0
+    assert evil not in found.path.parents
+    shutil.rmtree(evil)
+
+
+@as_root
+@pytest.mark.parametrize("kind", ["file", "directory", "above", "link"])
+def test_root_runs_only_programs_of_root(places: Path, kind: str) -> None:
+    """A program, a directory on its path and a link to it may each belong to another account."""
+    account = account_for(places / "new")
+    folder = places / f"programs-{kind}" / "bin"
+    folder.mkdir(parents=True)
+    program = folder / "psql"
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    assert is_safe_program(program)
+    if kind == "link":
+        other = places / "programs-other"
+        other.mkdir(mode=0o755)
+        (other / "psql").symlink_to(program)
+        os.chown(other, account.uid, account.gid)
+        program = other / "psql"
+    else:
+        os.chown({"file": program, "directory": folder, "above": folder.parent}[kind], account.uid, account.gid)
+    assert not is_safe_program(program)
+
+
+@as_root
+@pytest.mark.parametrize("kind", ["link", "fifo", "root"])
+def test_root_reads_only_files_of_the_account(home: Path, places: Path, kind: str) -> None:
+    """A link would show a file of root, and a FIFO would stop it for ever."""
+    secret = places / f"secret-{kind}"
+    secret.write_text("hidden\n")
+    with server.embedded(home) as embedded:
+        file = home / "description"
+        file.unlink()
+        if kind == "link":
+            file.symlink_to(secret)
+        elif kind == "fifo":
+            os.mkfifo(file)
+        else:
+            shutil.copy(secret, file)
+        assert embedded.status().description == "PostgreSQL"
+
+
+@as_root
+def test_root_asks_no_host_that_the_account_names(home: Path) -> None:
+    """The directory of the socket comes from a file of the account; the name of a host would reach the network."""
+    with server.embedded(home) as embedded:
+        lines = (home / "data/postmaster.pid").read_text().splitlines()
+        for place in ("elsewhere.example", "/var/run", "@abstract"):
+            foreign(home / "data/postmaster.pid", "\n".join([*lines[:4], place, *lines[5:]]) + "\n", like=home)
+            with pytest.raises(ServerError, match=f"names {place}, no directory of"):
+                embedded.status()
+        foreign(home / "data/postmaster.pid", "\n".join(lines) + "\n", like=home)
+
+
+@as_root
+def test_root_interrupts_only_processes_of_the_account(home: Path) -> None:
+    """The file that names the server's process may name one of root whose arguments have the data directory."""
+    data = str((home / "data").resolve())
+    with subprocess.Popen(["/bin/sh", "-c", "sleep 60 & wait", data]) as mine:
+        text = f"{mine.pid}\n{data}\n1700000000\n5432\n{home}\n\n\nready\n"
+        foreign(home / "data/postmaster.pid", text, like=home)
+        Cluster(server.Settings(home, home), durable=False, say=print)._interrupt(mine.pid)
+        with pytest.raises(subprocess.TimeoutExpired):
+            mine.wait(0.5)
+        mine.kill()
+
+
+@as_root
+def test_root_gives_no_file_away(home: Path, places: Path) -> None:
+    """The lock of a home may be a file of root that the account put there by a name: it keeps its owner."""
+    lock = home / "lock"
+    lock.unlink(missing_ok=True)
+    lock.touch()
+    with server.embedded(home) as embedded:
+        assert query(embedded.dsn, "SELECT 1") == 1
+    assert lock.stat().st_uid == 0
 
 
 def test_its_everyday_user_is_no_superuser(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
