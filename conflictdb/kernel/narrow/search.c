@@ -150,13 +150,13 @@ static void state_errors(Encounter *pair, Found *found) {
     found->end_error = uncertain_s(pair, found, found->end, found->last);
 }
 
-/* Whether a contact is within the span, not only at the excluded instant at its end. */
+/* Whether a contact is within the span, not only at the excluded instant at its end. One instant in contact before that
+ * is enough; the clearance at the end is not known better than to rounding. */
 static bool is_within_span(Encounter *pair, const Found *found, double beyond) {
     if (!(found->start > 0.0 && found->end >= beyond)) return true;
-    /* Only the start of the contact matters: one that lasts since the span began is within it. */
-    double then = clearance(pair, beyond), begins = crossing_between(clearance, pair, 0.0, found->start, beyond).inner;
-    if (then <= 0.0 && begins < beyond - END_RESOLUTION_S) return true;
-    return then < -encounter_certainty_margin_m(pair);
+    double level = most(clearance(pair, found->first), 0.0);
+    if (crossing_between(clearance, pair, level, found->start, found->first).inner < beyond - END_RESOLUTION_S) return true;
+    return clearance(pair, beyond) < -encounter_certainty_margin_m(pair);
 }
 
 /* Whether the pair is nowhere deep enough to be in conflict.
