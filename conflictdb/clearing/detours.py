@@ -16,6 +16,7 @@ from conflictdb.model import inputs
 from conflictdb.model.methods import Method
 from conflictdb.model.plans import Area, Motion, Scene, Track
 from conflictdb.model.proposals import Detour, NewWaypoints
+from conflictdb.stages.world import Reach
 
 # Ways that are tried on each leg: where on it the waypoints are, and how far aside, by the limit.
 _PLACES: Final = ((0.5,), (0.25,), (0.75,), (0.1, 0.9), (0.25, 0.75), (0.02, 0.98))
@@ -53,7 +54,7 @@ def detours(
     most_m = inputs.reach_m("detours", "most_m", most_m)
     later_s = inputs.seconds("detours", "later_s", later_s)
     areas = questions.each("detours", "areas", areas, Area)
-    setup, _, _, _, known = questions.numbered("detours", tracks, areas, scene, round(1e6 * later_s))
+    setup, _, _, _, known = questions.numbered("detours", tracks, areas, scene, Reach(later_us=round(1e6 * later_s)))
     scene = replace(setup.scene, method=Method.EXACT, nearest_m=0.0)
     planned = {track.key: track for track in known}
     if key not in planned:

@@ -23,6 +23,7 @@ from conflictdb.model.proposals import Goal, Left, Move, NewWaypoints, Proposal
 from conflictdb.model.recurring_plans import later, require_one_voyage
 from conflictdb.stages.at_any_time import AnyTime
 from conflictdb.stages.delays import differences_of
+from conflictdb.stages.world import Reach
 
 _Ints = NDArray[np.int64]
 Pairs = frozenset[tuple[str, str]]
@@ -139,7 +140,7 @@ def resolve(
     limits = ProposalLimits.of(within_s, now, slowest, fastest, aside_m, goal, limit_s)
     areas = questions.each("resolve", "areas", areas, Area)
     setup, pieces, key_of, _, known = questions.numbered(
-        "resolve", tracks, areas, scene, limits.within_us, limits.slowest
+        "resolve", tracks, areas, scene, Reach(limits.within_us, limits.within_us, limits.slowest)
     )
     scene = replace(setup.scene, method=Method.EXACT, nearest_m=0.0)
     planned = {track.key: track for track in known}

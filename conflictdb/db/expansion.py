@@ -36,7 +36,8 @@ def expand(conn: psycopg.Connection[Any], scene: str, say: store.Say, now_us: in
                 store.store_window(conn, scene_id, None)
             return
         now_us = time.time_ns() // 1000 if now_us is None else now_us
-        window = window_over(now_us, known.horizon_days, [] if known.voyages is None else [known.voyages], known.window)
+        voyages = [] if known.voyages is None else [(known.voyages[0], known.voyages[1] + 1)]
+        window = window_over(now_us, known.horizon_days, voyages, known.window)
         objects = store.scheduled(conn, scene_id, only_waiting=window == known.window)
         expanded = [_expanded(one, window) for one in objects]
         errors = [error for _, error in expanded]

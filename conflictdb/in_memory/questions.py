@@ -1,5 +1,6 @@
 """Run the stages on objects in memory (`solve`, `delays`, `speeds`, `chances`): no database, the same answer."""
 
+import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import tzinfo
@@ -12,12 +13,12 @@ from conflictdb.arrays.answers import Conflicts
 from conflictdb.arrays.object_numbers import kinds_and_ids, numbers_of
 from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
-from conflictdb.earth.registry import Setup, centred
+from conflictdb.earth.registry import Setup
 from conflictdb.errors import InvalidInput
 from conflictdb.formats import from_frames
 from conflictdb.model import inputs
-from conflictdb.model.plans import Area, Scene, Track, check_datums, check_keys
-from conflictdb.model.recurring_plans import expanded, require_one_voyage
+from conflictdb.model.plans import Area, Scene, Track
+from conflictdb.model.recurring_plans import require_one_voyage
 from conflictdb.model.results import Chances, Conflict, Delays, Kind, Results, Speeds
 from conflictdb.stages import speeds as stage_of_speeds
 from conflictdb.stages.at_any_time import AnyTime
@@ -26,12 +27,11 @@ from conflictdb.stages.funnel import Funnel
 from conflictdb.stages.margins import least_distances
 from conflictdb.stages.memory import DEFAULT_MEMORY
 from conflictdb.stages.object_pairs import chunks_of_objects, object_numbers
-from conflictdb.stages.pieces.covers import pieces_of
-from conflictdb.stages.pieces.cutting import check_plane
 from conflictdb.stages.run import run_scene
 from conflictdb.stages.source import Chunk
 from conflictdb.stages.stage1_broad_phase import candidates
 from conflictdb.stages.to_results import to_results
+from conflictdb.stages.world import AS_PLANNED, Occupied, Reach, World, occupy
 
 if TYPE_CHECKING:
     import geopandas
@@ -76,12 +76,12 @@ def solve(
         raise InvalidInput("solve", "scene", f"must be a Scene, or absent; got {scene!r:.60}")
     scene = scene or Scene("in memory")
     tracks, areas = _objects(tracks, areas, scene, haven, time_zone)
-    setup, tracks, areas = _prepared(scene, tracks, areas)
-    named = {(Kind.AREA.code, n): (area.key, area.name) for n, area in enumerate(areas)}
-    named |= {(Kind.TRACK.code, n): (track.key, track.name) for n, track in enumerate(tracks)}
-    objects: list[Area | Track] = [*areas, *tracks]
+    setup, occupied = _prepared(scene, tracks, areas)
+    named = {(Kind.AREA.code, n): (area.key, area.name) for n, area in enumerate(occupied.areas)}
+    named |= {(Kind.TRACK.code, n): (track.key, track.name) for n, track in enumerate(occupied.tracks)}
+    objects: list[Area | Track] = [*occupied.areas, *occupied.tracks]
     origin = Objects(setup.scene, {one.key: one for one in objects})
-    found = Conflicts.concatenate([conflicts for conflicts, _ in _run(setup, areas, tracks)])
+    found = Conflicts.concatenate([conflicts for conflicts, _ in _run(setup, occupied)])
     rows = to_results(setup.scene, named, found)
     return Results((conflict.found_by(origin) for conflict in rows), Conflict)
 
@@ -126,7 +126,7 @@ def delays(
     # The answer is the one that a detection stores.
     stored_us = round(1e6 * scene.delays_within_s) if isinstance(scene, Scene) else 0
     solved_us = max(horizon_us, stored_us)
-    setup, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene, solved_us)
+    setup, pieces, keys, numbers, tracks = numbered("delays", tracks, areas, scene, Reach.either(solved_us))
     scene = setup.scene
     if waypoint is not None:
         number, times_us = _one_track("delays", "waypoint", scene, keys, numbers, tracks, key)
@@ -210,7 +210,7 @@ def speeds(
         planned, and earlier or later.
     """
     slowest, fastest = limits(slowest, fastest)
-    setup, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene, slowest=slowest)
+    setup, pieces, keys, numbers, tracks = numbered("speeds", tracks, areas, scene, Reach(slowest=slowest))
     scene = setup.scene
     _require_one_time("speeds", scene)
     require_one_voyage("speeds", "key", tracks if key is None else [track for track in tracks if track.key == key])
@@ -315,21 +315,30 @@ def chances(
     from conflictdb.stages import chances as stage  # not above: it brings scipy
     from conflictdb.stages.chances_at_speeds import UncertainPlan, chances_at_speeds
 
-    setup, pieces, keys, numbers, plans = numbered("chances", tracks, areas, scene)
-    scene = setup.scene
-    known: dict[str, dict[int, stage.Uncertain]] = {"departures": {}, "speeds": {}}
+    uncertain: dict[str, dict[str, stage.Uncertain]] = {"departures": {}, "speeds": {}}
     for name, each_of, unit, least, most in (
         ("departures", departures, "delays in seconds", -_LATEST_S, _LATEST_S),
         ("speeds", speeds, "factors", 1.0 / MOST_FACTOR, MOST_FACTOR),
     ):
         for key, given in _by_key(name, each_of).items():
-            [number] = _known(scene, keys, numbers, [key]).tolist()
             try:
-                known[name][number] = stage.Uncertain.of(given, least, most)
+                uncertain[name][key] = stage.Uncertain.of(given, least, most)
             except (TypeError, ValueError):
                 rule = f"must be norm or uniform of scipy.stats, with their parameters, or finite {unit}"
                 limits = f"from {least:g} to {most:g}"
                 raise InvalidInput("chances", f"{name}[{key!r}]", f"{rule}, {limits}; got {given!r:.60}") from None
+    least_s, most_s = ([getattr(one, end) for one in uncertain["departures"].values()] for end in ("low", "high"))
+    reach = Reach(
+        math.ceil(-1e6 * min([0.0, *least_s])),
+        math.ceil(1e6 * max([0.0, *most_s])),
+        min([1.0, *(one.low for one in uncertain["speeds"].values())]),
+    )
+    setup, pieces, keys, numbers, plans = numbered("chances", tracks, areas, scene, reach)
+    scene = setup.scene
+    known = {
+        name: {int(_known(scene, keys, numbers, [key])[0]): one for key, one in some.items()}
+        for name, some in uncertain.items()
+    }
     tail = sum(one.tail for some in known.values() for one in some.values())
     placed = AnyTime.of(pieces)
     if known["speeds"]:
@@ -365,29 +374,22 @@ def _by_key(name: str, given: Any) -> Mapping[str, Any]:
 
 
 def numbered(
-    what: str,
-    tracks: Iterable[Track],
-    areas: Iterable[Area],
-    scene: Scene | None,
-    more_us: int = 0,
-    slowest: float = 1.0,
+    what: str, tracks: Iterable[Track], areas: Iterable[Area], scene: Scene | None, reach: Reach = AS_PLANNED
 ) -> tuple[Setup, Pieces, dict[int, str], NDArray[np.int64], list[Track]]:
     """Return the setup and the pieces, the keys of all objects by number, the numbers of tracks, and these.
 
-    more_us, slowest : how much earlier, later or slower than planned tracks may be: schedules are expanded as far
+    reach : how far the question moves tracks
     """
     if not isinstance(scene, Scene | None):
         raise InvalidInput(what, "scene", f"must be a Scene, or absent; got {scene!r:.60}")
-    known = each(what, "tracks", tracks, Track)
-    longest_us = max((int(track.times_us[-1] - track.times_us[0]) for track in known), default=0)
-    more_us += round(max(1.0 / slowest - 1.0, 0.0) * longest_us)
-    setup, known, areas = _prepared(scene or Scene("in memory"), known, each(what, "areas", areas, Area), more_us)
-    pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(known))
+    given = each(what, "tracks", tracks, Track), each(what, "areas", areas, Area)
+    setup, occupied = _prepared(scene or Scene("in memory"), *given, reach)
+    known = occupied.tracks
     numbers = numbers_of(np.full(len(known), Kind.TRACK.code), np.arange(len(known)))
-    keys = dict(enumerate(area.key for area in areas)) | dict(
+    keys = dict(enumerate(area.key for area in occupied.areas)) | dict(
         zip(numbers.tolist(), (track.key for track in known), strict=True)
     )
-    return setup, pieces, keys, numbers, known
+    return setup, occupied.pieces, keys, numbers, known
 
 
 def _known(
@@ -412,31 +414,26 @@ def _several(key: Any) -> Collection[str]:
 
 
 def _prepared(
-    scene: Scene, tracks: list[Track], areas: list[Area], more_us: int = 0
-) -> tuple[Setup, list[Track], list[Area]]:
+    scene: Scene, tracks: list[Track], areas: list[Area], reach: Reach = AS_PLANNED
+) -> tuple[Setup, Occupied]:
     """Return the setup of a scene with a centre, and its objects in the order of their keys; raises InvalidInput."""
-    check_keys([area.key for area in areas] + [track.key for track in tracks])
-    check_datums(scene, [*areas, *tracks])
-    areas, tracks = expanded(areas, tracks, scene, more_us=more_us)
-    setup = Setup.of(centred(scene, areas, tracks))
-    check_plane(setup.plane, areas, tracks)
     # Numbered by key, as in the database: the answer does not depend on the order of the objects.
     areas = sorted(areas, key=lambda area: area.key.encode())
     tracks = sorted(tracks, key=lambda track: track.key.encode())
-    return setup, tracks, areas
+    world = World.of(scene, areas, tracks, reach=reach)
+    return world.setup, occupy(world, areas, tracks, warns=True)
 
 
 def counts(scene: Scene, areas: list[Area], tracks: list[Track]) -> Funnel:
     """Return what the stages count on the objects of a stored scene."""
     total = Funnel()
-    for _, funnel in _run(Setup.of(scene), areas, tracks):
+    for _, funnel in _run(Setup.of(scene), occupy(World(Setup.of(scene)), areas, tracks, is_lenient=True)):
         total.add(funnel)
     return total
 
 
-def _run(setup: Setup, areas: list[Area], tracks: list[Track]) -> Iterator[tuple[Conflicts, Funnel]]:
-    batches = AreaBatch.of(areas), TrackBatch.of(tracks)
-    return run_scene(setup, _InMemory(pieces_of(setup, *batches), *batches, setup.scene.longest_time_us))
+def _run(setup: Setup, occupied: Occupied) -> Iterator[tuple[Conflicts, Funnel]]:
+    return run_scene(setup, _InMemory(occupied.pieces, *occupied.batches, setup.scene.longest_time_us))
 
 
 class Objects:

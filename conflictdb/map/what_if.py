@@ -24,6 +24,7 @@ from conflictdb.model.plans import Area, Scene, Track
 from conflictdb.model.tolerances import windows_later
 from conflictdb.stages.object_pairs import object_numbers
 from conflictdb.stages.pieces.covers import COVER
+from conflictdb.stages.world import Reach
 
 _LENGTH: Final = struct.Struct("<I")
 # Arrays begin at multiples of this, as typed arrays must.
@@ -60,7 +61,7 @@ def packed(scene: Scene, areas: list[Area], tracks: list[Track], moved: Containe
     refusal = _refusal(scene)
     if refusal is not None:
         return _with_head({"refusal": refusal}, {})
-    setup, pieces, keys, _, _ = numbered("what if", tracks, areas, scene, _MOST_LATER_US)
+    setup, pieces, keys, _, _ = numbered("what if", tracks, areas, scene, Reach.either(_MOST_LATER_US))
     number = object_numbers(pieces)
     pieces = pieces.take(np.lexsort((-pieces.turn, pieces.part, number)))
     _, owner = np.unique(pieces.owner_number, return_inverse=True)

@@ -1,11 +1,9 @@
 """Expand schedules of areas and tracks to activations, as far as a horizon; `Schedule` expands one.
 
-In memory: `expanded`. In a database: db/expansion.py, with `area_spans` and `track_departures`.
+In memory: stages/world.py. In a database: db/expansion.py, with `area_spans` and `track_departures`.
 """
 
-import time
-import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Any, Final, TypeVar
@@ -14,11 +12,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from conflictdb.errors import IncompleteWarning, InvalidInput
+from conflictdb.errors import InvalidInput
 from conflictdb.model.activations import INFINITY_US, MINUS_INFINITY_US, departures_of
 from conflictdb.model.inputs import all_certain, certain
-from conflictdb.model.plans import MAX_INSTANT_US, MIN_INSTANT_US, Area, Scene, Track
-from conflictdb.model.tolerances import tolerances_of, windows_later
+from conflictdb.model.plans import MAX_INSTANT_US, MIN_INSTANT_US, Area, Track
+from conflictdb.model.tolerances import windows_later
 
 Window = tuple[int, int]
 _One = TypeVar("_One", Area, Track)
@@ -27,9 +25,10 @@ _DAY_US: Final = 86_400_000_000
 _MOST_NAMED: Final = 3
 
 
-def window_over(now_us: int, horizon_days: float, voyages: Iterable[Window], known: Window | None = None) -> Window:
-    """Return the time [start, end) for which schedules are expanded: from today to the horizon, and over all voyages.
+def window_over(now_us: int, horizon_days: float, times: Iterable[Window], known: Window | None = None) -> Window:
+    """Return the time [start, end) for which schedules are expanded: from today to the horizon, and over other times.
 
+    times : [start, end) of all voyages, as far as they may touch anything
     known : the window so far, which the new one contains. Its end moves only when a tenth of the horizon has passed
     """
     today_us = now_us // _DAY_US * _DAY_US
@@ -38,50 +37,10 @@ def window_over(now_us: int, horizon_days: float, voyages: Iterable[Window], kno
     starts, ends = [today_us if known is None else known[0]], [ahead_us if known is None else known[1]]
     if known is not None and known[1] < now_us + 0.9 * horizon_us:
         ends.append(ahead_us)
-    for first_us, last_us in voyages:
-        starts.append(first_us)
-        ends.append(last_us + 1)
+    for start_us, end_us in times:
+        starts.append(start_us)
+        ends.append(end_us)
     return max(min(starts), MIN_INSTANT_US), min(max(ends), MAX_INSTANT_US)
-
-
-def _voyages(tracks: Iterable[Track], within_us: int) -> Iterator[Window]:
-    """Yield when each track may meet others: from its first departure to its last arrival, and `within_us` around."""
-    for track in tracks:
-        departs = track.departures_us if track.departures_us is not None else (int(track.times_us[0]),)
-        if not departs or track.schedule is not None:
-            continue
-        first_us, last_us = departs[0], departs[-1] + int(track.times_us[-1] - track.times_us[0])
-        if track.tolerances is not None:
-            limits = tolerances_of(f"track {track.key!r}", track.tolerances, track.times_us)
-            first_us = min(first_us, int(limits.departure_us[0]))
-            last_us = max(last_us, limits.latest_arrival_us(track.positions_deg, track.times_us))
-        yield first_us - within_us, last_us + within_us
-
-
-def expanded(
-    areas: list[Area], tracks: list[Track], scene: Scene, now_us: int | None = None, more_us: int = 0
-) -> tuple[list[Area], list[Track]]:
-    """Return areas and tracks with the activations of their schedules; raises InvalidInput.
-
-    Issues an IncompleteWarning for schedules without an activation.
-
-    now_us : today, for the window; None: by the clock
-    more_us : how much earlier or later voyages are asked about
-    """
-    items: list[Area | Track] = [*areas, *tracks]
-    if all(one.schedule is None for one in items):
-        return areas, tracks
-    window = window_over(
-        time.time_ns() // 1000 if now_us is None else now_us,
-        scene.horizon_days,
-        _voyages(tracks, scene.longest_time_us + more_us),
-    )
-    areas, tracks = [expanded_area(area, window) for area in areas], [expanded_track(track, window) for track in tracks]
-    idle = [f"area {one.key!r}" for one in areas if one.schedule is not None and not one.spans_us]
-    idle += [f"track {one.key!r}" for one in tracks if one.schedule is not None and not one.departures_us]
-    if idle:
-        warnings.warn(idle_text(idle, window), IncompleteWarning, stacklevel=2)
-    return areas, tracks
 
 
 def later(one: _One, by_us: int) -> _One:

@@ -13,20 +13,18 @@ from numpy.typing import NDArray
 
 from conflictdb import kernel
 from conflictdb.arrays import Floats
-from conflictdb.arrays.objects import AreaBatch, TrackBatch
 from conflictdb.arrays.pieces import PieceRows, Pieces
 from conflictdb.earth.plane import Plane
-from conflictdb.earth.registry import Setup, centred
 from conflictdb.kernel.meeting import distances
 from conflictdb.model.plans import INFINITY_US, MINUS_INFINITY_US, Area, Scene, Track
-from conflictdb.model.recurring_plans import expanded
 from conflictdb.model.results import Kind
 from conflictdb.stages.climbs import overlap_at_one_time
 from conflictdb.stages.object_pairs import ordered_members
-from conflictdb.stages.pieces.covers import is_covered, pieces_of
+from conflictdb.stages.pieces.covers import is_covered
 from conflictdb.stages.separations import Separations
 from conflictdb.stages.stage1_broad_phase import candidates
 from conflictdb.stages.stage2_intersection import intersections
+from conflictdb.stages.world import World, occupy
 
 _SAMPLES: Final = 9  # of the shared time of two pieces
 _STEPS: Final = 32  # a golden section each: the worst instant of an hour to a millisecond
@@ -51,11 +49,10 @@ def depths(scene: Scene, areas: Sequence[Area], tracks: Sequence[Track]) -> dict
 
     Pairs without a known distance are left out, and all pairs with a separation in time.
     """
-    areas, tracks = expanded(list(areas), list(tracks), scene)
-    setup = Setup.of(centred(scene, areas, tracks))
     areas = sorted(areas, key=lambda area: area.key.encode())
     tracks = sorted(tracks, key=lambda track: track.key.encode())
-    pieces = pieces_of(setup, AreaBatch.of(areas), TrackBatch.of(tracks))
+    world = World.of(scene, areas, tracks)
+    setup, pieces = world.setup, occupy(world, areas, tracks, is_lenient=True, warns=True).pieces
     keys = {Kind.AREA.code: [one.key for one in areas], Kind.TRACK.code: [one.key for one in tracks]}
     found: dict[tuple[str, str], DeepestContact] = {}
     for settings, own, *pair in Separations.of(setup.scene).split(pieces, *candidates(pieces)):
