@@ -10,15 +10,15 @@ import psycopg
 from conflictdb.db import probes, store
 from conflictdb.db.detect import detect
 from conflictdb.db.track_delays import read_around
-from conflictdb.earth.registry import Setup, centred
 from conflictdb.errors import ConflictDBError, InvalidInput
 from conflictdb.formats.scene_file import feature_of
 from conflictdb.in_memory.index import Members, conflicts_between
 from conflictdb.map.content import to_json
 from conflictdb.model.plans import Area, Scene, Track
-from conflictdb.model.recurring_plans import expanded, later
+from conflictdb.model.recurring_plans import later
 from conflictdb.model.results import Conflict
 from conflictdb.session import loading
+from conflictdb.stages.world import World
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +87,12 @@ def probed(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> list[tu
 
 def _met(settings: Scene, areas: list[Area], tracks: list[Track], track: Track) -> list[Conflict]:
     """Return the conflicts of a track with objects, of which one may have its key."""
-    setup = Setup.of(centred(settings, [], [track]))
-    others = [one for kind in expanded(areas, [*tracks, track], settings) for one in kind if one.key != track.key]
+    tracks = [one for one in tracks if one.key != track.key]
+    world = World.of(settings, areas, [*tracks, track])
+    others = [one for kind in world.expanded(areas, tracks) for one in kind]
     if not others:
         return []
-    return conflicts_between(setup, *(Members.of_plans(setup, some) for some in ([track], others)))
+    return conflicts_between(world.setup, *(Members.of_plans(world.setup, some) for some in ([track], others)))
 
 
 def _seen(conn: psycopg.Connection[Any], scene: str, move: PlanMove) -> Track:
